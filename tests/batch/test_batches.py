@@ -3,7 +3,6 @@
 import json
 import os
 import sys
-from collections import Counter
 from contextlib import nullcontext
 from pathlib import Path
 
@@ -431,10 +430,12 @@ def test_wrenches_decide_as_they_do_for_one_recording(tmp_path: Path) -> None:
 
 def test_what_the_motion_leaves_open_counts_for_no_contact() -> None:
     """At rest the label is that of a near tie, which noise decides."""
-    counts, others = Counter(), tuple(state for state in STATES if state is not Contact.FREE)
-    segmenting.count([Segment(0, 3 * 10**9, Contact.FREE, 0.29, None, others)], counts)
-    segmenting.count([Segment(3 * 10**9, 5 * 10**9, Contact.FREE, 0.9, None, others[:1])], counts)
-    cells = segmenting.segment_cells(counts)
+    cells, others = (
+        dict(segmenting.NO_SEGMENTS),
+        tuple(state for state in STATES if state is not Contact.FREE),
+    )
+    segmenting.count([Segment(0, 3 * 10**9, Contact.FREE, 0.29, None, others)], cells)
+    segmenting.count([Segment(3 * 10**9, 5 * 10**9, Contact.FREE, 0.9, None, others[:1])], cells)
     assert (cells["time_free_s"], cells["segments_free"]) == (2.0, 1)
     assert (cells["time_open_s"], cells["segments_open"]) == (3.0, 1)
     assert cells["segments"] == 2

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from contact_tracker.errors import NoTruth
-from contact_tracker.geometry.elements import ContactGeometry, Element, Line, Plane, Point
+from contact_tracker.geometry.elements import ContactGeometry, Element, Line, Plane, Point, nearest
 from contact_tracker.ground_truth import Truth, TruthInterval
 from contact_tracker.motion.poses import Poses
 from contact_tracker.states import CONTACTS, STATES, Contact
@@ -23,7 +23,6 @@ from contact_tracker_lab.evaluation.geometry_errors import (
     deviation,
     distance_m,
     geometry_errors,
-    nearest,
 )
 from contact_tracker_lab.evaluation.report import Report
 

@@ -10,8 +10,16 @@ from scipy.spatial.transform import Rotation
 
 from contact_motions import touching, x_of
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.geometry.elements import ContactGeometry, Element, Line, Plane, Point, numbers
-from contact_tracker.geometry.task_frame import TaskFrame, _of, contact_frame, task_frame
+from contact_tracker.geometry.elements import (
+    ContactGeometry,
+    Element,
+    Line,
+    Plane,
+    Point,
+    numbers,
+    of_numbers,
+)
+from contact_tracker.geometry.task_frame import TaskFrame, contact_frame, task_frame
 from contact_tracker.joints.evidence import Joint
 from contact_tracker.joints.models import JointKind
 from contact_tracker.motion.lifted_pose import lift
@@ -123,8 +131,8 @@ def test_the_covariance_is_that_of_frames_of_drawn_elements(contact: Contact) ->
     draws = []
     for _ in range(250):
         drawn = [
-            _of(
-                one,
+            of_numbers(
+                type(one),
                 rng.multivariate_normal(numbers(one), one.covariance, method="eigh", check_valid="ignore"),
             )
             for one in sides

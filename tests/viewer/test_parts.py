@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
 from rerun.chunk import RrdReader
 
 from contact_tracker.api import Result
@@ -67,7 +68,9 @@ def world() -> GrowingMap:
     return GrowingMap(0.3).with_prior(LearnedElements(elements, dict.fromkeys(elements, 3), 1e8 * np.eye(6)))
 
 
-def test_bodies_are_whole_and_a_listed_face_is_the_patch_that_was_touched(poses: Poses) -> None:
+def test_bodies_are_whole_and_a_listed_face_is_the_patch_that_was_touched(
+    poses: Poses, tmp_path: Path
+) -> None:
     segment = Segment(int(poses.stamp_ns[0]), int(poses.stamp_ns[199]), Contact.VF, 0.9, ON_TABLE)
     outcome = Outcome(Trajectory(poses), Segmentation((segment,)), known_map=KNOWLEDGE)
     parts = {(one.side, one.name): one for one in known_parts(outcome)}
@@ -86,6 +89,12 @@ def test_bodies_are_whole_and_a_listed_face_is_the_patch_that_was_touched(poses:
     np.testing.assert_allclose(first_m[:2], [0.1, 0.05], atol=0.02)
     np.testing.assert_allclose(last_m[:2], [1.1, 0.05], atol=0.06)  # ten poses per second
     assert len(parts[1, "table"].mesh.triangles) == len(rim) - 3
+    write_outcome(outcome, tmp_path / "out.mcap")
+    with (tmp_path / "out.mcap").open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        (*_, scene), *_ = reader.iter_decoded_messages(topics=[MAP_TOPIC])
+    sizes = [entity.texts[0].font_size for entity in scene.entities]
+    np.testing.assert_allclose(sizes, 0.2 * np.linalg.norm([0.1, 0.05, 0.05]))  # by the box that is known
 
 
 def test_elements_of_a_map_are_drawn_where_they_are(poses: Poses, world: GrowingMap) -> None:
@@ -120,7 +129,7 @@ def test_joints_are_drawn_in_all_outputs(poses: Poses, tmp_path: Path) -> None:
         np.testing.assert_allclose(part.label_m[:2], element.point_m[:2], atol=1e-9)
     *_, axes = result.plot().axes
     assert {f"f-f {name}" for name in names[:1]} <= {text.get_text() for text in axes.texts}
-    rows = [row.kind for one in segments for row in segment_rows(one, 0)]
+    rows = [kind for one in segments for _, _, kind, *_ in segment_rows(one, 0)]
     assert rows == ["f-f", "= hinge", "f-f", "= hinge", "f-f", "= ball", "f-f", "= hinge"]
     write_outcome(result, tmp_path / "out.html")
     write_outcome(result, tmp_path / "out.mcap")

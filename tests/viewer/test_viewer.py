@@ -318,7 +318,7 @@ def test_indistinguishable_contacts_are_shown(
     beliefs = [replace(b, inseparable=(Contact.VF,)) if i < 10 else b for i, b in enumerate(unsure.filtered)]
     play(tmp_path / "live.rrd", sparse, tuple(beliefs))
     lane = [v for _, v in rows(tmp_path / "some.rrd", canvas.INSEPARABLE, "StateChange:state")]
-    assert lane == [["or v-f, free"], [""], [""], [""]]
+    assert lane == [["or v-f, free"], [""]]
     lane = [v for _, v in rows(tmp_path / "live.rrd", canvas.INSEPARABLE, "StateChange:state")]
     assert lane == [["or v-f"], [""]]
     label = canvas.touching()[-1]
@@ -492,16 +492,16 @@ def test_what_is_unknown_or_not_finite_draws_nothing() -> None:
         assert scene.uncertainty(element, np.zeros(3), 0.1) is scene.EMPTY
     nowhere = np.full(3, np.nan)
     for element in (Point(nowhere), Line(X, nowhere), Plane(Z, np.nan)):
-        for form in (scene.of_object, scene.of_surroundings):
-            assert len(form(element, nowhere, 0.1).vertices) == 0
+        for is_round in (True, False):
+            assert len(scene.solid(is_round, element, nowhere, 0.1).vertices) == 0
 
 
 def test_the_object_is_round_and_the_surroundings_square() -> None:
     """In the view along the rod, or from above."""
     for element in (Line(Z, np.zeros(3)), Point(np.zeros(3)), Plane(Z, 0.0)):
         counts = []
-        for form in (scene.of_object, scene.of_surroundings):
-            flat = form(element, np.zeros(3), 1.0).vertices.astype(float)[:, :2]
+        for is_round in (True, False):
+            flat = scene.solid(is_round, element, np.zeros(3), 1.0).vertices.astype(float)[:, :2]
             distance = np.linalg.norm(flat, axis=1)
             rim = flat[distance > 0.99 * distance.max()]
             counts.append(len({round(float(np.degrees(np.arctan2(y, x)))) for x, y in rim}))

@@ -41,26 +41,18 @@ __all__ = [
     "segment",
 ]
 
-_HOMES = {
-    "Belief": "contact_tracker.tracking.belief",
-    "Comparison": "contact_tracker.api",
-    "Contact": "contact_tracker.states",
-    "ContactTrackerError": "contact_tracker.errors",
-    "ContactTrackerWarning": "contact_tracker.errors",
-    "LeRobot": "contact_tracker.batch.lerobot",
-    "Map": "contact_tracker.api",
-    "Plan": "contact_tracker.api",
-    "PlanFollower": "contact_tracker.api",
-    "Result": "contact_tracker.api",
-    "Segment": "contact_tracker.tracking.belief",
-    "Tracker": "contact_tracker.api",
-    "Trajectory": "contact_tracker.trajectory",
-    "Wrenches": "contact_tracker.wrenches.wrenches",
-    "compare": "contact_tracker.api",
-    "evaluate": "contact_tracker_lab.evaluation.report",
-    "read": "contact_tracker.trajectory",
-    "segment": "contact_tracker.api",
+_API = ("Comparison", "Map", "Plan", "PlanFollower", "Result", "Tracker", "compare", "segment")
+_NAMES = {
+    "contact_tracker.api": _API,
+    "contact_tracker.batch.lerobot": ("LeRobot",),
+    "contact_tracker.errors": ("ContactTrackerError", "ContactTrackerWarning"),
+    "contact_tracker.states": ("Contact",),
+    "contact_tracker.tracking.belief": ("Belief", "Segment"),
+    "contact_tracker.trajectory": ("Trajectory", "read"),
+    "contact_tracker.wrenches.wrenches": ("Wrenches",),
+    "contact_tracker_lab.evaluation.report": ("evaluate",),
 }
+_HOMES = {name: home for home, names in _NAMES.items() for name in names}
 
 
 def __getattr__(name: str) -> "Any":

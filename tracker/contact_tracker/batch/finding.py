@@ -3,7 +3,7 @@
 import hashlib
 import os
 import shlex
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from glob import escape, glob
 from typing import Final, NamedTuple
 
@@ -134,7 +134,7 @@ def recordings_in(name: str) -> list[str]:
     return list(_require_recordings(name, _files_in(name)))
 
 
-def _require_recordings(folder: str, files: Mapping[str, str]) -> dict[str, Sequence[str]]:
+def _require_recordings(folder: str, files: Collection[str]) -> dict[str, Sequence[str]]:
     inside, tables = recordings_among(files), _tables_among(files)
     if not inside:
         remedy = f"; name its tables, as {pattern_beside(tables[0])}" if tables else ""
@@ -157,33 +157,23 @@ def pattern_beside(table: str) -> str:
     return shlex.quote(os.path.join(escape(folder), f"*{os.path.splitext(name)[1]}"))
 
 
-def _files_in(folder: str) -> Mapping[str, str]:
-    return dict.fromkeys(
-        (os.path.join(where, name) for where, _, names in os.walk(folder) for name in names), ""
-    )
+def _files_in(folder: str) -> list[str]:
+    return [os.path.join(where, name) for where, _, names in os.walk(folder) for name in names]
 
 
-def recordings_among(files: Mapping[str, str]) -> dict[str, Sequence[str]]:
+def recordings_among(files: Collection[str]) -> dict[str, Sequence[str]]:
     """The recordings among the paths ``files`` with the files that each consists of, sorted.
 
     A folder with a ``metadata.yaml`` is one of all files in it.
     """
-    whole = {_folder(path) for path in files if _base(path) == _METADATA}
+    whole = {os.path.dirname(path) for path in files if os.path.basename(path) == _METADATA}
     found: dict[str, list[str]] = {}
     for path in sorted(files):
-        if _folder(path) in whole:
-            found.setdefault(_folder(path), []).append(path)
+        if (folder := os.path.dirname(path)) in whole:
+            found.setdefault(folder, []).append(path)
         elif path.lower().endswith(SUFFIXES):
             found[path] = [path]
     return {name: found[name] for name in sorted(found)}
-
-
-def _folder(path: str) -> str:
-    return path[: -len(_base(path)) - 1]
-
-
-def _base(path: str) -> str:
-    return path.replace(os.sep, "/").rpartition("/")[2]
 
 
 def files_of(name: str) -> list[str]:

@@ -16,7 +16,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 import pyarrow
@@ -29,7 +29,7 @@ from contact_tracker.config.table_reading import AS_NAMED, TableReading, reading
 from contact_tracker.errors import ContactTrackerError, UnreadableRecording, UsageError
 from contact_tracker.files import read_regular
 from contact_tracker.map.map import EMPTY_MAP, Map
-from contact_tracker.outputs.outcome import Outcome, segmented
+from contact_tracker.outputs.outcome import segmented
 from contact_tracker.states import STATES
 from contact_tracker.trajectory import Trajectory
 from contact_tracker.trajectory.arguments import ModelLike, model_from
@@ -48,14 +48,8 @@ _QUANTILES: Final = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.9
 _ERRORS: Final = (pyarrow.ArrowException, OSError, ValueError, KeyError)
 
 
-class _Labels(NamedTuple):
-    """What is written of the frames of an episode: numbers of ``NAMES`` (N,), and probabilities (N, 7); or
-    the ``error`` why they are not known."""
-
-    episode: int
-    subtask: NDArray[np.int64]
-    probability: NDArray[np.float32]
-    error: str | None
+_Labels = tuple[NDArray[np.int64], NDArray[np.float32]]
+"""What is written of the frames of an episode: numbers of ``NAMES`` (N,), and probabilities (N, 7)."""
 
 
 @dataclass(frozen=True)
@@ -141,9 +135,7 @@ class LeRobot:
 
     def _trajectory(self, episode: int, file: str) -> Trajectory:
         """The poses of an episode in a file."""
-        columns = list(dict.fromkeys(["episode_index", "timestamp", *self._observations()]))
-        frames = _read(self.folder / file, columns)
-        frames = frames.filter(compute.equal(frames["episode_index"], episode))
+        frames = self._frames(episode, file, *self._observations())
         is_by_number = any("[" in name for _, name in self.reading.columns)
         table: dict[str, Any] = {"timestamp": frames["timestamp"].to_numpy().astype(float)}
         for feature in self._observations():
@@ -171,6 +163,12 @@ class LeRobot:
                 f"position=observation.state[0:3],quaternion=observation.state[3:7]; there are {entries}"
             ) from error
         return replace(poses, name=f"{self.folder.name} episode {episode}")
+
+    def _frames(self, episode: int, file: str, *features: str) -> Any:
+        """The table of an episode's frames with their ``timestamp`` and some features."""
+        columns = list(dict.fromkeys(["episode_index", "timestamp", *features]))
+        frames = _read(self.folder / file, columns)
+        return frames.filter(compute.equal(frames["episode_index"], episode))
 
     def _observations(self) -> list[str]:
         """Features that are lists of numbers, without actions."""
@@ -227,12 +225,12 @@ class LeRobot:
                 if path.is_symlink() and path.is_dir():
                     raise UsageError(f"{path} is a link to a folder, of which no copy is made: remove it")
             shutil.copytree(self.folder, copy, ignore=self._frames_among)
-            labels = dict[str, list[_Labels]]()
-            for (_, number, file, *_), result in zip(jobs, results, strict=True):
-                bad += result.error is not None
-                if result.error is not None:
-                    report(f"{self.folder}: episode {number}: {result.error}")
-                labels.setdefault(file, []).append(result)
+            labels = dict[str, dict[int, _Labels]]()
+            for (_, number, file, *_), (of_episode, error) in zip(jobs, results, strict=True):
+                bad += error is not None
+                if error is not None:
+                    report(f"{self.folder}: episode {number}: {error}")
+                labels.setdefault(file, {})[number] = of_episode
             for file, of_file in labels.items():
                 try:
                     frames = ParquetFile(self.folder / file).read()
@@ -241,7 +239,7 @@ class LeRobot:
                 (copy / file).parent.mkdir(parents=True, exist_ok=True)
                 write_table(_with_labels(frames, of_file), copy / file)
             self._write_meta(copy)
-            _write_statistics(copy, chain.from_iterable(labels.values()))
+            _write_statistics(copy, labels.values())
             copy.rename(target)
         return bad
 
@@ -298,25 +296,17 @@ def _entries(feature: str, description: Mapping[str, Any], count: int, is_by_num
     return [f"{feature}.{name}{i if often[name] > 1 else ''}" for i, name in enumerate(names)]
 
 
-def _labels_of(job: tuple[LeRobot, int, str, Model, Map]) -> _Labels:
-    """The contacts of the frames of an episode."""
+def _labels_of(job: tuple[LeRobot, int, str, Model, Map]) -> tuple[_Labels, str | None]:
+    """The contacts of the frames of an episode, and the error if they are not known."""
     data, episode, file, model, known_map = job
-    frames = _read(data.folder / file, ["episode_index", "timestamp"])
-    frames = frames.filter(compute.equal(frames["episode_index"], episode))
-    stamp_ns = np.rint(frames["timestamp"].to_numpy().astype(float) * 1e9).astype(np.int64)
+    time_s = data._frames(episode, file)["timestamp"].to_numpy().astype(float)
+    stamp_ns = np.rint(1e9 * time_s).astype(np.int64)
     unknown = np.full(len(stamp_ns), NAMES.index("unknown"))
     uniform = np.full((len(stamp_ns), len(STATES)), 1.0 / len(STATES), np.float32)
     try:
         outcome = segmented(data._trajectory(episode, file), model, known_map)
     except ContactTrackerError as error:
-        return _Labels(episode, unknown, uniform, str(error))
-    return _Labels(episode, *_labels_at(outcome, stamp_ns), None)
-
-
-def _labels_at(
-    outcome: Outcome, stamp_ns: NDArray[np.int64]
-) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
-    """Numbers of ``NAMES``, and probabilities, at some stamps."""
+        return (unknown, uniform), str(error)
     segments = outcome.segments
     starts = np.array([segment.start_ns for segment in segments])
     names = np.array(
@@ -324,14 +314,14 @@ def _labels_at(
     )
     number = np.maximum(np.searchsorted(starts, stamp_ns, side="right") - 1, 0)
     tick = np.minimum(np.searchsorted(outcome.beliefs.stamp_ns, stamp_ns), len(outcome.beliefs) - 1)
-    return names[number], outcome.beliefs.probability[tick].astype(np.float32)
+    return (names[number], outcome.beliefs.probability[tick].astype(np.float32)), None
 
 
-def _with_labels(frames: Any, labels: Iterable[_Labels]) -> Any:
+def _with_labels(frames: Any, labels: Mapping[int, _Labels]) -> Any:
     """A table of frames with their contacts, in place of those that it may have."""
     episode = frames["episode_index"].to_numpy()
     subtask, probability = np.zeros(len(frames), np.int64), np.zeros((len(frames), len(STATES)), np.float32)
-    for number, of_subtask, of_probability, _ in labels:
+    for number, (of_subtask, of_probability) in labels.items():
         subtask[episode == number], probability[episode == number] = of_subtask, of_probability
     frames = frames.drop_columns([name for name in (SUBTASK, PROBABILITY) if name in frames.column_names])
     rows = pyarrow.FixedSizeListArray.from_arrays(probability.ravel(), len(STATES))
@@ -352,13 +342,14 @@ Statistics = dict[str, dict[str, list[float]]]
 """``min``, ``max``, ``mean``, ``std``, ``count`` and quantiles of features, a number for each entry."""
 
 
-def _write_statistics(copy: Path, labels: Iterable[_Labels]) -> None:
+def _write_statistics(copy: Path, labels: Iterable[Mapping[int, _Labels]]) -> None:
     """Put statistics of the new columns beside those of other features, where the data set has them, in place
     of those of an earlier ``subtask_index``: of all frames in ``stats.json``, of each episode with frames in
     ``episodes_stats.jsonl`` (v2.1) or in columns of ``episodes`` (v3)."""
     of_episode = {
         episode: {SUBTASK: _statistics(subtask[:, None]), PROBABILITY: _statistics(probability)}
-        for episode, subtask, probability, _ in labels
+        for of_file in labels
+        for episode, (subtask, probability) in of_file.items()
     }
     meta, path = copy / "meta", copy
     try:

@@ -4,7 +4,6 @@
 import errno
 import json
 import os
-from collections import Counter
 from collections.abc import Iterable
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -24,15 +23,7 @@ from contact_tracker.errors import (
     UnreadableRecording,
     printable,
 )
-from contact_tracker.exports.columns import (
-    BELIEF_COLUMNS,
-    PROBABILITIES,
-    SEGMENT_COLUMNS,
-    Columns,
-    Kind,
-    belief_columns,
-    segment_columns,
-)
+from contact_tracker.exports.columns import PROBABILITIES, TABLES, Kind, Rows
 from contact_tracker.exports.parquet import open_parquet
 from contact_tracker.files import whole_file
 from contact_tracker.map.map import Map
@@ -42,7 +33,6 @@ from contact_tracker.recording import PoseLog, open_log
 from contact_tracker.recording.wrenches import recorded_evidence
 from contact_tracker.saved_state import fingerprint
 from contact_tracker.segmenting import OfflineTracker
-from contact_tracker.states import STATES
 from contact_tracker.tracking.belief import Detail, Segment
 
 Row = dict[str, Any]
@@ -52,6 +42,10 @@ _STATES: Final = tuple(name.removeprefix("p_") for name in PROBABILITIES)
 _OPEN: Final = "open"
 """For segments whose motion leaves the contact open among all states: their label means nothing."""
 _KINDS: Final = (*_STATES, _OPEN)
+NO_SEGMENTS: Final[Row] = {
+    **dict.fromkeys(("segments", *(f"segments_{state}" for state in _KINDS)), 0),
+    **dict.fromkeys((f"time_{state}_s" for state in _KINDS), 0.0),
+}
 SUMMARY_COLUMNS: Final[dict[str, Kind]] = {
     "recording": "text",
     "exit_code": "integer",
@@ -135,21 +129,14 @@ class Settings:
         return fingerprint((__version__, self.model_hash, which, self.wrench or ()))
 
 
-def count(segments: Iterable[Segment], counts: Counter[str]) -> None:
-    """Add segments to the counts of ``segment_cells``."""
+def count(segments: Iterable[Segment], cells: Row) -> None:
+    """Add segments to the cells of a row: their number, that of each state, and how long these last."""
     for one in segments:
-        state = _OPEN if is_open(one) else _STATES[STATES.index(one.contact)]
-        counts["segments"] += 1
-        counts[f"segments_{state}"] += 1
-        counts[f"time_{state}_s"] += one.end_ns - one.start_ns
-
-
-def segment_cells(counts: Counter[str]) -> Row:
-    """The number of segments, of those of each state, and how long these last."""
-    names = ("segments", *(f"segments_{state}" for state in _KINDS))
-    return {name: counts[name] for name in names} | {
-        f"time_{state}_s": counts[f"time_{state}_s"] / 1e9 for state in _KINDS
-    }
+        state = _OPEN if is_open(one) else _STATES[one.contact.column]
+        cells["segments"] += 1
+        cells[f"segments_{state}"] += 1
+        lasted_s = cells[f"time_{state}_s"] + (one.end_ns - one.start_ns) * 1e-9
+        cells[f"time_{state}_s"] = round(lasted_s, 9)
 
 
 def base(name: str, settings: Settings) -> Row:
@@ -172,11 +159,6 @@ def failure(name: str, settings: Settings, exit_code: int, error: str, content_h
     text = printable(remote.without_secrets(error))
     found = {"exit_code": exit_code, "error": text, "content_hash": content_hash}
     return base(name, settings) | found
-
-
-_RECORDING: Final[dict[str, Kind]] = {"recording": "text"}
-SEGMENTS: Final = _RECORDING | SEGMENT_COLUMNS
-TICKS: Final = _RECORDING | BELIEF_COLUMNS
 
 
 Known = tuple[str, str]
@@ -276,23 +258,24 @@ def _segmented(name: str, path: str, settings: Settings, folder: Path) -> Row:
     tracker = OfflineTracker(
         settings.model, settings.known_map, wrenches=evidence, read_as=log.source.read_as
     )
-    counts, ticks, outliers, file, recording = Counter[str](), 0, 0, file_of(name), shown(name)
-    targets = {"segments": SEGMENTS} | ({"ticks": TICKS} if settings.with_ticks else {})
+    cells, ticks, outliers, file, recording = dict(NO_SEGMENTS), 0, 0, file_of(name), shown(name)
+    targets: list[Rows] = ["segments", "ticks"] if settings.with_ticks else ["segments"]
     with ExitStack() as stack:
-        append = {}
-        for kind, columns in targets.items():
-            target = folder / kind / file
-            require_no_link(folder, f"{kind}/{file}")
+        appends = []
+        for rows in targets:
+            target = folder / rows / file
+            require_no_link(folder, f"{rows}/{file}")
             target.parent.mkdir(parents=True, exist_ok=True)
             temporary = stack.enter_context(whole_file(target))
-            append[kind] = stack.enter_context(open_parquet(columns, temporary, kind == "segments"))
+            columns: dict[str, Kind] = {"recording": "text", **TABLES[rows][0]}
+            appends.append(stack.enter_context(open_parquet(columns, temporary, rows == "segments")))
         for piece in tracker.pieces(log, None, Detail.WEIGHTS):
-            count(piece.segments, counts)
+            count(piece.segments, cells)
             ticks += len(piece.beliefs)
             outliers += piece.outliers
-            append["segments"](_of(recording, segment_columns(piece.segments)))
-            if settings.with_ticks:
-                append["ticks"](_of(recording, belief_columns(piece.beliefs)))
+            for rows, append in zip(targets, appends, strict=True):
+                entries: Any = piece.beliefs if rows == "ticks" else piece.segments
+                append({"recording": [recording] * len(entries), **TABLES[rows][1](entries)})
         if not log.valid:
             raise log.no_poses(name)
     if not settings.with_ticks:
@@ -306,7 +289,7 @@ def _segmented(name: str, path: str, settings: Settings, folder: Path) -> Row:
     return {
         **base(name, settings),
         "ticks": ticks,
-        **segment_cells(counts),
+        **cells,
         **{name: cell for name, cell in report.items() if name in SUMMARY_COLUMNS and name != "warnings"},
         "exit_code": errors.DONE if log.damage is None else errors.DAMAGED,
         "damage": log.damage,
@@ -327,10 +310,6 @@ def _segmented(name: str, path: str, settings: Settings, folder: Path) -> Row:
 def _open(path: str, settings: Settings) -> PoseLog:
     frame, relative_to = settings.frame, settings.relative_to
     return open_log(path, settings.topic, frame, relative_to=relative_to, table=settings.table)
-
-
-def _of(recording: str, columns: Columns) -> Columns:
-    return {"recording": [recording] * len(columns["contact"]), **columns}
 
 
 def require_no_link(folder: Path, name: str) -> None:

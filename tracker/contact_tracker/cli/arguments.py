@@ -35,6 +35,15 @@ _MOST: Final = 1e9
 """Longest time in seconds, about 30 years; more is taken for a mistake."""
 
 
+def add_recording(parser: argparse.ArgumentParser, has_interval: bool = True) -> None:
+    """What is read of a recording, by which model, and what is known of it."""
+    add_source(parser)
+    if has_interval:
+        add_interval(parser)
+    add_model(parser)
+    add_known(parser)
+
+
 def add_source(
     parser: argparse.ArgumentParser,
     topic: str = "take the poses of this topic: TOPIC or TOPIC:TYPE",
@@ -409,11 +418,13 @@ def _within(is_within: Callable[[float], bool], fault: str) -> Callable[[str], f
             value = float(text)
         except ValueError:
             value = math.nan
-        for is_fine, why in ((math.isfinite(value), "is not a finite number"), (is_within(value), fault)):
+        for is_fine, why in (
+            (math.isfinite(value), "is not a finite number"),
+            (is_within(value), fault),
+            (abs(value) <= _MOST, f"is beyond {_MOST:g}"),
+        ):
             if not is_fine:
                 raise argparse.ArgumentTypeError(f"{text!r} {why}")
-        if abs(value) > _MOST:
-            raise argparse.ArgumentTypeError(f"{text!r} is beyond {_MOST:g}")
         return value
 
     return parse

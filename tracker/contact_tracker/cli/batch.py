@@ -43,9 +43,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--ticks", action="store_true", help="write the beliefs of all ticks, too: some ten times as much"
     )
-    arguments.add_source(parser)
-    arguments.add_model(parser)
-    arguments.add_known(parser)
+    arguments.add_recording(parser, has_interval=False)
     arguments.add_wrench(parser)
     where = parser.add_mutually_exclusive_group()
     arguments.add_processes(where, 1024, None, "recordings at once (default: as many as there are cores)")
@@ -82,12 +80,9 @@ def run(args: argparse.Namespace) -> int:
     read = [*(one.name for one in recordings), *arguments.files_read([], args.model, args.known)]
     for name in OWN_FILES:
         check_output(args.output / name, True, read)
-    shown = 0
 
     def report(line: str) -> None:
-        nonlocal shown
-        shown += 1
-        if shown <= _MOST_SHOWN:
+        if batch.bad + batch.damaged <= _MOST_SHOWN:
             warn(line)
 
     with (
@@ -96,8 +91,8 @@ def run(args: argparse.Namespace) -> int:
     ):
         batch = Batch(settings, dataset, report, set_done, args.rehash)
         batch.run(recordings, lambda: _workers(args))
-    if shown > _MOST_SHOWN:
-        warn(f"{shown - _MOST_SHOWN} more cannot be used or are damaged: the summary names them")
+    if (more_bad := batch.bad + batch.damaged - _MOST_SHOWN) > 0:
+        warn(f"{more_bad} more cannot be used or are damaged: the summary names them")
     say(
         f"recordings: {batch.total}, of which {batch.done} new or changed, "
         f"{batch.unchanged} unchanged; {batch.bad} unusable, {batch.damaged} damaged; "

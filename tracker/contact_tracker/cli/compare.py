@@ -28,10 +28,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "log", metavar="A", help="the take to compare with: a file of poses, or a folder of parts"
     )
     parser.add_argument("second", metavar="B", help="the other take")
-    arguments.add_source(parser)
-    arguments.add_interval(parser)
-    arguments.add_model(parser)
-    arguments.add_known(parser)
+    arguments.add_recording(parser)
     text = "share of its longer duration by which a step may differ (default: 0.25)"
     parser.add_argument("--tolerance", type=arguments.share, metavar="SHARE", help=text)
     parser.add_argument("--json", action="store_true", help="one JSON object instead of the table")

@@ -32,10 +32,7 @@ EXAMPLE: Final = "contact-tracker live recordings/paper_experiment.mcap --json |
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("log", metavar="LOG", help=arguments.LOG_HELP)
-    arguments.add_source(parser)
-    arguments.add_interval(parser)
-    arguments.add_model(parser)
-    arguments.add_known(parser)
+    arguments.add_recording(parser)
     parser.add_argument("--json", action="store_true", help="one JSON object per tick instead")
     parser.add_argument(
         "--rate", type=arguments.positive, metavar="X", help="replay at X times the recorded speed"

@@ -107,13 +107,9 @@ def _stem(log: str) -> str:
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("logs", metavar="LOG", nargs="+", help=arguments.LOG_HELP)
-    arguments.add_source(parser)
-    arguments.add_interval(parser)
-    parser.add_argument(
-        "--all", action="store_true", help="every source of poses in turn, instead of the one that is chosen"
-    )
-    arguments.add_model(parser)
-    arguments.add_known(parser)
+    arguments.add_recording(parser)
+    text = "every source of poses in turn, instead of the one that is chosen"
+    parser.add_argument("--all", action="store_true", help=text)
     arguments.add_wrench(parser)
     arguments.add_output(
         parser,

@@ -28,10 +28,7 @@ EXAMPLE: Final = "contact-tracker view recordings/all_states.mcap"
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("logs", nargs="+", metavar="LOG", help=arguments.LOG_HELP)
-    arguments.add_source(parser)
-    arguments.add_interval(parser)
-    arguments.add_model(parser)
-    arguments.add_known(parser)
+    arguments.add_recording(parser)
     where = parser.add_mutually_exclusive_group()
     text = "write FILE.rrd, which rerun opens later, instead of opening the viewer"
     where.add_argument("--save", type=arguments.output_file(".rrd"), metavar="FILE", help=text)

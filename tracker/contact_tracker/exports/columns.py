@@ -3,11 +3,12 @@ DataFrame of pandas, whose types do not depend on the values (an extra)."""
 
 import json
 from collections.abc import Callable, Iterable
+from itertools import chain
 from typing import TYPE_CHECKING, Any, Final, Literal
 
 from contact_tracker.errors import extra
 from contact_tracker.geometry.contact_motion import MEANS, ContactMotion
-from contact_tracker.geometry.elements import NONE, VERTEX, ContactGeometry, flat
+from contact_tracker.geometry.elements import ContactGeometry, Element, Point, flat
 from contact_tracker.geometry.task_frame import TaskFrame
 from contact_tracker.joints.evidence import Joint
 from contact_tracker.states import STATES, Contact
@@ -22,16 +23,19 @@ Rows = Literal["ticks", "segments"]
 Columns = dict[str, list[Any]]
 """Values by column; None is unknown or not applicable."""
 
-_AXES: Final = ("x", "y", "z")
 PROBABILITIES: Final = tuple(f"p_{state.value.replace('-', '')}" for state in STATES)
 """In the order of ``STATES``: ``p_ff`` to ``p_free``."""
 
 
+def _numbers(name: str, unit: str = "") -> dict[str, Kind]:
+    """The columns of the three components of a vector."""
+    return {f"{name}_{axis}{unit}": "number" for axis in "xyz"}
+
+
 def _element_kinds(side: str) -> dict[str, Kind]:
     kinds: dict[str, Kind] = {f"{side}_type": "text", f"{side}_name": "text"}
-    for name, unit in (("axis", ""), ("point", "_m"), ("axis_sd", ""), ("point_sd", "_m")):
-        for axis in _AXES:
-            kinds[f"{side}_{name}_{axis}{unit}"] = "number"
+    kinds |= _numbers(f"{side}_axis") | _numbers(f"{side}_point", "_m")
+    kinds |= _numbers(f"{side}_axis_sd") | _numbers(f"{side}_point_sd", "_m")
     return kinds | {f"{side}_unobserved": "text"}
 
 
@@ -41,8 +45,8 @@ _CONTACTS: Final[dict[str, Kind]] = {"contacts": "text"}
 _JOINT: Final[dict[str, Kind]] = {
     "joint": "text",
     "joint_probability": "number",
-    **{f"joint_axis_{axis}": "number" for axis in _AXES},
-    **{f"joint_point_{axis}_m": "number" for axis in _AXES},
+    **_numbers("joint_axis"),
+    **_numbers("joint_point", "_m"),
     "joint_pitch_m_per_rad": "number",
 }
 """Columns of the joint's axis in the world frame."""
@@ -54,12 +58,12 @@ _DECIDED: Final[dict[str, Kind]] = {"decided": "text"}
 BELIEF_COLUMNS: Final = _TICK | _LABEL | _POSTERIOR | _GEOMETRY | _CONTACTS | _JOINT | _DECIDED
 _MOTION: Final[dict[str, Kind]] = {"motion": "text", **dict.fromkeys(MEANS, _NUMBER)}
 _TASK: Final[dict[str, Kind]] = {
-    **{f"task_origin_{axis}_m": "number" for axis in _AXES},
+    **_numbers("task_origin", "_m"),
     **{f"task_q{part}": "number" for part in "xyzw"},
     "task_name": "text",
     "task_constrained": "text",
-    **{f"task_sd_{axis}_m": "number" for axis in _AXES},
-    **{f"task_sd_{axis}_rad": "number" for axis in _AXES},
+    **_numbers("task_sd", "_m"),
+    **_numbers("task_sd", "_rad"),
 }
 """Columns of the task frame in the world frame."""
 SEGMENT_COLUMNS: Final = _SPAN | _LABEL | _GEOMETRY | _CONTACTS | _JOINT | _DECIDED | _MOTION | _TASK
@@ -128,15 +132,11 @@ def _contact_cells(one: Belief | Segment, probability: float) -> dict[str, Any]:
 
 
 def _joint_cells(joint: Joint | None) -> dict[str, Any]:
-    cells: dict[str, Any] = dict.fromkeys(_JOINT)
     if joint is None:
-        return cells
-    values = flat(joint.environment)
-    if values["type"] != VERTEX:
-        cells |= {f"joint_axis_{axis}": value for axis, value in zip(_AXES, values["axis"], strict=True)}
-    cells |= {f"joint_point_{axis}_m": value for axis, value in zip(_AXES, values["point_m"], strict=True)}
-    cells |= {"joint": joint.kind.value, "joint_probability": float(joint.probability)}
-    return cells | {"joint_pitch_m_per_rad": joint.pitch_m_per_rad}
+        return dict.fromkeys(_JOINT)
+    axis_and_point = _element_cells(joint.environment)[2:8]
+    cells = joint.kind.value, float(joint.probability), *axis_and_point, joint.pitch_m_per_rad
+    return dict(zip(_JOINT, cells, strict=True))
 
 
 def _motion_cells(motion: ContactMotion | None) -> dict[str, Any]:
@@ -181,21 +181,17 @@ def _columns(
 
 def _geometry_cells(geometry: ContactGeometry | None) -> dict[str, Any]:
     pair = (None, None) if geometry is None else (geometry.object, geometry.environment)
-    cells: dict[str, Any] = dict.fromkeys(_GEOMETRY)
-    for side, element in zip(("object", "environment"), pair, strict=True):
-        values = flat(element)
-        if values["type"] == NONE:
-            continue
-        cells |= {f"{side}_type": values["type"], f"{side}_unobserved": values["unobserved"]}
-        cells[f"{side}_name"] = values["name"] or None
-        vectors = (
-            ("point", "point_sd") if values["type"] == VERTEX else ("axis", "axis_sd", "point", "point_sd")
-        )
-        for name in vectors:
-            unit = "_m" if name.startswith("point") else ""
-            for axis, value in zip(_AXES, values[f"{name}{unit}"], strict=True):
-                cells[f"{side}_{name}_{axis}{unit}"] = value
-    return cells
+    return dict(zip(_GEOMETRY, chain.from_iterable(map(_element_cells, pair)), strict=True))
+
+
+def _element_cells(element: Element | None) -> list[Any]:
+    """The cells of ``_element_kinds``; a vertex has no axis."""
+    if element is None:
+        return [None] * len(_element_kinds(""))
+    values, no_axis = flat(element), [None] * 3
+    axis, axis_sd = (no_axis, no_axis) if isinstance(element, Point) else (values["axis"], values["axis_sd"])
+    vectors = [*axis, *values["point_m"], *axis_sd, *values["point_sd_m"]]
+    return [values["type"], values["name"] or None, *vectors, values["unobserved"]]
 
 
 def to_pandas(columns: Columns, kinds: dict[str, Kind]) -> "pandas.DataFrame":

@@ -111,7 +111,11 @@ def draw_on(axes: Axes, outcome: Outcome) -> None:
     is_labelled = truth is not None and len(seconds) > 0
     axes.set(ylabel="probability", xlabel="time (s)", ylim=(0.0, (_TRUTH[1] if is_labelled else high) + 0.02))
     for segment, (start_s, duration_s) in zip(segments, spans, strict=True):
-        draw_segment(axes, segment, start_s, duration_s, _RIBBON)
+        names = list[str]()
+        if segment.joint is not None:
+            whole = f"{segment.contact.value} {joint_name(segment.joint)}"
+            names = [whole, whole.rpartition(" ")[0]]  # also without the probability
+        draw_segment(axes, segment, start_s, duration_s, _RIBBON, *names)
         contacts = list(map(_contact, segment.further))
         numbers = {contact: i for i, contact in enumerate(dict.fromkeys(contacts))}
         lane_height = min(_LANE, (high - low) / max(1, len(numbers)))
@@ -123,11 +127,6 @@ def draw_on(axes: Axes, outcome: Outcome) -> None:
             lane = low + numbers[contact] * lane_height, lane_height
             colour = fraction(COLOUR[one.contact])
             axes.broken_barh([(first_s, last_s - first_s)], lane, facecolor=colour, edgecolor="white")
-        names = [segment.contact.value]
-        if segment.joint is not None:
-            whole = f"{segment.contact.value} {joint_name(segment.joint)}"
-            names = [whole, whole.rpartition(" ")[0], *names]  # also without the probability
-        write_name(axes, start_s, duration_s, _RIBBON, *names, background=shade(segment))
     for state, share in zip(STATES, np.transpose(beliefs.probability), strict=True):
         axes.plot(seconds, share, color=fraction(COLOUR[state]), label=state.value)
     axes.set_yticks(np.linspace(0.0, 1.0, 6))
@@ -140,24 +139,21 @@ def draw_on(axes: Axes, outcome: Outcome) -> None:
 
 
 def draw_segment(
-    axes: Axes, segment: Segment, start_s: float, duration_s: float, ribbon: tuple[float, float]
+    axes: Axes, segment: Segment, start_s: float, duration_s: float, ribbon: tuple[float, float], *names: str
 ) -> None:
-    """A bar in the colour of the contact, hatched where others fit as well."""
+    """A bar in the colour of the contact, the paler the less probable that is, hatched where others fit as
+    well, with the first of the names that fits, or that of the contact."""
+    share = 0.25 + 0.75 * segment.probability
+    colour = tuple(1.0 - share * (1.0 - part) for part in fraction(COLOUR[segment.contact]))
     axes.broken_barh(
         [(start_s, duration_s)],
         (ribbon[0], ribbon[1] - ribbon[0]),
-        facecolor=shade(segment),
+        facecolor=colour,
         edgecolor="white",
         hatch="///" if segment.inseparable else None,
         linewidth=0.0,
     )
-
-
-def shade(segment: Segment) -> tuple[float, float, float]:
-    """The colour of its contact, the paler the less probable that is."""
-    share = 0.25 + 0.75 * segment.probability
-    red, green, blue = (1.0 - share * (1.0 - part) for part in fraction(COLOUR[segment.contact]))
-    return red, green, blue
+    write_name(axes, start_s, duration_s, ribbon, *names, segment.contact.value, background=colour)
 
 
 def _contact(one: FurtherContact) -> tuple[str, ...]:
@@ -334,9 +330,15 @@ def _write_names(axes: Axes3D, parts: Sequence[Part]) -> None:
 
 def write_figure(outcome: Outcome, path: Path, suffix: str) -> None:
     """Write the figure in the format of a suffix."""
-    figure = draw_figure(outcome)
-    figure.savefig(path, format=suffix.removeprefix("."), dpi=DOTS_PER_INCH)
-    pyplot.close(figure)
+    save_figure(draw_figure(outcome), path, suffix)
+
+
+def save_figure(figure: Figure, path: Path, suffix: str) -> None:
+    """Write any figure in the format of a suffix, and close it."""
+    try:
+        figure.savefig(path, format=suffix.lower().removeprefix("."), dpi=DOTS_PER_INCH)
+    finally:
+        pyplot.close(figure)
 
 
 def figure_svg(outcome: Outcome) -> str:

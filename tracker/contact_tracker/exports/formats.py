@@ -18,7 +18,6 @@ from contact_tracker.files import accept_any, whole_file
 if TYPE_CHECKING:
     from contact_tracker.exports.columns import Rows
     from contact_tracker.outputs.outcome import Outcome
-    from contact_tracker.outputs.text import Row
     from contact_tracker.tracking.belief import Belief, Segment, SegmentPart
     from contact_tracker.tracking.segmentation import Segmentation
 
@@ -187,8 +186,9 @@ def open_text(suffix: str, file: TextIO, rows: "Rows", origin_ns: Callable[[], i
             case ".jsonl":
                 file.writelines(f"{json_line(one)}\n" for one in entries)
             case ".tex":
-                lines = (_tex_line(row) for one in entries for row in segment_rows(one, origin_ns()))
-                file.writelines(lines)
+                rows_of_table = (row for one in entries for row in segment_rows(one, origin_ns()))
+                for *figures, where in rows_of_table:
+                    file.write(" & ".join([*figures, f"{_tex(where)} \\\\\n"]))
             case ".srt":
                 for segment in entries:
                     for part in segment.parts:
@@ -213,11 +213,6 @@ _TEX: Final = {
     "<": r"\textless{}",
     ">": r"\textgreater{}",
 }
-
-
-def _tex_line(row: "Row") -> str:
-    figures = f"{row.start_s:.2f} & {row.end_s:.2f} & {row.kind} & {row.probability:.2f}"
-    return f"{figures} & {_tex(row.where)} " + "\\\\\n"
 
 
 def _tex(text: str) -> str:

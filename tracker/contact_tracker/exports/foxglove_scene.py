@@ -4,7 +4,7 @@ The messages are those of foxglove-sdk (extra ``foxglove``).
 """
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from heapq import merge
 from pathlib import Path
 from typing import Any, Final
@@ -15,7 +15,6 @@ from scipy.spatial.transform import Rotation
 from contact_tracker.errors import UsageError
 from contact_tracker.geometry.elements import Array
 from contact_tracker.geometry.task_frame import T_world_body, contact_frame
-from contact_tracker.motion.poses import Poses
 from contact_tracker.outputs.outcome import Outcome
 from contact_tracker.outputs.text import COLOUR, Colour
 from contact_tracker.recording import (
@@ -30,8 +29,8 @@ from contact_tracker.recording import (
 )
 from contact_tracker.states import STATES
 from contact_tracker.tracking.belief import Segment, SegmentPart
-from contact_tracker.viewer.parts import SIDES, known_parts
-from contact_tracker.viewer.scene import GREY, OBJECT, Extent, Mesh, draw_all, extent_of, poses_within
+from contact_tracker.viewer.parts import SIDES, KnownParts, Part
+from contact_tracker.viewer.scene import GREY, OBJECT, Drawing, Extent, Mesh, Upward, draw_all, poses_within
 
 WORLD: Final = "world"
 BODY: Final = "object"
@@ -43,6 +42,7 @@ _PALE: Final = 0.2
 _RANGE_NS: Final = 2**32 * 1_000_000_000
 _LINE_PX: Final = 1.5
 _KNOWN: Final = (OBJECT, GREY)
+_ORIGIN: Final = fox.Pose(position=fox.Vector3(), orientation=fox.Quaternion(w=1.0))
 _TEXT_SIZE: Final = 0.2
 """Size relative to the object's radius."""
 
@@ -63,11 +63,12 @@ def write_mcap(outcome: Outcome, path: Path, _: str = ".mcap") -> None:
     if len(poses) and not 0 <= poses.stamp_ns[0] + min(log_offset_ns, 0) <= poses.stamp_ns[-1] < _RANGE_NS:
         raise UsageError("stamps of an MCAP file for Foxglove lie between 0 and 2^32 s")
     frames = tuple(given or own for given, own in zip(outcome.trajectory.frames, (WORLD, BODY), strict=True))
-    extent = extent_of(outcome.trajectory.vertices_m)
+    known = KnownParts.of(outcome)
+    extent = known.object_extent
     added = merge(
         _beliefs(outcome),
         _frames(outcome, frames),
-        _known(outcome, frames, extent),
+        _known(outcome, frames, known.parts(outcome.touched), extent),
         _scene(outcome, frames, extent),
         key=lambda message: message.log_time_ns,
     )
@@ -76,41 +77,33 @@ def write_mcap(outcome: Outcome, path: Path, _: str = ".mcap") -> None:
 
 
 def _beliefs(outcome: Outcome) -> Iterator[RawMessage]:
-    number = {"type": "number"}
-    numbers = {"type": "array", "items": number}
-    element = {
-        "type": "object",
-        "properties": {
-            "type": {"type": "string"},
-            "name": {"type": "string"},
-            "axis": numbers,
-            "point_m": numbers,
-            "axis_sd": numbers,
-            "point_sd_m": numbers,
-            "unobserved": {"type": "string"},
-        },
+    text, number, integer, item = ({"type": one} for one in ("string", "number", "integer", "object"))
+    texts, numbers, items = ({"type": "array", "items": one} for one in (text, number, item))
+    points = dict.fromkeys(("axis", "point_m", "axis_sd", "point_sd_m"), numbers)
+    element = _object({"type": text, "name": text, **points, "unobserved": text})
+    properties = {
+        "stamp_ns": integer,
+        "contact": text,
+        "probability": _object({state.value: number for state in STATES}),
+        "onset_ns": integer,
+        "inseparable": texts,
+        "geometry": item,
+        "contacts": items,
+        "constraints": integer,
+        "joint": item,
+        "inseparable_names": text,
+        "object": element,
+        "environment": element,
     }
-    schema: dict[str, Any] = {
-        "type": "object",
-        "properties": {
-            "stamp_ns": {"type": "integer"},
-            "contact": {"type": "string"},
-            "probability": {"type": "object", "properties": {state.value: number for state in STATES}},
-            "onset_ns": {"type": "integer"},
-            "inseparable": {"type": "array", "items": {"type": "string"}},
-            "geometry": {"type": "object"},
-            "contacts": {"type": "array", "items": {"type": "object"}},
-            "constraints": {"type": "integer"},
-            "joint": {"type": "object"},
-            "inseparable_names": {"type": "string"},
-            "object": element,
-            "environment": element,
-        },
-    }
-    encoded = json.dumps(schema).encode()
+    encoded = json.dumps(_object(properties)).encode()
     channel = Channel(BELIEF_TOPIC, "json", "contact_tracker.Belief", "jsonschema", encoded)
     for belief in outcome.beliefs:
         yield RawMessage(channel, belief.stamp_ns, json.dumps(belief.to_json(), allow_nan=False).encode())
+
+
+def _object(properties: dict[str, Any]) -> dict[str, Any]:
+    """The schema of a JSON object."""
+    return {"type": "object", "properties": properties}
 
 
 def _frames(outcome: Outcome, frames: tuple[str, ...]) -> Iterator[RawMessage]:
@@ -152,25 +145,23 @@ def _transform(
 
 def _scene(outcome: Outcome, frames: tuple[str, ...], extent: Extent) -> Iterator[RawMessage]:
     """The scene from each change on; each message replaces the previous one."""
-    channel = _channel(SCENE_TOPIC, fox.SceneUpdate)
+    channel, poses = _channel(SCENE_TOPIC, fox.SceneUpdate), outcome.trajectory.poses
+    up = Upward.of(outcome.segments, poses, extent).direction
     for segment in outcome.segments:
         for part in segment.parts:
             deletion = fox.SceneEntityDeletion(
                 timestamp=_timestamp(part.start_ns), type=fox.SceneEntityDeletionType.All
             )
-            within = poses_within(outcome.trajectory.poses, part.start_ns, part.end_ns)
-            entities = _entities(segment, part, within, frames, extent)
+            drawing = draw_all(part.geometries, poses_within(poses, part.start_ns, part.end_ns), extent, up)
+            entities = [] if drawing is None else _entities(segment, part, drawing, frames, extent)
             update = fox.SceneUpdate(deletions=[deletion], entities=entities)
             yield RawMessage(channel, part.start_ns, update.encode())
 
 
 def _entities(
-    segment: Segment, part: SegmentPart, within: Poses, frames: tuple[str, ...], extent: Extent
+    segment: Segment, part: SegmentPart, drawing: Drawing, frames: tuple[str, ...], extent: Extent
 ) -> list[fox.SceneEntity]:
     """The object's element, and that of the surroundings with its name."""
-    drawing = draw_all(part.geometries, within, extent)
-    if drawing is None:
-        return []
     colour = COLOUR[segment.contact]
     colours, opacities = (OBJECT, OBJECT, colour, colour), (_OPAQUE, _PALE) * 2
     shapes = [_triangles(*one) for one in zip(drawing.meshes, colours, opacities, strict=True)]
@@ -188,20 +179,22 @@ def _entities(
                 fox.KeyValuePair(key="contact", value=segment.contact.value),
                 fox.KeyValuePair(key="probability", value=f"{segment.probability:.3f}"),
             ],
-            triangles=[one for one in triangles if one is not None],
+            triangles=triangles,
             texts=texts,
         )
         for name, frame, triangles, texts in (
-            ("object element", body, shapes[:2], []),
-            ("environment element", world, shapes[2:], [text]),
+            ("object element", body, shapes[0] + shapes[1], []),
+            ("environment element", world, shapes[2] + shapes[3], [text]),
         )
     ]
 
 
-def _known(outcome: Outcome, frames: tuple[str, ...], extent: Extent) -> Iterator[RawMessage]:
+def _known(
+    outcome: Outcome, frames: tuple[str, ...], parts: Sequence[Part], extent: Extent
+) -> Iterator[RawMessage]:
     """All that is known, from the first pose on, on a topic of its own, as each message on that of the scene
     replaces the previous one."""
-    (world, body), parts = frames, known_parts(outcome)
+    world, body = frames
     if not parts or not len(outcome.trajectory):
         return
     stamp_ns, size_m = int(outcome.trajectory.stamp_ns[0]), _TEXT_SIZE * extent.radius_m
@@ -211,9 +204,7 @@ def _known(outcome: Outcome, frames: tuple[str, ...], extent: Extent) -> Iterato
             frame_id=world if one.side else body,
             id=f"{number} {SIDES[one.side]} {one.name}",
             frame_locked=True,
-            triangles=[
-                shape for shape in [_triangles(one.mesh, _KNOWN[one.side], _PALE)] if shape is not None
-            ],
+            triangles=_triangles(one.mesh, _KNOWN[one.side], _PALE),
             lines=[_line(strip, _KNOWN[one.side]) for strip in one.outline],
             texts=[_text(one.label_m, size_m, _KNOWN[one.side], one.name)],
         )
@@ -223,21 +214,20 @@ def _known(outcome: Outcome, frames: tuple[str, ...], extent: Extent) -> Iterato
     yield RawMessage(channel, stamp_ns, fox.SceneUpdate(entities=entities).encode())
 
 
-def _triangles(mesh: Mesh, colour: Colour, opacity: float) -> Any:
-    """The triangles of a mesh; None if it is empty."""
+def _triangles(mesh: Mesh, colour: Colour, opacity: float) -> list[fox.TriangleListPrimitive]:
+    """The triangles of a mesh, if it has any."""
     if not len(mesh.triangles):
-        return None
-    return fox.TriangleListPrimitive(
-        pose=fox.Pose(position=fox.Vector3(), orientation=fox.Quaternion(w=1.0)),
-        points=[_point(vertex) for vertex in mesh.vertices],
-        color=_rgba(colour, opacity),
-        indices=[int(index) for index in mesh.triangles.ravel()],
+        return []
+    points, indices = [*map(_point, mesh.vertices)], mesh.triangles.ravel().tolist()
+    shape = fox.TriangleListPrimitive(
+        pose=_ORIGIN, points=points, color=_rgba(colour, opacity), indices=indices
     )
+    return [shape]
 
 
 def _line(strip: Array, colour: Colour) -> fox.LinePrimitive:
     return fox.LinePrimitive(
-        pose=fox.Pose(position=fox.Vector3(), orientation=fox.Quaternion(w=1.0)),
+        pose=_ORIGIN,
         type=fox.LinePrimitiveLineType.LineStrip,
         thickness=_LINE_PX,
         scale_invariant=True,

@@ -23,16 +23,16 @@ from contact_tracker.outputs.outcome import Outcome
 from contact_tracker.outputs.text import COLOUR, Colour, counted, describe
 from contact_tracker.states import STATES
 from contact_tracker.tracking.belief import Segment
-from contact_tracker.viewer.parts import SIDES, Part, known_parts
+from contact_tracker.viewer.parts import SIDES, KnownParts, Part
 from contact_tracker.viewer.scene import (
     EMPTY,
     GREY,
     UP,
     Drawing,
+    Extent,
     Mesh,
     Upward,
     draw_all,
-    extent_of,
     poses_within,
 )
 
@@ -71,7 +71,8 @@ Shape = dict[str, Any]
 
 def write_report(outcome: Outcome, path: Path, _: str = ".html") -> None:
     """Write the report; OSError if the file cannot be written."""
-    segments, trajectory, parts = outcome.segments, outcome.trajectory, known_parts(outcome)
+    segments, trajectory, known = outcome.segments, outcome.trajectory, KnownParts.of(outcome)
+    parts = known.parts(outcome.touched)
     title = escape(printable(f"Contacts in {trajectory.name}"))
     poses, count = counted(len(trajectory), "pose"), counted(len(segments), "segment")
     facts = f"{poses}, {trajectory.duration_s:.2f} s of motion, {count}"
@@ -83,7 +84,7 @@ def write_report(outcome: Outcome, path: Path, _: str = ".html") -> None:
         file.write(warnings_html(outcome.warnings))
         file.write(f"<p>{escape(printable(facts))}</p>{counts_html(outcome.counts)}")
         file.write(f"<h2>Labels and probabilities</h2>{figure_svg(outcome)}")
-        file.write(_ABOUT_GEOMETRY + _geometry(outcome, parts))
+        file.write(_ABOUT_GEOMETRY + _geometry(outcome, parts, known.object_extent))
         if any(one.side == 0 for one in parts):
             file.write(_ABOUT_OBJECT + _picture(_known(parts, 0, segments), _ABOVE_OBJECT, UP, 420))
         file.write(f"<h2>Segments</h2>{table_html(segments, outcome.origin_ns)}<script>linkRows()</script>")
@@ -100,11 +101,10 @@ def _picture(shapes: Iterable[Shape], eye: ArrayLike, up: ArrayLike, height_px: 
     )
 
 
-def _geometry(outcome: Outcome, parts: Sequence[Part]) -> str:
+def _geometry(outcome: Outcome, parts: Sequence[Part], extent: Extent) -> str:
     """The path of the body's origin, and the elements of the longest segments where they touched."""
     poses, segments = outcome.trajectory.poses, outcome.segments
-    extent = extent_of(outcome.trajectory.vertices_m)
-    shapes, upward = [*_path(outcome), *_known(parts, 1, segments)], Upward(extent)
+    shapes, upward = [*_path(outcome), *_known(parts, 1, segments)], Upward.of(segments, poses, extent)
     in_contact = [segment for segment in segments if segment.geometry is not None]
     longest = sorted(in_contact, key=lambda s: s.start_ns - s.end_ns)[:MOST_DRAWN]
     shown = [segment for segment in longest if _is_determined(segment)][:MOST_SHOWN]
@@ -113,7 +113,6 @@ def _geometry(outcome: Outcome, parts: Sequence[Part]) -> str:
             within = poses_within(poses, segment.start_ns, segment.end_ns)
             drawing = draw_all(_touching(segment, within), within, extent, upward.direction)
             assert drawing is not None
-            upward.add(segment.geometry, within, segment.end_ns - segment.start_ns)
             common = _named(segment, outcome.origin_ns, segment in shown) | {"segments": [number]}
             shapes += _elements(common, COLOUR[segment.contact], within, drawing, parts)
     return _picture(shapes, *upward.eye(extent.radius_m), 620)

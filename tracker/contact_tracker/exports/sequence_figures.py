@@ -4,30 +4,28 @@ import csv
 from collections.abc import Callable
 from math import cos, pi, sin
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from matplotlib import pyplot
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import FancyArrowPatch, Polygon
+from matplotlib.patches import FancyArrowPatch, Patch, Polygon
 
 from contact_tracker.errors import printable
 from contact_tracker.exports.figure import (
-    DOTS_PER_INCH,
     NAME_SIZE,
     PLAIN_TEXT,
     draw_segment,
     fraction,
     open_patch,
-    shade,
-    write_name,
+    save_figure,
 )
 from contact_tracker.files import accept_any, whole_file
 from contact_tracker.outputs.outcome import Outcome
 from contact_tracker.outputs.text import COLOUR
 from contact_tracker.sequences.comparison import ComparedStep, Comparison, Verdict
 from contact_tracker.sequences.graph import ContactGraph
-from contact_tracker.sequences.steps import Step, steps_of
+from contact_tracker.sequences.steps import steps_of
 
 _BAND: Final = {
     Verdict.SAME: ("0.85", ""),
@@ -50,22 +48,11 @@ def draw_comparison(comparison: Comparison) -> Figure:
     axes.set(xlim=(0.0, max(steps[-1].end_s for steps in takes)), ylim=(-0.02, 1.27), xlabel="time (s)")
     for steps, ribbon in zip(takes, _RIBBONS, strict=True):
         for one in steps:
-            _draw_segment(axes, one, ribbon)
+            draw_segment(axes, one.segment, one.start_s, one.end_s - one.start_s, ribbon)
     for step in comparison.steps:
         _draw_step(axes, step)
     shown = dict.fromkeys(one.verdict for one in comparison.steps)
-    for verdict in shown:
-        colour, hatch = _BAND[verdict]
-        axes.fill(
-            [],
-            [],
-            facecolor=colour,
-            hatch=hatch,
-            edgecolor="grey",
-            linewidth=0.3,
-            label=f"step {verdict.value}",
-        )
-    handles, _ = axes.get_legend_handles_labels()
+    handles = [Patch(**_style(verdict), label=f"step {verdict.value}") for verdict in shown]
     if any(one.is_open for steps in takes for one in steps):
         handles.append(open_patch())
     axes.legend(handles=handles, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
@@ -80,13 +67,6 @@ def draw_comparison(comparison: Comparison) -> Figure:
     return figure
 
 
-def _draw_segment(axes: Axes, one: Step, ribbon: tuple[float, float]) -> None:
-    duration_s = one.end_s - one.start_s
-    draw_segment(axes, one.segment, one.start_s, duration_s, ribbon)
-    background = shade(one.segment)
-    write_name(axes, one.start_s, duration_s, ribbon, one.contact.value, background=background)
-
-
 def _draw_step(axes: Axes, one: ComparedStep) -> None:
     """The band of a step; of one in a single take a triangle."""
     top, bottom = _RIBBONS[0][0], _RIBBONS[1][1]
@@ -96,10 +76,12 @@ def _draw_step(axes: Axes, one: ComparedStep) -> None:
         ends = upper or lower
         middle_s = 0.5 * (ends[0][0] + ends[1][0])
         (lower if upper else upper).append((middle_s, 0.5 * (top + bottom)))
-    colour, hatch = _BAND[one.verdict]
-    axes.add_patch(
-        Polygon([*upper, *lower], closed=True, facecolor=colour, hatch=hatch, edgecolor="grey", linewidth=0.3)
-    )
+    axes.add_patch(Polygon([*upper, *lower], closed=True, **_style(one.verdict)))
+
+
+def _style(verdict: Verdict) -> dict[str, Any]:
+    colour, hatch = _BAND[verdict]
+    return {"facecolor": colour, "hatch": hatch, "edgecolor": "grey", "linewidth": 0.3}
 
 
 @PLAIN_TEXT
@@ -138,25 +120,17 @@ def draw_graph(graph: ContactGraph) -> Figure:
 
 def write_comparison(found: Comparison, path: Path, check: Callable[[], None] = accept_any) -> None:
     """Write a CSV with a row per step, or the figure, atomically; raises OSError."""
-    if path.suffix.lower() != ".csv":
-        write_drawn(lambda: draw_comparison(found), path, check)
-        return
-    with whole_file(path, check) as temporary, open(temporary, "w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, found.columns, lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(one.to_json() for one in found.steps)
+    with whole_file(path, check) as temporary:
+        if path.suffix.lower() != ".csv":
+            save_figure(draw_comparison(found), temporary, path.suffix)
+            return
+        with open(temporary, "w", encoding="utf-8", newline="") as file:
+            writer = csv.DictWriter(file, found.columns, lineterminator="\n")
+            writer.writeheader()
+            writer.writerows(one.to_json() for one in found.steps)
 
 
 def write_contact_graph(outcome: Outcome, path: Path, check: Callable[[], None] = accept_any) -> None:
-    """Write the figure of the contacts of a recording; raises OSError."""
-    write_drawn(lambda: draw_graph(ContactGraph.of(outcome)), path, check)
-
-
-def write_drawn(draw: Callable[[], Figure], path: Path, check: Callable[[], None] = accept_any) -> None:
-    """Write a figure in the format of the suffix, atomically; raises OSError."""
+    """Write the figure of the contacts of a recording, atomically; raises OSError."""
     with whole_file(path, check) as temporary:
-        figure = draw()
-        try:
-            figure.savefig(temporary, format=path.suffix.lower().removeprefix("."), dpi=DOTS_PER_INCH)
-        finally:
-            pyplot.close(figure)
+        save_figure(draw_graph(ContactGraph.of(outcome)), temporary, path.suffix)

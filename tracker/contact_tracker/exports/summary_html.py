@@ -19,9 +19,9 @@ def table_html(segments: Sequence[Segment], origin_ns: int) -> str:
     titles = ("start s", "end s", "contact", "p", "the object's element on the surroundings'")
     head = "".join(f'<th style="{_CELL}">{escape(title)}</th>' for title in titles)
     rows = [
-        _row(i, (f"{r.start_s:.2f}", f"{r.end_s:.2f}", r.kind, f"{r.probability:.2f}", printable(r.where)))
+        _row(i, row)
         for i, segment in enumerate(segments[:MOST_ROWS])
-        for r in segment_rows(segment, origin_ns)
+        for row in segment_rows(segment, origin_ns)
     ]
     more = len(segments) - MOST_ROWS
     note = f"<p>and {counted(more, 'more segment')}</p>" if more > 0 else ""
@@ -29,7 +29,7 @@ def table_html(segments: Sequence[Segment], origin_ns: int) -> str:
 
 
 def _row(number: int, texts: Sequence[str]) -> str:
-    cells = "".join(f'<td style="{_CELL}">{escape(text)}</td>' for text in texts)
+    cells = "".join(f'<td style="{_CELL}">{escape(printable(text))}</td>' for text in texts)
     return f'<tr data-segments="{number}">{cells}</tr>'
 
 

@@ -177,6 +177,31 @@ def numbers(element: Element) -> Array:
             return point_m
 
 
+def of_numbers(
+    kind: type[Element],
+    values: Array,
+    covariance: Array | None = None,
+    unobserved: tuple[Unobserved, ...] = (),
+    name: str | None = None,
+) -> Element:
+    """The element of a kind that has these parameters, the inverse of ``numbers``."""
+    rest = covariance, unobserved, name
+    if kind is Plane:
+        return Plane(values[:3], float(values[3]), *rest)
+    return Line(values[:3], values[3:], *rest) if kind is Line else Point(values, *rest)
+
+
+def nearest(element: Element, place_m: Array) -> Array:
+    """The point (3,) of an element nearest to a place (3,)."""
+    match element:
+        case Plane(normal, offset_m):
+            return np.asarray(place_m + (offset_m - normal @ place_m) * normal)
+        case Line(direction, point_m):
+            return np.asarray(point_m + direction * (direction @ (place_m - point_m)))
+        case Point(point_m):
+            return point_m
+
+
 def by_foot(element: Element, near_m: Array) -> Element:
     """The same element, a line given by its point nearest to ``near_m`` (3,)."""
     if not isinstance(element, Line) or element.covariance is None:
@@ -237,10 +262,6 @@ def shifted(element: Element, origin_m: Array) -> Element:
             return replace(element, point_m=element.point_m + origin_m)
 
 
-NONE: Final = "none"
-VERTEX: Final = "vertex"
-
-
 def flat(element: Element | None) -> dict[str, Any]:
     """``type``, ``name``, ``axis``, ``point_m``, their standard deviations and ``unobserved`` of an element.
 
@@ -249,7 +270,7 @@ def flat(element: Element | None) -> dict[str, Any]:
     All keys are always present, with values of one type, except unknown standard deviations (None).
     """
     zero, none = np.zeros(3), np.full(3, np.nan)
-    axis, point_m, axis_sd, point_sd_m, kind = zero, zero, zero, zero, NONE
+    axis, point_m, axis_sd, point_sd_m, kind = zero, zero, zero, zero, "none"
     match element:
         case Plane(normal, offset_m, covariance):
             jacobian = np.hstack([offset_m * np.eye(3), normal[:, None]])
@@ -261,7 +282,7 @@ def flat(element: Element | None) -> dict[str, Any]:
             axis_sd = none if covariance is None else _deviations(covariance[:3, :3])
             point_sd_m = none if covariance is None else _deviations(covariance[3:, 3:])
         case Point(place_m, covariance):
-            kind, point_m = VERTEX, place_m
+            kind, point_m = "vertex", place_m
             point_sd_m = none if covariance is None else _deviations(covariance)
     return {
         "type": kind,
@@ -322,8 +343,4 @@ def _unpacked(packed: Array) -> tuple[Element, Array]:
     covariance = matrix.reshape(size, size) if has_covariance else None
     unobserved = tuple(Unobserved(_WAYS[int(way[0])], way[1:]) for way in directions.reshape(-1, 4))
     name = bytes(text.astype(np.uint8)).decode() if named else None
-    if _KINDS[kind] is Plane:
-        return Plane(place[:3], float(place[3]), covariance, unobserved, name), rest
-    if _KINDS[kind] is Line:
-        return Line(place[:3], place[3:], covariance, unobserved, name), rest
-    return Point(place, covariance, unobserved, name), rest
+    return of_numbers(_KINDS[kind], place, covariance, unobserved, name), rest

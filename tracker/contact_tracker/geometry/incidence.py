@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from contact_tracker.geometry.elements import Array, Element, Line, Plane, Point
+from contact_tracker.geometry.elements import Array, Element, Line, Plane, Point, nearest
 
 _FLAT: Final = 1e-12
 LENGTH_M: Final = 0.2
@@ -42,16 +42,12 @@ def _edge_in(face: Plane, covariance: Array, near_m: Array) -> Line:
     across, tilt, height = _face_covariances(face, covariance)
     whole = np.zeros((6, 6))
     whole[:3, :3], whole[3:, 3:] = across + tilt, ANYWHERE_M**2 * across + height
-    return Line(np.zeros(3), _foot(face, near_m), whole)
+    return Line(np.zeros(3), nearest(face, near_m), whole)
 
 
 def _vertex_in(face: Plane, covariance: Array, near_m: Array) -> Point:
     across, _, height = _face_covariances(face, covariance)
-    return Point(_foot(face, near_m), ANYWHERE_M**2 * across + height)
-
-
-def _foot(face: Plane, of_m: Array) -> Array:
-    return np.asarray(of_m + face.normal * (face.offset_m - face.normal @ of_m))
+    return Point(nearest(face, near_m), ANYWHERE_M**2 * across + height)
 
 
 def _face_covariances(face: Plane, covariance: Array) -> tuple[Array, Array, Array]:

@@ -9,7 +9,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from contact_tracker.geometry.elements import Array, ContactGeometry, Element, Line, Plane, Point, numbers
+from contact_tracker.geometry.elements import (
+    Array,
+    ContactGeometry,
+    Element,
+    Line,
+    Plane,
+    Point,
+    nearest,
+    numbers,
+    of_numbers,
+)
 from contact_tracker.states import Contact
 
 PARALLEL: Final = 1e-6
@@ -189,9 +199,9 @@ def _frame_at(
     def build(object: Element, environment: Element) -> Array | None:
         match _in_world(object, pose), environment:
             case Plane(), Plane() as face:
-                return _at_face(pose[:3, 3] if is_open else _onto(pose[:3, 3], face), face, across)
+                return _at_face(pose[:3, 3] if is_open else nearest(face, pose[:3, 3]), face, across)
             case (Line(direction, point_m), Plane() as face) | (Plane() as face, Line(direction, point_m)):
-                return _at_face(_onto(point_m, face), face, direction)
+                return _at_face(nearest(face, point_m), face, direction)
             case (Point(point_m), Plane() as face) | (Plane() as face, Point(point_m)):
                 return _at_face(point_m, face, across)
             case Line() as edge, Line() as environment_edge:
@@ -222,9 +232,8 @@ def _covariance(build: Callable[..., Array | None], *elements: Element) -> Array
         changes = np.empty((6, len(values)))
         for k in range(len(values)):
             step = _STEP * (np.arange(len(values)) == k)
-            moved = [
-                build(*elements[:i], _of(element, values + s), *elements[i + 1 :]) for s in (step, -step)
-            ]
+            changed = (of_numbers(type(element), values + one) for one in (step, -step))
+            moved = [build(*elements[:i], one, *elements[i + 1 :]) for one in changed]
             if moved[0] is None or moved[1] is None:
                 return None
             changes[:3, k] = frame[:3, :3].T @ (moved[0] - moved[1])[:3, 3]
@@ -233,17 +242,6 @@ def _covariance(build: Callable[..., Array | None], *elements: Element) -> Array
         changes /= 2.0 * _STEP
         total += changes @ element.covariance @ changes.T
     return total
-
-
-def _of(element: Element, values: Array) -> Element:
-    """The element with other parameters."""
-    match element:
-        case Plane():
-            return Plane(values[:3], float(values[3]))
-        case Line():
-            return Line(values[:3], values[3:])
-        case Point():
-            return Point(values)
 
 
 def _in_world(element: Element, pose: Array) -> Element:
@@ -257,10 +255,6 @@ def _in_world(element: Element, pose: Array) -> Element:
             return Line(turn @ direction, turn @ point_m + shift_m)
         case Point(point_m):
             return Point(turn @ point_m + shift_m)
-
-
-def _onto(point_m: Array, face: Plane) -> Array:
-    return np.asarray(point_m + face.normal * (face.offset_m - face.normal @ point_m))
 
 
 def _at_face(origin_m: Array, face: Plane, along: Array) -> Array:

@@ -24,6 +24,7 @@ from contact_tracker.geometry.elements import (
     Point,
     by_foot,
     numbers,
+    of_numbers,
     opposite,
 )
 from contact_tracker.geometry.vectors import EYE, sphere_tangent, unit
@@ -106,14 +107,8 @@ class MapElement:
     def with_covariance(self, covariance: Array, near_m: Array | None = None) -> Element:
         """The element with a covariance (P, P) of its free coordinates, of ``parameters``."""
         values, onto = self.parameters(near_m)
-        spread = onto @ covariance @ onto.T
-        if self.kind == "v":
-            return Point(values, spread)
-        return (
-            Plane(values[:3], float(values[3]), spread)
-            if self.kind == "f"
-            else Line(values[:3], values[3:], spread)
-        )
+        kind = {"f": Plane, "e": Line, "v": Point}[self.kind]
+        return of_numbers(kind, values, onto @ covariance @ onto.T)
 
 
 def kind_of(element: Element) -> str:

@@ -8,7 +8,7 @@ differ less (5.6 for protanopes): beside these the label is a word.
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
@@ -92,34 +92,29 @@ def status_text(belief: Belief, origin_ns: int) -> str:
     return f"{at_s:8.2f} s  {belief.contact.value} for {duration_s:.1f} s   {likely}"
 
 
-class Row(NamedTuple):
-    """A segment, further contact or joint in a table of segments; ``where`` has its elements in words."""
-
-    start_s: float
-    end_s: float
-    kind: str
-    probability: float
-    where: str
-
-
 def counted(count: int, noun: str) -> str:
     """A number of things, as ``1 pose`` and ``2 poses``."""
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
-def segment_rows(segment: Segment, origin_ns: int) -> Iterator[Row]:
-    """A segment, its further contacts (``+``) and its joint (``=``); times in seconds after ``origin_ns``."""
-    span = _seconds(segment.start_ns, origin_ns), _seconds(segment.end_ns, origin_ns)
+def segment_rows(segment: Segment, origin_ns: int) -> Iterator[tuple[str, str, str, str, str]]:
+    """Start, end, kind, probability and elements in words of a segment, its further contacts (``+``) and its
+    joint (``=``); times in seconds after ``origin_ns``."""
+
+    def row(start_ns: int, end_ns: int, kind: str, p: float, where: str) -> tuple[str, str, str, str, str]:
+        start_s, end_s = _seconds(start_ns, origin_ns), _seconds(end_ns, origin_ns)
+        return f"{start_s:.2f}", f"{end_s:.2f}", kind, f"{p:.2f}", where
+
+    span = segment.start_ns, segment.end_ns
     where = describe(segment.geometry, segment.inseparable)
-    yield Row(*span, segment.contact.value, segment.probability, where)
+    yield row(*span, segment.contact.value, segment.probability, where)
     for one in segment.further:
-        end_s = span[1] if one.end_ns is None else _seconds(one.end_ns, origin_ns)
+        end_ns = segment.end_ns if one.end_ns is None else one.end_ns
         where = describe(one.geometry, one.inseparable)
-        start_s = _seconds(one.start_ns, origin_ns)
-        yield Row(start_s, end_s, JOINS + one.contact.value, one.probability, where)
+        yield row(one.start_ns, end_ns, JOINS + one.contact.value, one.probability, where)
     if segment.joint is not None:
         where = describe_joint(segment.joint, is_open(segment))
-        yield Row(*span, JOINT + segment.joint.kind.value, segment.joint.probability, where)
+        yield row(*span, JOINT + segment.joint.kind.value, segment.joint.probability, where)
 
 
 def table(segments: Iterable[Segment], origin_ns: int, with_wrenches: bool = False) -> Iterator[str]:
@@ -130,10 +125,8 @@ def table(segments: Iterable[Segment], origin_ns: int, with_wrenches: bool = Fal
     yield TABLE_HEADER
     total_s = ambiguous_s = 0.0
     for segment in segments:
-        for row in segment_rows(segment, origin_ns):
-            yield (
-                f"{row.start_s:8.2f}  {row.end_s:8.2f}  {row.kind:<7} {row.probability:5.2f}  {row.where}"
-            ).rstrip()
+        for start_s, end_s, kind, p, where in segment_rows(segment, origin_ns):
+            yield f"{start_s:>8}  {end_s:>8}  {kind:<7} {p:>5}  {where}".rstrip()
         duration_s = _seconds(segment.end_ns, segment.start_ns)
         total_s += duration_s
         ambiguous_s += duration_s if segment.inseparable else 0.0

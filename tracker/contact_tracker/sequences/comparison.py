@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from itertools import takewhile
-from math import degrees, hypot, sqrt
+from math import hypot, sqrt
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -91,9 +91,8 @@ class ComparedStep:
         for steps in (self.first, self.second):
             values += [_label(steps), steps[0].start_s, steps[-1].end_s] if steps else [None] * 3
         values += [self.longer_s, self.longer_sd_s, self.moved or None]
-        for apart in (self.object, self.surroundings):
-            values += [1e3 * apart.shift_m, 1e3 * apart.shift_sd_m]
-            values += [degrees(apart.turn_rad), degrees(apart.turn_sd_rad)]
+        for value, sd, _ in (*self.object.figures, *self.surroundings.figures):
+            values += [value, sd]
         known = (None if isinstance(one, float) and not np.isfinite(one) else one for one in values)
         return dict(zip(COLUMNS, known, strict=True))
 
@@ -205,25 +204,15 @@ def _log_odds_of_same(shown: Array) -> float:
     return float((anything - others).sum())
 
 
-def _p_same(evidence: Array) -> Array:
-    """Probabilities (2,) that the object's element is the same, and that of the surroundings."""
-    p = np.exp(evidence - np.logaddexp.reduce(evidence.ravel()))
-    return np.array([p[0].sum(), p[:, 0].sum()])
-
-
 def _moved(evidence: Array, apart: tuple[Distance, Distance], is_compared: NDArray[np.bool_]) -> str:
     """Which sides touch with another element, surely and by more than the deviations of what is reported, of
     those that are compared."""
     p = np.exp(evidence - np.logaddexp.reduce(evidence.ravel()))
-    if not is_compared.all() or p[0, 0] > 1.0 - SURE_PROBABILITY or not any(map(_is_apart, apart)):
+    is_apart = any(value > SAME * sd for where in apart for value, sd, _ in where.figures)
+    if not is_compared.all() or p[0, 0] > 1.0 - SURE_PROBABILITY or not is_apart:
         return ""
-    sides = 1.0 - _p_same(evidence) >= SURE_PROBABILITY
+    sides = np.array([p[1].sum(), p[:, 1].sum()]) >= SURE_PROBABILITY
     return "both" if sides.all() else "object" if sides[0] else "surroundings" if sides[1] else "either"
-
-
-def _is_apart(where: Distance) -> bool:
-    """Whether two elements are farther apart than estimates of one."""
-    return where.shift_m > SAME * where.shift_sd_m or where.turn_rad > SAME * where.turn_sd_rad
 
 
 def _alone(first: tuple[Step, ...], second: tuple[Step, ...], p: float) -> ComparedStep:
@@ -310,11 +299,7 @@ def _by(one: ComparedStep) -> str:
         return "" if np.isnan(one.longer_s) else f"{one.longer_s:+.2f}+/-{one.longer_sd_s:.2g} s"
     found = [
         (value / sd, f"{value:.3g}+/-{sd:.2g} {unit}")
-        for where in (one.object, one.surroundings)
-        for value, sd, unit in (
-            (1e3 * where.shift_m, 1e3 * where.shift_sd_m, "mm"),
-            (degrees(where.turn_rad), degrees(where.turn_sd_rad), "deg"),
-        )
+        for value, sd, unit in (*one.object.figures, *one.surroundings.figures)
         if sd > 0.0
     ]
     return max(found, default=(0.0, ""))[1]

@@ -6,10 +6,10 @@ from typing import Final
 from xml.etree import ElementTree
 
 from contact_tracker.map.elements import KINDS
+from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.outputs.outcome import Outcome
-from contact_tracker.sequences.steps import sighting_of
+from contact_tracker.sequences.steps import Step, steps_of
 from contact_tracker.states import Contact
-from contact_tracker.tracking.belief import Segment
 
 _NAMESPACE: Final = "http://graphml.graphdrawing.org/xmlns"
 
@@ -51,25 +51,17 @@ class ContactGraph:
     @classmethod
     def of(cls, outcome: Outcome) -> "ContactGraph":
         """The graph of a recording."""
-        numbers, nodes, edges = (
-            dict[tuple[object, ...], int](),
-            list[Node](),
-            dict[tuple[int, int], list[float]](),
-        )
-        sequence = list[tuple[int, float]]()
-        for one in outcome.segments:
-            elements = _elements(one, outcome)
-            is_open = bool(one.inseparable)
-            number = numbers.setdefault((one.contact, is_open, *elements), len(nodes))
-            if number == len(nodes):
-                nodes.append(Node(one.contact, is_open, elements))
-            start_s, end_s = ((ns - outcome.origin_ns) * 1e-9 for ns in (one.start_ns, one.end_ns))
-            nodes[number].spans_s.append((start_s, end_s))
-            sequence.append((number, start_s))
+        nodes, edges = dict[tuple[object, ...], Node](), dict[tuple[int, int], list[float]]()
+        sequence = list[tuple[tuple[object, ...], float]]()
+        for one in steps_of(outcome):
+            key = one.contact, one.is_open, _elements(one, outcome.learned_world)
+            nodes.setdefault(key, Node(*key)).spans_s.append((one.start_s, one.end_s))
+            sequence.append((key, one.start_s))
+        numbers = {key: number for number, key in enumerate(nodes)}
         for (before, _), (after, start_s) in pairwise(sequence):
             if before != after:
-                edges.setdefault((before, after), []).append(start_s)
-        return cls(nodes, edges)
+                edges.setdefault((numbers[before], numbers[after]), []).append(start_s)
+        return cls([*nodes.values()], edges)
 
     @property
     def graphml(self) -> str:
@@ -97,16 +89,14 @@ class ContactGraph:
         return ElementTree.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
 
 
-def _elements(segment: Segment, outcome: Outcome) -> tuple[str, str]:
+def _elements(step: Step, world: GrowingMap | None) -> tuple[str, str]:
     """What touches, as the map numbers it, or by the user's names."""
-    if segment.contact is Contact.FREE or segment.inseparable:
+    if step.contact is Contact.FREE or step.is_open:
         return "", ""
-    names = [name or "?" for name in segment.touching]
-    world = outcome.learned_world
-    sighting = sighting_of(segment, world)
-    if sighting is not None and world is not None:
-        pair = world.pairs[sighting.first]
-        names = [f"{KINDS[kind]} {key[1]}" for kind, key in zip(sighting.kinds, pair, strict=True)]
+    names = [name or "?" for name in step.segment.touching]
+    if step.sighting is not None and world is not None:
+        pair = world.pairs[step.sighting.first]
+        names = [f"{KINDS[kind]} {key[1]}" for kind, key in zip(step.sighting.kinds, pair, strict=True)]
     return names[0], names[1]
 
 

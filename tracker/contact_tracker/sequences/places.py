@@ -1,7 +1,7 @@
 """Whether steps of two recordings touch the same elements, and how far apart those are that they touch."""
 
 from collections.abc import Sequence
-from math import sqrt
+from math import degrees, sqrt
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -24,6 +24,12 @@ class Distance(NamedTuple):
     shift_sd_m: float = np.nan
     turn_rad: float = np.nan
     turn_sd_rad: float = np.nan
+
+    @property
+    def figures(self) -> tuple[tuple[float, float, str], tuple[float, float, str]]:
+        """Distance and angle, each with its standard deviation and unit."""
+        shift_mm, shift_sd_mm = 1e3 * self.shift_m, 1e3 * self.shift_sd_m
+        return (shift_mm, shift_sd_mm, "mm"), (degrees(self.turn_rad), degrees(self.turn_sd_rad), "deg")
 
 
 UNKNOWN: Final = Distance()

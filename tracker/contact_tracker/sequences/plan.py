@@ -181,7 +181,9 @@ class PlanFollower:
         self._entries = np.array([self._entered(number) for number in range(len(lengths) + 1)])
         self._weight[0, self._first] = self._entries[0] * (1.0 - self._left)
         self._belief: tuple[int, Array] | None = None
-        self.has_left, self._told, self._news = False, -1, ""
+        self.has_left, self._told = False, -1
+        self.news = ""
+        """What is new since the belief before, in words: a step that is sure, or that the plan was left."""
 
     def update(self, belief: Belief) -> Progress:
         """Take the next belief in."""
@@ -229,11 +231,6 @@ class PlanFollower:
         reached = np.cumprod(np.append(1.0, np.where(are_optional, 0.5, 0.0)))[: len(are_optional)]
         return np.concatenate([np.zeros(number), reached * np.where(are_optional, 0.5, 1.0)])
 
-    @property
-    def news(self) -> str:
-        """What is new since the belief before, in words: a step that is sure, or that the plan was left."""
-        return self._news
-
     def _progress(self) -> Progress:
         shares = np.bincount(self._number, self._weight.sum(axis=0))
         step, p_left = int(np.argmax(shares)), 1.0 - float(self._weight[0].sum())
@@ -242,12 +239,12 @@ class PlanFollower:
         rest = range(step + 1, len(shares))
         following = next((k + 1 for k in rest if not self.plan.steps[k].is_optional), None)
         is_sure = shares[step] >= SURE_PROBABILITY and step != self._told
-        self._news = ""
+        self.news = ""
         if leaves or is_sure:
             self._told = step
             comes = "the last one" if following is None else f"next {self._named(following)}"
             left = f"left (p {p_left:.2f}), at the latest in " if leaves else ""
-            self._news = f"{left}step {self._named(step + 1)} of {len(shares)}; {comes}"
+            self.news = f"{left}step {self._named(step + 1)} of {len(shares)}; {comes}"
         return Progress(step + 1, float(shares[step]), p_left, following, leaves)
 
     def _named(self, number: int) -> str:

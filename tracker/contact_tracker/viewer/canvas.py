@@ -3,7 +3,6 @@ and events on the left, plots over time on the right."""
 
 import inspect
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import partial
 from typing import Any, Final, Literal
 from uuid import uuid4
 
@@ -19,7 +18,7 @@ from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking.belief import FurtherContact
 from contact_tracker.tracking.informative_motion import InformativeMotion
 from contact_tracker.viewer.parts import Part
-from contact_tracker.viewer.scene import EMPTY, GREY, OBJECT, Drawing, Eye, Mesh, joined
+from contact_tracker.viewer.scene import EMPTY, GREY, OBJECT, Drawing, Eye, Mesh, circle, joined
 
 Stamps = NDArray[np.int64]
 
@@ -118,7 +117,7 @@ class Canvas:
         self.most_further = 0
         self._labelled: set[str] = set()
         self._named: list[str] = []
-        self._shown: dict[str, Contact | str | None] = {}
+        self._shown: dict[str, str | None] = {}
 
     def pose(self, pose: Pose) -> None:
         """Draw one pose, with the least cost per row."""
@@ -128,12 +127,8 @@ class Canvas:
         self._recording.log(BODY, placed, strict=True)
 
     def poses(self, poses: Poses) -> None:
-        def columns(rows: slice) -> Columns:
-            return rr.Transform3D.columns(
-                translation=poses.position_m[rows], quaternion=poses.quat_xyzw[rows]
-            )
-
-        self._send(BODY, poses.stamp_ns, columns)
+        places = {"translation": poses.position_m, "quaternion": poses.quat_xyzw}
+        self._send(BODY, poses.stamp_ns, rr.Transform3D.columns, **places)
 
     def known(self, parts: Sequence[Part], stamp_ns: int | None = None) -> None:
         """Draw all that is known from a stamp on, instead of what was before; at all times without one."""
@@ -175,21 +170,20 @@ class Canvas:
 
     def trail(self, stamp_ns: Stamps, strips: Sequence[Array], contacts: Sequence[Contact]) -> None:
         """The path (N, 3) of the body's origin up to each stamp, coloured by contact."""
-
-        def columns(rows: slice) -> Columns:
-            colours = [COLOUR[contact] for contact in contacts[rows]]
-            return rr.LineStrips3D.columns(strips=strips[rows], colors=colours)
-
-        self._send(TRAIL, stamp_ns, columns)
+        colours = [COLOUR[contact] for contact in contacts]
+        self._send(TRAIL, stamp_ns, rr.LineStrips3D.columns, strips=strips, colors=colours)
 
     def states(self, entity: str, stamp_ns: Stamps, contacts: Sequence[Contact | None]) -> None:
-        """The contact from each stamp on, written where it changes; None if unknown."""
-        before = [self._shown.get(entity, "none yet"), *contacts]
-        changes = [i for i, contact in enumerate(contacts) if contact is not before[i]]
-        self._shown[entity] = before[-1]
+        """The contact from each stamp on; None if unknown."""
         # for rerun an empty text ends a state
-        names = ["" if (contact := contacts[i]) is None else contact.value for i in changes]
-        self._send(entity, stamp_ns[changes], lambda rows: rr.StateChange.columns(state=names[rows]))
+        self._texts(entity, stamp_ns, ["" if one is None else one.value for one in contacts])
+
+    def _texts(self, entity: str, stamp_ns: Stamps, texts: Sequence[str]) -> None:
+        """The text of a state from each stamp on, written where it changes."""
+        before = [self._shown.get(entity), *texts]
+        changes = [i for i, text in enumerate(texts) if text != before[i]]
+        self._shown[entity] = before[-1]
+        self._send(entity, stamp_ns[changes], rr.StateChange.columns, state=[texts[i] for i in changes])
 
     def further(self, stamp_ns: Stamps, held: Sequence[Sequence[FurtherContact | None]]) -> None:
         """State, label and opacity of the further contacts that hold from each stamp on, in their order; None
@@ -210,7 +204,7 @@ class Canvas:
 
     def scalars(self, entity: str, stamp_ns: Stamps, values: Array) -> None:
         """Values (N, K) of the K series of an entity; nan is a gap."""
-        self._send(entity, stamp_ns, lambda rows: rr.Scalars.columns(scalars=values[rows]))
+        self._send(entity, stamp_ns, rr.Scalars.columns, scalars=values)
 
     def inseparable(self, stamp_ns: Stamps, others: Sequence[Sequence[Contact]]) -> None:
         """The contacts that the motion does not distinguish from the label, from each stamp on."""
@@ -221,7 +215,7 @@ class Canvas:
             greys = [GREY] * len(self._named)
             names = self._named
             self._static(INSEPARABLE, rr.StateConfiguration(values=names, labels=names, colors=greys))
-        self._send(INSEPARABLE, stamp_ns, lambda rows: rr.StateChange.columns(state=texts[rows]))
+        self._texts(INSEPARABLE, stamp_ns, texts)
 
     def centre(self, centre_m: Array) -> None:
         """Set the middle (3,) of the object in the body frame."""
@@ -236,14 +230,9 @@ class Canvas:
             self._static(label, style)
         meshes = [NOTHING if d is None else d.meshes for d in drawings]
         for entity, of_entity in zip(entities, zip(*meshes, strict=True), strict=True):
-            self._send(entity, stamp_ns, partial(_mesh_columns, of_entity))
+            self._send(entity, stamp_ns, _mesh_columns, meshes=of_entity)
         places = [np.zeros((0, 3)) if d is None else d.label_m[None] for d in drawings]
-
-        def columns(rows: slice) -> Columns:
-            found = rr.Points3D.columns(positions=np.concatenate(places[rows]))
-            return found.partition(list(map(len, places[rows])))
-
-        self._send(label, stamp_ns, columns)
+        self._send(label, stamp_ns, _point_columns, places=places)
 
     def fade(
         self,
@@ -263,22 +252,13 @@ class Canvas:
             if entity == entities[2]:
                 alpha = alpha * np.where([contact.value.endswith("-f") for contact in contacts], SHEET, 1.0)
             rgba = np.column_stack([shade, np.round(alpha).astype(np.uint8)])
-            columns = partial(lambda shades, rows: rr.Mesh3D.columns(albedo_factor=shades[rows]), rgba)
-            self._send(entity, stamp_ns, columns)
-        self._send(
-            label,
-            stamp_ns,
-            lambda rows: rr.Points3D.columns(labels=captions[rows], colors=colours[rows]),
-        )
+            self._send(entity, stamp_ns, rr.Mesh3D.columns, albedo_factor=rgba)
+        self._send(label, stamp_ns, rr.Points3D.columns, labels=captions, colors=colours)
 
     def events(self, stamp_ns: Stamps, contacts: Sequence[Contact], texts: Sequence[str]) -> None:
         colours = [COLOUR[contact] for contact in contacts]
         levels = [contact.value for contact in contacts]
-        self._send(
-            EVENTS,
-            stamp_ns,
-            lambda rows: rr.TextLog.columns(text=texts[rows], level=levels[rows], color=colours[rows]),
-        )
+        self._send(EVENTS, stamp_ns, rr.TextLog.columns, text=texts, level=levels, color=colours)
 
     def _lines(self, entity: str, colours: Mapping[str, Colour]) -> None:
         widths = [1.6] * len(colours)
@@ -296,7 +276,14 @@ class Canvas:
         self._recording.set_time(TIMELINE, duration=np.timedelta64(stamp_ns - self._origin_ns, "ns"))
         self._recording.set_time(STAMP, timestamp=np.datetime64(stamp_ns, "ns"))
 
-    def _send(self, entity: str, stamp_ns: Stamps, columns: Callable[[slice], Columns]) -> None:
+    def _send(
+        self,
+        entity: str,
+        stamp_ns: Stamps,
+        columns: Callable[..., Columns],
+        **values: Sequence[Any] | NDArray[Any],
+    ) -> None:
+        """Send ``columns`` of values, one for each stamp."""
         for first in range(0, len(stamp_ns), _ROWS):
             rows = slice(first, first + _ROWS)
             since = (stamp_ns[rows] - self._origin_ns).astype("timedelta64[ns]")
@@ -304,20 +291,21 @@ class Canvas:
                 rr.TimeColumn(TIMELINE, duration=since),
                 rr.TimeColumn(STAMP, timestamp=stamp_ns[rows].astype("datetime64[ns]")),
             ]
-            self._recording.send_columns(entity, times, columns(rows), strict=True)
+            some = columns(**{name: of_name[rows] for name, of_name in values.items()})
+            self._recording.send_columns(entity, times, some, strict=True)
 
 
 def _arc(turn_rad: Array, radius_m: float) -> Array:
     """Points (16, 3) of the path that a rotation vector turns a point at a distance from its axis."""
-    axis = turn_rad / np.linalg.norm(turn_rad)
-    first = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
-    first *= radius_m / np.linalg.norm(first)
-    angle = np.linspace(0.0, float(np.linalg.norm(turn_rad)), 16)[:, None]
-    return np.asarray(np.cos(angle) * first + np.sin(angle) * np.cross(axis, first))
+    angle = float(np.linalg.norm(turn_rad))
+    return radius_m * circle(turn_rad / angle, np.linspace(0.0, angle, 16))
 
 
-def _mesh_columns(all_meshes: Sequence[Mesh], rows: slice) -> Columns:
-    meshes = all_meshes[rows]
+def _point_columns(places: Sequence[Array]) -> Columns:
+    return rr.Points3D.columns(positions=np.concatenate(places)).partition(list(map(len, places)))
+
+
+def _mesh_columns(meshes: Sequence[Mesh]) -> Columns:
     vertices, triangles, normals = (np.concatenate(part) for part in zip(*meshes, strict=True))
     per_vertex, per_triangle = ([len(m[i]) for m in meshes] for i in (0, 1))
     yield from rr.Mesh3D.columns(vertex_positions=vertices, vertex_normals=normals).partition(per_vertex)

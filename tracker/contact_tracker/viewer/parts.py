@@ -12,7 +12,16 @@ from typing import Final, NamedTuple, Self
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from contact_tracker.geometry.elements import Array, ContactGeometry, Element, Line, Plane, Point, flat
+from contact_tracker.geometry.elements import (
+    Array,
+    ContactGeometry,
+    Element,
+    Line,
+    Plane,
+    Point,
+    flat,
+    nearest,
+)
 from contact_tracker.map.elements import KINDS, kind_of
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.map.world_map import GrowingMap
@@ -22,11 +31,13 @@ from contact_tracker.outputs.text import joint_name
 from contact_tracker.tracking.belief import Segment
 from contact_tracker.viewer.scene import (
     EMPTY,
+    FEW,
     LARGEST_M,
     UNKNOWN_EXTENT,
     Extent,
     Mesh,
     across,
+    circle,
     hull,
     patch,
     point,
@@ -89,7 +100,7 @@ class KnownParts:
     Attributes
     ----------
     bodies : the known bodies.
-    object_extent : the size of the object, if it is a known body.
+    object_extent : the size of the object, ``UNKNOWN_EXTENT`` unless it is a known body.
     """
 
     def __init__(self, known_map: Map = EMPTY_MAP, vertices_m: Array | None = None) -> None:
@@ -101,7 +112,7 @@ class KnownParts:
         self.bodies = tuple(
             Part(side, name, mesh, tuple(edges), extent.centre_m) for side, name, mesh, edges, extent in known
         )
-        self.object_extent = next((extent for side, *_, extent in known if side == 0), None)
+        self.object_extent = next((extent for side, *_, extent in known if side == 0), UNKNOWN_EXTENT)
         self._listed: dict[Hashable, tuple[int, str, Element]] = {
             (side, one.name): (side, one.name, one.element)
             for side, known in enumerate((known_map.listed_object, known_map.listed_environment))
@@ -124,9 +135,10 @@ class KnownParts:
 
     def extent(self, world: GrowingMap | None) -> Extent:
         """The size of the object by all that is known of it."""
-        touched = self._elements_of(world)
-        elements = (dict(self._listed) | touched).values()
-        return self.object_extent or _extent([one for side, _, one in elements if side == 0])
+        if self.object_extent is not UNKNOWN_EXTENT:
+            return self.object_extent
+        elements = (self._listed | self._elements_of(world)).values()
+        return _extent([one for side, _, one in elements if side == 0])
 
     def add_poses(self, poses: Poses) -> None:
         """Add poses, of which up to ten per second are kept, and fewer of a long stream."""
@@ -220,7 +232,7 @@ def _bodies(known_map: Map) -> Iterator[tuple[int, str, Array]]:
 
 def _extent(elements: Sequence[Element]) -> Extent:
     """The size of an object of which these elements are known (in the body frame)."""
-    feet = [_foot(one, np.zeros(3)) for one in elements if not _is_open(one)]
+    feet = [nearest(one, np.zeros(3)) for one in elements if not _is_open(one)]
     if len(feet) < 2:
         return UNKNOWN_EXTENT
     centre = 0.5 * (np.min(feet, axis=0) + np.max(feet, axis=0))
@@ -236,23 +248,12 @@ def _is_open(element: Element) -> bool:
     return float(np.sqrt(np.max(np.diag(own)))) > UNKNOWN_EXTENT.radius_m
 
 
-def _foot(element: Element, near_m: Array) -> Array:
-    """The point (3,) of an element nearest to a point."""
-    match element:
-        case Plane(normal, offset_m):
-            return np.asarray(near_m + (offset_m - near_m @ normal) * normal)
-        case Line(direction, point_m):
-            return np.asarray(point_m + direction * (direction @ (near_m - point_m)))
-        case Point(point_m):
-            return point_m
-
-
 def _own(element: Element, near_m: Array, extent: Extent) -> Array:
     """Points (N, 3) about the part of an element within the object's radius of ``near_m``."""
-    foot, radius_m = _foot(element, near_m), extent.radius_m
+    foot, radius_m = nearest(element, near_m), extent.radius_m
     match element:
         case Plane(normal):
-            return foot + radius_m * np.stack([np.cos(_RING), np.sin(_RING)], axis=-1) @ across(normal).T
+            return foot + radius_m * circle(normal, _RING)
         case Line(direction):
             return foot + radius_m * np.array([[-1.0], [1.0]]) * direction
         case Point():
@@ -303,7 +304,7 @@ def _of_element(side: int, name: str, element: Element, touched: Sequence[Array]
             ends = point_m + direction * np.array([[along.min() - margin_m], [along.max() + margin_m]])
             middle = ends.mean(axis=0)
             half_m = 0.5 * float(along.max() - along.min()) + margin_m
-            return Part(side, name, rod(direction, middle, half_m, 0.2 * margin_m), (ends,), middle)
+            return Part(side, name, rod(direction, middle, half_m, 0.2 * margin_m, FEW), (ends,), middle)
         case Point(point_m):
             return Part(side, name, point(side == 0, point_m, 0.5 * margin_m), (), point_m)
 
@@ -325,7 +326,7 @@ def _of_joints(segments: Iterable[Segment], poses: Poses, extent: Extent) -> Ite
             ((joint.object, extent.centre_m), (joint.environment, centre_m))
         ):
             name, placed = joint_name(joint), replace(element, covariance=None)
-            away_m = float(np.linalg.norm(_foot(placed, near_m) - near_m))
+            away_m = float(np.linalg.norm(nearest(placed, near_m) - near_m))
             if away_m > LARGEST_M:
                 yield Part(side, f"{name} ({away_m:.0f} m away)", EMPTY, (), near_m, spans)
             else:

@@ -6,16 +6,17 @@ Uncertainty is the surface at two standard deviations: a pair of bowls about a p
 a line, an ellipsoid about a point.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.geometry.elements import Array, ContactGeometry, Element, Line, Plane, Point
+from contact_tracker.geometry.elements import Array, ContactGeometry, Element, Line, Plane, Point, nearest
 from contact_tracker.motion.poses import Poses
 from contact_tracker.outputs.text import Colour
+from contact_tracker.tracking.belief import Segment
 
 GREY: Final[Colour] = (170, 176, 186)
 OBJECT: Final[Colour] = (244, 240, 228)
@@ -23,14 +24,15 @@ OBJECT: Final[Colour] = (244, 240, 228)
 
 SIGMAS: Final = 2.0
 _ROUND: Final = np.linspace(0.0, 2.0 * np.pi, 36, endpoint=False)
+FEW: Final = _ROUND[::4]
 SQUARE: Final = 0.25 * np.pi + np.linspace(0.0, 2.0 * np.pi, 4, endpoint=False)
 _CORNER: Final = np.sqrt(2.0)
 """From the middle of a square to its corners, by half its side."""
 _ROD: Final = 0.04
 _BAR: Final = 0.05
-_BALL: Final = 0.1
-_CUBE: Final = 0.1
+_VERTEX: Final = 0.1
 _RIM: Final = 0.02
+_NEEDLE: Final = 0.01
 _SPOKES: Final = 3
 _WIDEST: Final = 1.0
 
@@ -46,26 +48,20 @@ class Mesh(NamedTuple):
 EMPTY: Final = Mesh(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint32), np.zeros((0, 3), np.float32))
 
 
-def of_object(element: Element, centre: Array, half_m: float) -> Mesh:
-    """An object's element within ``half_m`` of ``centre``, a point on it; EMPTY where it is not finite."""
+def solid(is_round: bool, element: Element, centre: Array, half_m: float) -> Mesh:
+    """An element, of the object if it ``is_round``, within ``half_m`` of ``centre``, a point on it; EMPTY
+    where it is not finite."""
     match element:
-        case Plane(normal):
+        case Plane(normal) if is_round:
             return _wheel(normal, centre, half_m)
-        case Line(direction):
-            return _mesh(_capped(direction, centre, half_m, _ROD * half_m, _ROUND))
-        case Point():
-            return point(True, centre, _BALL * half_m)
-
-
-def of_surroundings(element: Element, centre: Array, half_m: float) -> Mesh:
-    """An element of the surroundings within ``half_m`` of ``centre``; EMPTY where it is not finite."""
-    match element:
         case Plane(normal):
             return _mesh(_disc(normal, centre, half_m, 2, SQUARE))
+        case Line(direction) if is_round:
+            return rod(direction, centre, half_m, _ROD * half_m)
         case Line(direction):
-            return _faceted(_mesh(_capped(direction, centre, half_m, _BAR * _CORNER * half_m, SQUARE)))
+            return _faceted(rod(direction, centre, half_m, _BAR * _CORNER * half_m, SQUARE))
         case Point():
-            return point(False, centre, _CUBE * half_m)
+            return point(is_round, centre, _VERTEX * half_m)
 
 
 def uncertainty(element: Element, centre: Array, half_m: float, angles: Array = _ROUND) -> Mesh:
@@ -82,10 +78,10 @@ def uncertainty(element: Element, centre: Array, half_m: float, angles: Array = 
             shift = np.minimum(SIGMAS * distance_sd_m(element, disc), widest)[..., None] * normal
             return joined((_mesh(disc + shift), _mesh(disc - shift)))
         case Line(direction):
-            along, across = np.linspace(-half_m, half_m, 7), _across(direction)
+            along, basis = np.linspace(-half_m, half_m, 7), across(direction)
             dd, dp, pp = covariance[:3, :3], covariance[:3, 3:], covariance[3:, 3:]
             spread = pp + along[:, None, None] * (dp + dp.T) + along[:, None, None] ** 2 * dd
-            return _mesh(_tube(direction, centre, along, _root(across.T @ spread @ across, widest), _ROUND))
+            return _mesh(_tube(direction, centre, along, _root(basis.T @ spread @ basis, widest), _ROUND))
         case Point():
             return _mesh(_ball(centre, _root(covariance, widest)))
 
@@ -98,21 +94,18 @@ def distance_sd_m(plane: Plane, points: Array) -> Array:
     return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 
-def needle(direction: Array, centre: Array, half_m: float) -> Mesh:
-    """A thin rod along a direction in which a position is unknown."""
-    return _mesh(_capped(direction, centre, half_m, 0.5 * _RIM * half_m, _ROUND))
-
-
-def rod(direction: Array, centre: Array, half_m: float, radius_m: float) -> Mesh:
-    """A closed rod about the middle ``centre``."""
-    return _mesh(_capped(direction, centre, half_m, radius_m, _ROUND[::4]))
+def rod(direction: Array, centre: Array, half_m: float, radius_m: float, angles: Array = _ROUND) -> Mesh:
+    """A closed rod about the middle ``centre``, with corners at ``angles``."""
+    along = half_m * np.array([-1.0, -1.0, 1.0, 1.0])
+    radii = radius_m * np.array([0.0, 1.0, 1.0, 0.0])
+    return _mesh(_tube(direction, centre, along, radii[:, None, None] * np.eye(2), angles))
 
 
 def point(is_round: bool, centre: Array, radius_m: float) -> Mesh:
     """A ball, or a cube."""
     if is_round:
         return _mesh(_ball(centre, np.eye(3) * radius_m))
-    return _faceted(_mesh(_capped(UP, centre, radius_m, _CORNER * radius_m, SQUARE)))
+    return _faceted(rod(UP, centre, radius_m, _CORNER * radius_m, SQUARE))
 
 
 def patch(rim: Array, normal: Array) -> Mesh:
@@ -122,21 +115,13 @@ def patch(rim: Array, normal: Array) -> Mesh:
     return Mesh(rim.astype(np.float32), np.array(fan, np.uint32), normals.astype(np.float32))
 
 
-def across(axis: Array) -> Array:
-    """Two unit vectors (3, 2) towards the corners of a square across the unit vector ``axis``."""
-    return np.asarray(_across(axis) @ (np.array([[1.0, 1.0], [1.0, -1.0]]) / _CORNER))
-
-
 def _wheel(normal: Array, centre: Array, half_m: float) -> Mesh:
-    basis, thick = _across(normal), _RIM * half_m
-    turn = np.append(_ROUND, _ROUND[:1])
-    out = np.stack([np.cos(turn), np.sin(turn)], axis=-1) @ basis.T
-    around = _ROUND[::4, None]
+    thick, around = _RIM * half_m, FEW[:, None]
+    out = circle(normal, np.append(_ROUND, _ROUND[:1]))
     section = np.cos(around) * out[:, None] + np.sin(around) * normal
     rim = _mesh(centre + (half_m - thick) * out[:, None] + thick * section)
-    angles = np.pi * np.arange(_SPOKES) / _SPOKES
-    ways = np.stack([np.cos(angles), np.sin(angles)], axis=-1) @ basis.T
-    spokes = (_mesh(_capped(way, centre, half_m, 0.5 * thick, _ROUND[::4])) for way in ways)
+    ways = circle(normal, np.pi * np.arange(_SPOKES) / _SPOKES)
+    spokes = (rod(way, centre, half_m, 0.5 * thick, FEW) for way in ways)
     return joined([rim, *spokes])
 
 
@@ -150,23 +135,15 @@ def _root(covariance: Array, widest: float) -> Array:
 
 def _disc(normal: Array, centre: Array, radius_m: float, rings: int, angles: Array) -> Array:
     """Rings (K, M, 3) of a disc about ``centre``, the first of them a point; with four angles a square."""
-    circle = np.stack([np.cos(angles), np.sin(angles)], axis=-1) @ _across(normal).T
-    return centre + np.linspace(0.0, radius_m, rings)[:, None, None] * circle
+    return centre + np.linspace(0.0, radius_m, rings)[:, None, None] * circle(normal, angles)
 
 
 def _tube(direction: Array, centre: Array, along_m: Array, sections: Array, angles: Array) -> Array:
     """Rings (K, M, 3) at ``along_m`` (K,): the unit circle through ``sections`` (K or 1, 2, 2)."""
-    circle = np.stack([np.cos(angles), np.sin(angles)])
-    rings = np.swapaxes(_across(direction) @ sections @ circle, -1, -2)
+    unit_circle = np.stack([np.cos(angles), np.sin(angles)])
+    rings = np.swapaxes(across(direction) @ sections @ unit_circle, -1, -2)
     tube: Array = centre + along_m[:, None, None] * direction + rings
     return tube
-
-
-def _capped(direction: Array, centre: Array, half_m: float, radius_m: float, angles: Array) -> Array:
-    """Rings of a rod that is closed at its ends."""
-    along = half_m * np.array([-1.0, -1.0, 1.0, 1.0])
-    radii = radius_m * np.array([0.0, 1.0, 1.0, 0.0])
-    return _tube(direction, centre, along, radii[:, None, None] * np.eye(2), angles)
 
 
 def _ball(centre: Array, axes: Array) -> Array:
@@ -181,7 +158,12 @@ def _ball(centre: Array, axes: Array) -> Array:
     return ball
 
 
-def _across(axis: Array) -> Array:
+def circle(axis: Array, angles: Array) -> Array:
+    """Points (N, 3) of the unit circle about the unit vector ``axis``."""
+    return np.asarray(np.stack([np.cos(angles), np.sin(angles)], axis=-1) @ across(axis).T)
+
+
+def across(axis: Array) -> Array:
     """Two unit vectors (3, 2) that complete the unit vector ``axis`` to a basis."""
     first = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
     first = first / np.linalg.norm(first)
@@ -244,18 +226,13 @@ UP: Final = np.array([0.0, 0.0, 1.0])
 class Extent:
     """Size of the object: ``centre_m`` (3,) in the body frame, ``radius_m`` around it.
 
-    ``vertices_m`` (V, 3) of its hull in the body frame; without any the extent is an estimate.
+    ``vertices_m`` (V, 3) of its hull in the body frame; without any the extent is an estimate, which is
+    enlarged to reach contacts.
     """
 
     centre_m: Array
     radius_m: float
     vertices_m: Array | None = None
-
-    def reaching(self, distance_m: float) -> "Extent":
-        """The same; an estimated extent is enlarged to reach a contact at ``distance_m`` from the centre."""
-        if self.vertices_m is not None or not self.radius_m < distance_m <= LARGEST_M:
-            return self
-        return replace(self, radius_m=distance_m)
 
 
 UNKNOWN_EXTENT: Final = Extent(np.zeros(3), 0.1)
@@ -327,25 +304,20 @@ def draw(geometry: ContactGeometry, poses: Poses, extent: Extent, up: Array = UP
         reach_m = float(np.median(np.linalg.norm(touching - extent.centre_m, axis=1)))
     else:
         reach_m = float(np.linalg.norm(inner - extent.centre_m))
-    radius_m = extent.reaching(reach_m).radius_m
+    radius_m = extent.radius_m
+    if extent.vertices_m is None and radius_m < reach_m <= LARGEST_M:  # it is an estimate
+        radius_m = reach_m
     half_m = _half_m(geometry.environment, touched, middle, radius_m)
     object_m = _half_m(geometry.object, touching, inner, radius_m)
     object_m *= _WHEEL if isinstance(geometry.object, Plane) else 1.0
+    body, world = geometry.object, geometry.environment
+    spreads = uncertainty(body, inner, object_m), uncertainty(world, middle, half_m, SQUARE)
     if is_open:
-        assert isinstance(geometry.environment, Plane)
-        open_ways = EMPTY, needle(geometry.environment.normal, middle, radius_m)
-    else:
-        open_ways = (
-            uncertainty(geometry.object, inner, object_m),
-            uncertainty(geometry.environment, middle, half_m, SQUARE),
-        )
-    meshes = (
-        of_object(geometry.object, inner, object_m),
-        open_ways[0],
-        of_surroundings(geometry.environment, middle, half_m),
-        open_ways[1],
-    )
-    return Drawing(meshes, _label_position(geometry.environment, middle, half_m, up), is_open)
+        assert isinstance(world, Plane)
+        spreads = EMPTY, rod(world.normal, middle, radius_m, _NEEDLE * radius_m)
+    solids = solid(True, body, inner, object_m), solid(False, world, middle, half_m)
+    meshes = solids[0], spreads[0], solids[1], spreads[1]
+    return Drawing(meshes, _label_position(world, middle, half_m, up), is_open)
 
 
 def side(plane: Plane, points: Array, radius_m: float) -> float:
@@ -399,18 +371,14 @@ def _half_m(element: Element, partner: Array, centre: Array, radius_m: float) ->
 
 def _centre(element: Element, partner: Array) -> Array:
     """The centre of a drawn element, for a ``partner`` at positions (N, 3) in the element's frame."""
-    if not isinstance(element, Plane):
-        return element.point_m
-    middle = partner.mean(axis=0)
-    centre: Array = middle + (element.offset_m - middle @ element.normal) * element.normal
-    return centre
+    return nearest(element, partner.mean(axis=0)) if isinstance(element, Plane) else element.point_m
 
 
 def _label_position(element: Element, centre: Array, half_m: float, up: Array) -> Array:
     """The label's position: a corner of a sheet, an end of a bar, or below a cube."""
     match element:
         case Plane(normal):
-            away: Array = _CORNER_LABEL * across(normal)[:, 0]
+            away = _CORNER_LABEL * circle(normal, SQUARE)[0]
         case Point():
             away = -_CUBE_ABOVE * up
         case _:
@@ -441,12 +409,6 @@ def hull(vertices_m: Array) -> tuple[Mesh, Array, Extent] | None:
     return mesh, lines, Extent(centre, radius, vertices_m)
 
 
-def extent_of(vertices_m: Array | None) -> Extent:
-    """The size of an object by its vertices (V, 3), if they are known and span a solid."""
-    solid = None if vertices_m is None else hull(vertices_m)
-    return UNKNOWN_EXTENT if solid is None else solid[2]
-
-
 _BACK: Final = 3.9
 _ABOVE: Final = 2.2
 """Place of the eye relative to the object, by its radius."""
@@ -468,6 +430,16 @@ class Upward:
     def __init__(self, extent: Extent) -> None:
         self._extent = extent
         self._sum = np.zeros(3)  # of the normals on the object's side, by time (s)
+
+    @classmethod
+    def of(cls, segments: Iterable[Segment], poses: Poses, extent: Extent) -> Self:
+        """By the segments of a whole recording."""
+        found = cls(extent)
+        for one in segments:
+            if one.geometry is not None:
+                within = poses_within(poses, one.start_ns, one.end_ns)
+                found.add(one.geometry, within, one.end_ns - one.start_ns)
+        return found
 
     def add(self, geometry: ContactGeometry, poses: Poses, lasted_ns: int) -> bool:
         """Add a contact of duration ``lasted_ns``; returns whether the direction has changed."""

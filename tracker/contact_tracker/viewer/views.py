@@ -22,7 +22,7 @@ from contact_tracker.outputs.outcome import Outcome
 from contact_tracker.outputs.text import Changes, is_settled, joint_name
 from contact_tracker.paper.window_curves import curves
 from contact_tracker.states import Contact
-from contact_tracker.tracking.belief import Belief, FurtherContact, Segment
+from contact_tracker.tracking.belief import Belief, FurtherContact, Segment, SegmentPart
 from contact_tracker.tracking.informative_motion import InformativeMotion
 from contact_tracker.viewer import canvas
 from contact_tracker.viewer.canvas import Canvas, Stamps, caption, event, further_event
@@ -84,12 +84,8 @@ def _draw(recording: rr.RecordingStream, is_one_of_several: bool, outcome: Outco
     if not len(poses):
         raise NoPoses("there is no pose to show")
     known = KnownParts.of(outcome)
-    extent, whole = known.object_extent or UNKNOWN_EXTENT, known.extent(outcome.touched)
-    upward = Upward(extent)
-    spans = [poses_within(poses, one.start_ns, one.end_ns) for one in outcome.segments]
-    for one, within in zip(outcome.segments, spans, strict=True):
-        if one.geometry is not None:
-            upward.add(one.geometry, within, one.end_ns - one.start_ns)
+    extent, whole = known.object_extent, known.extent(outcome.touched)
+    upward = Upward.of(outcome.segments, poses, extent)
     sheet = Canvas(recording, outcome.origin_ns, extent.radius_m)
     if parts := known.parts(outcome.touched):
         sheet.known(parts)
@@ -101,13 +97,14 @@ def _draw(recording: rr.RecordingStream, is_one_of_several: bool, outcome: Outco
     if len(beliefs):
         sheet.scalars(canvas.P_SMOOTHED, beliefs.stamp_ns, beliefs.probability)
 
-        def drawn(one: Segment | FurtherContact | None, within: Poses) -> Drawing | None:
-            """The drawing of a contact with its poses, if it has a geometry."""
+        def drawn(one: Segment | FurtherContact | None, span: Segment | SegmentPart) -> Drawing | None:
+            """The drawing of a contact during a span, if it has a geometry."""
             if one is None or one.geometry is None:
                 return None
+            within = poses_within(poses, span.start_ns, span.end_ns)
             return draw(one.geometry, within, extent, upward.direction)
 
-        _draw_segments(sheet, outcome, [drawn(*both) for both in zip(outcome.segments, spans, strict=True)])
+        _draw_segments(sheet, outcome, [drawn(one, one) for one in outcome.segments])
         _draw_further(sheet, outcome, drawn)
         _draw_trail(sheet, outcome)
         _draw_motion(sheet, outcome)
@@ -157,18 +154,18 @@ def _draw_segments(sheet: Canvas, outcome: Outcome, drawings: Sequence[Drawing |
 
 
 def _draw_further(
-    sheet: Canvas, outcome: Outcome, drawn: Callable[[FurtherContact | None, Poses], Drawing | None]
+    sheet: Canvas, outcome: Outcome, drawn: Callable[[FurtherContact | None, SegmentPart], Drawing | None]
 ) -> None:
     """Draw, label and plot each further contact from its start to its end, and add its events."""
     segments, origin_ns = outcome.segments, outcome.origin_ns
     parts = [(segment, part) for segment in segments for part in segment.parts]
     starts = np.array([part.start_ns for _, part in parts], np.int64)
-    spans = [poses_within(outcome.trajectory.poses, part.start_ns, part.end_ns) for _, part in parts]
     held = [[one if one in part.further else None for one in segment.further] for segment, part in parts]
     sheet.further(starts, held)
     for number in range(sheet.most_further):
         row = [one[number] if number < len(one) else None for one in held]
-        sheet.drawings(starts, [drawn(*both) for both in zip(row, spans, strict=True)], number + 1)
+        drawings = [drawn(one, part) for one, (_, part) in zip(row, parts, strict=True)]
+        sheet.drawings(starts, drawings, number + 1)
     rows = [
         (stamp_ns, one.contact, further_event(stamp_ns - origin_ns, one, joins))
         for segment in segments
@@ -228,7 +225,7 @@ class LiveViewer:
     ) -> None:
         self._known = KnownParts(known_map, vertices_m)
         self._world: GrowingMap | None = None
-        self._extent = self._known.object_extent or UNKNOWN_EXTENT
+        self._extent = self._known.object_extent
         self._recording = canvas.new_recording()
         self._sheet: Canvas | None = None
         self._origin = origin_ns
@@ -236,7 +233,6 @@ class LiveViewer:
         self._upward = Upward(self._extent)
         self._changes = Changes()
         self._contact: Contact | None = None
-        self._inseparable: tuple[Contact, ...] = ()
         self._is_open = False
         self._waiting: deque[Pose] = deque()
         self._last: Pose | None = None
@@ -285,9 +281,7 @@ class LiveViewer:
         for one, is_new in [*((one, True) for one in joins), *((one, False) for one in leaves)]:
             text = further_event(belief.stamp_ns - self._origin_ns, one, is_new)
             sheet.events(stamp, [one.contact], [text])
-        if belief.inseparable != self._inseparable:
-            self._inseparable = belief.inseparable
-            sheet.inseparable(stamp, [belief.inseparable])
+        sheet.inseparable(stamp, [belief.inseparable])
         if changed or joins or leaves or belief.stamp_ns - self._drawn_ns >= _REDRAW_NS:
             self._draw(sheet, belief, tick)
             self._drawn_ns = belief.stamp_ns

@@ -26,9 +26,7 @@ EXAMPLE: Final = "contact-tracker evaluate recordings/"
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("logs", nargs="+", metavar="LOG", help=arguments.LOGS_HELP)
-    arguments.add_source(parser)
-    arguments.add_model(parser)
-    arguments.add_known(parser)
+    arguments.add_recording(parser, has_interval=False)
     arguments.add_wrench(parser)
     arguments.add_labels(parser, "your own labels of one LOG")
     parser.add_argument("--json", action="store_true", help="one JSON object instead of tables")

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.special import erfcinv, gammaincc
 
 from contact_tracker.errors import NoTruth
-from contact_tracker.geometry.elements import ContactGeometry, Element, Line, Plane, Point
+from contact_tracker.geometry.elements import ContactGeometry, Element, Line, Plane, Point, nearest
 from contact_tracker.geometry.vectors import angle_of_lines, sphere_tangent
 from contact_tracker.ground_truth import Truth, TruthInterval
 from contact_tracker.motion.poses import Poses
@@ -48,17 +48,6 @@ class Deviation(NamedTuple):
 
 
 UNKNOWN: Final = Deviation(float("nan"), 0)
-
-
-def nearest(element: Element, place: Array) -> Array:
-    """The point (3,) of ``element`` nearest to ``place`` (3,)."""
-    match element:
-        case Plane(normal, offset_m):
-            return place - (normal @ place - offset_m) * normal
-        case Line(direction, point_m):
-            return point_m + direction * (direction @ (place - point_m))
-        case Point(point_m):
-            return point_m
 
 
 def distance_m(element: Element, place: Array) -> float:
