@@ -402,6 +402,7 @@ class FilterBank:
         self.log_weight = self.log_prior = np.array([one.log_prior for one in chosen])
         assert self.grid is not None
         begin_ns = self.grid.begin_ns
+        assert begin_ns is not None
         self._begin([one.model for one in chosen], detail)  # the beliefs were reported already
         for _ in range(2):  # also of ticks that were closed early, or empty
             self._update(self.grid.pass_time(begin_ns), detail)
