@@ -55,8 +55,7 @@ def test_the_readme_shows_the_loop_and_where_its_parts_are() -> None:
         targets = re.findall(r"\]\((.*?)\)", places)
         files = [(ROOT / target).read_text(encoding="utf-8") for target in targets]
         for name in re.findall(r"`(\w+)`", names):
-            defined = {"updated_banks": "update"}.get(name, name)
-            assert any(f"def {defined}(" in text for text in files), name
+            assert any(f"def {name}(" in text for text in files), name
             named.add(name)
     called = [one.func for one in ast.walk(ast.parse(shown)) if isinstance(one, ast.Call)]
     calls = {one.id for one in called if isinstance(one, ast.Name)}

@@ -8,7 +8,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from contact_tracker import hmm
-from contact_tracker.hmm import fixed_lag
 from trellis_cases import Case
 
 seeds = st.integers(0, 2**32 - 1)
@@ -107,17 +106,17 @@ def test_lag_histories_are_sums_over_all_paths(lag: int, scale: float) -> None:
     past, log_left = np.zeros((STATES, lag, STATES)), np.log(initial) + np.log(scale)
     for tick in range(TICKS):
         if tick:
-            past = fixed_lag.inherited(past, log_left, np.log(changes[tick]))
+            past = hmm.inherited_past(past, log_left, np.log(changes[tick]))
             log_left = np.logaddexp.reduce(log_left[:, None] + np.log(changes[tick]), axis=0)
         log_left = log_left + np.log(data[tick])
-        past = np.array([fixed_lag.grown(one, state) for state, one in enumerate(past)])
+        past = np.array([hmm.grown_past(one, state) for state, one in enumerate(past)])
         assert past.shape == (STATES, lag, STATES)
-        np.testing.assert_allclose(fixed_lag.mixed(past, log_left), expected[tick], atol=1e-12)
+        np.testing.assert_allclose(hmm.mixed_past(past, log_left), expected[tick], atol=1e-12)
 
 
 def test_histories_of_several_hypotheses_are_extended_at_once() -> None:
     past = np.arange(12.0).reshape(2, 2, 3)
-    grown = fixed_lag.grown(past, 1)
+    grown = hmm.grown_past(past, 1)
     np.testing.assert_array_equal(grown[:, 0], past[:, 1])
     np.testing.assert_array_equal(grown[:, 1], [[0.0, 1.0, 0.0]] * 2)
 
@@ -125,8 +124,8 @@ def test_histories_of_several_hypotheses_are_extended_at_once() -> None:
 @pytest.mark.filterwarnings("error")
 def test_weights_may_differ_by_any_factor() -> None:
     """Hypotheses whose weights underflow do not contribute; without any the history is zero."""
-    np.testing.assert_array_equal(fixed_lag.mixed(np.zeros((0, LAG, STATES)), np.zeros(0)), 0.0)
+    np.testing.assert_array_equal(hmm.mixed_past(np.zeros((0, LAG, STATES)), np.zeros(0)), 0.0)
     past = np.eye(STATES)[:, None]
     log_left, even = np.array([-2000.0, 0.0, -4000.0]), np.zeros((STATES, STATES))
-    np.testing.assert_array_equal(fixed_lag.inherited(past, log_left, even), past[[1, 1, 1]])
-    np.testing.assert_array_equal(fixed_lag.mixed(past, log_left), past[1])
+    np.testing.assert_array_equal(hmm.inherited_past(past, log_left, even), past[[1, 1, 1]])
+    np.testing.assert_array_equal(hmm.mixed_past(past, log_left), past[1])

@@ -13,7 +13,10 @@ from contact_tracker.hmm.forward_filter import (
     ForwardMessage,
     birth_log_weights,
     by_state,
+    grown_past,
+    inherited_past,
     log_sum_exp,
+    mixed_past,
 )
 from contact_tracker.hmm.smoother import OpenTicks
 from contact_tracker.hmm.viterbi_survivors import PathSegment, Survivors
@@ -29,7 +32,10 @@ __all__ = [
     "birth_log_weights",
     "by_state",
     "expect",
+    "grown_past",
+    "inherited_past",
     "log_sum_exp",
+    "mixed_past",
     "smooth",
     "viterbi",
 ]

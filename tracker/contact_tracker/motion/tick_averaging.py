@@ -287,7 +287,7 @@ class TickGrid:
             if not self.goes_on(first_ns):
                 closed += self._pass_to(first_ns, bool(closed) or self._has_closed_early)
                 continue
-            end = int((left.stamp_ns >= self.begin_ns + self.model.tick_ns).argmax())  # closed ticks stay closed
+            end = int((left.stamp_ns >= self.begin_ns + self.model.tick_ns).argmax())  # they stay closed
             closed.append(self._close(left[:end]))
             left = left[end:]
         self.frames = left

@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 
 from contact_tracker import hmm
 from contact_tracker.config.parameters import Model
-from contact_tracker.hmm import fixed_lag
 from contact_tracker.motion.poses import Poses
 from contact_tracker.paper.window_curves import curves
 from contact_tracker.states import STATES
@@ -213,10 +212,10 @@ def filtered(log_density: Array, log_initial: Array, log_transition: Array, lag:
     for now, density in enumerate(log_density):
         if now:
             past, left = (
-                fixed_lag.inherited(past, left, log_transition),
+                hmm.inherited_past(past, left, log_transition),
                 hmm.birth_log_weights(left, log_transition),
             )
-        past = np.stack([fixed_lag.grown(past[s], s) for s in range(states)])
+        past = np.stack([hmm.grown_past(past[s], s) for s in range(states)])
         left = left + density
         left = left - hmm.log_sum_exp(left)
         known = np.einsum("j,jls->ls", np.exp(left), past)
