@@ -1,4 +1,5 @@
 """Viterbi and smoothing of a whole recording with all its hypotheses: what ``hmm`` does tick by tick."""
+
 from collections.abc import Sequence
 from typing import NamedTuple
 
