@@ -42,8 +42,8 @@ Array = NDArray[np.float64]
 DROP_AFTER_S: Final = 1.5
 MARGIN_NATS: Final = 10.0
 """After this much motion trackers this far behind the best are dropped. In 81 recordings (everyday, physics,
-shipped, 27 distorted) no dropped one would have been chosen in the end; with 7 nats labels until then are right
-for 0.001 less of the time. Sooner, filtered noise at rest would decide."""
+shipped, 27 distorted) no dropped one would have been chosen in the end; with 7 nats labels until then are
+right for 0.001 less of the time. Sooner, filtered noise at rest would decide."""
 DECIDED_AFTER_S: Final = 10.0
 """After this much motion the best tracker is chosen, if it is also the best by evidence alone."""
 LONGEST_S: Final = 30.0
