@@ -188,7 +188,7 @@ def _ranks(
         numbers = np.flatnonzero(pattern).tolist()
         if numbers:
             contacts = [first.c, *(found[number].known.c for number in numbers)]
-            ranks.append((frozenset(numbers), count_constraints(motion, contacts)))
+            ranks.append((frozenset(numbers), count_constraints(motion.moved, contacts)))
     return tuple(ranks)
 
 
@@ -256,8 +256,8 @@ def confirm(
     """
     part, before = motion.cut(*run), holding[0].contact.codimension
     if len(holding) > 1:
-        before = count_constraints(part, [other.c for other in holding])
-    constraints = count_constraints(part, [other.c for other in (*holding, one.known)])
+        before = count_constraints(part.moved, [other.c for other in holding])
+    constraints = count_constraints(part.moved, [other.c for other in (*holding, one.known)])
     geometry = segment.geometry_of(one)
     uses_freedom = used_directions(segment.window.cut(*run)) >= DIRECTIONS - constraints
     if geometry is None or constraints <= before or not uses_freedom:

@@ -302,8 +302,8 @@ class TickGrid:
         if self.goes_on(until_ns) or (self.last is None and not has_frames):
             return []
         if has_frames:
-            closed = self.close()
             assert self.begin_ns is not None
+            closed = self.close()
             self.begin_ns, self.number = self.begin_ns + self.model.tick_ns, self.number + 1
             return closed
         return self._pass_to(until_ns, self._has_closed_early)
