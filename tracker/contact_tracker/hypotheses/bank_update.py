@@ -106,11 +106,11 @@ def update_banks(
     """
     if not compiled.in_use():
         return update_reference(banks, tick_input, parameters, scales)
-    from contact_tracker.hypotheses.compiled import calls
+    from contact_tracker.hypotheses.compiled import calls, kernels
 
     left, before = list[Bank](), tick_input.before
     # per contact the words kept, and of the old rows followed by the born ones the rows that these are
-    kept, kept_rows, weighed = calls.kernels.update(
+    kept, kept_rows, weighed = kernels.update(
         calls.models(scales.reach_m),
         [(bank.words, bank.onsets.words) for bank in banks],
         [(begins.rows.words, begins.is_given) for begins in tick_input.proposals],
