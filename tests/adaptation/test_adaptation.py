@@ -12,7 +12,7 @@ from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 import as_values
-from contact_tracker import hmm, segmenting
+from contact_tracker import segmenting
 from contact_tracker.adaptation.candidates import RATE_POSES, candidates, period_for_all_s, with_ticks_for
 from contact_tracker.adaptation.filter_bank import (
     LASTING_TICKS,
@@ -41,6 +41,7 @@ from contact_tracker.tracking.offline_smoother import segment
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.tracking.transition_model import log_initial, tick_transitions
 from contact_tracker_lab.calibration.recorded_pass import RecordedPass
+from contact_tracker_lab.calibration.trellis import smooth
 from contact_tracker_lab.evaluation.evaluate import evaluate
 from contact_tracker_lab.simulate import simulate
 from distortions import interpolated, low_pass, moving_average, thinned, turned
@@ -208,7 +209,7 @@ def test_evidence_is_that_of_all_paths() -> None:
     for last in forward(recorded(EDGE_TO_EDGES).poses[:700], MODEL):
         whole.note(last)
     steps = np.array([tick_transitions(MODEL, exposed).log_transition for exposed in whole.exposure])
-    _, expected = hmm.smooth(whole.trellis, log_initial(MODEL), steps)
+    _, expected = smooth(whole.trellis, log_initial(MODEL), steps)
     assert last.state.log_evidence == pytest.approx(expected, abs=0.05)
 
 

@@ -101,8 +101,8 @@ def test_constraints_are_counted_once(contact: Contact, seed: int) -> None:
     window, x = kept(contact, seed)
     motion = ConditionalMotion.of(window, SCALES)
     c = coefficients(CONTACT_MODELS[contact.column], x)
-    assert count_constraints(motion, [c]) == contact.codimension
-    assert count_constraints(motion, [c, c]) == contact.codimension
+    assert count_constraints(motion.moved, [c]) == contact.codimension
+    assert count_constraints(motion.moved, [c, c]) == contact.codimension
 
 
 @pytest.mark.parametrize("contact", CONTACTS)

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from contact_tracker import hmm
-from contact_tracker.hmm import fixed_lag
+from contact_tracker_lab.calibration.trellis import Trellis, expect, smooth, viterbi
 from trellis_cases import Case
 
 seeds = st.integers(0, 2**32 - 1)
@@ -22,7 +22,7 @@ def test_posterior_changes_evidence_and_path_are_those_of_all_paths(seed, scale)
     case = Case(seed)
     case.value *= scale
     paths = case.paths()
-    posterior, changes, log_evidence = hmm.expect(case.trellis, *case.model)
+    posterior, changes, log_evidence = expect(case.trellis, *case.model)
     weights = np.array([weight for weight, _ in paths])
     assert log_evidence == pytest.approx(np.logaddexp.reduce(weights), rel=1e-12, abs=1e-9)
     expected, expected_changes = np.zeros((case.ticks, case.states)), np.zeros_like(changes)
@@ -34,20 +34,20 @@ def test_posterior_changes_evidence_and_path_are_those_of_all_paths(seed, scale)
     np.testing.assert_allclose(posterior, expected, atol=1e-9)
     np.testing.assert_allclose(posterior.sum(axis=1), 1.0)
     np.testing.assert_allclose(changes, expected_changes, atol=1e-9)
-    smoothed, same_evidence = hmm.smooth(case.trellis, *case.model)
+    smoothed, same_evidence = smooth(case.trellis, *case.model)
     np.testing.assert_array_equal(smoothed, posterior)
     assert same_evidence == log_evidence
     weight, segments = max(paths)
     assert np.isfinite(weight)
-    assert hmm.viterbi(case.trellis, *case.model) == segments
+    assert viterbi(case.trellis, *case.model) == segments
 
 
 def test_weights_of_a_long_recording_neither_overflow_nor_underflow():
     """Probabilities remain normalised in spite of rounding."""
     case = Case(3, sizes=((3, 6),))
-    unshifted, unshifted_changes, _ = hmm.expect(case.trellis, *case.model)
+    unshifted, unshifted_changes, _ = expect(case.trellis, *case.model)
     case.value -= 1e9 * (np.arange(case.ticks + 1) - case.onset[:, None])
-    posterior, changes, log_evidence = hmm.expect(case.trellis, *case.model)
+    posterior, changes, log_evidence = expect(case.trellis, *case.model)
     assert np.isfinite(log_evidence)
     np.testing.assert_allclose(posterior.sum(axis=1), 1.0, rtol=1e-12)
     np.testing.assert_allclose(posterior, unshifted, atol=1e-5)
@@ -56,24 +56,21 @@ def test_weights_of_a_long_recording_neither_overflow_nor_underflow():
 
 def test_hypotheses_absent_at_their_onset_have_no_origin():
     """The first hypothesis has the highest likelihood, but first appears a tick after its onset."""
-    trellis = hmm.Trellis(
+    trellis = Trellis(
         np.array([0, 1, 1]),
         np.array([0, 0, 1]),
         [np.array([1]), np.array([0, 1, 2])],
         [np.zeros(1), np.array([50.0, 0.0, 0.0])],
     )
     even = np.log(np.full((2, 2, 2), 0.5))
-    assert all(h for h, *_ in hmm.viterbi(trellis, even[0, 0], even))
-    posterior, _ = hmm.smooth(trellis, even[0, 0], even)
+    assert all(h for h, *_ in viterbi(trellis, even[0, 0], even))
+    posterior, _ = smooth(trellis, even[0, 0], even)
     np.testing.assert_allclose(posterior, [[0.0, 1.0]] * 2)
 
 
 def test_log_sum_exp_of_impossible_states_is_minus_infinity():
     table = np.array([[-np.inf, -np.inf], [1000.0, 1000.0], [-1000.0, -np.inf]])
     np.testing.assert_allclose(hmm.log_sum_exp(table), [-np.inf, 1000.0 + np.log(2.0), -1000.0])
-    np.testing.assert_array_equal(hmm.by_state(np.zeros(0), np.zeros(0, np.int64), 3), np.full(3, -np.inf))
-    best = hmm.by_state(np.array([1.0, 2.0, 0.5]), np.array([0, 0, 2]), 3, best=True)
-    np.testing.assert_array_equal(best, [2.0, -np.inf, 0.5])
 
 
 # --- fixed lag: lag histories of hypotheses against enumeration of all paths of the chain ---
@@ -107,17 +104,17 @@ def test_lag_histories_are_sums_over_all_paths(lag: int, scale: float) -> None:
     past, log_left = np.zeros((STATES, lag, STATES)), np.log(initial) + np.log(scale)
     for tick in range(TICKS):
         if tick:
-            past = fixed_lag.inherited(past, log_left, np.log(changes[tick]))
+            past = hmm.inherited_past(past, log_left, np.log(changes[tick]))
             log_left = np.logaddexp.reduce(log_left[:, None] + np.log(changes[tick]), axis=0)
         log_left = log_left + np.log(data[tick])
-        past = np.array([fixed_lag.grown(one, state) for state, one in enumerate(past)])
+        past = np.array([hmm.grown_past(one, state) for state, one in enumerate(past)])
         assert past.shape == (STATES, lag, STATES)
-        np.testing.assert_allclose(fixed_lag.mixed(past, log_left), expected[tick], atol=1e-12)
+        np.testing.assert_allclose(hmm.mixed_past(past, log_left), expected[tick], atol=1e-12)
 
 
 def test_histories_of_several_hypotheses_are_extended_at_once() -> None:
     past = np.arange(12.0).reshape(2, 2, 3)
-    grown = fixed_lag.grown(past, 1)
+    grown = hmm.grown_past(past, 1)
     np.testing.assert_array_equal(grown[:, 0], past[:, 1])
     np.testing.assert_array_equal(grown[:, 1], [[0.0, 1.0, 0.0]] * 2)
 
@@ -125,8 +122,8 @@ def test_histories_of_several_hypotheses_are_extended_at_once() -> None:
 @pytest.mark.filterwarnings("error")
 def test_weights_may_differ_by_any_factor() -> None:
     """Hypotheses whose weights underflow do not contribute; without any the history is zero."""
-    np.testing.assert_array_equal(fixed_lag.mixed(np.zeros((0, LAG, STATES)), np.zeros(0)), 0.0)
+    np.testing.assert_array_equal(hmm.mixed_past(np.zeros((0, LAG, STATES)), np.zeros(0)), 0.0)
     past = np.eye(STATES)[:, None]
     log_left, even = np.array([-2000.0, 0.0, -4000.0]), np.zeros((STATES, STATES))
-    np.testing.assert_array_equal(fixed_lag.inherited(past, log_left, even), past[[1, 1, 1]])
-    np.testing.assert_array_equal(fixed_lag.mixed(past, log_left), past[1])
+    np.testing.assert_array_equal(hmm.inherited_past(past, log_left, even), past[[1, 1, 1]])
+    np.testing.assert_array_equal(hmm.mixed_past(past, log_left), past[1])

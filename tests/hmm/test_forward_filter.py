@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from contact_tracker import hmm
 from contact_tracker.hmm.forward_filter import ForwardFilter, ForwardMessage
 from contact_tracker.hmm.smoother import OpenTicks
+from contact_tracker_lab.calibration.trellis import Trellis, smooth, viterbi
 from trellis_cases import Case
 
 TOLERANCE = 1e-6
@@ -35,10 +36,10 @@ def run(trellis, log_initial, log_transition, every, tolerance=TOLERANCE):
 
 
 def whole(trellis, log_initial, log_transition):
-    path = hmm.viterbi(trellis, log_initial, log_transition)
-    return [(int(trellis.state[h]), a, b) for h, a, b in path], hmm.smooth(
-        trellis, log_initial, log_transition
-    )[0]
+    path = viterbi(trellis, log_initial, log_transition)
+    return [(int(trellis.state[h]), a, b) for h, a, b in path], smooth(trellis, log_initial, log_transition)[
+        0
+    ]
 
 
 @settings(max_examples=30, deadline=None)
@@ -60,7 +61,7 @@ def test_a_hypothesis_that_fell_back_beyond_all_floats_may_still_win():
     state, onset = np.array([0, 0, 1, 1, 1, 1]), np.array([0, 2, 0, 1, 2, 3])
     alive = [np.array(rows) for rows in ([0, 2], [0, 3], [0, 1, 4], [0, 1, 5])]
     log_likelihood = [np.array(values) for values in ([0.0, 0.0], [0.0, 0.0], [-2e3, 0.0, 0.0])]
-    trellis = hmm.Trellis(state, onset, alive, [*log_likelihood, np.array([0.0, -4e3, -4e3])])
+    trellis = Trellis(state, onset, alive, [*log_likelihood, np.array([0.0, -4e3, -4e3])])
     even = np.full(2, np.log(0.5)), np.full((4, 2, 2), np.log(0.5))
     expected_path, expected = whole(trellis, *even)
     assert expected_path == [(0, 0, 4)]
@@ -91,7 +92,7 @@ def test_decided_ticks_are_those_that_no_later_data_can_change(checked, seed):
             alive=[*trellis.alive[: cut - 1], np.array([h])],
             log_likelihood=[*trellis.log_likelihood[: cut - 1], likelihood],
         )
-        seen.append(hmm.smooth(alone, initial, change[:cut])[0])
+        seen.append(smooth(alone, initial, change[:cut])[0])
     spread = np.ptp(seen, axis=0).max(axis=1)
     for tolerance in (TOLERANCE, *(spread + 1e-9), *np.maximum(spread - 1e-9, 0.0)):
         with pytest.MonkeyPatch.context() as patch:
@@ -264,13 +265,13 @@ def test_onsets_keep_their_rows_in_the_smoother(alive_onsets, drop_at, dropped):
         past.append(forward.advance(state, onset, value[state, onset, tick + 1], change[tick]))
         if tick == drop_at:  # earlier ticks are released
             past.drop(dropped)
-    trellis = hmm.Trellis(
+    trellis = Trellis(
         np.repeat([0, 1], ticks),
         np.tile(np.arange(ticks), 2),
         alive,
         [value.reshape(-1, ticks + 1)[rows, tick + 1] for tick, rows in enumerate(alive)],
     )
-    expected = hmm.smooth(trellis, initial, change)[0][dropped:]
+    expected = smooth(trellis, initial, change)[0][dropped:]
     np.testing.assert_allclose(past.posterior(forward.frontier), expected, atol=1e-9)
 
 

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker import hmm
 from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import Model, TransitionCounts
 from contact_tracker.states import STATES
 from contact_tracker.tracking.transition_model import FREE, log_initial, tick_transitions
+from contact_tracker_lab.calibration.trellis import Trellis
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -53,7 +53,7 @@ def walk(model: Model, exposure: Array, rng: np.random.Generator) -> Ints:
 
 def noisy_trellis(
     state: Ints, model: Model, exposure: Array, rng: np.random.Generator, blur: float
-) -> hmm.Trellis:
+) -> Trellis:
     """The trellis of a forward pass with noisy observations of the states, without pruning.
 
     It includes the probability of staying, as in the tracker; a contact has a hypothesis per onset, free
@@ -74,4 +74,4 @@ def noisy_trellis(
         survival = np.where(i == FREE, 0.0, stay[b, i] - stay[a + 1, i])
         alive.append(here)
         value.append(evidence[b, i] - evidence[a, i] + survival)
-    return hmm.Trellis(states, onset, alive, value)
+    return Trellis(states, onset, alive, value)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from contact_tracker import hmm
+from contact_tracker_lab.calibration.trellis import Trellis
 
 SIZES = ((2, 6), (3, 6), (4, 5), (7, 4))  # numbers of states and ticks with few enough paths
 
@@ -38,7 +38,7 @@ class Case:
         boundaries = range(1, self.ticks + 1)
         alive = [np.flatnonzero((self.onset < b) & (b <= self.last)) for b in boundaries]
         likelihood = [self.value[a, b] for a, b in zip(alive, boundaries, strict=True)]
-        return hmm.Trellis(self.state, self.onset, alive, likelihood)
+        return Trellis(self.state, self.onset, alive, likelihood)
 
     @property
     def model(self):

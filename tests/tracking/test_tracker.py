@@ -103,7 +103,7 @@ def test_free_motion_begins_where_it_was_first_reported_also_across_a_long_gap()
 
 @pytest.mark.parametrize("lag", [0, 3])
 def test_the_filter_equals_the_smoother_with_as_much_future_as_its_lag(monkeypatch, lag):
-    """The recursion of the tracker against ``hmm.smooth`` of the same hypotheses, after each tick."""
+    """The recursion of the tracker against ``smooth`` of the same hypotheses, after each tick."""
     monkeypatch.setattr(ambiguity, "freedom_of", lambda *_, **__: ambiguity.Freedom(False, False))
     monkeypatch.setattr(ambiguity, "with_rivals", lambda probability, *_: probability)
     monkeypatch.setattr(ambiguity, "others_at_rest", lambda *_: ())

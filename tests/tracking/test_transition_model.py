@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from contact_tracker import hmm
 from contact_tracker.config import preset_names
 from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import TransitionCounts
@@ -19,6 +18,7 @@ from contact_tracker.tracking.transition_model import (
     log_initial,
     tick_transitions,
 )
+from contact_tracker_lab.calibration.trellis import Trellis, smooth
 
 NOTHING = TransitionCounts((0.0,) * 7, (0.0,) * 7, ((0.0,) * 7,) * 7)
 MODEL = replace(load_model(), transitions=replace(load_model().transitions, counts=NOTHING))
@@ -132,8 +132,8 @@ def test_without_data_the_chain_is_a_distribution_that_changes_at_its_rate(tick_
     stays = [
         np.array([stay[onset[h] + 1 : b, state[h]].sum() for h in a]) for b, a in enumerate(alive, start=1)
     ]
-    trellis = hmm.Trellis(state, onset, alive, stays)
-    posterior, log_evidence = hmm.smooth(trellis, log_initial(model), change)
+    trellis = Trellis(state, onset, alive, stays)
+    posterior, log_evidence = smooth(trellis, log_initial(model), change)
     assert log_evidence == pytest.approx(0.0, abs=1e-12)
     assert np.isfinite(change[exposures > 0.0]).all(), "no observation makes a change impossible"
     expected = [np.exp(log_initial(model))]

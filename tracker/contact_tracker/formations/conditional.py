@@ -24,6 +24,7 @@ SAME_ROW: Final = 0.05
 JITTER: Final = 1e-9
 TINY: Final = 1e-30
 _MOVES: Final = lifted_pose.perturbations()
+_LEVER: Final = np.repeat([1.0, LEVER_M], 3)
 
 
 @cache
@@ -54,8 +55,7 @@ class ConditionalMotion:
     Parameters
     ----------
     new : (W, 25) lifted poses; of correlated errors only the innovation (T34).
-    moved : (W, 6, 25) their derivatives by rotation about the body's axes and translation along the
-        world's.
+    moved : (W, 6, 25) their derivatives, see ``perturbed``.
     noise_sd : (W, 6) measurement noise of a tick in these directions (rad, m).
     excess_sd : (W, 6) unpredictable part of the motion in these directions (rad, m).
     free : (W, 6, 6) factors F: motion that keeps the contacts has the covariance F F^T in a tick.
@@ -71,12 +71,10 @@ class ConditionalMotion:
     def of(cls, window: Window, scales: EvidenceParameters) -> Self:
         """Ticks in which no contact is kept."""
         zeta, new = window.zeta, scales.innovations(window.zeta, window.before)
-        moved = (zeta @ _MOVES.reshape(-1, lifted_pose.SIZE).T).reshape(len(zeta), 6, lifted_pose.SIZE)
         excess_sd = np.sqrt(window.innovation_excess[:, lifted_pose.NOISE_OF_PERTURBATION])
         free = excess_sd[:, :, None] * np.eye(6)
-        return cls(
-            new, moved, np.sqrt(window.variance[:, lifted_pose.NOISE_OF_PERTURBATION]), excess_sd, free
-        )
+        noise_sd = np.sqrt(window.variance[:, lifted_pose.NOISE_OF_PERTURBATION])
+        return cls(new, perturbed(zeta), noise_sd, excess_sd, free)
 
     def keeping(self, c: Array, first: int = 0, end: int | None = None) -> "ConditionalMotion":
         """The same motion, with the constraints c (K, 25) kept in ticks ``first`` to ``end`` (excluded),
@@ -119,9 +117,16 @@ class ConditionalMotion:
         return ConditionalEvidence(gain - misfit, gain, np.square(residual).mean(axis=1))
 
 
-def count_constraints(motion: ConditionalMotion, contacts: Sequence[Array]) -> int:
-    """Number of independent constraints that contacts c (K, 25) impose together, in the median tick."""
-    rows = motion.gradients(np.concatenate(contacts)) * np.repeat([1.0, LEVER_M], 3)
+def perturbed(zeta: Array) -> Array:
+    """Derivatives (W, 6, 25) of lifted poses (W, 25) by rotation about the body's axes and translation along
+    the world's."""
+    return (zeta @ _MOVES.reshape(-1, lifted_pose.SIZE).T).reshape(len(zeta), 6, lifted_pose.SIZE)
+
+
+def count_constraints(moved: Array, contacts: Sequence[Array]) -> int:
+    """Number of independent constraints that contacts c (K, 25) impose together, in the median of ticks with
+    these derivatives (W, 6, 25), see ``perturbed``."""
+    rows = np.swapaxes(moved @ np.concatenate(contacts).T, 1, 2) * _LEVER
     rows /= np.linalg.norm(rows, axis=2, keepdims=True) + TINY
     rising = np.sort((np.linalg.svd(rows, compute_uv=False) > SAME_ROW).sum(axis=1))
     return int(rising[(len(rising) - 1) // 2] + rising[len(rising) // 2]) // 2  # faster than ``np.median``

@@ -1,7 +1,8 @@
 """Further contacts in the ticks of a segment whose first contact is known (docs/theory.md, section 18)."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -55,7 +56,8 @@ MAX_RMS: Final = 1.5
 """Greatest RMS of whitened residuals of a contact's elements."""
 
 
-class KnownContact(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class KnownContact:
     """A contact and the parameters x (S,) of its elements."""
 
     contact: Contact
@@ -66,7 +68,7 @@ class KnownContact(NamedTuple):
         """Its model."""
         return CONTACT_MODELS[self.contact.column]
 
-    @property
+    @cached_property
     def c(self) -> Array:
         """Coefficients (K, 25) of its constraints."""
         return coefficients(self.model, self.x)
@@ -186,7 +188,7 @@ def _ranks(
         numbers = np.flatnonzero(pattern).tolist()
         if numbers:
             contacts = [first.c, *(found[number].known.c for number in numbers)]
-            ranks.append((frozenset(numbers), count_constraints(motion, contacts)))
+            ranks.append((frozenset(numbers), count_constraints(motion.moved, contacts)))
     return tuple(ranks)
 
 
@@ -254,8 +256,8 @@ def confirm(
     """
     part, before = motion.cut(*run), holding[0].contact.codimension
     if len(holding) > 1:
-        before = count_constraints(part, [other.c for other in holding])
-    constraints = count_constraints(part, [other.c for other in (*holding, one.known)])
+        before = count_constraints(part.moved, [other.c for other in holding])
+    constraints = count_constraints(part.moved, [other.c for other in (*holding, one.known)])
     geometry = segment.geometry_of(one)
     uses_freedom = used_directions(segment.window.cut(*run)) >= DIRECTIONS - constraints
     if geometry is None or constraints <= before or not uses_freedom:

@@ -11,7 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.formations.conditional import ConditionalMotion, Presence, Run, count_constraints
+from contact_tracker.formations.conditional import (
+    ConditionalMotion,
+    Presence,
+    Run,
+    count_constraints,
+    perturbed,
+)
 from contact_tracker.formations.further import (
     MAX_FURTHER,
     SURE_NATS,
@@ -98,7 +104,7 @@ EMPTY_FORMATION: Final = FormationState()
 def advance(state: FormationState, ticks: FormationTicks, first: KnownContact) -> FormationState:
     """The state after the newest of ``ticks``, in all of which the ``first`` contact holds."""
     window = ticks.window
-    state = _with_first(state, first, ConditionalMotion.of(window.cut(-1), ticks.scales))
+    state = _with_first(state, first, perturbed(window.zeta[-1:]))
     state = state._replace(ticks_since_search=state.ticks_since_search + float(window.motion_ratio[-1]))
     searches = bool(state.queue) or state.ticks_since_search >= state.search_interval
     if not state.tracked and not searches:
@@ -132,9 +138,8 @@ def _count(tracked: Sequence[TrackedContact], motion: ConditionalMotion, first: 
     """Constraints of the first contact and the further ones present now on the latest ticks."""
     present = [one.elements.c for one in tracked if one.is_present]
     if not present:
-        return first.model.contact.codimension
-    last = motion.cut(max(len(motion) - COUNTED_TICKS, 0), len(motion))
-    return count_constraints(last, [first.c, *present])
+        return first.contact.codimension
+    return count_constraints(motion.moved[-COUNTED_TICKS:], [first.c, *present])
 
 
 def suspend(state: FormationState) -> FormationState:
@@ -143,19 +148,16 @@ def suspend(state: FormationState) -> FormationState:
     return state._replace(tracked=tracked, queue=(), proposals=(), is_open=False, reclassified=-1)
 
 
-def _with_first(state: FormationState, first: KnownContact, newest: ConditionalMotion) -> FormationState:
-    """The state for this first contact; if it has changed in the ``newest`` tick, known contacts become
-    remembered elements."""
-    before = state.first
-    if before is None or (before.contact is first.contact and _is_same(newest, before, first)):
+def _with_first(state: FormationState, first: KnownContact, newest: Array) -> FormationState:
+    """The state for this first contact; if it constrains the ``newest`` tick (1, 6, 25) otherwise than the
+    one before, known contacts become remembered elements."""
+    before, codimension = state.first, first.contact.codimension
+    if before is None or (
+        before.contact is first.contact and count_constraints(newest, [before.c, first.c]) == codimension
+    ):
         return state._replace(first=first)
     known = [before, *(one.elements for one in state.tracked), *state.remembered]
     return FormationState(first, remembered=tuple(known[:MAX_REMEMBERED]), search_interval=0.0)
-
-
-def _is_same(newest: ConditionalMotion, one: KnownContact, other: KnownContact) -> bool:
-    """Whether two contacts of one kind constrain the newest tick alike."""
-    return count_constraints(newest, [one.c, other.c]) == one.model.contact.codimension
 
 
 def _evaluated(
@@ -272,7 +274,7 @@ def _reclassify(state: FormationState, ticks: FormationTicks, first: KnownContac
         best = refined
         one = one._replace(elements=best.known, geometry=geometry)
     present = [first.c, *(other.elements.c for other in others if other.is_present)]
-    part = motion.cut(*run)
+    part = motion.moved[slice(*run)]
     new = count_constraints(part, [*present, best.known.c]) - count_constraints(part, present)
     tracked = list(state.tracked)
     tracked[state.reclassified] = one._replace(

@@ -6,14 +6,15 @@ State i is left for j at boundary b with ``log_transition[b, i, j]``; staying co
 to the likelihood (docs/theory.md, T20).
 """
 
-from contact_tracker.hmm.batch import Trellis, expect, smooth, viterbi
 from contact_tracker.hmm.forward_filter import (
     FilterFrontier,
     ForwardFilter,
     ForwardMessage,
     birth_log_weights,
-    by_state,
+    grown_past,
+    inherited_past,
     log_sum_exp,
+    mixed_past,
 )
 from contact_tracker.hmm.smoother import OpenTicks
 from contact_tracker.hmm.viterbi_survivors import PathSegment, Survivors
@@ -25,11 +26,9 @@ __all__ = [
     "OpenTicks",
     "PathSegment",
     "Survivors",
-    "Trellis",
     "birth_log_weights",
-    "by_state",
-    "expect",
+    "grown_past",
+    "inherited_past",
     "log_sum_exp",
-    "smooth",
-    "viterbi",
+    "mixed_past",
 ]

@@ -3,6 +3,10 @@
 A *beginning* is an onset in a state. All hypotheses with the same beginning share their past. Later data
 cannot change the posterior of the past given a beginning; they only choose among the beginnings that are
 still active. So past ticks can be decided before the end of the stream (``smoother``, ``viterbi_survivors``).
+
+For the posterior of the state L ticks ago each hypothesis carries its *past*: the probabilities of the states
+at the last L ticks, given that it holds. A new one inherits the mixture of the pasts of its possible
+predecessors (docs/theory.md).
 """
 
 from typing import Final, NamedTuple
@@ -19,16 +23,36 @@ def log_sum_exp(values: Array, axis: int = -1) -> Array:
     return np.asarray(np.logaddexp.reduce(values, axis=axis))
 
 
-def by_state(values: Array, state: Index, states: int, best: bool = False) -> Array:
-    """Log-sum (or maximum) of ``values`` (H,) over the hypotheses of each state, (states,)."""
-    table = np.full((states, len(values)), -np.inf)
-    table[state, np.arange(len(values))] = values
-    return np.asarray(table.max(axis=1, initial=-np.inf)) if best else log_sum_exp(table)
-
-
 def birth_log_weights(log_left: Array, log_transition: Array) -> Array:
     """Log birth weight (states,) of each state, from the log weights with which states are left."""
     return log_sum_exp(log_left[:, None] + log_transition, axis=0)
+
+
+def inherited_past(past: Array, log_left: Array, log_transition: Array) -> Array:
+    """Past (N, L, N) of births in each state, from the pasts ``past`` (N, L, N) of the states that are
+    left."""
+    if not past.shape[1]:
+        return past
+    log_weight = log_left[:, None] + log_transition
+    weight = np.exp(log_weight - log_weight.max(axis=0))
+    return np.asarray(np.einsum("ij,ils->jls", weight / weight.sum(axis=0), past))
+
+
+def grown_past(past: Array, state: int) -> Array:
+    """Pasts (..., L, N) extended by a tick in ``state``."""
+    if not past.shape[-2]:
+        return past
+    now = np.zeros((*past.shape[:-2], 1, past.shape[-1]))
+    now[..., state] = 1.0
+    return np.concatenate([past[..., 1:, :], now], axis=-2)
+
+
+def mixed_past(past: Array, log_weight: Array) -> Array:
+    """Mean past (L, N) of hypotheses' pasts (H, L, N), weighted by log weights (H,); zero without any."""
+    if not past.size:
+        return np.zeros(past.shape[1:])
+    weight = np.exp(log_weight - log_weight.max())
+    return np.asarray(np.einsum("h,hls->ls", weight / weight.sum(), past))
 
 
 NEGLIGIBLE: Final = 1e-14

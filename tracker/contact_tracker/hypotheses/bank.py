@@ -161,7 +161,7 @@ class Bank(Table):
     ----------
     onsets : the onsets of all hypotheses, possibly more. Their columns (``weight``, ``effective_ticks``,
         ``second_moment``, ...) can be read per hypothesis as well, with shape (H, ...).
-    lag_history : (H, L, 7) states at the last L ticks (see ``hmm.fixed_lag``); L is 0 without lag.
+    lag_history : (H, L, 7) states at the last L ticks (see ``hmm.forward_filter``); L is 0 without lag.
 
     Columns
     -------

@@ -9,6 +9,7 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker.config.parameters import Model
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.hypotheses import compiled
 from contact_tracker.hypotheses.bank import Bank, Onsets, blank
@@ -84,16 +85,15 @@ class TickWeights(NamedTuple):
     live_hypotheses: LiveHypotheses
 
 
-def update(
+def update_banks(
     banks: Sequence[Bank],
     tick_input: TickInput,
-    extra_variance: Sequence[tuple[float, float]],
+    parameters: Model,
     scales: EvidenceParameters,
-    margin: float,
 ) -> tuple[list[Bank], TickWeights]:
     """Update the banks by a tick: add births and data, refit, weigh, search and prune.
 
-    A hypothesis is pruned if it is more than ``margin`` nats behind the best of all (free motion included)
+    A hypothesis is pruned if it is more than ``margin_nats`` behind the best of all (free motion included)
     right after its contact has searched; before a search it may only have lost its minimum. Hypotheses that
     are far behind (see ``schedule``) accumulate moments and are refitted only when a search is due.
 
@@ -101,16 +101,31 @@ def update(
     ----------
     banks : of each contact.
     tick_input : the tick.
-    extra_variance : of each contact, noise variance (m^2, rad^2) beyond that of the window.
+    parameters : have the margin, and the noise variance of each contact beyond that of the window.
     scales : parameters of the evidence.
-    margin : nats, see above.
     """
     if not compiled.in_use():
-        return update_reference(banks, tick_input, extra_variance, scales, margin)
-    from contact_tracker.hypotheses.compiled import calls
+        return update_reference(banks, tick_input, parameters, scales)
+    from contact_tracker.hypotheses.compiled import calls, kernels
 
-    left = list[Bank]()
-    kept, kept_rows, weighed = calls.update(banks, tick_input, extra_variance, scales, margin)
+    left, before = list[Bank](), tick_input.before
+    # per contact the words kept, and of the old rows followed by the born ones the rows that these are
+    kept, kept_rows, weighed = kernels.update(
+        calls.models(scales.reach_m),
+        [(bank.words, bank.onsets.words) for bank in banks],
+        [(begins.rows.words, begins.is_given) for begins in tick_input.proposals],
+        tick_input.turn,
+        tick_input.onset,
+        tick_input.onset_ns,
+        tick_input.number,
+        tick_input.log_birth_weight,
+        calls.ticks_of(tick_input.window),
+        calls.ticks_of(before) if before.index.size else None,
+        tick_input.log_survival,
+        parameters.noise.extra_contact_variance,
+        calls.weights_of(scales),
+        parameters.search.margin_nats,
+    )
     for column, (bank, (words, since), rows) in enumerate(zip(banks, kept, kept_rows, strict=True)):
         past = bank.lag_history
         if past.shape[1]:
@@ -124,12 +139,11 @@ def update(
 def update_reference(
     banks: Sequence[Bank],
     tick_input: TickInput,
-    extra_variance: Sequence[tuple[float, float]],
+    parameters: Model,
     scales: EvidenceParameters,
-    margin: float,
 ) -> tuple[list[Bank], TickWeights]:
-    """``update`` in numpy: the reference of the compiled kernels."""
-    now, window = tick_input.onset, tick_input.window
+    """``update_banks`` in numpy: the reference of the compiled kernels."""
+    now, window, extra_variance = tick_input.onset, tick_input.window, parameters.noise.extra_contact_variance
     updated, oldest = [], tick_input.before.expired_by(window)
     for column, (bank, model) in enumerate(zip(banks, CONTACT_MODELS, strict=True)):
         settled = marginalise_expired_ticks(bank, model, oldest.with_error(extra_variance[column]), scales)
@@ -138,7 +152,7 @@ def update_reference(
     free = float(tick_input.log_birth_weight[-1])
     best = max(free, *(bank.best for bank in updated))
     kept = [
-        prune(bank, now, best, margin if is_due(model, now) else np.inf)
+        prune(bank, now, best, parameters.search.margin_nats if is_due(model, now) else np.inf)
         for bank, model in zip(updated, CONTACT_MODELS, strict=True)
     ]
     weighed = TickWeights(

@@ -74,6 +74,7 @@ class FreeMotion(NamedTuple):
     last : (2, 3) values of the last tick, at ``orientation`` (4,) ``xyzw``.
     log_squared_error : (2, 2) weighted sum of the log squared error per axis, by vector and prediction.
     weight : sum of the weights.
+    spread : (2,) mean squared error per axis of the better prediction; infinite before any was made.
     latest : (n, 2, 2) log squared errors of the last few ticks.
     shape : (2, 3, 3) mean of the outer products of the filter's error directions, with trace 1.
     direction : (2, 3) error directions of the last tick.
@@ -88,6 +89,7 @@ class FreeMotion(NamedTuple):
     orientation: Array
     log_squared_error: Array
     weight: float
+    spread: Array
     latest: Array
     shape: Array
     direction: Array
@@ -99,13 +101,6 @@ class FreeMotion(NamedTuple):
     def is_settled(self) -> bool:
         """Whether its predictions have been compared with poses, without a gap since."""
         return self.weight > 0.0 and self.ticks >= SETTLING_TICKS
-
-    @property
-    def spread(self) -> Array:
-        """Mean squared error per axis (2,) of the better prediction; infinite before any was made."""
-        if not self.weight:
-            return np.full(2, np.inf)
-        return np.asarray(LOG_BIAS * np.exp(np.minimum(*self.log_squared_error.T) / self.weight))
 
     def excess(self, variance: Array, rest: Array, share: Array | float = 1.0) -> Array:
         """Variance per axis (2,) of the last tick's unpredictable motion beyond the noise ``variance`` (2,).
@@ -147,6 +142,7 @@ def begin(rotation: Array, position_m: Array, stamp_ns: int, autocorrelation: fl
         orientation=nearest(rotation),
         log_squared_error=np.zeros((2, 2)),
         weight=0.0,
+        spread=np.full(2, np.inf),
         latest=np.zeros((0, 2, 2)),
         shape=np.array([_EYE, _EYE]) / 3.0,
         direction=np.zeros((2, 3)),
@@ -255,9 +251,11 @@ def _with_errors(
     filter's errors."""
     fade, fade_shape = exp(-tick_s / memory_s), exp(-tick_s / SHAPE_MEMORY_S)
     log_square = np.log(squares / 3.0 + TINY)
+    summed, weight = fade * state.log_squared_error + log_square, fade * state.weight + 1.0
     return state._replace(
-        log_squared_error=fade * state.log_squared_error + log_square,
-        weight=fade * state.weight + 1.0,
+        log_squared_error=summed,
+        weight=weight,
+        spread=LOG_BIAS * np.exp(np.minimum(summed[:, 0], summed[:, 1]) / weight),
         latest=np.concatenate([state.latest[1 - NOW_TICKS :], log_square[None]]),
         shape=fade_shape * state.shape + (1.0 - fade_shape) * direction[:, :, None] * direction[:, None],
         direction=direction,

@@ -132,10 +132,10 @@ class Poses:
         return np.asarray(same, bool)
 
     def differ_from(self, before: "Poses") -> NDArray[np.bool_]:
-        """(N,) whether each pose differs from the one before it, the first from the last of ``before``."""
+        """(N,) whether each pose differs from the one before it, the first from ``before`` (one or none)."""
         if not before.stamp_ns.size:
             return np.append(True, ~self.repeats)
-        return ~Poses.join([before[-1:], self]).repeats
+        return ~Poses.join([before, self]).repeats
 
     @property
     def fresh(self) -> "Poses":

@@ -61,11 +61,13 @@ class StampOrder:
     Attributes
     ----------
     last_ns : stamp of the last pose in order; None before the first.
+    period_ns : the usual time between poses, the median of the latest; zero while it is unknown.
     """
 
     def __init__(self, counts: Counter[str]) -> None:
         self._counts = counts
         self.last_ns: int | None = None
+        self.period_ns = 0
         self._offset_ns = 0
         self._backward: tuple[int, int, int] | None = None
         self._held: list[Pose] = []
@@ -73,11 +75,6 @@ class StampOrder:
         self._follows_other = False
         self._periods: deque[int] = deque(maxlen=PERIODS_KEPT)
         self._in_order: list[int] = []
-
-    @property
-    def period_ns(self) -> int:
-        """The usual time between poses, the median of the latest; zero while it is unknown."""
-        return self._in_order[len(self._in_order) // 2] if self._in_order else 0
 
     @property
     def shift_ns(self) -> int:
@@ -197,17 +194,15 @@ class StampOrder:
                 self._counts["gap"] += 1
                 continues = False
             else:
-                self._note_period(step_ns)
+                if len(self._periods) == PERIODS_KEPT:
+                    del self._in_order[bisect_left(self._in_order, self._periods[0])]
+                self._periods.append(step_ns)
+                insort(self._in_order, step_ns)
+                self.period_ns = self._in_order[len(self._in_order) // 2]
         self._backward = None
         self._latest.append(pose)
         self.last_ns, self._follows_other = pose.stamp_ns, False
         return Ordered(pose, continues)
-
-    def _note_period(self, period_ns: int) -> None:
-        if len(self._periods) == PERIODS_KEPT:
-            del self._in_order[bisect_left(self._in_order, self._periods[0])]
-        self._periods.append(period_ns)
-        insort(self._in_order, period_ns)
 
 
 def longest_run(stamps: Sequence[int], after: int | None) -> list[int]:

@@ -238,8 +238,9 @@ class TickGrid:
     ----------
     model : has the length of a tick, and the noise of the filter whose free motion gates frames.
     body_m : (3,) point of the body that is tracked, in the body frame.
-    origin_ns, origins : time of the first pose, and origins of the ticks' coordinates; None before it.
-    number : of the current tick on the grid; ``frames`` are its poses so far.
+    begin_ns : when the current tick begins; ``frames`` are its poses so far.
+    origins : of the ticks' coordinates; like ``begin_ns`` None before the first pose.
+    number : of the current tick.
     last : the tick before it.
     stream : estimates of the stream.
     empty : how many ticks before it were empty.
@@ -247,7 +248,7 @@ class TickGrid:
 
     model: Model
     body_m: Array = field(default_factory=ORIGIN_M.copy)
-    origin_ns: int | None = None
+    begin_ns: int | None = None
     origins: Origins | None = None
     number: int = 0
     frames: Poses = field(default_factory=lambda: NO_POSES)
@@ -256,49 +257,37 @@ class TickGrid:
     empty: int = 0
 
     @classmethod
-    def begun(cls, model: Model, origin_ns: int, origins: Origins) -> "TickGrid":
+    def begun(cls, model: Model, begin_ns: int, origins: Origins) -> "TickGrid":
         """A grid that begins at this time, with these origins of its coordinates."""
         estimate = sensor_noise.begin(model.noise.sigma_position_m, model.noise.sigma_rotation_rad)
         learnt = StreamState(estimate, sensor_noise.EMPTY_BUFFER, None, NO_POSES)
-        return cls(model, origins.body_m, origin_ns, origins, stream=learnt)
+        return cls(model, origins.body_m, begin_ns, origins, stream=learnt)
 
     def goes_on(self, stamp_ns: int) -> bool:
         """Whether a pose belongs to the current tick."""
-        return self.origin_ns is not None and stamp_ns < self._end_ns
-
-    @property
-    def begin_ns(self) -> int:
-        """When the current tick begins."""
-        assert self.origin_ns is not None
-        return self.origin_ns + self.number * self.model.tick_ns
-
-    @property
-    def _end_ns(self) -> int:
-        assert self.origin_ns is not None
-        return self.origin_ns + (self.number + 1) * self.model.tick_ns
+        return self.begin_ns is not None and stamp_ns < self.begin_ns + self.model.tick_ns
 
     def is_late(self, stamp_ns: int) -> bool:
         """Whether a pose is more than a tick before the current one, or before its end if it was closed
         early."""
-        if self.origin_ns is None:
+        if self.begin_ns is None or stamp_ns >= self.begin_ns:
             return False
-        begin_ns = self.begin_ns
-        return stamp_ns < begin_ns and (self._has_closed_early or stamp_ns < begin_ns - self.model.tick_ns)
+        return self._has_closed_early or stamp_ns < self.begin_ns - self.model.tick_ns
 
     def add(self, poses: Poses) -> list[Tick]:
         """Add one pose or more; returns the ticks that they close, several after a gap."""
-        if self.origin_ns is None:
+        if self.begin_ns is None:
             origins = Origins(poses[:1].of_point(self.body_m).position_m[0].copy(), self.body_m)
             begun = TickGrid.begun(self.model, int(poses.stamp_ns[0]), origins)
             vars(self).update(vars(begun))
-        assert self.origin_ns is not None
+        assert self.begin_ns is not None
         left, closed = Poses.join((self.frames, poses)) if self.frames.stamp_ns.size else poses, list[Tick]()
         while not self.goes_on(int(left.stamp_ns.max())):
             first_ns = int(left.stamp_ns[0])
             if not self.goes_on(first_ns):
                 closed += self._pass_to(first_ns, bool(closed) or self._has_closed_early)
                 continue
-            end = int((left.stamp_ns >= self._end_ns).argmax())  # closed ticks stay closed
+            end = int((left.stamp_ns >= self.begin_ns + self.model.tick_ns).argmax())  # they stay closed
             closed.append(self._close(left[:end]))
             left = left[end:]
         self.frames = left
@@ -313,8 +302,9 @@ class TickGrid:
         if self.goes_on(until_ns) or (self.last is None and not has_frames):
             return []
         if has_frames:
+            assert self.begin_ns is not None
             closed = self.close()
-            self.number += 1
+            self.begin_ns, self.number = self.begin_ns + self.model.tick_ns, self.number + 1
             return closed
         return self._pass_to(until_ns, self._has_closed_early)
 
@@ -346,16 +336,14 @@ class TickGrid:
     @property
     def _has_closed_early(self) -> bool:
         """Whether the current tick is the rest of one that was closed early."""
-        if self.last is None or self.origin_ns is None:
-            return False
-        return self.last.stamp_ns >= self.begin_ns
+        return self.last is not None and self.begin_ns is not None and self.last.stamp_ns >= self.begin_ns
 
     def _pass_to(self, stamp_ns: int, is_closed: bool) -> list[Tick]:
         """Go to the tick of this time, with empty ticks for a gap of the stream; ``is_closed`` says whether
         the current one is."""
-        assert self.origin_ns is not None
+        assert self.begin_ns is not None
         before, step_ns = self.number - (not is_closed), self.model.tick_ns
-        number = (stamp_ns - self.origin_ns) // step_ns
+        number = self.number + (stamp_ns - self.begin_ns) // step_ns
         missed = max(min(number - before, int(LONGEST_GAP_S / self.model.tick_s)) - 1, 0)
         missed = min(missed, max(EMPTY_TICKS + EMPTY_PER_TICK * (before - self.empty) - self.empty, 0))
         empty = list[Tick]()
@@ -364,8 +352,8 @@ class TickGrid:
             stamps = [self.last.stamp_ns + (i + 1) * step_ns for i in range(missed)]
             empty = [empty_tick(self.last, stamp, stamp) for stamp in stamps]
             self.last = empty[-1]
+        begin_ns = self.begin_ns + (number - self.number) * step_ns
         if number - before - 1 > missed:  # skip the rest of a long gap
-            number = before + 1 + missed
-            self.origin_ns = stamp_ns - number * step_ns
-        self.number, self.empty = number, self.empty + missed
+            number, begin_ns = before + 1 + missed, stamp_ns
+        self.begin_ns, self.number, self.empty = begin_ns, number, self.empty + missed
         return empty

@@ -215,14 +215,9 @@ EMPTY_WINDOW: Final = Window(
 def advance_window(window: Window, number: int, tick: Tick, model: Model) -> Window:
     """Append a ``tick`` with this ``number``; the window keeps the length that the model prescribes."""
     assert window.frames is not None
-    frames = np.append(window.frames, tick.count)[-most_ticks(model) :]
+    frames = np.append(window.frames, tick.count)[-round(model.search.window_s / model.tick_s) :]
     variance, uneven = tick_variances(tick.noise, frames, model), tick_anisotropy(tick.noise, frames, model)
     return window.then(number, tick.zeta, np.array(tick.innovation_excess), variance, uneven, frames)
-
-
-def most_ticks(model: Model) -> int:
-    """The length that the model prescribes."""
-    return round(model.search.window_s / model.tick_s)
 
 
 def _per_axis(apart: Array) -> Array:

@@ -15,10 +15,8 @@ from numpy.typing import NDArray
 from contact_tracker import hmm
 from contact_tracker.config.parameters import Model
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.hmm import fixed_lag
-from contact_tracker.hypotheses import bank_update
 from contact_tracker.hypotheses.bank import Bank
-from contact_tracker.hypotheses.bank_update import TickWeights
+from contact_tracker.hypotheses.bank_update import TickWeights, marginalise_expired_ticks, update_banks
 from contact_tracker.hypotheses.births import CachedProposals, TickInput, propose_births
 from contact_tracker.hypotheses.proximity_prior import (
     reweight_transitions,
@@ -77,7 +75,7 @@ def predict_transitions(
     else:
         birth_weight = state.log_state_weight + log_odds
         birth_weight = birth_weight - hmm.log_sum_exp(birth_weight) if state.knows_elements else birth_weight
-    past = fixed_lag.inherited(state.lag_history, state.log_state_weight, transition)
+    past = hmm.inherited_past(state.lag_history, state.log_state_weight, transition)
     return TickInput(
         proposals,
         cached,
@@ -141,7 +139,7 @@ class ContactFilter:
             state, belief = pass_tick(state, tick, window)
         else:
             change = predict_transitions(state, tick, window, rest)  # and births, by the map
-            banks, weights = updated_banks(state, change)  # fit of the geometry, evidence, search, pruning
+            banks, weights = update_banks(state.banks, change, state.model, state.scales)  # fit, evidence
             state = weighed(state, tick, change, banks, weights)  # HMM
             state, belief = read_posterior(state, tick, detail, tests_curvature)  # and the map
         self.state, belief = with_rest(state, belief, rest.is_in_rest)
@@ -208,7 +206,7 @@ def pass_tick(state: FilterState, tick: Tick, window: Window) -> tuple[FilterSta
     if oldest.innovation_excess.any():  # of other ticks each term is zero, as no element is known
         errors = state.model.noise.extra_contact_variance
         banks = tuple(
-            bank_update.marginalise_expired_ticks(bank, contact, oldest.with_error(beyond), state.scales)
+            marginalise_expired_ticks(bank, contact, oldest.with_error(beyond), state.scales)
             for bank, contact, beyond in zip(banks, CONTACT_MODELS, errors, strict=True)
         )
     change, birth_weight = state.log_transition, state.log_birth_weight
@@ -218,7 +216,7 @@ def pass_tick(state: FilterState, tick: Tick, window: Window) -> tuple[FilterSta
     histories = state.lag_history
     if histories.size:
         banks = _with_longer_histories(banks)
-        histories = np.array([fixed_lag.grown(past, column) for column, past in enumerate(histories)])
+        histories = np.array([hmm.grown_past(past, column) for column, past in enumerate(histories)])
     passed = state._replace(
         window=window,
         banks=banks,
@@ -235,20 +233,14 @@ def pass_tick(state: FilterState, tick: Tick, window: Window) -> tuple[FilterSta
     return passed, replace(state.belief, stamp_ns=tick.stamp_ns)
 
 
-def updated_banks(state: FilterState, change: TickInput) -> tuple[list[Bank], TickWeights]:
-    """The banks after a tick, and the weights of their hypotheses."""
-    beyond, margin = state.model.noise.extra_contact_variance, state.model.search.margin_nats
-    return bank_update.update(state.banks, change, beyond, state.scales, margin)
-
-
 def weighed(
     state: FilterState, tick: Tick, change: TickInput, banks: Sequence[Bank], weights: TickWeights
 ) -> FilterState:
     """The state after an informative tick, with the updated banks and weights."""
     past = change.lag_history
     if past.size:
-        banks, free = _with_longer_histories(banks), fixed_lag.grown(past[FREE], FREE)
-        past = np.array([*(fixed_lag.mixed(b.lag_history, b.log_weight) for b in banks), free])
+        banks, free = _with_longer_histories(banks), hmm.grown_past(past[FREE], FREE)
+        past = np.array([*(hmm.mixed_past(b.lag_history, b.log_weight) for b in banks), free])
     was_free = state.label is Contact.FREE
     return state._replace(
         window=change.window,
@@ -278,7 +270,7 @@ def weighed(
 def _with_longer_histories(banks: Sequence[Bank]) -> tuple[Bank, ...]:
     """The banks with their lag histories extended by a tick in the state of each."""
     return tuple(
-        replace(bank, lag_history=fixed_lag.grown(bank.lag_history, column))
+        replace(bank, lag_history=hmm.grown_past(bank.lag_history, column))
         for column, bank in enumerate(banks)
     )
 

@@ -40,24 +40,24 @@ def read_posterior(
 
     Of filters side by side, one ``tests_curvature``: whether free motion is on a curved surface.
     """
-    belief = state_posterior(state, tick.stamp_ns)
-    state = state._replace(label=belief.contact)
-    shared, learns = belief, _should_update_map(state, belief)
-    if learns or detail >= Detail.SHARED:  # sharing never raises the label's probability
-        if belief.contact is not Contact.FREE:
+    probability = label_posterior(state)
+    label, onset_ns = STATES[int(np.argmax(probability))], state.free_since_ns
+    if label is not Contact.FREE:
+        onset_ns = state.banks[label.column].onset_ns_of(int(state.best_rows[label.column]))
+    where = label_geometry(state, label) if detail >= Detail.GEOMETRY else None
+    shared = belief = Belief(tick.stamp_ns, label, probability, onset_ns, where, state.residual)
+    state = state._replace(label=label)
+    if detail >= Detail.SHARED or _should_update_map(state, belief):
+        if label is not Contact.FREE:
             state = state._replace(curved=NO_CURVED_MOTION)
         elif tests_curvature:  # at intervals
             known = state.curved, state.window, state.free_since, state.scales, state.known_map
             state = state._replace(curved=update_curved_motion(*known))
         shared = share_among_indistinguishable(state, belief)
-        learns = learns and _should_update_map(state, shared)
+    if not shared.inseparable and _should_update_map(state, shared):  # sharing never raises its probability
+        state = state._replace(map=state.map.insert(label_sighting(state, label, tick.stamp_ns)))
     if detail >= Detail.SHARED:
         belief = shared
-    where = label_geometry(state, belief.contact) if detail >= Detail.GEOMETRY else None
-    if learns and not shared.inseparable:
-        state = state._replace(map=state.map.insert(label_sighting(state, belief.contact, tick.stamp_ns)))
-    if where is not None and detail >= Detail.GEOMETRY:
-        belief = replace(belief, geometry=where)
     if detail >= Detail.FORMATION:
         state, belief = follow_formation(state, belief, tick)
     elif state.formation is not online.EMPTY_FORMATION:
@@ -137,19 +137,6 @@ def may_agree_by_chance(state: FilterState, label: Contact) -> bool:
         return False
     since = state.window.since(int(bank.rows["onset"][row]))
     return used_directions(since) < DIRECTIONS - label.codimension
-
-
-def state_posterior(state: FilterState, stamp_ns: int) -> Belief:
-    """The posterior of the states by the weights, and the best hypothesis of the most probable one.
-
-    ``label_geometry`` adds the geometry, ``share_among_indistinguishable`` the ambiguity.
-    """
-    probability = label_posterior(state)
-    label = STATES[int(np.argmax(probability))]
-    onset_ns = state.free_since_ns
-    if label is not Contact.FREE:
-        onset_ns = state.banks[label.column].onset_ns_of(int(state.best_rows[label.column]))
-    return Belief(stamp_ns, label, probability, onset_ns, None, state.residual)
 
 
 def share_among_indistinguishable(state: FilterState, belief: Belief) -> Belief:

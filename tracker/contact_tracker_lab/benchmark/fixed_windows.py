@@ -28,6 +28,7 @@ from contact_tracker.paper.window_curves import curves
 from contact_tracker.states import STATES
 from contact_tracker.tracking.transition_model import destinations
 from contact_tracker_lab.benchmark.scores import OFFLINE, Answer, Method, Score, Scores
+from contact_tracker_lab.calibration.trellis import Trellis, smooth, viterbi
 from contact_tracker_lab.evaluation.scoring import Scoring, Subset, tick_in_force
 
 Array = NDArray[np.float64]
@@ -185,13 +186,11 @@ def smoothed(log_density: Array, log_initial: Array, log_transition: Array) -> t
     """Posterior (W, S) given all windows, and the most probable path (W,)."""
     count, states = log_density.shape
     index = np.arange(count * states)
-    trellis = hmm.Trellis(
-        index % states, index // states, list(index.reshape(count, states)), list(log_density)
-    )
+    trellis = Trellis(index % states, index // states, list(index.reshape(count, states)), list(log_density))
     each = np.broadcast_to(log_transition, (count, states, states))
-    path = hmm.viterbi(trellis, log_initial, each)
+    path = viterbi(trellis, log_initial, each)
     label = np.array([hypothesis % states for hypothesis, _, _ in path])
-    return hmm.smooth(trellis, log_initial, each)[0], label
+    return smooth(trellis, log_initial, each)[0], label
 
 
 def filtered(log_density: Array, log_initial: Array, log_transition: Array) -> Array:

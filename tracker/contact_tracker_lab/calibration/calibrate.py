@@ -9,7 +9,6 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker import hmm
 from contact_tracker.config.parameters import Model, Transitions
 from contact_tracker.config.table_reading import AS_NAMED, TableReading
 from contact_tracker.errors import NoPoses, NoTruth
@@ -53,6 +52,7 @@ from contact_tracker_lab.calibration.transitions import (
     KnownStates,
     learn_transitions,
 )
+from contact_tracker_lab.calibration.trellis import smooth
 from contact_tracker_lab.evaluation.evaluate import Evaluation, evaluate
 from contact_tracker_lab.evaluation.scoring import scoring
 from contact_tracker_lab.evaluation.tables import number, table
@@ -183,7 +183,7 @@ def _pass(
     recorded = RecordedPass()
     found = segment(poses, model, known_map=known_map, watch=recorded.note)
     steps = np.array([tick_transitions(model, exposed).log_transition for exposed in recorded.exposure])
-    _, log_evidence = hmm.smooth(recorded.trellis, log_initial(model), steps)
+    _, log_evidence = smooth(recorded.trellis, log_initial(model), steps)
     evaluation = None if truth is None else evaluate(poses, truth, found)
     believed = EstimatedStates.of(recorded.trellis, recorded.exposure, model)
     return ModelScore(evaluation, log_evidence), believed, found

@@ -6,13 +6,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker import hmm
 from contact_tracker.config.parameters import Model
 from contact_tracker.hypotheses.bank_update import LiveHypotheses
 from contact_tracker.motion.tick_averaging import Tick, tick_anisotropy, tick_variances
 from contact_tracker.motion.window import Window
 from contact_tracker.tracking.contact_filter import FilteredTick
 from contact_tracker.tracking.transition_model import FREE
+from contact_tracker_lab.calibration.trellis import Trellis
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -55,10 +55,10 @@ class RecordedPass:
         return np.array(self.exposures)
 
     @property
-    def trellis(self) -> hmm.Trellis:
+    def trellis(self) -> Trellis:
         """All hypotheses of the pass."""
         count = 1 + int(self.numbers[-1].max())
         states, onsets = np.full(count, FREE), np.zeros(count, np.int64)
         for number, alive in zip(self.numbers, self.alive, strict=True):
             states[number], onsets[number] = alive.state, alive.onset
-        return hmm.Trellis(states, onsets, self.numbers, [alive.log_likelihood for alive in self.alive])
+        return Trellis(states, onsets, self.numbers, [alive.log_likelihood for alive in self.alive])

@@ -12,7 +12,6 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker import hmm
 from contact_tracker.config.parameters import Model, TransitionCounts
 from contact_tracker.states import STATES
 from contact_tracker.tracking.transition_model import (
@@ -23,6 +22,7 @@ from contact_tracker.tracking.transition_model import (
     log_initial,
     tick_transitions,
 )
+from contact_tracker_lab.calibration.trellis import Trellis, expect
 from contact_tracker_lab.evaluation.scoring import UNSCORED
 
 Array = NDArray[np.float64]
@@ -101,8 +101,8 @@ def _on_all_paths(label: Ints, steps: Array) -> tuple[Array, float]:
         states * tick + (_DIAGONAL if column == UNKNOWN else np.array([column]))
         for tick, column in enumerate(label)
     ]
-    without_evidence = hmm.Trellis(state, onset, alive, [np.zeros(len(some)) for some in alive])
-    _, changes, log_share = hmm.expect(without_evidence, np.zeros(states), steps)
+    without_evidence = Trellis(state, onset, alive, [np.zeros(len(some)) for some in alive])
+    _, changes, log_share = expect(without_evidence, np.zeros(states), steps)
     return changes, log_share
 
 
@@ -111,11 +111,11 @@ class EstimatedStates:
     """The hypotheses of a forward pass, whose evidence (held fixed, in ``trellis``) excludes the probability
     of staying; ``exposure`` as of ``KnownStates``."""
 
-    trellis: hmm.Trellis
+    trellis: Trellis
     exposure: Array
 
     @classmethod
-    def of(cls, trellis: hmm.Trellis, exposure: Array, model: Model) -> "EstimatedStates":
+    def of(cls, trellis: Trellis, exposure: Array, model: Model) -> "EstimatedStates":
         """From the trellis of a forward pass by ``model``, which includes the probability of staying."""
         return cls(_with_survival(trellis, exposure, model, -1.0), exposure)
 
@@ -123,14 +123,14 @@ class EstimatedStates:
         """The E-step: forward-backward over the same hypotheses with the transitions of ``model``."""
         steps = np.array([tick_transitions(model, exposure).log_transition for exposure in self.exposure])
         trellis = _with_survival(self.trellis, self.exposure, model, 1.0)
-        posterior, changes, log_evidence = hmm.expect(trellis, log_initial(model), steps)
+        posterior, changes, log_evidence = expect(trellis, log_initial(model), steps)
         changes[:, FREE, FREE] = 0.0  # for free motion this is staying
         stays = np.zeros_like(posterior)
         stays[1:] = np.maximum(posterior[:-1] - changes[1:].sum(axis=2), 0.0)
         return Expected(posterior[0], stays, changes, log_evidence)
 
 
-def _with_survival(trellis: hmm.Trellis, exposure: Array, model: Model, sign: float) -> hmm.Trellis:
+def _with_survival(trellis: Trellis, exposure: Array, model: Model, sign: float) -> Trellis:
     """The trellis with ``sign`` times the log probability of staying added to contacts, after their first
     tick."""
     stay = np.array([tick_transitions(model, e).log_survival for e in exposure]).reshape(-1, len(STATES))

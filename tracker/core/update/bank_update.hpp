@@ -92,7 +92,7 @@ inline KeptHypotheses keep_best(const Kind& kind, const Bank& bank, std::int64_t
     return {rows, rows.empty() ? top : top + std::log(sum), residual_of(kind, kept), leader};
 }
 
-// Reference: the arguments of `bank_update.update`. `assumed` are the births of each contact.
+// Reference: the arguments of `bank_update.update_banks`. `assumed` are the births of each contact.
 struct TickInput {
     std::vector<std::pair<Floats, Bools>> assumed;
     Floats turn;

@@ -1,63 +1,23 @@
 """Convert arrays of the numpy code to those of the kernels, and back."""
 
-from collections.abc import Sequence
 from functools import cache, lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel, edge_edge, vertex_face
-from contact_tracker.contacts.family import Array
 from contact_tracker.geometry import linalg
 from contact_tracker.hypotheses import gauss_newton, schedule
 from contact_tracker.hypotheses.bank import Bank, Onsets, layout
-from contact_tracker.hypotheses.births import TickInput
 from contact_tracker.hypotheses.compiled import kernels
 from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.hypotheses.global_search import drawn
 from contact_tracker.hypotheses.schedule import burn_in_ticks
 from contact_tracker.motion.window import Window
 
-Index = NDArray[np.int64]
 information_terms = kernels.information_terms
 weigh_births = kernels.weigh_births
 descend = kernels.descend
 equations = kernels.equations
-
-
-Update = tuple[
-    list[tuple[Array, Array]],
-    list[Index],
-    tuple[Array, Array, Array, Index, tuple[Index, Index, Array]],
-]
-"""Per contact the rows kept and those of their onsets; per contact the index of the rows kept, among the old
-ones followed by those that began in the tick; and the fields of ``TickWeights``."""
-
-
-def update(
-    banks: Sequence[Bank],
-    one: TickInput,
-    extra_variance: Sequence[tuple[float, float]],
-    scales: EvidenceParameters,
-    margin: float,
-) -> Update:
-    """Update the rows of all banks and of their onsets by a tick; arguments as of ``bank_update.update``."""
-    return kernels.update(
-        models(scales.reach_m),
-        [(bank.words, bank.onsets.words) for bank in banks],
-        [(begins.rows.words, begins.is_given) for begins in one.proposals],
-        one.turn,
-        one.onset,
-        one.onset_ns,
-        one.number,
-        one.log_birth_weight,
-        ticks_of(one.window),
-        ticks_of(one.before) if len(one.before.index) else None,
-        one.log_survival,
-        extra_variance,
-        weights_of(scales),
-        margin,
-    )
 
 
 @lru_cache(maxsize=64)

@@ -1,4 +1,4 @@
-"""Viterbi and smoothing of a whole recording."""
+"""Viterbi and smoothing of a whole recording with all its hypotheses: what ``hmm`` does tick by tick."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.hmm.forward_filter import birth_log_weights, by_state, log_sum_exp
+from contact_tracker.hmm import birth_log_weights, log_sum_exp
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -23,6 +23,13 @@ class Trellis(NamedTuple):
     onset: Index
     alive: Sequence[Index]
     log_likelihood: Sequence[Array]
+
+
+def _by_state(values: Array, state: Index, states: int) -> Array:
+    """Log-sum of ``values`` (H,) over the hypotheses of each state, (states,)."""
+    table = np.full((states, len(values)), -np.inf)
+    table[state, np.arange(len(values))] = values
+    return log_sum_exp(table)
 
 
 def viterbi(trellis: Trellis, log_initial: Array, log_transition: Array) -> list[tuple[int, int, int]]:
@@ -81,7 +88,7 @@ def expect(trellis: Trellis, log_initial: Array, log_transition: Array) -> tuple
         fresh = alive[trellis.onset[alive] == b - 1]
         weight = log_initial if b == 1 else birth_log_weights(left[b - 1], log_transition[b - 1])
         entry[fresh] = weight[trellis.state[fresh]]
-        left[b] = by_state(entry[alive] + likelihood, trellis.state[alive], states)
+        left[b] = _by_state(entry[alive] + likelihood, trellis.state[alive], states)
     log_evidence = float(log_sum_exp(left[ticks]))
 
     onward = np.full((ticks + 1, states), -np.inf)  # of what follows, given that a state is left at b
@@ -97,7 +104,7 @@ def expect(trellis: Trellis, log_initial: Array, log_transition: Array) -> tuple
         lasting[alive] += np.exp(entry[alive] + ends - log_evidence)
         np.add.at(posterior[b - 1], state, lasting[alive])
         fresh = alive[trellis.onset[alive] == b - 1]
-        begin = by_state(inward[fresh], trellis.state[fresh], states)
+        begin = _by_state(inward[fresh], trellis.state[fresh], states)
         onward[b - 1] = log_sum_exp(log_transition[b - 1] + begin[None, :], axis=1)
         if b > 1:
             changes[b - 1] = np.exp(left[b - 1][:, None] + log_transition[b - 1] + begin - log_evidence)
