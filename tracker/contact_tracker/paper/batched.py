@@ -13,6 +13,7 @@ from typing import Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from contact_tracker.geometry.linalg import MOST_DAMPING, adapted
 from contact_tracker.geometry.vectors import sphere_tangent
@@ -351,8 +352,12 @@ def minimise_slsqp(
     size = SIZE[f.x]
     # A sum of 500 squares of metres is far above SLSQP's absolute tolerance; one frame's minimum is not.
     scale = 1.0 / max(float(np.trace(k)) / f.size, np.finfo(float).tiny)
-    constraints = {"type": "eq", "fun": lambda z: _constraints(f, z), "jac": lambda z: _constraint_rows(f, z)}
-    best, converged = None, 0
+    constraints = {
+        "type": "eq",
+        "fun": lambda z: _constraints(f, z)[0],
+        "jac": lambda z: _constraints(f, z)[1],
+    }
+    minima, converged = list[tuple[float, Array, Array]](), 0
     for _ in range(starts):
         z0 = np.concatenate(random_starts(contact, 1, rng, offset_m), axis=1)[0]
         options = {"maxiter": 500, "ftol": 1e-15}
@@ -367,12 +372,11 @@ def minimise_slsqp(
         converged += int(found.success)
         x, y = _onto_constraints(f.x, found.x[:size]), _onto_constraints(f.y, found.x[size:])
         v = np.kron(x, y)
-        candidate = (float(v @ k @ v), x, y)
-        if best is None or candidate[0] < best[0]:
-            best = candidate
-    if best is None:
+        minima.append((float(v @ k @ v), x, y))
+    if not minima:
         raise ValueError("at least one start is needed")
-    return Minimum(best[0], *f.factors(best[1], best[2]), converged)
+    least, x, y = min(minima, key=lambda minimum: minimum[0])
+    return Minimum(least, *f.factors(x, y), converged)
 
 
 def _objective(k: Array, size: int) -> Callable[[Array], tuple[float, Array]]:
@@ -386,38 +390,22 @@ def _objective(k: Array, size: int) -> Callable[[Array], tuple[float, Array]]:
     return objective
 
 
-def _constraints(f: Form, z: Array) -> Array:
+def _constraints(f: Form, z: Array) -> tuple[Array, Array]:
+    """What is zero of both factors, and its derivatives by these."""
     size = SIZE[f.x]
-    return np.concatenate([_constraint(f.x, z[:size]), _constraint(f.y, z[size:])])
+    (first, by_x), (second, by_y) = _constraint(f.x, z[:size]), _constraint(f.y, z[size:])
+    return np.concatenate([first, second]), block_diag(by_x, by_y)
 
 
-def _constraint_rows(f: Form, z: Array) -> Array:
-    size = SIZE[f.x]
-    first, second = _constraint_row(f.x, z[:size]), _constraint_row(f.y, z[size:])
-    out = np.zeros((len(first) + len(second), len(z)))
-    out[: len(first), :size] = first
-    out[len(first) :, size:] = second
-    return out
-
-
-def _constraint(kind: Kind, e: Array) -> Array:
+def _constraint(kind: Kind, e: Array) -> tuple[list[float], list[list[float]]]:
+    length = e[:3] @ e[:3] - 1.0
     match kind:
         case "plane":
-            return np.array([e[:3] @ e[:3] - 1.0])
+            return [length], [[*(2.0 * e[:3]), 0.0]]
         case "line":
-            return np.array([e[:3] @ e[:3] - 1.0, e[:3] @ e[3:]])
+            return [length, e[:3] @ e[3:]], [[*(2.0 * e[:3]), 0.0, 0.0, 0.0], [*e[3:], *e[:3]]]
         case "point":
-            return np.array([e[3] - 1.0])
-
-
-def _constraint_row(kind: Kind, e: Array) -> Array:
-    match kind:
-        case "plane":
-            return np.array([[*(2.0 * e[:3]), 0.0]])
-        case "line":
-            return np.array([[*(2.0 * e[:3]), 0.0, 0.0, 0.0], [*e[3:], *e[:3]]])
-        case "point":
-            return np.array([[0.0, 0.0, 0.0, 1.0]])
+            return [e[3] - 1.0], [[0.0, 0.0, 0.0, 1.0]]
 
 
 def _onto_constraints(kind: Kind, e: Array) -> Array:
