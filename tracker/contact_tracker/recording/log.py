@@ -9,6 +9,7 @@ from types import MappingProxyType
 from typing import Final
 
 import numpy as np
+from mcap.records import Attachment, Metadata
 from numpy.typing import NDArray
 
 from contact_tracker.config.quantities import RANGE_NS
@@ -24,7 +25,7 @@ from contact_tracker.motion.pose_validation import (
 from contact_tracker.motion.poses import BATCH, NO_POSES, Pose, Poses
 from contact_tracker.recording.bytestream import Follow
 from contact_tracker.recording.decoding import LoggedPose, assumption_text
-from contact_tracker.recording.items import ROWS, Attachment, Item, Metadata, PoseSource, RawMessage, Rows
+from contact_tracker.recording.items import ROWS, Item, PoseSource, RawMessage, Rows
 from contact_tracker.recording.reading import STDIN, Reading
 from contact_tracker.recording.sources import (
     ChannelFilter,
@@ -426,7 +427,7 @@ def summarise(path: str, table: TableReading = AS_NAMED) -> RecordingSummary:
             match item:
                 case Metadata(name, values):
                     metadata[name] = values
-                case Attachment(name, _):
+                case Attachment(name=name):
                     attachments.append(name)
                 case RawMessage(channel, _, _):
                     topics[channel.topic, channel.type, channel.encoding] += 1

@@ -35,7 +35,7 @@ from contact_tracker.recording.bytestream import (
     is_regular,
     is_text,
 )
-from contact_tracker.recording.items import Attachment, Channel, Item, Metadata, RawMessage
+from contact_tracker.recording.items import Channel, Item, RawMessage
 
 IN_CHUNKS: Final = frozenset({Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE})
 _MESSAGE: Final = int(Opcode.MESSAGE)
@@ -346,15 +346,13 @@ class RecordLoop:
     def _add(self, group: list[Item], opcode: int, payload: bytes) -> None:
         """Add what a record of another kind holds."""
         if opcode == Opcode.ATTACHMENT:
-            attachment = records.Attachment.read(payload_stream(payload))
             crc = int.from_bytes(payload[-4:], "little")
             if crc and crc != zlib.crc32(payload[:-4]):
                 raise ValueError("its checksum is wrong")
-            group.append(Attachment(attachment.name, attachment.data))
+            group.append(records.Attachment.read(payload_stream(payload)))
         elif opcode == Opcode.METADATA:
             self._stream.budget.spend(len(payload) // BYTES_PER_RECORD)
-            metadata = records.Metadata.read(payload_stream(payload))
-            group.append(Metadata(metadata.name, metadata.metadata))
+            group.append(records.Metadata.read(payload_stream(payload)))
         elif opcode == Opcode.SCHEMA:
             schema = records.Schema.read(payload_stream(payload))
             self._schemas[schema.id] = schema
