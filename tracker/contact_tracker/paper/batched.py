@@ -398,12 +398,12 @@ def _constraints(f: Form, z: Array) -> tuple[Array, Array]:
 
 
 def _constraint(kind: Kind, e: Array) -> tuple[list[float], list[list[float]]]:
-    length = e[:3] @ e[:3] - 1.0
+    length = float(e[:3] @ e[:3]) - 1.0
     match kind:
         case "plane":
             return [length], [[*(2.0 * e[:3]), 0.0]]
         case "line":
-            return [length, e[:3] @ e[3:]], [[*(2.0 * e[:3]), 0.0, 0.0, 0.0], [*e[3:], *e[:3]]]
+            return [length, float(e[:3] @ e[3:])], [[*(2.0 * e[:3]), 0.0, 0.0, 0.0], [*e[3:], *e[:3]]]
         case "point":
             return [e[3] - 1.0], [[0.0, 0.0, 0.0, 1.0]]
 

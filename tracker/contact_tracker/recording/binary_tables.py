@@ -77,7 +77,8 @@ class ParquetTable:
             raise UnreadableRecording(
                 f"it cannot be read as a table: {first_line(error)[:_LONGEST_LINE]}"
             ) from error
-        self.layout = layout_of_names([leaf.name for leaf in leaves], reading, path, "Parquet")
+        layout = layout_of_names([leaf.name for leaf in leaves], reading, path)
+        self.layout = replace(layout, kind="Parquet")
         self._chosen = {place: leaves[place] for place in self.layout.places if place >= 0}
         for place, leaf in self._chosen.items():
             is_time = place == self.layout.time and types.is_temporal(leaf.type)
@@ -309,9 +310,10 @@ class ArrayTable:
                 self._values += list(rows.T)
         if list(arrays) == [""]:
             rows = np.array([values[:_FIRST_ROWS] for values in self._values]).T
-            self.layout = layout_without_names(rows.astype(str).tolist(), reading, path, "NumPy")
+            layout = layout_without_names(rows.astype(str).tolist(), reading, path)
         else:
-            self.layout = layout_of_names(names, reading, path, "NumPy")
+            layout = layout_of_names(names, reading, path)
+        self.layout = replace(layout, kind="NumPy")
 
     def __iter__(self) -> Iterator[dict[int, Any]]:
         layout = self.layout
@@ -425,7 +427,7 @@ class C3DTable(ArrayTable):
         if self._rows < rows:
             text = f"it ends after {self._rows} of {rows} frames: if more was recorded, copy it again"
             self.damage = (text,)
-        self.layout = TableLayout("C3D", None, 0, -1, 1e9 / rate, bodies, has_own_unit=True)
+        self.layout = TableLayout(-1, 1e9 / rate, bodies, "C3D", has_own_unit=True)
         matrices = values.reshape(self._rows, len(bodies), _VALUES).astype(np.float64)
         matrices[matrices[:, :, -1] < 0.0] = np.nan
         poses = matrices[:, :, :16].reshape(self._rows, len(bodies), 4, 4)[..., :3]
