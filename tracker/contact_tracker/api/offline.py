@@ -343,7 +343,7 @@ def _evidence_of(
 ) -> RecordedEvidence:
     if isinstance(given, Wrenches):
         valid = given.valid
-        found = WrenchLog(valid, len(given) - len(valid), 0, 0, "", "as given", None)
+        found = WrenchLog(valid, len(given) - len(valid), 0, 0, "", "as given")
         return evidence_of(found, "the wrench", trajectory.poses, model, known_map, mass_kg)
     if not isinstance(given, str):
         raise UsageError(f"wrench is a topic or contact_tracker.Wrenches, not {type(given).__name__}")

@@ -359,7 +359,6 @@ class SourceSummary:
     path_m, extent_m : length of the path of the body's origin, and its range along each world axis.
     loss : one line if most poses were dropped.
     beginning : the first valid poses, ``BEGINNING_S`` at most.
-    sigma_position_m, sigma_rotation_rad : estimated sensor noise; filled in by the caller.
     """
 
     source: PoseSource
@@ -375,8 +374,6 @@ class SourceSummary:
     extent_m: tuple[float, float, float]
     loss: str | None = None
     beginning: Poses = field(default=NO_POSES, compare=False, repr=False)
-    sigma_position_m: float | None = None
-    sigma_rotation_rad: float | None = None
 
     @property
     def duration_s(self) -> float:

@@ -54,7 +54,6 @@ class WrenchLog:
     bad_transforms : transforms to their frame that are left out: no pose, or a stamp that goes back.
     frame_id : of the messages.
     taken : words on what that frame was taken for.
-    damage : one line if the recording is truncated or damaged.
     """
 
     wrenches: Wrenches
@@ -63,7 +62,6 @@ class WrenchLog:
     bad_transforms: int
     frame_id: str
     taken: str
-    damage: str | None
 
     @property
     def noted(self) -> str:
@@ -126,7 +124,7 @@ def read_wrenches(
     logged_ns = np.array(log_times, np.int64)[first[every_ns.searchsorted(found.stamp_ns)]]
     placed, taken, bad = _about_body(path, topic, frame_id, source, poses, found, logged_ns)
     unplaced = len(found) - len(placed)
-    return WrenchLog(placed, dropped, unplaced, bad, frame_id, taken, reading.damage)
+    return WrenchLog(placed, dropped, unplaced, bad, frame_id, taken)
 
 
 def _about_body(
