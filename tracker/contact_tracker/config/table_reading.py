@@ -125,11 +125,6 @@ class TableReading:
         """Whether it says something of the columns of a table."""
         return self != TableReading(field=self.field)
 
-    @property
-    def units(self) -> dict[str, str | None]:
-        """The units alone."""
-        return {"unit": self.unit, "time_unit": self.time_unit}
-
     def words(self) -> list[str]:
         """The options of the command line."""
         words = list[str]()

@@ -500,7 +500,7 @@ def _layout_of_rows(
             "a pose is in several lines: T = numpy.loadtxt('FILE').reshape(-1, 4, 4), where all lines have "
             "four values, and contact_tracker.Trajectory.from_arrays(t, T) takes them"
         )
-    if separator is None and len(values) == 1 + len(_TUM) and reading == reading_of(**reading.units):
+    if separator is None and len(values) == 1 + len(_TUM) and not (reading.kind or reading.columns):
         body = Body("", _TUM, LENGTHS_M[reading.unit or "m"])
         return TableLayout(0, reading.time_ns, (body,), "TUM", None, rows[0])
     try:
