@@ -37,8 +37,10 @@ def noise_text(report: Report) -> str:
     )
 
 
-def warnings(report: Report) -> Iterator[str]:
-    """One line for each problem of the stream, with a remedy."""
+def warnings(report: Report | None) -> Iterator[str]:
+    """One line for each problem of the stream, with a remedy; none before there is a report."""
+    if report is None:
+        return
     asked, chosen = report.model, report.chosen
     if chosen.tick_s > asked.tick_s:
         yield (
@@ -176,8 +178,8 @@ def _source_rows(source: SourceSummary, adapted: Report | None) -> Iterator[tupl
         yield "noise", f"about {deviations}{where}"
     if adapted is not None:
         yield "tracking", noise_text(adapted)
-        yield from (("warning", line) for line in warnings(adapted))
-    yield from (("warning", line) for line in remarks_on(source.counts, source.observed))
+    for line in (*warnings(adapted), *remarks_on(source.counts, source.observed)):
+        yield "warning", line
     if source.counts:
         yield "noted", ", ".join(f"{kind} {count}" for kind, count in source.counts.items())
 

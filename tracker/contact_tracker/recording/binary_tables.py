@@ -19,7 +19,7 @@ from collections.abc import Iterator, Mapping, Set
 from contextlib import closing
 from dataclasses import replace
 from itertools import compress
-from typing import IO, Any, Final, NamedTuple
+from typing import IO, Any, Final
 
 import numpy as np
 import pyarrow
@@ -50,12 +50,9 @@ _WIDEST: Final = 64
 _DEEPEST: Final = 5
 
 
-class _Leaf(NamedTuple):
-    """A column of single values: in a struct or a list of the file's column ``path[0]``, or that itself."""
-
-    name: str
-    path: tuple[str | int, ...]
-    type: Any
+_Leaf = tuple[str, tuple[str | int, ...], Any]
+"""Name, path and type of a column of single values, which is the file's column ``path[0]``, or in its structs
+or lists."""
 
 
 class ParquetTable:
@@ -77,17 +74,17 @@ class ParquetTable:
             raise UnreadableRecording(
                 f"it cannot be read as a table: {first_line(error)[:_LONGEST_LINE]}"
             ) from error
-        layout = layout_of_names([leaf.name for leaf in leaves], reading, path)
+        layout = layout_of_names([name for name, _, _ in leaves], reading, path)
         self.layout = replace(layout, kind="Parquet")
         self._chosen = {place: leaves[place] for place in self.layout.places if place >= 0}
-        for place, leaf in self._chosen.items():
-            is_time = place == self.layout.time and types.is_temporal(leaf.type)
-            if not (is_time or _is_number(leaf.type)):
-                named = f"its column {printable(leaf.name[:_LONGEST_NAME])} is of the type {leaf.type}"
+        for place, (name, _, kind) in self._chosen.items():
+            is_time = place == self.layout.time and types.is_temporal(kind)
+            if not (is_time or _is_number(kind)):
+                named = f"its column {printable(name[:_LONGEST_NAME])} is of the type {kind}"
                 raise UnreadableRecording(f"{named}: columns of numbers are read")
             if is_time:
-                self.layout = replace(self.layout, time_ns=1, has_own_unit=types.is_duration(leaf.type))
-        self._columns = list(dict.fromkeys(str(leaf.path[0]) for leaf in self._chosen.values()))
+                self.layout = replace(self.layout, time_ns=1, has_own_unit=types.is_duration(kind))
+        self._columns = list(dict.fromkeys(str(path[0]) for _, path, _ in self._chosen.values()))
         _check_pages(self._file.metadata, path, {*self._columns}, len(self.layout.bodies), budget)
 
     def __iter__(self) -> Iterator[dict[int, Any]]:
@@ -104,8 +101,8 @@ class ParquetTable:
     def _values(self, batch: Any, done: int) -> dict[int, Any]:
         """Times as text, and numbers, of a batch after ``done`` rows; rows without any are left out."""
         found, time = dict[int, Any](), self.layout.time
-        for place, leaf in self._chosen.items():
-            column = _single(batch.column(str(leaf.path[0])), leaf.path[1:])
+        for place, (_, path, _) in self._chosen.items():
+            column = _single(batch.column(str(path[0])), path[1:])
             found[place] = _texts(column) if place in (time, self.layout.rest) else _numbers(column)
         if time < 0:
             return {**found, time: [str(done + i) for i in range(len(batch))]}
@@ -137,7 +134,7 @@ class ParquetTable:
             first = None if batch is None else batch.column(0)[0].as_py()
             inner = [(f"{name}[{i}]", i, kind.value_type) for i in range(min(len(first or ()), _WIDEST))]
         else:
-            yield _Leaf(name, path, kind)
+            yield name, path, kind
         for own, step, of_inner in inner:
             yield from self._leaves(own, (*path, step), of_inner, file, budget)
 
