@@ -39,8 +39,6 @@ from contact_tracker.recording.items import Channel, Item, RawMessage
 
 IN_CHUNKS: Final = frozenset({Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE})
 _MESSAGE: Final = int(Opcode.MESSAGE)
-_COUNTED_AT_ONCE: Final = 64
-"""Records of a chunk that are counted together."""
 FIRST_UNKNOWN: Final = max(Opcode) + 1
 """Opcodes from here on are of later versions of the format, or private, and skipped."""
 _BZ2_WORK: Final = 4
@@ -110,7 +108,7 @@ def inflate_zstd(data: bytes, limit: int) -> bytes:
 
 def _records_in(data: bytes, budget: WorkBudget) -> Iterator[tuple[int, int, int]]:
     """Opcode, begin and end of each record of a chunk; one that is not allowed in a chunk ends it."""
-    begin, total, uncounted, read_head = 0, len(data), 0, RECORD_HEAD.unpack_from
+    begin, total, read_head = 0, len(data), RECORD_HEAD.unpack_from
     while begin < total:
         opcode, size = read_head(data, begin)
         begin += RECORD_HEAD.size
@@ -119,13 +117,9 @@ def _records_in(data: bytes, budget: WorkBudget) -> Iterator[tuple[int, int, int
             raise ValueError("a record is longer than its chunk")
         if opcode != _MESSAGE and opcode not in IN_CHUNKS and opcode < FIRST_UNKNOWN:
             raise ValueError(f"a record of the kind {opcode} in a chunk")
-        uncounted += 1
-        if uncounted == _COUNTED_AT_ONCE:
-            budget.spend(uncounted)
-            uncounted = 0
+        budget.spend(1)
         yield opcode, begin, end
         begin = end
-    budget.spend(uncounted)
 
 
 def payload_stream(payload: bytes) -> ReadDataStream:
