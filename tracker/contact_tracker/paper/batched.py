@@ -33,12 +33,14 @@ class Form:
     Parameters
     ----------
     x, y : kinds of the first and the second factor.
+    residuals : rows of each frame, by the motion (..., N, 3, 3) and (..., N, 3).
     object_first : whether x is the object's element.
     swapped : whether the frames are exchanged (f-e is e-f of the inverse motion).
     """
 
     x: Kind
     y: Kind
+    residuals: Callable[[Array, Array], Array]
     object_first: bool
     swapped: bool = False
 
@@ -50,21 +52,6 @@ class Form:
     def factors(self, obj: Array, environment: Array) -> tuple[Array, Array]:
         """Object and environment as (x, y); given (x, y) it returns (object, environment)."""
         return (obj, environment) if self.object_first else (environment, obj)
-
-
-_FORMS: Final[dict[Contact, Form]] = {
-    Contact.FF: Form("plane", "plane", object_first=True),
-    Contact.EF: Form("line", "plane", object_first=True),
-    Contact.FE: Form("line", "plane", object_first=False, swapped=True),
-    Contact.VF: Form("point", "plane", object_first=True),
-    Contact.FV: Form("point", "plane", object_first=False, swapped=True),
-    Contact.EE: Form("line", "line", object_first=False),
-}
-
-
-def form(contact: Contact) -> Form:
-    """The factors of a contact's Kronecker product."""
-    return _FORMS[contact]
 
 
 def matrix(contact: Contact, rotation: Array, p: Array) -> Array:
@@ -89,17 +76,8 @@ def value(contact: Contact, k: Array, obj: Array, environment: Array) -> float:
 def rows(contact: Contact, rotation: Array, p: Array) -> Array:
     """Rows A (..., N, r, n) of each frame: its residuals are ``A @ kron(x, y)``."""
     if form(contact).swapped:
-        flat = motion(rotation.reshape(-1, 3, 3), p.reshape(-1, 3))
-        rotation, p = flat[0].reshape(rotation.shape), flat[1].reshape(p.shape)
-    match contact:
-        case Contact.FF:
-            return _face_face(rotation, p)
-        case Contact.EF | Contact.FE:
-            return _edge_face(rotation, p)
-        case Contact.VF | Contact.FV:
-            return _vertex_face(rotation, p)
-        case _:
-            return _edge_edge(rotation, p)
+        rotation, p = motion(rotation, p)
+    return form(contact).residuals(rotation, p)
 
 
 def _face_face(rotation: Array, p: Array) -> Array:
@@ -139,6 +117,21 @@ def _edge_edge(rotation: Array, p: Array) -> Array:
     return a.reshape(*p.shape[:-1], 1, 36)
 
 
+_FORMS: Final[dict[Contact, Form]] = {
+    Contact.FF: Form("plane", "plane", _face_face, object_first=True),
+    Contact.EF: Form("line", "plane", _edge_face, object_first=True),
+    Contact.FE: Form("line", "plane", _edge_face, object_first=False, swapped=True),
+    Contact.VF: Form("point", "plane", _vertex_face, object_first=True),
+    Contact.FV: Form("point", "plane", _vertex_face, object_first=False, swapped=True),
+    Contact.EE: Form("line", "line", _edge_edge, object_first=False),
+}
+
+
+def form(contact: Contact) -> Form:
+    """The factors of a contact's Kronecker product."""
+    return _FORMS[contact]
+
+
 def _offsets(rotation: Array, p: Array) -> Array:
     """(..., 3, 3, 4): row k takes ``v_k ((R n) . p + h)`` from ``v (x) [n, h]``."""
     plane = np.concatenate([np.einsum("...ij,...i->...j", rotation, p), np.ones((*p.shape[:-1], 1))], axis=-1)
@@ -150,11 +143,7 @@ def _cross_rows(rotation: Array) -> Array:
     return np.asarray(np.einsum("klm,...mj->...klj", _LEVI_CIVITA, rotation))
 
 
-_LEVI_CIVITA: Final = np.zeros((3, 3, 3))
-for _i, _j, _k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-    _LEVI_CIVITA[_i, _j, _k], _LEVI_CIVITA[_i, _k, _j] = 1.0, -1.0
-
-
+_LEVI_CIVITA: Final = np.cross(np.eye(3)[:, None], np.eye(3))
 FIRST_DAMPING: Final = 1e-3
 LEAST_SHARE: Final = 1e-11
 LEAST_CURVATURE: Final = np.finfo(float).tiny
@@ -174,14 +163,8 @@ class Batch(NamedTuple):
 
     def better(self, other: "Batch") -> "Batch":
         """The lower of each pair."""
-        take = self.value <= other.value
-        rows = take[:, None]
-        return Batch(
-            np.where(take, self.value, other.value),
-            np.where(rows, self.x, other.x),
-            np.where(rows, self.y, other.y),
-            np.where(take, self.converged, other.converged),
-        )
+        take, pairs = self.value <= other.value, zip(self, other, strict=True)
+        return Batch(*(np.where(take if a.ndim == 1 else take[:, None], a, b) for a, b in pairs))
 
 
 def random_starts(

@@ -21,15 +21,15 @@ def motion(rotation_world_body: Array, position_m: Array) -> tuple[Array, Array]
 
     Parameters
     ----------
-    rotation_world_body : (N, 3, 3).
-    position_m : (N, 3).
+    rotation_world_body : (..., 3, 3).
+    position_m : (..., 3).
 
     Returns
     -------
-    rotation (N, 3, 3) and p (N, 3). Applied to its own result it gives ``T_world_body`` back.
+    rotation (..., 3, 3) and p (..., 3). Applied to its own result it gives ``T_world_body`` back.
     """
     rotation = np.swapaxes(rotation_world_body, -1, -2)
-    return rotation, -np.einsum("nij,nj->ni", rotation, position_m)
+    return rotation, -np.einsum("...ij,...j->...i", rotation, position_m)
 
 
 def direct(contact: Contact, rotation: Array, p: Array, obj: Array, environment: Array) -> float:

@@ -33,11 +33,7 @@ from contact_tracker.config.table_reading import TableReading, reading_of
 from contact_tracker.errors import ChoiceError, UnreadableRecording, first_line, printable
 from contact_tracker.recording.bytestream import SHARE_OF_RECORD, TooMuchWork, WorkBudget
 from contact_tracker.recording.items import ROWS_AT_ONCE
-from contact_tracker.recording.table_layouts import (
-    Body,
-    TableLayout,
-    numbers,
-)
+from contact_tracker.recording.table_layouts import Body, TableLayout, numbers
 from contact_tracker.recording.table_proposals import layout_of_names, layout_without_names
 
 _PARQUET_ERRORS: Final = (pyarrow.ArrowException, OSError, ValueError, OverflowError, KeyError)

@@ -27,6 +27,7 @@ from contact_tracker.recording.bytestream import WorkBudget, open_stream
 from contact_tracker.recording.decoding import (
     POSE_TYPES,
     READ,
+    SECOND_NS,
     USUAL,
     LoggedPose,
     MessageDecoder,
@@ -48,7 +49,6 @@ from contact_tracker.recording.mcap_file import RecordLoop, channel_of, summary_
 from contact_tracker.recording.reading import parts_of, size_budget
 from contact_tracker.suggestions import suggestion
 
-SECOND_NS: Final = 1_000_000_000
 PREFIX_NS: Final = SECOND_NS
 PREFIX_MESSAGES: Final = 2000
 _LATEST_NS: Final = 2**63 - 1

@@ -23,9 +23,7 @@ from contact_tracker.config.table_reading import (
 from contact_tracker.errors import ChoiceError, UnreadableRecording, UsageError
 from contact_tracker.geometry.elements import Array
 from contact_tracker.motion.poses import real_number, real_numbers
-from contact_tracker.recording.table_layouts import (
-    quaternions,
-)
+from contact_tracker.recording.table_layouts import quaternions
 from contact_tracker.recording.table_proposals import layout_of_names
 from contact_tracker.suggestions import closest
 
