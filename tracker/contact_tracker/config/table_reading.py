@@ -72,12 +72,8 @@ class TableReading:
     field: str | None = None
 
     def __post_init__(self) -> None:
-        for name, value in (
-            ("unit", self.unit),
-            ("time_unit", self.time_unit),
-            ("euler", self.euler),
-            ("field", self.field),
-        ):
+        for name in ("unit", "time_unit", "euler", "field"):
+            value = getattr(self, name)
             if value is not None and not isinstance(value, str):
                 raise ValueError(f"{name} is text, not {value!r}")
         if self.unit is not None and self.unit not in LENGTHS:

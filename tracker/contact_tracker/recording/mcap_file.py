@@ -12,6 +12,7 @@ import struct
 import zlib
 from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import partial
 from io import BytesIO
 from itertools import pairwise
 from typing import IO, Any, Final
@@ -173,22 +174,19 @@ def _read(file: IO[bytes]) -> Summary | None:
         return None
     file.seek(start)
     summary = Summary()
-    by_id: dict[type, Any] = {records.Schema: summary.schemas, records.Channel: summary.channels}
-    lists: dict[type, Any] = {
-        records.ChunkIndex: summary.chunk_indexes,
-        records.AttachmentIndex: summary.attachment_indexes,
-        records.MetadataIndex: summary.metadata_indexes,
+    add: dict[type, Callable[[Any], object]] = {
+        records.Statistics: partial(setattr, summary, "statistics"),
+        records.Schema: lambda record: summary.schemas.update({record.id: record}),
+        records.Channel: lambda record: summary.channels.update({record.id: record}),
+        records.ChunkIndex: summary.chunk_indexes.append,
+        records.AttachmentIndex: summary.attachment_indexes.append,
+        records.MetadataIndex: summary.metadata_indexes.append,
+        **dict.fromkeys((records.SummaryOffset, records.Footer), lambda record: None),
     }
     for record in StreamReader(BytesIO(file.read()), skip_magic=True, emit_chunks=True).records:
-        kind = type(record)
-        if isinstance(record, records.Statistics):
-            summary.statistics = record
-        elif isinstance(record, records.Schema | records.Channel):
-            by_id[kind][record.id] = record
-        elif kind in lists:
-            lists[kind].append(record)
-        elif not isinstance(record, records.SummaryOffset | records.Footer):
+        if type(record) not in add:
             return None
+        add[type(record)](record)
     return summary
 
 
