@@ -84,11 +84,6 @@ def moment_ns(value: Any, first_ns: int) -> int:
         ) from error
 
 
-def have_own_unit(stamps: ArrayLike) -> bool:
-    """Whether stamps are dates or durations."""
-    return times(stamps).dtype.kind in "mM"
-
-
 def times(stamps: ArrayLike) -> NDArray[Any]:
     """Stamps as numbers, or as dates and durations of numpy; those with a time zone in UTC."""
     if getattr(getattr(stamps, "dtype", None), "tz", None) is not None:  # dates of pandas
@@ -210,8 +205,7 @@ def with_columns(
 
 
 def columns_of(table: Any, reading: TableReading) -> tuple[NDArray[Any], float | None, Array]:
-    """Times, their unit (ns; None if they have their own, or it is not known), and poses (N, 7) of the body
-    in a table.
+    """Times, their unit (ns; None if it is not known), and poses (N, 7) of the body in a table.
 
     Raises
     ------
@@ -238,7 +232,7 @@ def columns_of(table: Any, reading: TableReading) -> tuple[NDArray[Any], float |
     if layout.rest is not None:
         seconds, rest = np.asarray(time, np.int64), np.asarray(_column(table, keys[layout.rest]), np.int64)
         return seconds * 10**9 + rest, 1.0, body.poses(values)
-    return time, None if have_own_unit(time) else layout.time_ns, body.poses(values)
+    return time, layout.time_ns, body.poses(values)
 
 
 def _column(table: Any, key: Any) -> NDArray[Any]:
