@@ -148,10 +148,10 @@ class Compared(NamedTuple):
 def compared(found: Sequence[SingleContact]) -> list[Compared]:
     """All of them, in the paper's order."""
     lines = []
-    for (contact, side), reported in REPORTED_ERRORS.items():
+    for (contact, side), (angle_deg, distance_mm) in REPORTED_ERRORS.items():
         for kind, figure, per in (
-            ("angle", reported.angle_deg, float(np.degrees(1.0))),
-            ("distance", reported.distance_mm, 1e3),
+            ("angle", angle_deg, float(np.degrees(1.0))),
+            ("distance", distance_mm, 1e3),
         ):
             if np.isnan(figure):
                 continue

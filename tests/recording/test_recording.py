@@ -14,6 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import NonSeekingReader, make_reader
+from mcap.records import Metadata
 from mcap.writer import CompressionType, IndexType, Writer
 from mcap_ros2.decoder import DecoderFactory
 
@@ -31,7 +32,7 @@ from contact_tracker.recording import (
     write_recording,
 )
 from contact_tracker.recording.bytestream import ByteStream
-from contact_tracker.recording.items import Metadata, RawMessage
+from contact_tracker.recording.items import RawMessage
 from contact_tracker.recording.mcap_file import RecordLoop
 from contact_tracker.recording.reading import Reading
 from contact_tracker.states import Contact

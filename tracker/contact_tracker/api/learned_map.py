@@ -51,22 +51,17 @@ def map_of(known: Known, note: Callable[[str], None], states: Iterable[str] | No
     ``note`` is called with one line for each warning. ``states`` are the contacts that can occur; raises
     UsageError.
     """
-    found = _map_of(known, note)
-    if states is None:
-        return found
+    if known is None:
+        found = map.EMPTY_MAP
+    elif isinstance(known, map.Map):
+        found = map.Map(**_fields(known))
+    elif isinstance(known, Mapping):
+        found = map_from(known, Path(), note)
+    elif isinstance(known, str | os.PathLike):
+        found = read_map(path_from(known, "known"), note)
+    else:
+        raise UsageError(f"known is a file, a table of its keys or a Map, not {repr(known)}")
     try:
-        return replace(found, states=states_from(states))
+        return found if states is None else replace(found, states=states_from(states))
     except (TypeError, ValueError) as error:
         raise UsageError(f"states: {error}") from error
-
-
-def _map_of(known: Known, note: Callable[[str], None]) -> map.Map:
-    if known is None:
-        return map.EMPTY_MAP
-    if isinstance(known, map.Map):
-        return map.Map(**_fields(known))
-    if isinstance(known, Mapping):
-        return map_from(known, Path(), note)
-    if not isinstance(known, str | os.PathLike):
-        raise UsageError(f"known is a file, a table of its keys or a Map, not {repr(known)}")
-    return read_map(path_from(known, "known"), note)

@@ -326,11 +326,10 @@ def segment(
     poses = _trajectory_of(trajectory)
     evidence = None
     if wrench is not None:
-        used = _evidence_of(wrench, poses, given, known_map, mass_kg)
-        evidence = used.evidence
-        notes += used.warnings
-        if used.text not in used.warnings:
-            log_text(used.text)
+        evidence, load, warnings = _evidence_of(wrench, poses, given, known_map, mass_kg)
+        notes += warnings
+        if load:
+            log_text(load)
     outcome = segmented(poses, given, known_map, evidence, progress=progress, notes=notes)
     result = Result(**vars(outcome))
     warn_of(result.own_warnings)
@@ -343,7 +342,7 @@ def _evidence_of(
 ) -> RecordedEvidence:
     if isinstance(given, Wrenches):
         valid = given.valid
-        found = WrenchLog(valid, len(given) - len(valid), 0, 0, "", "as given", None)
+        found = WrenchLog(valid, len(given) - len(valid), 0, 0, "", "as given")
         return evidence_of(found, "the wrench", trajectory.poses, model, known_map, mass_kg)
     if not isinstance(given, str):
         raise UsageError(f"wrench is a topic or contact_tracker.Wrenches, not {type(given).__name__}")

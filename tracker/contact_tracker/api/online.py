@@ -4,10 +4,9 @@ import operator
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final, Self, SupportsIndex
+from typing import Final, Self, SupportsIndex
 
 from contact_tracker import tracker
-from contact_tracker.adaptation.report import Report
 from contact_tracker.api.learned_map import Known, Map, map_of
 from contact_tracker.errors import InvalidPose, OutputError, StateError
 from contact_tracker.motion.pose_validation import PoseGate, remark_on_loss, remarks_on
@@ -96,7 +95,7 @@ class Tracker:
         with continued(self._restored):
             beliefs = self._tracker.update(self._gate.arrive(pose))
             if beliefs or self._given % _ENOUGH == 0:
-                self._warn_of_news(_warnings(self._tracker.report_so_far))
+                self._warn_of_news(warnings(self._tracker.report_so_far))
                 if self._given >= _ENOUGH:
                     self._warn_of_news(self._found_in_counts())
         return beliefs[-1] if beliefs else None
@@ -121,7 +120,7 @@ class Tracker:
     def warnings(self) -> tuple[str, ...]:
         """One line per warning so far."""
         with continued(self._restored):
-            return (*self._found_in_counts(), *self._notes, *self._found_in_poses())
+            return (*self._found_in_counts(), *self._notes, *warnings(self._tracker.report))
 
     @property
     def map(self) -> Map | None:
@@ -167,25 +166,20 @@ class Tracker:
                 return restored
         raise StateError(f"{name}: it is no state of a tracker")
 
-    def _found_in_poses(self) -> Sequence[str]:
-        return _warnings(self._tracker.report)
-
     def _found_in_counts(self) -> Sequence[str]:
         loss = remark_on_loss(self._gate.counts, self._given, self._gate.refused_xyzw)
         return remarks_on(self._gate.counts, self._given) if loss is None else (loss,)
 
-    def _warn_of_news(self, texts: Sequence[str]) -> None:
+    def _warn_of_news(self, texts: Iterable[str]) -> None:
         warn_of(not_given(texts, self._warned))
-
-
-def _warnings(report: Report | None) -> Sequence[str]:
-    return () if report is None else tuple(warnings(report))
 
 
 def _pose(stamp_ns: SupportsIndex, position_m: Sequence[float], quat_xyzw: Sequence[float]) -> Pose:
     """A pose of plain numbers, not validated yet."""
     try:
-        stamp = operator.index(_no_flag(stamp_ns))
+        if isinstance(stamp_ns, bool):  # which is an integer, too
+            raise TypeError
+        stamp = operator.index(stamp_ns)
     except TypeError as error:
         text = f"stamps are integers in nanoseconds, not {stamp_ns!r}: multiply seconds by 1e9 and round"
         raise InvalidPose(text) from error
@@ -195,10 +189,3 @@ def _pose(stamp_ns: SupportsIndex, position_m: Sequence[float], quat_xyzw: Seque
     except (TypeError, ValueError, OverflowError) as error:
         raise InvalidPose("a pose has three coordinates and a quaternion xyzw") from error
     return Pose(stamp, (x, y, z), (qx, qy, qz, qw))
-
-
-def _no_flag(value: Any) -> Any:
-    """``value``, unless it is a truth value, which is an integer, too."""
-    if isinstance(value, bool):
-        raise TypeError
-    return value

@@ -249,12 +249,12 @@ def _answer(
 
 def _segmented(name: str, path: str, settings: Settings, folder: Path) -> Row:
     """Write the files; returns the row."""
-    log, wrenches = _open(path, settings), None
+    log, evidence, unused = _open(path, settings), None, tuple[str, ...]()
     if settings.wrench is not None:
         topic, mass_kg = settings.wrench
         poses = _open(path, settings)
-        wrenches = recorded_evidence(path, topic, poses, settings.model, settings.known_map, mass_kg)
-    evidence = None if wrenches is None else wrenches.evidence
+        found = recorded_evidence(path, topic, poses, settings.model, settings.known_map, mass_kg)
+        evidence, _, unused = found
     tracker = OfflineTracker(
         settings.model, settings.known_map, wrenches=evidence, read_as=log.source.read_as
     )
@@ -281,7 +281,6 @@ def _segmented(name: str, path: str, settings: Settings, folder: Path) -> Row:
     if not settings.with_ticks:
         _remove(folder, file, "ticks")
     adapted = tracker.report
-    unused = () if wrenches is None else wrenches.warnings
     notes = [*filter(None, [log.note]), *log.remarks, *unused]
     noted = {**log.counts, "outlier": outliers}
     report = {} if adapted is None else report_json(adapted)

@@ -311,13 +311,12 @@ def load_wrenches(
     log = open_poses(args, name)
     with progress(f"{name}: load", "poses", log.source.messages) as set_done:
         found = recorded_evidence(name, args.wrench, log, model, known_map, args.mass, set_done)
-    if found is None:
-        return None  # the command itself says so
-    if found.text not in found.warnings:
-        say(f"{name}: {found.text}")
-    for line in found.warnings:
+    evidence, load, warnings = found
+    if load:
+        say(f"{name}: {load}")
+    for line in warnings:
         note(f"{name}: {line}")
-    return found.evidence
+    return evidence
 
 
 def add_output(parser: argparse._ActionsContainer, suffixes: Iterable[str], text: str, **more: Any) -> None:

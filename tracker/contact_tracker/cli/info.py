@@ -50,7 +50,7 @@ def run(args: argparse.Namespace) -> int:
     chosen = [source for source in summary.sources if _is_chosen(source, args)]
     if summary.sources and (not chosen or args.relative_to is not None):
         chosen = [_composed(args)]
-    summary = replace(summary, sources=tuple(map(_with_noise, chosen)))
+    summary = replace(summary, sources=tuple(chosen))
     tracked = [source for source in summary.sources if source.poses][:TRACKED_SOURCES]
     reports = _reports(tracked)
     losses = [f"{source.source}: {source.loss}" for source in summary.sources if source.loss is not None]
@@ -84,18 +84,6 @@ def _composed(args: argparse.Namespace) -> "SourceSummary":
 def _is_chosen(source: "SourceSummary", args: argparse.Namespace) -> bool:
     on_topic = args.topic is None or source.source.topic == args.topic
     return on_topic and (args.frame is None or source.source.is_named(args.frame))
-
-
-def _with_noise(source: "SourceSummary") -> "SourceSummary":
-    """The source with its sensor noise, estimated from the first valid poses."""
-    from dataclasses import replace
-
-    from contact_tracker.motion.sensor_noise import estimate_noise
-
-    if not source.poses:
-        return source
-    position_m, rotation_rad = estimate_noise(source.beginning)
-    return replace(source, sigma_position_m=position_m, sigma_rotation_rad=rotation_rad)
 
 
 def _reports(sources: "Sequence[SourceSummary]") -> "dict[PoseSource, Report | None]":

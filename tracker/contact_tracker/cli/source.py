@@ -203,7 +203,7 @@ class Source:
 
     def warn_of_news(self, adapted: "Report | None") -> None:
         """Warn of the problems of the stream of which it was not warned before."""
-        for line in not_given(() if adapted is None else warnings(adapted), self._warned):
+        for line in not_given(warnings(adapted), self._warned):
             warn(line)
 
     def say_of_suspicion(self, stamp_ns: int, is_suspected: bool) -> None:

@@ -33,8 +33,8 @@ ANGLE_UNITS: Final[Mapping[str, str]] = {
 }
 RANGE_NS: Final = 2**62
 """Largest stamp, in either direction: 146 years from zero."""
-_UNITS: Final = LENGTHS | ANGLES
-_QUANTITY: Final = re.compile(r"([0-9.]+(?:e[-+]?[0-9]+)?)\s*([a-z]+)")
+_NUMBER: Final = r"\s*((?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:e[-+]?[0-9]+)?)\s*"
+_DEVIATIONS: Final = re.compile(f"{_NUMBER}({'|'.join(LENGTHS)})\\s*,{_NUMBER}({'|'.join(ANGLES)})\\s*")
 _LEAST: Final = 1e-9
 _MOST_M: Final = 0.1
 _MOST_RAD: Final = math.radians(10.0)
@@ -49,12 +49,11 @@ def deviations(text: str, may_be_zero: bool = False) -> tuple[float, float]:
     ValueError
         It is something else, or no plausible error of a pose.
     """
-    parts = [_QUANTITY.fullmatch(part.strip()) for part in text.split(",")]
-    units = [part[2] for part in parts if part]
-    if len(parts) != 2 or len(units) != 2 or units[0] not in LENGTHS or units[1] not in ANGLES:
+    given = _DEVIATIONS.fullmatch(text)
+    if given is None:
         raise ValueError(f"{text!r} is not a length and an angle with units: 0.3mm,0.15deg")
-    values = [_number(part[1]) * _UNITS[part[2]] for part in parts if part]
-    return plausible((values[0], values[1]), text, may_be_zero)
+    values = float(given[1]) * LENGTHS[given[2]], float(given[3]) * ANGLES[given[4]]
+    return plausible(values, text, may_be_zero)
 
 
 def plausible(values: tuple[float, float], shown: object, may_be_zero: bool = False) -> tuple[float, float]:
@@ -66,10 +65,3 @@ def plausible(values: tuple[float, float], shown: object, may_be_zero: bool = Fa
                 "at least 1e-9 m and rad. Are the units right?"
             )
     return values
-
-
-def _number(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:  # as 1.2.3
-        return math.nan

@@ -72,12 +72,8 @@ class TableReading:
     field: str | None = None
 
     def __post_init__(self) -> None:
-        for name, value in (
-            ("unit", self.unit),
-            ("time_unit", self.time_unit),
-            ("euler", self.euler),
-            ("field", self.field),
-        ):
+        for name in ("unit", "time_unit", "euler", "field"):
+            value = getattr(self, name)
             if value is not None and not isinstance(value, str):
                 raise ValueError(f"{name} is text, not {value!r}")
         if self.unit is not None and self.unit not in LENGTHS:
@@ -124,11 +120,6 @@ class TableReading:
     def is_of_table(self) -> bool:
         """Whether it says something of the columns of a table."""
         return self != TableReading(field=self.field)
-
-    @property
-    def units(self) -> dict[str, str | None]:
-        """The units alone."""
-        return {"unit": self.unit, "time_unit": self.time_unit}
 
     def words(self) -> list[str]:
         """The options of the command line."""

@@ -10,6 +10,7 @@ from contact_tracker.adaptation.report import Report
 from contact_tracker.errors import printable
 from contact_tracker.inspection.stream_checks import STILL
 from contact_tracker.motion.pose_validation import remarks_on
+from contact_tracker.motion.sensor_noise import estimate_noise
 from contact_tracker.recording import WRENCH_TYPE, PoseSource, RecordingSummary, SourceSummary
 
 _NUMBERS: Final = re.compile(r"\d[\d.,]*(?:e[-+]?\d+)?")
@@ -36,8 +37,10 @@ def noise_text(report: Report) -> str:
     )
 
 
-def warnings(report: Report) -> Iterator[str]:
-    """One line for each problem of the stream, with a remedy."""
+def warnings(report: Report | None) -> Iterator[str]:
+    """One line for each problem of the stream, with a remedy; none before there is a report."""
+    if report is None:
+        return
     asked, chosen = report.model, report.chosen
     if chosen.tick_s > asked.tick_s:
         yield (
@@ -168,20 +171,21 @@ def _source_rows(source: SourceSummary, adapted: Report | None) -> Iterator[tupl
         yield "time", f"{source.duration_s:.2f} s at {rate:.1f} Hz, jitter {jitter_ms:.2f} ms"
         extent = " x ".join(f"{metres:.2f}" for metres in source.extent_m)
         yield "motion", f"{source.path_m:.2f} m of path within {extent} m"
-    position_m, rotation_rad = _finite(source.sigma_position_m), _finite(source.sigma_rotation_rad)
+    position_m, rotation_rad = map(_finite, estimate_noise(source.beginning))
     if position_m is not None and rotation_rad is not None:
         where = " at the body's origin" if adapted is not None and any(adapted.point_m) else ""
         deviations = f"{position_m * 1e3:.3f} mm and {math.degrees(rotation_rad):.3f} deg per axis"
         yield "noise", f"about {deviations}{where}"
     if adapted is not None:
         yield "tracking", noise_text(adapted)
-        yield from (("warning", line) for line in warnings(adapted))
-    yield from (("warning", line) for line in remarks_on(source.counts, source.observed))
+    for line in (*warnings(adapted), *remarks_on(source.counts, source.observed)):
+        yield "warning", line
     if source.counts:
         yield "noted", ", ".join(f"{kind} {count}" for kind, count in source.counts.items())
 
 
 def _source_json(source: SourceSummary, adapted: Report | None) -> dict[str, Any]:
+    sigma_position_m, sigma_rotation_rad = map(_finite, estimate_noise(source.beginning))
     return {
         "topic": source.source.topic,
         "type": source.source.type,
@@ -197,14 +201,11 @@ def _source_json(source: SourceSummary, adapted: Report | None) -> dict[str, Any
         "log_offset_s": _finite(source.log_offset_s),
         "path_m": _finite(source.path_m),
         "extent_m": [_finite(metres) for metres in source.extent_m],
-        "noise": {
-            "sigma_position_m": _finite(source.sigma_position_m),
-            "sigma_rotation_rad": _finite(source.sigma_rotation_rad),
-        },
+        "noise": {"sigma_position_m": sigma_position_m, "sigma_rotation_rad": sigma_rotation_rad},
         "counts": dict(source.counts),
         "tracking": None if adapted is None else report_json(adapted),
     }
 
 
-def _finite(value: float | None) -> float | None:
-    return value if value is not None and math.isfinite(value) else None
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None

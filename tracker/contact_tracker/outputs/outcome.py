@@ -77,7 +77,7 @@ class Outcome:
     @property
     def own_warnings(self) -> tuple[str, ...]:
         """One line per warning that the trajectory does not have."""
-        return (*self.notes, *(() if self.report is None else warnings(self.report)))
+        return (*self.notes, *warnings(self.report))
 
     @property
     def noise(self) -> str:

@@ -13,6 +13,7 @@ from typing import Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from contact_tracker.geometry.linalg import MOST_DAMPING, adapted
 from contact_tracker.geometry.vectors import sphere_tangent
@@ -32,12 +33,14 @@ class Form:
     Parameters
     ----------
     x, y : kinds of the first and the second factor.
+    residuals : rows of each frame, by the motion (..., N, 3, 3) and (..., N, 3).
     object_first : whether x is the object's element.
     swapped : whether the frames are exchanged (f-e is e-f of the inverse motion).
     """
 
     x: Kind
     y: Kind
+    residuals: Callable[[Array, Array], Array]
     object_first: bool
     swapped: bool = False
 
@@ -49,21 +52,6 @@ class Form:
     def factors(self, obj: Array, environment: Array) -> tuple[Array, Array]:
         """Object and environment as (x, y); given (x, y) it returns (object, environment)."""
         return (obj, environment) if self.object_first else (environment, obj)
-
-
-_FORMS: Final[dict[Contact, Form]] = {
-    Contact.FF: Form("plane", "plane", object_first=True),
-    Contact.EF: Form("line", "plane", object_first=True),
-    Contact.FE: Form("line", "plane", object_first=False, swapped=True),
-    Contact.VF: Form("point", "plane", object_first=True),
-    Contact.FV: Form("point", "plane", object_first=False, swapped=True),
-    Contact.EE: Form("line", "line", object_first=False),
-}
-
-
-def form(contact: Contact) -> Form:
-    """The factors of a contact's Kronecker product."""
-    return _FORMS[contact]
 
 
 def matrix(contact: Contact, rotation: Array, p: Array) -> Array:
@@ -88,17 +76,8 @@ def value(contact: Contact, k: Array, obj: Array, environment: Array) -> float:
 def rows(contact: Contact, rotation: Array, p: Array) -> Array:
     """Rows A (..., N, r, n) of each frame: its residuals are ``A @ kron(x, y)``."""
     if form(contact).swapped:
-        flat = motion(rotation.reshape(-1, 3, 3), p.reshape(-1, 3))
-        rotation, p = flat[0].reshape(rotation.shape), flat[1].reshape(p.shape)
-    match contact:
-        case Contact.FF:
-            return _face_face(rotation, p)
-        case Contact.EF | Contact.FE:
-            return _edge_face(rotation, p)
-        case Contact.VF | Contact.FV:
-            return _vertex_face(rotation, p)
-        case _:
-            return _edge_edge(rotation, p)
+        rotation, p = motion(rotation, p)
+    return form(contact).residuals(rotation, p)
 
 
 def _face_face(rotation: Array, p: Array) -> Array:
@@ -138,6 +117,21 @@ def _edge_edge(rotation: Array, p: Array) -> Array:
     return a.reshape(*p.shape[:-1], 1, 36)
 
 
+_FORMS: Final[dict[Contact, Form]] = {
+    Contact.FF: Form("plane", "plane", _face_face, object_first=True),
+    Contact.EF: Form("line", "plane", _edge_face, object_first=True),
+    Contact.FE: Form("line", "plane", _edge_face, object_first=False, swapped=True),
+    Contact.VF: Form("point", "plane", _vertex_face, object_first=True),
+    Contact.FV: Form("point", "plane", _vertex_face, object_first=False, swapped=True),
+    Contact.EE: Form("line", "line", _edge_edge, object_first=False),
+}
+
+
+def form(contact: Contact) -> Form:
+    """The factors of a contact's Kronecker product."""
+    return _FORMS[contact]
+
+
 def _offsets(rotation: Array, p: Array) -> Array:
     """(..., 3, 3, 4): row k takes ``v_k ((R n) . p + h)`` from ``v (x) [n, h]``."""
     plane = np.concatenate([np.einsum("...ij,...i->...j", rotation, p), np.ones((*p.shape[:-1], 1))], axis=-1)
@@ -149,11 +143,7 @@ def _cross_rows(rotation: Array) -> Array:
     return np.asarray(np.einsum("klm,...mj->...klj", _LEVI_CIVITA, rotation))
 
 
-_LEVI_CIVITA: Final = np.zeros((3, 3, 3))
-for _i, _j, _k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-    _LEVI_CIVITA[_i, _j, _k], _LEVI_CIVITA[_i, _k, _j] = 1.0, -1.0
-
-
+_LEVI_CIVITA: Final = np.cross(np.eye(3)[:, None], np.eye(3))
 FIRST_DAMPING: Final = 1e-3
 LEAST_SHARE: Final = 1e-11
 LEAST_CURVATURE: Final = np.finfo(float).tiny
@@ -173,14 +163,8 @@ class Batch(NamedTuple):
 
     def better(self, other: "Batch") -> "Batch":
         """The lower of each pair."""
-        take = self.value <= other.value
-        rows = take[:, None]
-        return Batch(
-            np.where(take, self.value, other.value),
-            np.where(rows, self.x, other.x),
-            np.where(rows, self.y, other.y),
-            np.where(take, self.converged, other.converged),
-        )
+        take, pairs = self.value <= other.value, zip(self, other, strict=True)
+        return Batch(*(np.where(take if a.ndim == 1 else take[:, None], a, b) for a, b in pairs))
 
 
 def random_starts(
@@ -351,8 +335,12 @@ def minimise_slsqp(
     size = SIZE[f.x]
     # A sum of 500 squares of metres is far above SLSQP's absolute tolerance; one frame's minimum is not.
     scale = 1.0 / max(float(np.trace(k)) / f.size, np.finfo(float).tiny)
-    constraints = {"type": "eq", "fun": lambda z: _constraints(f, z), "jac": lambda z: _constraint_rows(f, z)}
-    best, converged = None, 0
+    constraints = {
+        "type": "eq",
+        "fun": lambda z: _constraints(f, z)[0],
+        "jac": lambda z: _constraints(f, z)[1],
+    }
+    minima, converged = list[tuple[float, Array, Array]](), 0
     for _ in range(starts):
         z0 = np.concatenate(random_starts(contact, 1, rng, offset_m), axis=1)[0]
         options = {"maxiter": 500, "ftol": 1e-15}
@@ -367,12 +355,11 @@ def minimise_slsqp(
         converged += int(found.success)
         x, y = _onto_constraints(f.x, found.x[:size]), _onto_constraints(f.y, found.x[size:])
         v = np.kron(x, y)
-        candidate = (float(v @ k @ v), x, y)
-        if best is None or candidate[0] < best[0]:
-            best = candidate
-    if best is None:
+        minima.append((float(v @ k @ v), x, y))
+    if not minima:
         raise ValueError("at least one start is needed")
-    return Minimum(best[0], *f.factors(best[1], best[2]), converged)
+    least, x, y = min(minima, key=lambda minimum: minimum[0])
+    return Minimum(least, *f.factors(x, y), converged)
 
 
 def _objective(k: Array, size: int) -> Callable[[Array], tuple[float, Array]]:
@@ -386,38 +373,22 @@ def _objective(k: Array, size: int) -> Callable[[Array], tuple[float, Array]]:
     return objective
 
 
-def _constraints(f: Form, z: Array) -> Array:
+def _constraints(f: Form, z: Array) -> tuple[Array, Array]:
+    """What is zero of both factors, and its derivatives by these."""
     size = SIZE[f.x]
-    return np.concatenate([_constraint(f.x, z[:size]), _constraint(f.y, z[size:])])
+    (first, by_x), (second, by_y) = _constraint(f.x, z[:size]), _constraint(f.y, z[size:])
+    return np.concatenate([first, second]), block_diag(by_x, by_y)
 
 
-def _constraint_rows(f: Form, z: Array) -> Array:
-    size = SIZE[f.x]
-    first, second = _constraint_row(f.x, z[:size]), _constraint_row(f.y, z[size:])
-    out = np.zeros((len(first) + len(second), len(z)))
-    out[: len(first), :size] = first
-    out[len(first) :, size:] = second
-    return out
-
-
-def _constraint(kind: Kind, e: Array) -> Array:
+def _constraint(kind: Kind, e: Array) -> tuple[list[float], list[list[float]]]:
+    length = float(e[:3] @ e[:3]) - 1.0
     match kind:
         case "plane":
-            return np.array([e[:3] @ e[:3] - 1.0])
+            return [length], [[*(2.0 * e[:3]), 0.0]]
         case "line":
-            return np.array([e[:3] @ e[:3] - 1.0, e[:3] @ e[3:]])
+            return [length, float(e[:3] @ e[3:])], [[*(2.0 * e[:3]), 0.0, 0.0, 0.0], [*e[3:], *e[:3]]]
         case "point":
-            return np.array([e[3] - 1.0])
-
-
-def _constraint_row(kind: Kind, e: Array) -> Array:
-    match kind:
-        case "plane":
-            return np.array([[*(2.0 * e[:3]), 0.0]])
-        case "line":
-            return np.array([[*(2.0 * e[:3]), 0.0, 0.0, 0.0], [*e[3:], *e[:3]]])
-        case "point":
-            return np.array([[0.0, 0.0, 0.0, 1.0]])
+            return [e[3] - 1.0], [[0.0, 0.0, 0.0, 1.0]]
 
 
 def _onto_constraints(kind: Kind, e: Array) -> Array:

@@ -6,7 +6,7 @@ over the N frames. Units: rad^2 and m^2 (and m^2 rad^2) are added up as the pape
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,15 +21,15 @@ def motion(rotation_world_body: Array, position_m: Array) -> tuple[Array, Array]
 
     Parameters
     ----------
-    rotation_world_body : (N, 3, 3).
-    position_m : (N, 3).
+    rotation_world_body : (..., 3, 3).
+    position_m : (..., 3).
 
     Returns
     -------
-    rotation (N, 3, 3) and p (N, 3). Applied to its own result it gives ``T_world_body`` back.
+    rotation (..., 3, 3) and p (..., 3). Applied to its own result it gives ``T_world_body`` back.
     """
     rotation = np.swapaxes(rotation_world_body, -1, -2)
-    return rotation, -np.einsum("nij,nj->ni", rotation, position_m)
+    return rotation, -np.einsum("...ij,...j->...i", rotation, position_m)
 
 
 def direct(contact: Contact, rotation: Array, p: Array, obj: Array, environment: Array) -> float:
@@ -96,25 +96,16 @@ def _sum_of_squares(*residuals: Array) -> float:
 
 
 UNREPORTED: Final = float("nan")
-
-
-class ReportedError(NamedTuple):
-    """Of one element; nan where the paper gives no figure."""
-
-    angle_deg: float
-    distance_mm: float
-
-
-REPORTED_ERRORS: Final[Mapping[tuple[Contact, str], ReportedError]] = MappingProxyType(
+REPORTED_ERRORS: Final[Mapping[tuple[Contact, str], tuple[float, float]]] = MappingProxyType(
     {
-        (Contact.FF, "object"): ReportedError(0.12, UNREPORTED),
-        (Contact.FF, "environment"): ReportedError(0.12, UNREPORTED),
-        (Contact.EF, "object"): ReportedError(0.76, 5.6),
-        (Contact.EF, "environment"): ReportedError(0.72, UNREPORTED),
-        (Contact.VF, "object"): ReportedError(UNREPORTED, 9.4),
-        (Contact.VF, "environment"): ReportedError(0.14, UNREPORTED),
-        (Contact.EE, "object"): ReportedError(0.43, 6.3),
-        (Contact.EE, "environment"): ReportedError(0.15, 4.0),
+        (Contact.FF, "object"): (0.12, UNREPORTED),
+        (Contact.FF, "environment"): (0.12, UNREPORTED),
+        (Contact.EF, "object"): (0.76, 5.6),
+        (Contact.EF, "environment"): (0.72, UNREPORTED),
+        (Contact.VF, "object"): (UNREPORTED, 9.4),
+        (Contact.VF, "environment"): (0.14, UNREPORTED),
+        (Contact.EE, "object"): (0.43, 6.3),
+        (Contact.EE, "environment"): (0.15, 4.0),
     }
 )
-"""By contact and side."""
+"""Angle (deg) and distance (mm) by contact and side; nan where the paper gives no figure."""

@@ -1,6 +1,5 @@
 """The paper's fixed-window curves (its Fig. 5): minima of its own objective functions along a recording."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import reduce
 from math import gcd
@@ -45,15 +44,6 @@ class WindowCurves:
     minimum: Array
     converged: NDArray[np.bool_]
 
-    @classmethod
-    def join(cls, parts: Sequence["WindowCurves"]) -> "WindowCurves":
-        """Consecutive windows joined."""
-        return cls(
-            np.concatenate([np.zeros(0, np.int64), *(part.stamp_ns for part in parts)]),
-            np.concatenate([np.zeros((0, 6)), *(part.minimum for part in parts)]),
-            np.concatenate([np.zeros((0, 6), bool), *(part.converged for part in parts)]),
-        )
-
     @property
     def normalised(self) -> Array:
         """(W, 6), each column divided by its maximum, as in the paper's Fig. 5."""
@@ -72,58 +62,21 @@ def curves(poses: Poses, frames: int = 500, step: int = 10) -> WindowCurves:
 
     A recording shorter than a window has no windows. The result is deterministic.
     """
-    growing = Curves(frames, step, poses.position_m.mean(axis=0) if len(poses) else None)
-    growing.extend(poses)
-    return growing.finish()
-
-
-class Curves:
-    """``curves`` of poses that come block by block; memory is bounded, except for the result.
-
-    Parameters
-    ----------
-    origin_m : (3,) of the world; by default the mean of the first ``CHUNK_FRAMES`` positions.
-    """
-
-    def __init__(self, frames: int = 500, step: int = 10, origin_m: Array | None = None) -> None:
-        if frames < 1 or step < 1:
-            raise ValueError("a window needs at least one frame and a step of at least one")
-        self._frames, self._step, self._origin_m = frames, step, origin_m
-        self._windows = max(CHUNK_FRAMES // step, 1)  # minimised together
-        self._pending: list[Poses] = []
-        self._found: list[WindowCurves] = []
-
-    def extend(self, poses: Poses) -> None:
-        """Append later poses."""
-        self._pending.append(poses)
-        enough = (self._windows - 1) * self._step + self._frames
-        if sum(map(len, self._pending)) >= enough:
-            whole = Poses.join(self._pending)
-            while len(whole) >= enough:
-                self._minimise(whole[:enough])
-                whole = whole[self._windows * self._step :]
-            self._pending = [whole]
-
-    def finish(self) -> WindowCurves:
-        """The curves of all poses."""
-        rest = Poses.join(self._pending)
-        self._pending.clear()
-        windows = (len(rest) - self._frames) // self._step + 1
-        if windows > 0:
-            self._minimise(rest[: (windows - 1) * self._step + self._frames])
-        return WindowCurves.join(self._found)
-
-    def _minimise(self, poses: Poses) -> None:
-        """Minimise on a chunk that begins and ends with a window."""
-        if self._origin_m is None:
-            self._origin_m = poses.position_m.mean(axis=0)
-        stamp_ns = poses.stamp_ns[self._frames - 1 :: self._step].copy()
-        found = WindowCurves(stamp_ns, np.zeros((len(stamp_ns), 6)), np.ones((len(stamp_ns), 6), bool))
-        rotation, position = poses.rotation, poses.position_m - self._origin_m
+    if frames < 1 or step < 1:
+        raise ValueError("a window needs at least one frame and a step of at least one")
+    stamp_ns = poses.stamp_ns[frames - 1 :: step].copy()
+    count, at_once = len(stamp_ns), max(CHUNK_FRAMES // step, 1)
+    found = WindowCurves(stamp_ns, np.zeros((count, 6)), np.ones((count, 6), bool))
+    position_m = poses.position_m - poses.position_m.mean(axis=0) if count else poses.position_m
+    for first in range(0, count, at_once):
+        last = min(first + at_once, count)
+        span = slice(first * step, (last - 1) * step + frames)
+        rotation = poses[span].rotation
         for column, model in enumerate(CONTACT_MODELS):
-            best = minimise_windows(model, rotation, position, self._frames, self._step)
-            found.minimum[:, column], found.converged[:, column] = best.value, best.converged
-        self._found.append(found)
+            best = minimise_windows(model, rotation, position_m[span], frames, step)
+            found.minimum[first:last, column] = best.value
+            found.converged[first:last, column] = best.converged
+    return found
 
 
 def minimise_windows(

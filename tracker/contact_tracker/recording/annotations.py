@@ -7,6 +7,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import Any, Final
 
+from mcap.records import Attachment, Metadata
+
 from contact_tracker.config.quantities import NAMED_NS
 from contact_tracker.config.table_reading import AS_NAMED, TableReading
 from contact_tracker.errors import ChoiceError, NoTruth, printable
@@ -14,7 +16,7 @@ from contact_tracker.files import near_file
 from contact_tracker.ground_truth import UNSCORED, CoarseLabel, Truth, TruthInterval
 from contact_tracker.recording.bytestream import is_regular
 from contact_tracker.recording.decoding import Undecodable
-from contact_tracker.recording.items import Attachment, Metadata, RawMessage
+from contact_tracker.recording.items import RawMessage
 from contact_tracker.recording.log import open_log
 from contact_tracker.recording.mcap_file import summary_of
 from contact_tracker.recording.reading import Reading, is_table_file, parts_of
@@ -81,7 +83,7 @@ def read_metadata(path: str) -> dict[str, dict[str, str]]:
     """
     if not _is_rereadable(path) or is_table_file(path):
         return {}
-    return {item.name: item.values for item in _stored(path) if isinstance(item, Metadata)}
+    return {item.name: item.metadata for item in _stored(path) if isinstance(item, Metadata)}
 
 
 def _is_rereadable(path: str) -> bool:

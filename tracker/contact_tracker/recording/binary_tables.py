@@ -19,7 +19,7 @@ from collections.abc import Iterator, Mapping, Set
 from contextlib import closing
 from dataclasses import replace
 from itertools import compress
-from typing import IO, Any, Final, NamedTuple
+from typing import IO, Any, Final
 
 import numpy as np
 import pyarrow
@@ -33,11 +33,7 @@ from contact_tracker.config.table_reading import TableReading, reading_of
 from contact_tracker.errors import ChoiceError, UnreadableRecording, first_line, printable
 from contact_tracker.recording.bytestream import SHARE_OF_RECORD, TooMuchWork, WorkBudget
 from contact_tracker.recording.items import ROWS_AT_ONCE
-from contact_tracker.recording.table_layouts import (
-    Body,
-    TableLayout,
-    numbers,
-)
+from contact_tracker.recording.table_layouts import Body, TableLayout, numbers
 from contact_tracker.recording.table_proposals import layout_of_names, layout_without_names
 
 _PARQUET_ERRORS: Final = (pyarrow.ArrowException, OSError, ValueError, OverflowError, KeyError)
@@ -50,12 +46,9 @@ _WIDEST: Final = 64
 _DEEPEST: Final = 5
 
 
-class _Leaf(NamedTuple):
-    """A column of single values: in a struct or a list of the file's column ``path[0]``, or that itself."""
-
-    name: str
-    path: tuple[str | int, ...]
-    type: Any
+_Leaf = tuple[str, tuple[str | int, ...], Any]
+"""Name, path and type of a column of single values, which is the file's column ``path[0]``, or in its structs
+or lists."""
 
 
 class ParquetTable:
@@ -77,16 +70,17 @@ class ParquetTable:
             raise UnreadableRecording(
                 f"it cannot be read as a table: {first_line(error)[:_LONGEST_LINE]}"
             ) from error
-        self.layout = layout_of_names([leaf.name for leaf in leaves], reading, path, "Parquet")
+        layout = layout_of_names([name for name, _, _ in leaves], reading, path)
+        self.layout = replace(layout, kind="Parquet")
         self._chosen = {place: leaves[place] for place in self.layout.places if place >= 0}
-        for place, leaf in self._chosen.items():
-            is_time = place == self.layout.time and types.is_temporal(leaf.type)
-            if not (is_time or _is_number(leaf.type)):
-                named = f"its column {printable(leaf.name[:_LONGEST_NAME])} is of the type {leaf.type}"
+        for place, (name, _, kind) in self._chosen.items():
+            is_time = place == self.layout.time and types.is_temporal(kind)
+            if not (is_time or _is_number(kind)):
+                named = f"its column {printable(name[:_LONGEST_NAME])} is of the type {kind}"
                 raise UnreadableRecording(f"{named}: columns of numbers are read")
             if is_time:
-                self.layout = replace(self.layout, time_ns=1, has_own_unit=types.is_duration(leaf.type))
-        self._columns = list(dict.fromkeys(str(leaf.path[0]) for leaf in self._chosen.values()))
+                self.layout = replace(self.layout, time_ns=1, has_own_unit=types.is_duration(kind))
+        self._columns = list(dict.fromkeys(str(path[0]) for _, path, _ in self._chosen.values()))
         _check_pages(self._file.metadata, path, {*self._columns}, len(self.layout.bodies), budget)
 
     def __iter__(self) -> Iterator[dict[int, Any]]:
@@ -103,8 +97,8 @@ class ParquetTable:
     def _values(self, batch: Any, done: int) -> dict[int, Any]:
         """Times as text, and numbers, of a batch after ``done`` rows; rows without any are left out."""
         found, time = dict[int, Any](), self.layout.time
-        for place, leaf in self._chosen.items():
-            column = _single(batch.column(str(leaf.path[0])), leaf.path[1:])
+        for place, (_, path, _) in self._chosen.items():
+            column = _single(batch.column(str(path[0])), path[1:])
             found[place] = _texts(column) if place in (time, self.layout.rest) else _numbers(column)
         if time < 0:
             return {**found, time: [str(done + i) for i in range(len(batch))]}
@@ -136,7 +130,7 @@ class ParquetTable:
             first = None if batch is None else batch.column(0)[0].as_py()
             inner = [(f"{name}[{i}]", i, kind.value_type) for i in range(min(len(first or ()), _WIDEST))]
         else:
-            yield _Leaf(name, path, kind)
+            yield name, path, kind
         for own, step, of_inner in inner:
             yield from self._leaves(own, (*path, step), of_inner, file, budget)
 
@@ -309,9 +303,10 @@ class ArrayTable:
                 self._values += list(rows.T)
         if list(arrays) == [""]:
             rows = np.array([values[:_FIRST_ROWS] for values in self._values]).T
-            self.layout = layout_without_names(rows.astype(str).tolist(), reading, path, "NumPy")
+            layout = layout_without_names(rows.astype(str).tolist(), reading, path)
         else:
-            self.layout = layout_of_names(names, reading, path, "NumPy")
+            layout = layout_of_names(names, reading, path)
+        self.layout = replace(layout, kind="NumPy")
 
     def __iter__(self) -> Iterator[dict[int, Any]]:
         layout = self.layout
@@ -425,7 +420,7 @@ class C3DTable(ArrayTable):
         if self._rows < rows:
             text = f"it ends after {self._rows} of {rows} frames: if more was recorded, copy it again"
             self.damage = (text,)
-        self.layout = TableLayout("C3D", None, 0, -1, 1e9 / rate, bodies, has_own_unit=True)
+        self.layout = TableLayout(-1, 1e9 / rate, bodies, "C3D", has_own_unit=True)
         matrices = values.reshape(self._rows, len(bodies), _VALUES).astype(np.float64)
         matrices[matrices[:, :, -1] < 0.0] = np.nan
         poses = matrices[:, :, :16].reshape(self._rows, len(bodies), 4, 4)[..., :3]

@@ -11,7 +11,8 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from io import BufferedReader, RawIOBase
+from io import BufferedReader
+from types import SimpleNamespace
 from typing import IO, Final, cast
 
 import zstandard
@@ -144,7 +145,7 @@ class ByteStream:
         self._inflated: IO[bytes] | None = None
         self._size = None if compressed or follow is not None else _size_of(file)
         if compressed:
-            counted = cast(IO[bytes], _Counted(file, self.budget))
+            counted = cast(IO[bytes], SimpleNamespace(read=self._read_plain))
             self._inflated = zstandard.ZstdDecompressor().stream_reader(counted, read_across_frames=True)
 
     def may_have(self, count: int) -> bool:
@@ -193,8 +194,7 @@ class ByteStream:
             if self._inflated is None:
                 if self._has_changed(False):
                     return b""
-                data = self._plain.read(count)
-                self.budget.bytes_read += len(data)
+                data = self._read_plain(count)
                 self._tail = (self._tail + data)[-_TAIL:] if self._path else b""
                 return data
             self.budget.check_record(self.budget.bytes_read, count)
@@ -204,6 +204,11 @@ class ByteStream:
         except (OSError, TooMuchWork, zstandard.ZstdError, MemoryError) as error:
             self.error = str(error) or type(error).__name__
             return b""
+
+    def _read_plain(self, count: int) -> bytes:
+        data = self._plain.read(count)
+        self.budget.bytes_read += len(data)
+        return data
 
     def _has_changed(self, is_at_end: bool) -> bool:
         """Whether the followed file was written anew in place, as the bytes that were read last are others;
@@ -236,18 +241,6 @@ def _size_of(file: IO[bytes]) -> int | None:
     except OSError:
         return None
     return status.st_size if stat.S_ISREG(status.st_mode) else None
-
-
-class _Counted(RawIOBase):
-    """A raw stream that counts the bytes read by the decompressor."""
-
-    def __init__(self, file: IO[bytes], budget: WorkBudget) -> None:
-        self._file, self._budget = file, budget
-
-    def read(self, size: int = -1) -> bytes:
-        data = self._file.read(size)
-        self._budget.bytes_read += len(data)
-        return data
 
 
 @contextmanager

@@ -6,6 +6,8 @@ from heapq import heappop, heappush
 from itertools import count
 from typing import Final, NamedTuple
 
+from mcap.records import Attachment, Metadata
+
 from contact_tracker.motion.poses import AS_GIVEN, Poses, ReadAs
 
 BELIEF_TOPIC: Final = "/contact/belief"
@@ -74,16 +76,6 @@ class Rows(NamedTuple):
 
     sources: tuple[PoseSource, ...]
     poses: tuple[Poses, ...]
-
-
-class Attachment(NamedTuple):
-    name: str
-    data: bytes
-
-
-class Metadata(NamedTuple):
-    name: str
-    values: dict[str, str]
 
 
 Item = RawMessage | Rows | Attachment | Metadata

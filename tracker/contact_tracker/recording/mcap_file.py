@@ -12,6 +12,7 @@ import struct
 import zlib
 from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import partial
 from io import BytesIO
 from itertools import pairwise
 from typing import IO, Any, Final
@@ -35,12 +36,10 @@ from contact_tracker.recording.bytestream import (
     is_regular,
     is_text,
 )
-from contact_tracker.recording.items import Attachment, Channel, Item, Metadata, RawMessage
+from contact_tracker.recording.items import Channel, Item, RawMessage
 
 IN_CHUNKS: Final = frozenset({Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE})
 _MESSAGE: Final = int(Opcode.MESSAGE)
-_COUNTED_AT_ONCE: Final = 64
-"""Records of a chunk that are counted together."""
 FIRST_UNKNOWN: Final = max(Opcode) + 1
 """Opcodes from here on are of later versions of the format, or private, and skipped."""
 _BZ2_WORK: Final = 4
@@ -110,7 +109,7 @@ def inflate_zstd(data: bytes, limit: int) -> bytes:
 
 def _records_in(data: bytes, budget: WorkBudget) -> Iterator[tuple[int, int, int]]:
     """Opcode, begin and end of each record of a chunk; one that is not allowed in a chunk ends it."""
-    begin, total, uncounted, read_head = 0, len(data), 0, RECORD_HEAD.unpack_from
+    begin, total, read_head = 0, len(data), RECORD_HEAD.unpack_from
     while begin < total:
         opcode, size = read_head(data, begin)
         begin += RECORD_HEAD.size
@@ -119,13 +118,9 @@ def _records_in(data: bytes, budget: WorkBudget) -> Iterator[tuple[int, int, int
             raise ValueError("a record is longer than its chunk")
         if opcode != _MESSAGE and opcode not in IN_CHUNKS and opcode < FIRST_UNKNOWN:
             raise ValueError(f"a record of the kind {opcode} in a chunk")
-        uncounted += 1
-        if uncounted == _COUNTED_AT_ONCE:
-            budget.spend(uncounted)
-            uncounted = 0
+        budget.spend(1)
         yield opcode, begin, end
         begin = end
-    budget.spend(uncounted)
 
 
 def payload_stream(payload: bytes) -> ReadDataStream:
@@ -179,22 +174,19 @@ def _read(file: IO[bytes]) -> Summary | None:
         return None
     file.seek(start)
     summary = Summary()
-    by_id: dict[type, Any] = {records.Schema: summary.schemas, records.Channel: summary.channels}
-    lists: dict[type, Any] = {
-        records.ChunkIndex: summary.chunk_indexes,
-        records.AttachmentIndex: summary.attachment_indexes,
-        records.MetadataIndex: summary.metadata_indexes,
+    add: dict[type, Callable[[Any], object]] = {
+        records.Statistics: partial(setattr, summary, "statistics"),
+        records.Schema: lambda record: summary.schemas.update({record.id: record}),
+        records.Channel: lambda record: summary.channels.update({record.id: record}),
+        records.ChunkIndex: summary.chunk_indexes.append,
+        records.AttachmentIndex: summary.attachment_indexes.append,
+        records.MetadataIndex: summary.metadata_indexes.append,
+        **dict.fromkeys((records.SummaryOffset, records.Footer), lambda record: None),
     }
     for record in StreamReader(BytesIO(file.read()), skip_magic=True, emit_chunks=True).records:
-        kind = type(record)
-        if isinstance(record, records.Statistics):
-            summary.statistics = record
-        elif isinstance(record, records.Schema | records.Channel):
-            by_id[kind][record.id] = record
-        elif kind in lists:
-            lists[kind].append(record)
-        elif not isinstance(record, records.SummaryOffset | records.Footer):
+        if type(record) not in add:
             return None
+        add[type(record)](record)
     return summary
 
 
@@ -346,15 +338,13 @@ class RecordLoop:
     def _add(self, group: list[Item], opcode: int, payload: bytes) -> None:
         """Add what a record of another kind holds."""
         if opcode == Opcode.ATTACHMENT:
-            attachment = records.Attachment.read(payload_stream(payload))
             crc = int.from_bytes(payload[-4:], "little")
             if crc and crc != zlib.crc32(payload[:-4]):
                 raise ValueError("its checksum is wrong")
-            group.append(Attachment(attachment.name, attachment.data))
+            group.append(records.Attachment.read(payload_stream(payload)))
         elif opcode == Opcode.METADATA:
             self._stream.budget.spend(len(payload) // BYTES_PER_RECORD)
-            metadata = records.Metadata.read(payload_stream(payload))
-            group.append(Metadata(metadata.name, metadata.metadata))
+            group.append(records.Metadata.read(payload_stream(payload)))
         elif opcode == Opcode.SCHEMA:
             schema = records.Schema.read(payload_stream(payload))
             self._schemas[schema.id] = schema

@@ -27,6 +27,7 @@ from contact_tracker.recording.bytestream import WorkBudget, open_stream
 from contact_tracker.recording.decoding import (
     POSE_TYPES,
     READ,
+    SECOND_NS,
     USUAL,
     LoggedPose,
     MessageDecoder,
@@ -48,7 +49,6 @@ from contact_tracker.recording.mcap_file import RecordLoop, channel_of, summary_
 from contact_tracker.recording.reading import parts_of, size_budget
 from contact_tracker.suggestions import suggestion
 
-SECOND_NS: Final = 1_000_000_000
 PREFIX_NS: Final = SECOND_NS
 PREFIX_MESSAGES: Final = 2000
 _LATEST_NS: Final = 2**63 - 1
@@ -124,6 +124,7 @@ def is_prefix(first: Sequence[Logged]) -> bool:
 _STATIC: Final = "tf_static"
 _LISTED: Final = 8
 _TEXT_SHOWN: Final = 120
+"""Most characters of a name from the file in messages, which escape control characters."""
 _POSE_LIKE: Final = re.compile(r"Pose|Transform|Odometry|TFMessage|Path|RigidBod|Mocap")
 
 
@@ -196,7 +197,7 @@ class ChannelFilter:
             fault, text = (ChoiceError if poses else NoPoses), _reasons(asked)
         elif self._topic is not None:
             topics = [c.topic for c in (poses or seen)]
-            fault, near = (ChoiceError if poses else NoPoses), _printable(suggestion(self._topic, topics))
+            fault, near = (ChoiceError if poses else NoPoses), suggestion(self._topic, topics)[:_TEXT_SHOWN]
             text = f"no topic {self._topic}; there is {_listing(dict.fromkeys(topics)) or 'none'}{near}"
         elif any(c.topic == FRAMES_TOPIC for c in poses):
             text = f"it holds a result only; --topic {FRAMES_TOPIC} takes the poses in it"
@@ -317,7 +318,7 @@ def without_frame(
     listing = _listing(map(str, there), "; ")
     advice = hint or suggestion(name, names)
     return ChoiceError(
-        f"{path}: no pose source has the frame {lacking}; there is {listing}{_printable(advice)}"
+        f"{path}: no pose source has the frame {lacking}; there is {listing}{advice[:_TEXT_SHOWN]}"
     )
 
 
@@ -333,7 +334,7 @@ def _fields_in(path: str, channels: Iterable[Channel], table: TableReading) -> s
     others = [f"{field} of {c.topic}" for c, field in found[1:]]
     more = f"; others are in {_listing(others)}" if others else ""
     lacks = "" if asked is None else f"no messages have poses in the field {asked}; "
-    where = _printable(f"{channel.topic} ({channel.type})")
+    where = f"{channel.topic} ({channel.type})"[:_TEXT_SHOWN]
     return f"{lacks}the messages of {where} have poses in the field {field}: read them by {command}{more}"
 
 
@@ -353,7 +354,7 @@ def _reasons(channels: Sequence[Channel]) -> str:
         if not is_readable(one) or not one.type:
             how = f"{one.encoding or 'no encoding'} with {one.schema_encoding or 'no schema'}"
             why = f"{one.type or 'of no type'} in {how}"
-        reasons.append(_printable(f"{one.topic} is {why}"))
+        reasons.append(f"{one.topic} is {why}"[:_TEXT_SHOWN])
     if any(map(is_readable, channels)):
         reasons.append(f"poses are {USUAL}")
     if not all(map(is_readable, channels)):
@@ -363,12 +364,7 @@ def _reasons(channels: Sequence[Channel]) -> str:
     return "; ".join(reasons)
 
 
-def _printable(text: str) -> str:
-    """A name from the file without line breaks and control characters, of bounded length."""
-    return "".join(c if c.isprintable() else "?" for c in text[:_TEXT_SHOWN])
-
-
 def _listing(texts: Iterable[str], separator: str = ", ") -> str:
-    all_texts = [_printable(text) for text in texts]
+    all_texts = [text[:_TEXT_SHOWN] for text in texts]
     more = len(all_texts) - _LISTED
     return separator.join(all_texts[:_LISTED]) + (f"{separator}and {more} more" if more > 0 else "")

@@ -7,7 +7,7 @@ numbered columns usually are. Rows without names have a pose where there is a ro
 
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import chain
 from typing import Any, Final
 
@@ -150,11 +150,11 @@ class TableLayout:
 
     Parameters
     ----------
+    time : index of the time column; -1 where rows are numbered.
+    time_ns : unit of the time in nanoseconds; None if it has to be guessed from the values.
     kind : description of the format.
     separator : of the values in a line; None for white space.
     skip : lines before the first row.
-    time : index of the time column; -1 where rows are numbered.
-    time_ns : unit of the time in nanoseconds; None if it has to be guessed from the values.
     rest : index of a column with the nanoseconds of the second.
     has_own_unit : whether the format itself defines the unit of its times.
     names : of the values of JSON lines, and of cells with several values, whose columns are ``heads``.
@@ -162,12 +162,12 @@ class TableLayout:
     has_angles : whether the names of columns say that rotations are angles.
     """
 
-    kind: str
-    separator: str | None
-    skip: int
     time: int
     time_ns: float | None
     bodies: tuple[Body, ...]
+    kind: str = "table"
+    separator: str | None = None
+    skip: int = 0
     rest: int | None = None
     has_own_unit: bool = False
     names: tuple[str, ...] = ()
@@ -429,9 +429,7 @@ def _body(prefix: str) -> str:
     return "/".join(words).strip("_-")
 
 
-def layout(
-    columns: Columns, reading: TableReading, kind: str = "", separator: str | None = None, skip: int = 0
-) -> TableLayout:
+def layout(columns: Columns, reading: TableReading) -> TableLayout:
     """The layout of columns; raises UnreadableRecording or ChoiceError."""
     found = columns.find(reading)
     time, rest = columns.time(reading, found.pop(TIME))
@@ -455,8 +453,7 @@ def layout(
     if len(bodies) > 1 or bodies[0].kind != "quaternion" or not all(map(CAN_BE_GIVEN, quaternion)):
         quaternion = ()
     time_ns = 1e9 if rest is not None else time_ns
-    found_as = TableLayout(kind, separator, skip, time, time_ns, bodies, rest)
-    return replace(found_as, quaternion=quaternion, has_angles=has_angles)
+    return TableLayout(time, time_ns, bodies, rest=rest, quaternion=quaternion, has_angles=has_angles)
 
 
 def are_named_angles(names: Sequence[str]) -> bool:

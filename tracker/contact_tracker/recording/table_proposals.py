@@ -93,9 +93,6 @@ def layout_of_names(
     names: Sequence[str],
     reading: TableReading,
     path: str = "FILE",
-    kind: str = "table",
-    separator: str | None = None,
-    skip: int = 0,
     units: Sequence[str] = (),
     rows: Rows = tuple,
 ) -> TableLayout:
@@ -114,7 +111,7 @@ def layout_of_names(
         raise UnreadableRecording(f"its {len(names)} columns are too many: needed are {NEEDED}")
     columns = Columns(names, units)
     try:
-        return layout(columns, reading, kind, separator, skip)
+        return layout(columns, reading)
     except UnreadableRecording as error:
         proposal = _proposal(columns, reading, path, rows)
         if proposal is not None:
@@ -124,14 +121,7 @@ def layout_of_names(
         raise
 
 
-def layout_without_names(
-    rows: Sequence[Sequence[str]],
-    reading: TableReading,
-    path: str,
-    kind: str,
-    separator: str | None = None,
-    skip: int = 0,
-) -> TableLayout:
+def layout_without_names(rows: Sequence[Sequence[str]], reading: TableReading, path: str) -> TableLayout:
     """The layout of columns that have no names, by the values of the first rows; raises UnreadableRecording
     where the reading does not say which columns are what."""
     values = rows[0] if rows else ()
@@ -144,9 +134,7 @@ def layout_without_names(
                 how += f", with the rate of your poses instead of {ways[0].time_unit}"
             how += f". {_ORDERS}" if ways[0].euler else ""
         raise UnreadableRecording(f"its {len(values)} columns have no names: {how}")
-    return layout_of_names(
-        [f"{UNNAMED}{i}" for i in range(len(values))], reading, path, kind, separator, skip
-    )
+    return layout_of_names([f"{UNNAMED}{i}" for i in range(len(values))], reading, path)
 
 
 def _meanings(rows: Sequence[Sequence[str]]) -> list[TableReading]:

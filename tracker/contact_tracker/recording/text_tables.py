@@ -365,7 +365,7 @@ def _motive_layout(lines: Sequence[str], reading: TableReading, path: str) -> Ta
         times = [(number(row[0]), number(row[1])) for row in cells[head + 1 :] if len(row) > 1]
         if times and rate > 0 and all(abs(frame / rate - time_s) <= _ROUNDED_S for frame, time_s in times):
             time, time_ns = 0, 1e9 / rate
-    return TableLayout("Motive", separator, head + 1, time, time_ns, named, has_own_unit=True)
+    return TableLayout(time, time_ns, named, "Motive", separator, head + 1, has_own_unit=True)
 
 
 def _vicon_layout(lines: Sequence[str], reading: TableReading, path: str) -> TableLayout:
@@ -406,7 +406,7 @@ def _vicon_layout(lines: Sequence[str], reading: TableReading, path: str) -> Tab
     if not bodies:
         raise UnreadableRecording("no object with TX to TZ and RX to RW: export quaternions from Vicon")
     frame_ns = 1e9 / number(cells[1][0])
-    return TableLayout("Vicon", separator, begin + 5, 0, frame_ns, bodies, has_own_unit=True)
+    return TableLayout(0, frame_ns, bodies, "Vicon", separator, begin + 5, has_own_unit=True)
 
 
 def _short(name: str) -> str:
@@ -441,7 +441,7 @@ def _json_layout(lines: Sequence[str], reading: TableReading, path: str) -> Tabl
                 raise UnreadableRecording(
                     "its first line is no JSON object: one a line is read, as jq -c '.[]' writes an array"
                 ) from None
-    return replace(layout_of_names(list(names), reading, path, "JSON"), names=tuple(names))
+    return replace(layout_of_names(list(names), reading, path), kind="JSON", names=tuple(names))
 
 
 def _layout_of_rows(
@@ -473,37 +473,38 @@ def _layout_of_rows(
         if tried > _MOST_TRIED:
             break
         units = _units(following, separator)
+        skip, values = i + 1 + bool(units), following[bool(units) :]
         named = _distinct([name or f"{UNNAMED}{place}" for place, name in enumerate(names)])
-        inner = _names_in_groups(named, following[bool(units) :], separator)
-        skip, units = i + 1 + bool(units), [] if inner else units
+        inner = _names_in_groups(named, values, separator)
+        columns, cells, units = (inner, [], []) if inner else (named, values, units)
         try:
-            begin = partial(_table_of, [] if inner else following[bool(units) :], separator)
-            layout = layout_of_names(inner or named, reading, path, "table", separator, skip, units, begin)
+            layout = layout_of_names(columns, reading, path, units, partial(_table_of, cells, separator))
         except (UnreadableRecording, ChoiceError) as error:
             errors.setdefault(-1 if i in comments else len(names), error)
             continue
+        layout = replace(layout, separator=separator, skip=skip)
         if inner:
             return replace(layout, names=tuple(inner), heads=tuple(named))
-        _check_widths(following[bool(units) :], layout, len(names))
-        _check_bodies(following[bool(units) :], layout, named, path)
-        if len(lines) < _HEAD_LINES and len(following) <= bool(units):
+        _check_widths(values, layout, len(names))
+        _check_bodies(values, layout, named, path)
+        if len(lines) < _HEAD_LINES and not values:
             raise UnreadableRecording("it has a header but no rows")
         return layout
     if max(errors, default=-1) >= 0:
         raise errors[max(errors)]
     separator = _separator(lines[rows[0]])
-    cells = [[value.strip(BLANKS) for value in _cells_of(lines[i], separator)] for i in rows]
-    values = cells[0]
+    table = [[value.strip(BLANKS) for value in _cells_of(lines[i], separator)] for i in rows]
+    values = table[0]
     if len(values) in (3, 4) and len(rows) > 2 and not errors:
         raise UnreadableRecording(
             "a pose is in several lines: T = numpy.loadtxt('FILE').reshape(-1, 4, 4), where all lines have "
             "four values, and contact_tracker.Trajectory.from_arrays(t, T) takes them"
         )
-    if separator is None and len(values) == 1 + len(_TUM) and reading == reading_of(**reading.units):
+    if separator is None and len(values) == 1 + len(_TUM) and not (reading.kind or reading.columns):
         body = Body("", _TUM, LENGTHS_M[reading.unit or "m"])
-        return TableLayout("TUM", None, rows[0], 0, reading.time_ns, (body,))
+        return TableLayout(0, reading.time_ns, (body,), "TUM", None, rows[0])
     try:
-        return layout_without_names(cells, reading, path, "table", separator, rows[0])
+        return replace(layout_without_names(table, reading, path), separator=separator, skip=rows[0])
     except UnreadableRecording as error:
         raise errors.get(-1, error) from None
 

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from heapq import merge
 from itertools import chain
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,7 +54,6 @@ class WrenchLog:
     bad_transforms : transforms to their frame that are left out: no pose, or a stamp that goes back.
     frame_id : of the messages.
     taken : words on what that frame was taken for.
-    damage : one line if the recording is truncated or damaged.
     """
 
     wrenches: Wrenches
@@ -63,7 +62,6 @@ class WrenchLog:
     bad_transforms: int
     frame_id: str
     taken: str
-    damage: str | None
 
     @property
     def noted(self) -> str:
@@ -126,7 +124,7 @@ def read_wrenches(
     logged_ns = np.array(log_times, np.int64)[first[every_ns.searchsorted(found.stamp_ns)]]
     placed, taken, bad = _about_body(path, topic, frame_id, source, poses, found, logged_ns)
     unplaced = len(found) - len(placed)
-    return WrenchLog(placed, dropped, unplaced, bad, frame_id, taken, reading.damage)
+    return WrenchLog(placed, dropped, unplaced, bad, frame_id, taken)
 
 
 def _about_body(
@@ -242,16 +240,9 @@ def _nothing(path: str, topic: str, channels: dict[str, Channel]) -> ChoiceError
     return InputError(f"{path}: no message on {topic} can be used")
 
 
-class RecordedEvidence(NamedTuple):
-    """``evidence`` is None if the wrenches are not usable; ``text`` is one line with the load or the reason.
-
-    ``warnings`` are the lines where wrenches, some of them or the mass that was given are not used; ``text``
-    may be one.
-    """
-
-    evidence: WrenchEvidence | None
-    text: str
-    warnings: tuple[str, ...]
+RecordedEvidence = tuple[WrenchEvidence | None, str, tuple[str, ...]]
+"""What wrenches say, None if they are not usable; one line with the load, empty if there is none or it is a
+warning; and lines of warnings, where wrenches, some of them or the mass that was given are not used."""
 
 
 def recorded_evidence(
@@ -262,8 +253,8 @@ def recorded_evidence(
     known_map: Map,
     mass_kg: float | None = None,
     progress: Callable[[int], None] | None = None,
-) -> RecordedEvidence | None:
-    """What the wrenches on ``topic`` say; None of a recording without poses.
+) -> RecordedEvidence:
+    """What the wrenches on ``topic`` say; nothing of a recording without poses.
 
     Parameters
     ----------
@@ -278,7 +269,7 @@ def recorded_evidence(
     """
     poses = Poses.join(list(log.batches()))
     if not len(poses):
-        return None
+        return None, "", ()
     found = read_wrenches(path, topic, log.source, poses, log.stamping.by_log_time)
     return evidence_of(found, topic, poses, model, known_map, mass_kg, progress)
 
@@ -298,11 +289,10 @@ def evidence_of(
     try:
         evidence, load = wrench_evidence(poses, found.wrenches, model, known_map, mass_kg, progress)
     except NoLoad as reason:
-        text = f"{name} is not used: {reason}{noted}"
-        return RecordedEvidence(None, text, (text,))
+        return None, "", (f"{name} is not used: {reason}{noted}",)
     text = (
         f"{len(found.wrenches)} wrenches {found.taken}{noted}; "
         f"the hand carries {load.mass_kg:.3f} kg, by {load.ticks:.0f} ticks of free motion"
     )
     warnings = filter(None, (noted and text, mass_doubt(load, mass_kg)))
-    return RecordedEvidence(evidence, text, tuple(warnings))
+    return evidence, "" if noted else text, tuple(warnings)

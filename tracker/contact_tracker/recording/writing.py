@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import IO, Final
 
 import numpy as np
+from mcap.records import Attachment, Metadata
 from mcap.writer import Writer
 
 from contact_tracker.files import accept_any, whole_file
@@ -14,15 +15,7 @@ from contact_tracker.ground_truth import UNSCORED, Truth
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.recording.annotations import TRUTH_ATTACHMENT, TRUTH_TOPIC, TRUTH_TYPE
 from contact_tracker.recording.definitions import known_definition
-from contact_tracker.recording.items import (
-    RESULT_TOPICS,
-    Attachment,
-    Channel,
-    Item,
-    Metadata,
-    RawMessage,
-    Rows,
-)
+from contact_tracker.recording.items import RESULT_TOPICS, Channel, Item, RawMessage, Rows
 from contact_tracker.recording.reading import Reading
 from contact_tracker.recording.wrenches import WRENCH_TYPE
 from contact_tracker.wrenches.wrenches import Wrenches
@@ -84,15 +77,13 @@ def _write(
     writer.add_metadata(METADATA_NAME, dict(metadata))
     pose_schema = writer.register_schema(POSE_TYPE, "ros2msg", _schema(POSE_TYPE))
     pose_channel = writer.register_channel(POSE_TOPIC, "cdr", pose_schema)
-    changes: list[tuple[int, str]] = []
-    truth_channel = 0
+    messages = list[tuple[int, int, bytes]]()
     if truth is not None:
         # Before the messages, so that a truncated or piped recording still has its truth.
         writer.add_attachment(0, 0, TRUTH_ATTACHMENT, "application/json", truth.to_json().encode())
         truth_schema = writer.register_schema(TRUTH_TYPE, "ros2msg", b"string data\n")
         truth_channel = writer.register_channel(TRUTH_TOPIC, "cdr", truth_schema)
-        changes = list(_changes(truth))
-    messages = [(stamp, truth_channel, _string_cdr(label)) for stamp, label in changes]
+        messages += ((stamp, truth_channel, _string_cdr(label)) for stamp, label in _changes(truth))
     messages += ((pose.stamp_ns, pose_channel, _pose_cdr(pose)) for pose in poses)
     if wrenches is not None:
         wrench_schema = writer.register_schema(WRENCH_TYPE, "ros2msg", _schema(WRENCH_TYPE))
@@ -179,8 +170,8 @@ def _messages(items: Iterable[Item], writer: Writer) -> Iterator[RawMessage]:
                     name = f"{source.topic}/{source.child_frame_id}".rstrip("/")
                     channel = Channel(name, "cdr", POSE_TYPE, "ros2msg", _schema(POSE_TYPE))
                     yield from (RawMessage(channel, one.stamp_ns, _pose_cdr(one)) for one in some)
-            case Attachment(name, data):
-                media_type = "application/json" if name.endswith(".json") else "application/octet-stream"
-                writer.add_attachment(0, 0, name, media_type, data)
-            case Metadata(name, values):
-                writer.add_metadata(name, dict(values))
+            case Attachment():
+                times = item.create_time, item.log_time
+                writer.add_attachment(*times, item.name, item.media_type, item.data)
+            case Metadata():
+                writer.add_metadata(item.name, item.metadata)

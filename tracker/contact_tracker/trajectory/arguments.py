@@ -119,10 +119,6 @@ def log_text(text: str) -> None:
 def _caller() -> FrameType:
     """The innermost frame outside of the package; the outermost of all if there is none."""
     frame = sys._getframe()
-    while frame.f_back is not None and _is_ours(frame):
+    while frame.f_back and str(frame.f_globals.get("__name__", "")).partition(".")[0] == _PACKAGE:
         frame = frame.f_back
     return frame
-
-
-def _is_ours(frame: FrameType) -> bool:
-    return str(frame.f_globals.get("__name__", "")).partition(".")[0] == _PACKAGE

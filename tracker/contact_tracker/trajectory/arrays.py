@@ -23,9 +23,7 @@ from contact_tracker.config.table_reading import (
 from contact_tracker.errors import ChoiceError, UnreadableRecording, UsageError
 from contact_tracker.geometry.elements import Array
 from contact_tracker.motion.poses import real_number, real_numbers
-from contact_tracker.recording.table_layouts import (
-    quaternions,
-)
+from contact_tracker.recording.table_layouts import quaternions
 from contact_tracker.recording.table_proposals import layout_of_names
 from contact_tracker.suggestions import closest
 
@@ -84,11 +82,6 @@ def moment_ns(value: Any, first_ns: int) -> int:
         raise UsageError(
             f"a time is seconds or a duration since the first pose, or a date, not {value!r}"
         ) from error
-
-
-def have_own_unit(stamps: ArrayLike) -> bool:
-    """Whether stamps are dates or durations."""
-    return times(stamps).dtype.kind in "mM"
 
 
 def times(stamps: ArrayLike) -> NDArray[Any]:
@@ -212,8 +205,7 @@ def with_columns(
 
 
 def columns_of(table: Any, reading: TableReading) -> tuple[NDArray[Any], float | None, Array]:
-    """Times, their unit (ns; None if they have their own, or it is not known), and poses (N, 7) of the body
-    in a table.
+    """Times, their unit (ns; None if it is not known), and poses (N, 7) of the body in a table.
 
     Raises
     ------
@@ -240,7 +232,7 @@ def columns_of(table: Any, reading: TableReading) -> tuple[NDArray[Any], float |
     if layout.rest is not None:
         seconds, rest = np.asarray(time, np.int64), np.asarray(_column(table, keys[layout.rest]), np.int64)
         return seconds * 10**9 + rest, 1.0, body.poses(values)
-    return time, None if have_own_unit(time) else layout.time_ns, body.poses(values)
+    return time, layout.time_ns, body.poses(values)
 
 
 def _column(table: Any, key: Any) -> NDArray[Any]:

@@ -22,11 +22,11 @@ from contact_tracker.recording.tables import doubt_of_unit
 from contact_tracker.trajectory.arguments import errors_as, log_counts, name_from, path_from, warn_of
 from contact_tracker.trajectory.arrays import (
     columns_of,
-    have_own_unit,
     moment_ns,
     nanoseconds,
     positions_and_quaternions,
     stated,
+    times,
     with_columns,
     with_index,
 )
@@ -137,8 +137,8 @@ class Trajectory:
         place, turn = positions_and_quaternions(positions_m, quaternions, order, reading)
         if len(place) != len(turn):
             raise UsageError(f"{len(place)} positions_m and {len(turn)} quaternions: one of each per pose")
-        time_ns = None if have_own_unit(stamps) else reading.time_ns or TIMES_NS["s"]
-        return cls._passed(stamps, time_ns, np.hstack([place * LENGTHS[reading.unit or "m"], turn]), reading)
+        poses = np.hstack([place * LENGTHS[reading.unit or "m"], turn])
+        return cls._passed(stamps, reading.time_ns, poses, reading)
 
     @classmethod
     def from_dataframe(
@@ -182,15 +182,13 @@ class Trajectory:
         reading = with_columns(
             table, stated(unit, time_unit, columns=columns, **kind), stamp, position_m, quat_xyzw
         )
-        stamps, time_ns, poses = columns_of(table, reading)
-        return cls._passed(
-            stamps, time_ns or (None if have_own_unit(stamps) else TIMES_NS["s"]), poses, reading
-        )
+        return cls._passed(*columns_of(table, reading), reading)
 
     @classmethod
     def _passed(cls, stamps: ArrayLike, unit_ns: float | None, rows: Array, reading: TableReading) -> Self:
         """The poses (N, 7), positions (m) and quaternions, that pass the gate; without a unit the stamps have
-        their own."""
+        their own, or are in seconds."""
+        unit_ns = None if times(stamps).dtype.kind in "mM" else unit_ns or TIMES_NS["s"]
         stamp_ns, is_time, in_range = nanoseconds(stamps, unit_ns or 1)
         if len(stamp_ns) != len(rows):
             raise UsageError(f"{len(stamp_ns)} stamps, and {len(rows)} positions_m and quaternions")
