@@ -32,7 +32,7 @@ from contact_tracker.motion.poses import NO_POSES, Poses
 from contact_tracker.motion.sensor_noise import independent_point
 from contact_tracker.motion.tick_averaging import ORIGIN_M, Tick, TickGrid
 from contact_tracker.states import CONTACTS, STATES, Contact
-from contact_tracker.tracking.ambiguity import reported
+from contact_tracker.tracking.ambiguity import reported, shared_with
 from contact_tracker.tracking.belief import Belief, Detail
 from contact_tracker.tracking.contact_filter import ContactFilter
 from contact_tracker.tracking.state import FilterState
@@ -116,38 +116,29 @@ def mixture(
     known_map: Map = EMPTY_MAP,
     located: Callable[[int], Belief] | None = None,
 ) -> Belief:
-    """The belief of K trackers by their ``log_weight`` (K,): the mean posterior and its most probable state.
+    """The belief of K trackers by their ``log_weight`` (K,): the mean posterior, and the label of a tracker
+    that is most probable in it. States that are more probable in the mean, but that no tracker names, are
+    indistinguishable from it and share their probability with it.
 
-    Onset, elements and alternatives are those of the most probable tracker with this label. Without one,
-    onset and elements are unknown, and the label is indistinguishable from all states that the trackers
-    report. ``known_map`` has the contacts that can occur; ``located`` returns the belief of a tracker with
-    its elements, where beliefs come without.
+    Onset, elements and alternatives are those of the most probable tracker with this label. ``known_map`` has
+    the contacts that can occur; ``located`` returns the belief of a tracker with its elements, where beliefs
+    come without.
     """
     if len(beliefs) == 1:
         return beliefs[0] if located is None else located(0)
     weight = np.exp(log_weight - log_weight.max())
     weight /= weight.sum()
     probability = weight @ np.array([belief.probability for belief in beliefs])
-    label = STATES[int(probability.argmax())]
+    label = max((one.contact for one in beliefs), key=lambda contact: probability[contact.column])
+    ahead = [state for state in STATES if probability[state.column] > probability[label.column]]
+    probability = shared_with(probability, label, ahead)
     share = [
         (b.contact is label, w * b.probability[label.column]) for w, b in zip(weight, beliefs, strict=True)
     ]
     number = max(range(len(beliefs)), key=lambda i: (share[i], i))
-    source = beliefs[number]
-    if located is not None and source.contact is label:
-        source = located(number)
-    if source.contact is not label:
-        others = {one for belief in beliefs for one in (belief.contact, *belief.inseparable)} - {label}
-        source = replace(
-            source,
-            contact=label,
-            onset_ns=source.stamp_ns,
-            geometry=None,
-            inseparable=tuple(one for one in STATES if one in others),
-            p_restricted=0.0,
-            further=(),
-            is_open=False,
-        )
+    source = beliefs[number] if located is None else located(number)
+    others = {*source.inseparable, *ahead}
+    source = replace(source, inseparable=tuple(state for state in STATES if state in others))
     # as of the other trackers they may be rivals; only one of the trackers searches further contacts, and
     # only its label is limited
     probability = reported(probability, label, source.inseparable, known_map, is_open=source.is_open)
