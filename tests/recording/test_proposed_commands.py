@@ -39,6 +39,14 @@ def test_a_proposed_command_is_the_users_own(tmp_path: Path, words: str, expecte
     assert f"read them by contact-tracker {expected.format(path=path)} --euler xyz:deg." in text
 
 
+def test_a_proposed_command_reads_files_whose_names_begin_with_a_dash(tmp_path: Path) -> None:
+    text = refusal(tmp_path / "-a.csv", "roll,pitch,yaw", "170,2,3", "segment", "-v", "--", "-a.csv")
+    command = "segment -v --euler xyz:deg -- -a.csv"
+    assert f"read them by contact-tracker {command}." in text
+    args = build_parser().parse_args(shlex.split(command))
+    assert (args.table.euler, args.table.given) == ("xyz:deg", ("segment", "-v", "--", "-a.csv"))
+
+
 @pytest.mark.parametrize(
     ("columns", "values", "ways"),
     [

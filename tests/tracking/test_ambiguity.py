@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -367,3 +368,26 @@ def test_a_smooth_carry_is_no_contact_with_something_new(seed, lag_s):
             labels.add(online.reported.contact)
     assert Contact.FREE in labels
     assert not {one for one in labels if one.codimension == 1}
+
+
+def test_a_contact_that_has_shown_itself_stays_when_its_motion_is_older_than_the_window():
+    """A vertex turns on a plane in all ways, and then only slides."""
+    model = replace(MODEL, search=replace(MODEL.search, window_s=8.0))
+    rng, time_s = np.random.default_rng(0), np.arange(0.0, 24.0, 0.02)
+
+    def waves_of(amplitudes, rates_hz):
+        phases = np.arange(3)
+        return np.array(amplitudes) * np.sin(2 * np.pi * np.array(rates_hz) * time_s[:, None] + phases)
+
+    calming = np.clip((10.0 - time_s) / 2.0, 0.0, 1.0)[:, None]
+    turn = Rotation.from_rotvec(waves_of([0.4, 0.4, 0.5], [0.31, 0.23, 0.17]) * calming)
+    position_m = waves_of([0.1, 0.1, 0.0], [0.13, 0.19, 0.0]) - turn.apply([0.02, 0.05, -0.1])
+    noise = Rotation.from_rotvec(rng.normal(scale=1.5e-3, size=(len(time_s), 3)))
+    position_m += rng.normal(scale=3e-4, size=position_m.shape)
+    poses = Poses((time_s * 1e9).astype(np.int64), position_m, (noise * turn).as_quat())
+    online = ContactFilter.start(model)
+    beliefs = [online.update(tick) for tick in ticks_of([poses], model)]
+    established = next(
+        i for i, one in enumerate(beliefs) if one.contact is Contact.VF and one.probability.max() > 0.9
+    )
+    assert {one.contact for one in beliefs[established:]} == {Contact.VF}

@@ -50,11 +50,13 @@ _INVERSE_SIGN: Final = np.repeat([1.0, -1.0], [9, 3])
 class Explained(NamedTuple):
     """Of K readings: the log evidence ``nats`` (K,) of contacts against free motion, and the ``misfit`` (K,),
     the mean square of residuals of the best contact in variances of noise. ``is_simple`` says whether the
-    motion is along one line and about one axis, so that two faces fit it wherever these are perpendicular."""
+    motion is along one line and about one axis, so that two faces fit it wherever these are perpendicular;
+    ``has_one_freedom``, whether it may be that of a screw, which no contact explains."""
 
     nats: Array
     misfit: Array
     is_simple: bool
+    has_one_freedom: bool
 
 
 def explain(
@@ -65,7 +67,7 @@ def explain(
     readings: Sequence[Reading],
 ) -> Explained | None:
     """How well contacts explain a window in each reading, the first being that of poses as they are; None
-    without motion. Motion of one degree of freedom is no evidence: it may be that of a screw.
+    without motion.
 
     Two faces, and a vertex on a face in the world or in the body, stand for all six contacts: one of them
     holds in all but an edge on an edge. For a vertex p and a normal n the residual is n (R p + t) less its
@@ -108,10 +110,9 @@ def explain(
     varies = shifts[1] > MOVED**2 * variance[0], 1.0 - length**2 > 2.0 * MOVED**2 * variance[1]
     rows = np.tile(variance, (TICKS, 1))
     moving = Window(np.arange(TICKS), lift(means[1].reshape(-1, 3, 3), means[0]), rows, rows / _ROUNDING)
-    if used_directions(moving) == 1:
-        nats = np.zeros_like(nats)
     # stretched orientations are not rewarded: free motion is stretched as well
-    return Explained(np.maximum(nats + np.minimum(log_volume, 0.0), 0.0), misfit, not any(varies))
+    nats = np.maximum(nats + np.minimum(log_volume, 0.0), 0.0)
+    return Explained(nats, misfit, not any(varies), used_directions(moving) == 1)
 
 
 def _gains(
@@ -328,7 +329,7 @@ def _after_window(known: Conventions, stream: Stream, window: Poses, tick_ns: in
         return replace(known, units=known.units + units, found="")
     near = np.minimum(explained.misfit, explained.misfit[0]) < NEARLY_FITS
     nats, fitting, chance = np.where(compared, known.nats, -np.inf), known.fitting.copy(), known.chance.copy()
-    leads = near * (explained.nats - explained.nats[0])
+    leads = near * (explained.nats - explained.nats[0]) * (not explained.has_one_freedom)
     nats[left] += leads
     fitting[left] += fits
     if fits[0]:

@@ -108,7 +108,10 @@ def _without_reading(words: Sequence[str], parser: argparse.ArgumentParser) -> I
     rest = iter(words)
     for word in rest:
         option, equals, _ = word.partition("=")
-        if option not in actions or actions[option].dest not in _READING:
+        if word == "--":
+            yield word
+            yield from rest
+        elif option not in actions or actions[option].dest not in _READING:
             yield word
         elif not equals and actions[option].nargs != 0:
             next(rest, None)

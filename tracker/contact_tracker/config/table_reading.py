@@ -143,7 +143,9 @@ class TableReading:
             return f"Trajectory.from_dataframe(table, {', '.join(stated)})"
         has_option = any(word.partition("=")[0] in words[:1] for word in self.given)
         more = [] if has_option else words
-        return shlex.join(["contact-tracker", *(self.given or ("segment", path)), *more, *self.words()])
+        verb, *rest = self.given or ("segment", path)
+        place = rest.index("--") if "--" in rest else len(rest)  # after it all words are files
+        return shlex.join(["contact-tracker", verb, *rest[:place], *more, *self.words(), *rest[place:]])
 
     def with_(self, other: "TableReading") -> "TableReading":
         """This reading, with what another one states in addition or instead."""

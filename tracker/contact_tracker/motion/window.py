@@ -160,12 +160,12 @@ class Window:
         return self.pick(slice(first, end), self.zeta[first - 1] if first else self.before)
 
     def since(self, onset: int) -> "Window":
-        """The ticks since number ``onset``; as the same object for those asked for last."""
+        """The ticks since number ``onset``; as the same object if they are asked for again."""
+        known: dict[int, Window] = vars(self).setdefault("_since", {})
         first = int(self.index.searchsorted(onset))
-        latest: tuple[int, Window] | None = vars(self).get("_since")
-        if latest is None or latest[0] != first:
-            vars(self)["_since"] = latest = first, self.pick(slice(first, None))
-        return latest[1]
+        if first not in known:
+            known[first] = self.pick(slice(first, None))
+        return known[first]
 
     def pick(self, rows: slice | NDArray[np.generic], before: Array | None = None) -> "Window":
         """A window of some ticks, with ``before`` as the tick before the first."""
@@ -340,7 +340,7 @@ def twist_power(window: Window) -> TwistPower:
     return TwistPower((twist * weight) @ twist.T / weight.sum(), centre[:, 0], sigma)
 
 
-@lru_cache(maxsize=1)
+@lru_cache(maxsize=8)
 def used_directions(window: Window) -> int:
     """Number of directions in which the object moves beyond the noise: the rank of its twists (T24).
 

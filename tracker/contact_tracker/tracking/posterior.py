@@ -129,14 +129,15 @@ def state_shares(state: FilterState) -> Array:
 def may_agree_by_chance(state: FilterState, label: Contact) -> bool:
     """Whether ``label`` is a contact of one constraint, between elements of which nothing else is known, in
     which the motion has not used the five directions that it leaves: those of a new vertex and a new plane
-    can be chosen so that they agree with any smooth motion in few directions (T24)."""
+    can be chosen so that they agree with any smooth motion in few directions (T24). One that is older than
+    the window has lasted."""
     if label.codimension != 1:
         return False
     bank, row = state.banks[label.column], int(state.best_rows[label.column])
-    if bank.rows["prior_index"][row]:
+    onset = int(bank.rows["onset"][row])
+    if bank.rows["prior_index"][row] or onset < state.window.index[0]:
         return False
-    since = state.window.since(int(bank.rows["onset"][row]))
-    return used_directions(since) < DIRECTIONS - label.codimension
+    return used_directions(state.window.since(onset)) < DIRECTIONS - label.codimension
 
 
 def share_among_indistinguishable(state: FilterState, belief: Belief) -> Belief:
