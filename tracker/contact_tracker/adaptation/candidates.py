@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.config.parameters import Model
+from contact_tracker.geometry import linalg
 from contact_tracker.motion.free_motion import can_be_compared
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.sensor_noise import SLOW_PERIOD_S, begin, estimate_noise
@@ -61,8 +62,7 @@ def usual_period_s(stamp_ns: NDArray[np.int64]) -> float:
     if len(stamp_ns) < 2:
         return 0.0
     periods = stamp_ns[1:] - stamp_ns[:-1]
-    rising, count = np.sort(periods), len(periods)  # several times faster than ``np.median``
-    return _mean_near(periods, 0.5 * float(rising[(count - 1) // 2] + rising[count // 2]))
+    return _mean_near(periods, float(linalg.median(periods)))
 
 
 def _mean_near(periods: NDArray[np.int64], one: float) -> float:

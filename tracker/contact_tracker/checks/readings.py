@@ -285,7 +285,8 @@ def _by_three_numbers(read_as: ReadAs) -> Iterator[Reading]:
                 text = f"{what} Rotation.{code} of SciPy" if table.kind in (None, "matrix") else name(angles)
                 yield Reading(text, turns=partial(_by_angles, angles, made_of, folds))
         if made_of is not None and unit == "deg" and not folds:
-            for words, stated in (("", {"euler": f"{order}:rad"}), (" of a rotation vector", _VECTOR)):
+            ways = ("", {"euler": f"{order}:rad"}), (" of a rotation vector", {"rotation_vector": True})
+            for words, stated in ways:
                 if not (words and read_as.has_angles):
                     text = f"angles look like radians{words}, not degrees: read them by "
                     turns = partial(_in_radians, made_of, bool(words))
@@ -298,9 +299,6 @@ def _by_three_numbers(read_as: ReadAs) -> Iterator[Reading]:
                     how = "their columns are named as angles, so check how they were exported"
                 text = f"orientations look like rotation vectors, not like angles: {how}"
             yield Reading(text, turns=partial(_by_vector, made_of, folds))
-
-
-_VECTOR: Final = {"rotation_vector": True}
 
 
 def _folds_alike(one: Angles, other: Angles) -> bool:

@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.contacts import ContactModel
+from contact_tracker.geometry import linalg
 from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.motion import lifted_pose
-from contact_tracker.motion.window import LEVER_M, Window
+from contact_tracker.motion.window import LEVERS_M, Window
 
 Array = NDArray[np.float64]
 
@@ -24,7 +25,6 @@ SAME_ROW: Final = 0.05
 JITTER: Final = 1e-9
 TINY: Final = 1e-30
 _MOVES: Final = lifted_pose.perturbations()
-_LEVER: Final = np.repeat([1.0, LEVER_M], 3)
 
 
 @cache
@@ -126,10 +126,9 @@ def perturbed(zeta: Array) -> Array:
 def count_constraints(moved: Array, contacts: Sequence[Array]) -> int:
     """Number of independent constraints that contacts c (K, 25) impose together, in the median of ticks with
     these derivatives (W, 6, 25), see ``perturbed``."""
-    rows = np.swapaxes(moved @ np.concatenate(contacts).T, 1, 2) * _LEVER
+    rows = np.swapaxes(moved @ np.concatenate(contacts).T, 1, 2) * LEVERS_M
     rows /= np.linalg.norm(rows, axis=2, keepdims=True) + TINY
-    rising = np.sort((np.linalg.svd(rows, compute_uv=False) > SAME_ROW).sum(axis=1))
-    return int(rising[(len(rising) - 1) // 2] + rising[len(rising) // 2]) // 2  # faster than ``np.median``
+    return int(linalg.median((np.linalg.svd(rows, compute_uv=False) > SAME_ROW).sum(axis=1)))
 
 
 AT_FIRST: Final = 0.1

@@ -15,7 +15,7 @@ from contact_tracker.geometry.linalg import adapted
 from contact_tracker.geometry.task_frame import TaskFrame, joint_frame
 from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.hypotheses.observability import added_covariance, representatives
-from contact_tracker.joints.misfit import MOST_PLAY, course_functions, misfit_log_likelihood
+from contact_tracker.joints.misfit import JITTER, MOST_PLAY, course_functions, misfit_log_likelihood
 from contact_tracker.joints.models import (
     ANGLE,
     BODY_POINT,
@@ -48,7 +48,6 @@ CONVERGED: Final = 1e-6
 PITCH_M: Final = 0.05
 """Prior standard deviation of the pitch (m/rad); that of turns is one radian, that of points the usual
 reach."""
-JITTER: Final = 1e-9
 
 
 class FittedJoint(NamedTuple):

@@ -24,7 +24,7 @@ from contact_tracker.hypotheses.evidence import DECISIVE
 from contact_tracker.hypotheses.gauss_newton import per_metre
 from contact_tracker.hypotheses.observability import information_spectrum, perturbed_rows
 from contact_tracker.motion.lifted_pose import R, T, lift
-from contact_tracker.motion.window import LEVER_M, STRIDE_TICKS, twist_power
+from contact_tracker.motion.window import LEVER_M, LEVERS_M, STRIDE_TICKS, twist_power
 from contact_tracker.states import Contact
 from contact_tracker.tracking import ambiguity
 from contact_tracker.tracking.state import FilterState
@@ -180,9 +180,8 @@ def _unused(
     free = null_space(fit.jacobian(zeta))
     turn, shift = zeta[R].reshape(3, 3) @ free[:3], free[3:]
     at_centre = shift - np.cross(turn.T / LEVER_M, zeta[T] - used.centre_m).T
-    in_lengths = np.repeat([1.0, LEVER_M], 3)
     twists = np.concatenate([at_centre, turn])
-    power = twists.T @ (used.power * np.outer(in_lengths, in_lengths)) @ twists
+    power = twists.T @ (used.power * np.outer(LEVERS_M, LEVERS_M)) @ twists
     _, twist = _reached(zeta, _within_limits(free @ np.linalg.eigh(power)[1][:, 0]), fit)
     yield _described(state, zeta, twist, (label, label), 0.0)
 

@@ -79,8 +79,10 @@ def about_body(wrenches: Wrenches, poses: Poses) -> Wrenches:
 
     Each takes the pose nearest in time; ``poses`` are in order of time, and there is one at least.
     """
-    moment = wrenches.moment_nm - cross(_nearest(wrenches, poses).position_m, wrenches.force_n)
-    return turned_to_body(Wrenches(wrenches.stamp_ns, wrenches.force_n, moment), poses)
+    nearest = _nearest(wrenches, poses)
+    moment = wrenches.moment_nm - cross(nearest.position_m, wrenches.force_n)
+    about_origin = Wrenches(wrenches.stamp_ns, wrenches.force_n, moment)
+    return _turned(nearest.rotation.swapaxes(1, 2), about_origin)
 
 
 def turned_to_body(wrenches: Wrenches, poses: Poses) -> Wrenches:
