@@ -1,15 +1,20 @@
 """The Markov chain of the states, against the containment lattice written out by hand."""
 
+from collections import Counter
 from dataclasses import replace
+from itertools import groupby
 
 import numpy as np
 import pytest
+from scipy.stats import binomtest
 
 from contact_tracker.config import preset_names
 from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import TransitionCounts
+from contact_tracker.recording import read_truth
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.transition_model import (
+    LIFTED_AFTER_REST,
     REST_EXPOSURE,
     destinations,
     initial,
@@ -160,12 +165,11 @@ def test_after_a_long_rest_states_may_have_changed_more_than_once(exposed):
 
 @pytest.mark.parametrize("name", preset_names())
 def test_what_stands_is_mostly_lifted_and_what_is_held_is_not_let_go(name):
-    """17 of 26 rests in f-f ended in free motion, none in another contact, and none of 13 others ended."""
     ordinary = tick_transitions(load_model(name), 0.1)
     at_end = lifted(ordinary)
     gained = np.exp(at_end.log_transition) - np.exp(ordinary.log_transition)
     stays = np.exp(at_end.log_survival - ordinary.log_survival)
-    np.testing.assert_allclose(stays, [9 / 26, *[1.0] * 6], atol=0.01)
+    np.testing.assert_allclose(stays, [1.0 - LIFTED_AFTER_REST, *[1.0] * 6], atol=1e-12)
     assert gained[0, -1] > 0.6
     assert (gained[0, :-1] <= 0.0).all()
     np.testing.assert_array_equal(gained[1:], 0.0)
@@ -173,3 +177,25 @@ def test_what_stands_is_mostly_lifted_and_what_is_held_is_not_let_go(name):
     np.testing.assert_allclose(
         from_faces, np.exp(ordinary.log_transition[0]).sum() + np.exp(ordinary.log_survival[0])
     )
+
+
+def ends_of_rests(truth):
+    """The contact of each rest of a second or more that goes on to another motion, and what follows it."""
+    known = [interval for interval in truth.intervals if interval.contact is not None]
+    for (contact, motion), rest in groupby(known, lambda one: (one.contact, one.motion)):
+        rest = list(rest)
+        following = known.index(rest[-1]) + 1
+        is_long = rest[-1].end_ns - rest[0].start_ns >= 1_000_000_000
+        if motion == "rest" and contact is not Contact.FREE and is_long and following < len(known):
+            yield contact, known[following].contact
+
+
+def test_the_probability_of_a_lift_is_as_often_as_recordings_with_truth_show(shared_recordings):
+    ends = Counter(
+        (contact is Contact.FF, "lifted" if following is Contact.FREE else following is contact)
+        for path in (*shared_recordings.glob("everyday/*.mcap"), *shared_recordings.glob("physics/*/*.mcap"))
+        for contact, following in ends_of_rests(read_truth(str(path)))
+    )
+    assert set(ends) == {(True, "lifted"), (True, True), (False, True)}
+    lifts = binomtest(ends[True, "lifted"], ends[True, "lifted"] + ends[True, True])
+    assert lifts.proportion_ci(0.5).low < LIFTED_AFTER_REST < lifts.proportion_ci(0.5).high
