@@ -4,11 +4,11 @@
 
 A simulated hand keeps an object in contact and moves it, a second for each move, along the freedom that the
 contact leaves: at first for three seconds to and fro in one direction, which leaves the contact open, then by
-the suggestion of most expected evidence, as far as the contact allows it; in random directions; or, as a robot
-is jogged, along or about a random one of its axes (``random axis``). All go up to 15 deg and 26 mm. Motion
-capture at 100 Hz, 0.3 mm and 0.15 deg. A contact is decided once the label is right and the motion leaves no
-other state open: ``decided`` is the share of the runs in which it is within the time, followed by the median
-and mean time of all runs, and by those until the label is right with a probability above 0.9.
+the suggestion of most expected evidence, as far as the contact allows it; in random directions; or, as a
+robot is jogged, along or about a random one of its axes (``random axis``). All go up to 15 deg and 26 mm.
+Motion capture at 100 Hz, 0.3 mm and 0.15 deg. A contact is decided once the label is right and the motion
+leaves no other state open: ``decided`` is the share of the runs in which it is within the time, followed by
+the median and mean time of all runs, and by those until the label is right with a probability above 0.9.
 """
 
 import sys
