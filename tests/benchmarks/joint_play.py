@@ -35,8 +35,8 @@ Array = NDArray[np.float64]
 SECONDS, RATE_HZ, TICK = 8, 200, 20
 NOISES: Final = ((1e-4, 5e-4), (5e-4, 2e-3), (1e-3, 4e-3))
 """Standard deviations (m, rad) of poses."""
-SWINGS_DEG: Final = {"ball": (10.0, 20.0, 40.0, 90.0)}
-"""Of other joints 30, 90 and 180."""
+SWINGS_DEG: Final = [30.0, 90.0, 180.0]
+BALL_SWINGS_DEG: Final = [10.0, 20.0, 40.0, 90.0]
 Z: Final = np.array([0.0, 0.0, 1.0])
 TILT_LENGTH_M: Final = 0.1
 SHARES: Final = {"1 1 1": (1, 1, 1), "1 1 0": (1, 1, 0), "1 0.3 0.3": (1, 0.3, 0.3), "1 0.3 0": (1, 0.3, 0)}
@@ -139,7 +139,7 @@ def cases(swings: list[float], seeds: list[int]) -> Iterator[Case]:
     rows += [("ball", shares, 0.0) for shares in SHARES] + [("screw", "none", p) for p in (1e-3, 4e-3, 2e-2)]
     rows += [("slider", "none", 0.0), ("turn and slide", "none", 0.0)]
     for joint, errors, play_m in rows:
-        for swing in swings or SWINGS_DEG.get(joint, (30.0, 90.0, 180.0)):
+        for swing in swings or (BALL_SWINGS_DEG if joint == "ball" else SWINGS_DEG):
             for arm_m in (0.05, 0.1, 0.3, 1.0)[joint != "ball" :]:
                 for noise in range(len(NOISES)):
                     yield from (Case(joint, errors, play_m, swing, arm_m, noise, seed) for seed in seeds)

@@ -355,7 +355,8 @@ def _span(match: re.Match[str]) -> slice:
 
 
 def _stamp_ns(frames: Any) -> NDArray[np.int64]:
-    return np.rint(1e9 * frames["timestamp"].to_numpy().astype(float)).astype(np.int64)
+    time_s: NDArray[np.float64] = frames["timestamp"].to_numpy().astype(float)
+    return np.rint(1e9 * time_s).astype(np.int64)
 
 
 def _labels_of(
