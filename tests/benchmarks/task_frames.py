@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.linalg import subspace_angles
 
 from contact_tracker import Trajectory, segment
+from contact_tracker.geometry.elements import Plane
 from contact_tracker.geometry.task_frame import T_world_body, TaskFrame, joint_frame, task_frame
 from contact_tracker.joints.models import JointKind
 from contact_tracker.states import CONTACTS
@@ -76,7 +77,8 @@ def measure(name: str, seed: int) -> Compared | None:
     pose = T_world_body(poses.position_m[row], poses.quat_xyzw[row])
     if made.joint is not None:
         axis, pitch = made.joint.environment, made.joint.pitch_m_per_rad or 0.0
-        true = joint_frame(kinds[name], axis, FREE.get(name, "wz"), pitch)
+        assert not isinstance(axis, Plane)
+        true: TaskFrame | None = joint_frame(kinds[name], axis, FREE.get(name, "wz"), pitch)
     else:
         geometry = made.truth.intervals[0].geometry
         assert contact is not None
