@@ -19,6 +19,7 @@ from lerobot_data import FPS, POSE, write_data_set
 from short_recordings import FACE_TO_EDGE, MODEL, recorded
 
 ANGLES = ["x", "y", "z", "roll", "pitch", "yaw", "gripper"]
+BY_HAND = ["--columns", "position=observation.state[0:3],quaternion=observation.state[3:7]"]
 BY_NUMBER = {"position": "observation.state[0:3]", "quaternion": "observation.state[3:7]"}
 
 
@@ -203,6 +204,31 @@ def test_the_command_with_an_episode_that_cannot_be_used(simulated, tmp_path) ->
     assert {NAMES[k] for k in subtask[episode == 0]} == {"f-f", "e-f"}
 
 
+def test_forces_of_a_feature_are_the_wrench(simulated, outcome, tmp_path) -> None:
+    """Of all entries or of some; what is said of them is reported for the episode."""
+    source = write_data_set(tmp_path / "data", [simulated], "v3.0")
+    data, lines, evidence = LeRobot.open(source), [], object()
+    found = data.wrenches(0, "observation.state[1:5],observation.state[5:7]")
+    state = np.array(
+        read_table(source / "data" / "chunk-000" / "file-000.parquet")["observation.state"].to_pylist()
+    )
+    np.testing.assert_array_equal(np.hstack([found.force_n, found.moment_nm]), state[:, 1:7])
+    assert found.stamp_ns.tolist() == data.trajectory(0).stamp_ns.tolist()
+    with (
+        patch("contact_tracker.batch.lerobot.segmented", return_value=outcome) as segmented_with,
+        patch(
+            "contact_tracker.batch.lerobot.evidence_as_given", return_value=(evidence, "", ("a doubt",))
+        ) as given,
+    ):
+        data.annotate(
+            tmp_path / "copy", MODEL, report=lines.append, wrench="observation.state[1:7]", mass_kg=2.0
+        )
+    assert segmented_with.call_args.args[-1] is evidence
+    np.testing.assert_array_equal(given.call_args.args[0].force_n, found.force_n)
+    assert given.call_args.args[-1] == 2.0
+    assert [line.endswith("episode 0: a doubt") for line in lines] == [True]
+
+
 def test_what_cannot_be_read_is_one_line(simulated, tmp_path) -> None:
     folder = write_data_set(tmp_path / "data", [simulated], "v2.1", [f"joint_{k}" for k in range(8)])
     with pytest.raises(UsageError, match=r"--columns position=observation\.state\[0:3\]"):
@@ -224,6 +250,8 @@ def test_what_cannot_be_read_is_one_line(simulated, tmp_path) -> None:
         (["data", "x.mcap", "-o", "new"], "alone"),
         (["data", "-o", "new", "--ticks"], "--ticks"),
         (["data", "-o", "new", "--mass", "0.5"], "--mass"),
+        (["data", "-o", "new", "--wrench", "observation.state", *BY_HAND], "has 8 numbers"),
+        (["data", "-o", "new", "--wrench", "/wrench"], "not in /wrench"),
         (["data", "-o", "new", "--time-unit", "ms"], "in seconds"),
     ):
         done = run("batch", *arguments, "--processes", "1", cwd=tmp_path)

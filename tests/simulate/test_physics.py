@@ -8,7 +8,8 @@ import pytest
 
 from contact_tracker.geometry.elements import Plane
 from contact_tracker.ground_truth import Truth
-from contact_tracker.recording import need_truth
+from contact_tracker.motion.poses import Poses
+from contact_tracker.recording import need_truth, open_log
 from contact_tracker.states import STATES, Contact
 from contact_tracker_lab import physics
 from contact_tracker_lab.simulate.motion import move
@@ -62,10 +63,14 @@ def test_intervals_have_elements_and_short_ones_are_not_given() -> None:
 
 
 @pytest.mark.long
-def test_a_recording_is_the_published_one(tmp_path: Path) -> None:
-    made = physics.SETS["everyday"][3]
+@pytest.mark.parametrize("number", [1, 3])
+def test_a_recording_is_the_published_one(number: int, tmp_path: Path) -> None:
+    """And the object, which the hand lets go of, does not fall off the desk."""
+    made = physics.SETS["everyday"][number]
     row, is_alike = physics.make(made, tmp_path / "made.mcap", overwrite=False)
     assert is_alike, row
+    poses = Poses.collect(open_log(str(tmp_path / "made.mcap")))
+    assert np.linalg.norm(np.diff(poses.position_m, axis=0), axis=1).max() < 0.03
     truth: Truth = need_truth(str(tmp_path / "made.mcap"))
     phases = [contact for contact, _ in groupby(one.contact for one in truth.intervals if one.contact)]
     assert phases.count(Contact.FREE) >= 6

@@ -26,8 +26,8 @@ from contact_tracker.ground_truth import Truth
 from contact_tracker.map.map import Map as KnownMap
 from contact_tracker.outputs.outcome import Outcome, segmented
 from contact_tracker.outputs.text import counted, table
-from contact_tracker.recording import WrenchLog, parts_of, read_labels, read_wrenches
-from contact_tracker.recording.wrenches import RecordedEvidence, evidence_of
+from contact_tracker.recording import parts_of, read_labels, read_wrenches
+from contact_tracker.recording.wrenches import RecordedEvidence, evidence_as_given, evidence_of
 from contact_tracker.sequences.graph import ContactGraph
 from contact_tracker.sequences.plan import Plan
 from contact_tracker.tracking.belief import Segment
@@ -341,9 +341,7 @@ def _evidence_of(
     given: str | Wrenches, trajectory: Trajectory, model: Model, known_map: KnownMap, mass_kg: float | None
 ) -> RecordedEvidence:
     if isinstance(given, Wrenches):
-        valid = given.valid
-        found = WrenchLog(valid, len(given) - len(valid), 0, 0, "", "as given")
-        return evidence_of(found, "the wrench", trajectory.poses, model, known_map, mass_kg)
+        return evidence_as_given(given, "the wrench", trajectory.poses, model, known_map, mass_kg)
     if not isinstance(given, str):
         raise UsageError(f"wrench is a topic or contact_tracker.Wrenches, not {type(given).__name__}")
     if trajectory.path is None or trajectory.source is None:

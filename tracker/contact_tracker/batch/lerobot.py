@@ -7,6 +7,7 @@ A data set is a folder with ``meta/info.json`` and Parquet files in ``data/``, w
 
 import json
 import os
+import re
 import shutil
 import tempfile
 from collections import Counter
@@ -30,9 +31,11 @@ from contact_tracker.errors import ContactTrackerError, UnreadableRecording, Usa
 from contact_tracker.files import read_regular
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.outputs.outcome import segmented
+from contact_tracker.recording.wrenches import evidence_as_given
 from contact_tracker.states import STATES
 from contact_tracker.trajectory import Trajectory
 from contact_tracker.trajectory.arguments import ModelLike, model_from
+from contact_tracker.wrenches.wrenches import Wrenches
 
 INFO: Final = os.path.join("meta", "info.json")
 VERSIONS: Final = ("v2.0", "v2.1", "v3.0")
@@ -45,11 +48,15 @@ _MOST_BYTES: Final = 20_000_000
 _MOST_BYTES_OF_EPISODES: Final = 1_000_000_000
 """Of ``episodes_stats.jsonl``, which has some kilobytes for each episode."""
 _QUANTILES: Final = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
+_WRENCH: Final = re.compile(r"([^\[\]]+)(?:\[(\d{1,4}):(\d{1,4})\])?")
+"""A feature, or some of its entries, as ``observation.state[7:13]``."""
 _ERRORS: Final = (pyarrow.ArrowException, OSError, ValueError, KeyError)
 
 
 _Labels = tuple[NDArray[np.int64], NDArray[np.float32]]
 """What is written of the frames of an episode: numbers of ``NAMES`` (N,), and probabilities (N, 7)."""
+_Force = tuple[str, float | None]
+"""Which entries are the wrench, and the mass (kg) of the object, if known."""
 
 
 @dataclass(frozen=True)
@@ -128,10 +135,53 @@ class LeRobot:
         InputError
             A file cannot be read, or has no usable pose.
         """
+        return self._trajectory(episode, self._file(episode))
+
+    def wrenches(self, episode: int, entries: str) -> Wrenches:
+        """The wrenches of the hand or robot on the object in an episode, for ``segment``.
+
+        Parameters
+        ----------
+        entries : a feature of six numbers, six entries of one, as ``observation.state[7:13]``, or several
+            with a comma between: force (N) and moment (N m) about the origin of the pose's frame, in its
+            axes.
+
+        Raises
+        ------
+        UsageError
+            There is no such episode, or no six such entries.
+        UnreadableRecording
+            A file cannot be read.
+        """
+        return self._wrenches(episode, self._file(episode), entries)
+
+    def _file(self, episode: int) -> str:
         for number, file in self.episodes():
             if number == episode:
-                return self._trajectory(number, file)
+                return file
         raise UsageError(f"{self.folder}: there is no episode {episode}")
+
+    def _wrenches(self, episode: int, file: str, entries: str) -> Wrenches:
+        """The wrenches of an episode in a file."""
+        there, parts = self._observations(), [_WRENCH.fullmatch(part) for part in entries.split(",")]
+        if not all(match and match[1] in there for match in parts):
+            raise UsageError(f"{self.folder}: a wrench is in {', '.join(there) or 'none'}, not in {entries}")
+        frames = self._frames(episode, file, *(match[1] for match in parts if match))
+        numbers = [self._numbers(frames, match[1])[:, _span(match)] for match in parts if match]
+        values = np.concatenate(numbers, axis=1)
+        if values.shape[1] != 6:
+            raise UsageError(
+                f"{self.folder}: {entries} has {values.shape[1]} numbers: a wrench has six, force and "
+                "moment, as observation.state[7:13]"
+            )
+        return Wrenches(_stamp_ns(frames), values[:, :3], values[:, 3:])
+
+    def _numbers(self, frames: Any, feature: str) -> NDArray[np.float64]:
+        """The numbers (N, D) of a feature; raises UnreadableRecording."""
+        try:
+            return np.array(frames[feature].to_pylist(), float).reshape(len(frames), -1)
+        except (TypeError, ValueError) as error:
+            raise UnreadableRecording(f"{self.folder}: {feature} has no numbers: {error}") from error
 
     def _trajectory(self, episode: int, file: str) -> Trajectory:
         """The poses of an episode in a file."""
@@ -139,10 +189,7 @@ class LeRobot:
         is_by_number = any("[" in name for _, name in self.reading.columns)
         table: dict[str, Any] = {"timestamp": frames["timestamp"].to_numpy().astype(float)}
         for feature in self._observations():
-            try:
-                values = np.array(frames[feature].to_pylist(), float).reshape(len(frames), -1)
-            except (TypeError, ValueError) as error:
-                raise UnreadableRecording(f"{self.folder}: {feature} has no numbers: {error}") from error
+            values = self._numbers(frames, feature)
             names = _entries(feature, self.info["features"][feature], values.shape[1], is_by_number)
             table |= dict(zip(names, values.T, strict=True))
         how = self.reading
@@ -189,6 +236,8 @@ class LeRobot:
         known_map: Map = EMPTY_MAP,
         report: Callable[[str], None] = lambda _: None,
         executor: Executor | None = None,
+        wrench: str | None = None,
+        mass_kg: float | None = None,
     ) -> int:
         """Write a copy of the data set into the new folder ``out`` with the contacts of each frame.
 
@@ -197,6 +246,7 @@ class LeRobot:
         names of the subtasks. Where ``meta`` has statistics of features, those of the new columns are beside
         them.
         An episode that cannot be used is reported, and ``unknown``. There is no folder after a failure.
+        ``wrench`` is as ``entries`` of ``wrenches``, ``mass_kg`` the mass of the object, if known.
 
         Returns
         -------
@@ -205,7 +255,7 @@ class LeRobot:
         Raises
         ------
         UsageError
-            The folder is there already, or inside of the data set.
+            The folder is there already, or inside of the data set; or there is no such wrench.
         UnreadableRecording
             There are no frames, or a file of frames or statistics cannot be read.
         OSError
@@ -215,9 +265,12 @@ class LeRobot:
         if target.exists() or Path(os.path.abspath(self.folder)) in target.parents:
             raise UsageError(f"cannot write {out}: a copy of a data set is a new folder beside it")
         bad, used = 0, model_from(model, None, None)
-        jobs = [(self, number, file, used, known_map) for number, file in self.episodes()]
+        force = None if wrench is None else (wrench, mass_kg)
+        jobs = [(self, number, file, used, known_map, force) for number, file in self.episodes()]
         if not jobs:
             raise UnreadableRecording(f"{self.folder}: there are no frames")
+        if wrench is not None:
+            self._wrenches(*jobs[0][1:3], wrench)  # what is wrong with its name is wrong in all episodes
         results = map(_labels_of, jobs) if executor is None else executor.map(_labels_of, jobs)
         with tempfile.TemporaryDirectory(prefix=".contact-tracker-", dir=target.parent) as folder:
             copy = Path(folder) / target.name
@@ -226,10 +279,10 @@ class LeRobot:
                     raise UsageError(f"{path} is a link to a folder, of which no copy is made: remove it")
             shutil.copytree(self.folder, copy, ignore=self._frames_among)
             labels = dict[str, dict[int, _Labels]]()
-            for (_, number, file, *_), (of_episode, error) in zip(jobs, results, strict=True):
-                bad += error is not None
-                if error is not None:
-                    report(f"{self.folder}: episode {number}: {error}")
+            for (_, number, file, *_), (of_episode, is_bad, lines) in zip(jobs, results, strict=True):
+                bad += is_bad
+                for line in lines:
+                    report(f"{self.folder}: episode {number}: {line}")
                 labels.setdefault(file, {})[number] = of_episode
             for file, of_file in labels.items():
                 try:
@@ -296,17 +349,34 @@ def _entries(feature: str, description: Mapping[str, Any], count: int, is_by_num
     return [f"{feature}.{name}{i if often[name] > 1 else ''}" for i, name in enumerate(names)]
 
 
-def _labels_of(job: tuple[LeRobot, int, str, Model, Map]) -> tuple[_Labels, str | None]:
-    """The contacts of the frames of an episode, and the error if they are not known."""
-    data, episode, file, model, known_map = job
-    time_s = data._frames(episode, file)["timestamp"].to_numpy().astype(float)
-    stamp_ns = np.rint(1e9 * time_s).astype(np.int64)
+def _span(match: re.Match[str]) -> slice:
+    """Which numbers of a feature a match of ``_WRENCH`` names; all without any."""
+    return slice(int(match[2]), int(match[3])) if match[2] else slice(None)
+
+
+def _stamp_ns(frames: Any) -> NDArray[np.int64]:
+    time_s: NDArray[np.float64] = frames["timestamp"].to_numpy().astype(float)
+    return np.rint(1e9 * time_s).astype(np.int64)
+
+
+def _labels_of(
+    job: tuple[LeRobot, int, str, Model, Map, _Force | None],
+) -> tuple[_Labels, bool, tuple[str, ...]]:
+    """The contacts of the frames of an episode, whether it cannot be used, and lines to report."""
+    data, episode, file, model, known_map, force = job
+    stamp_ns = _stamp_ns(data._frames(episode, file))
     unknown = np.full(len(stamp_ns), NAMES.index("unknown"))
     uniform = np.full((len(stamp_ns), len(STATES)), 1.0 / len(STATES), np.float32)
+    evidence, lines = None, tuple[str, ...]()
     try:
-        outcome = segmented(data._trajectory(episode, file), model, known_map)
+        trajectory = data._trajectory(episode, file)
+        if force is not None:
+            wrenches = data._wrenches(episode, file, force[0])
+            given = evidence_as_given(wrenches, force[0], trajectory.poses, model, known_map, force[1])
+            evidence, _, lines = given
+        outcome = segmented(trajectory, model, known_map, evidence)
     except ContactTrackerError as error:
-        return (unknown, uniform), str(error)
+        return (unknown, uniform), True, (str(error),)
     segments = outcome.segments
     starts = np.array([segment.start_ns for segment in segments])
     names = np.array(
@@ -314,7 +384,7 @@ def _labels_of(job: tuple[LeRobot, int, str, Model, Map]) -> tuple[_Labels, str 
     )
     number = np.maximum(np.searchsorted(starts, stamp_ns, side="right") - 1, 0)
     tick = np.minimum(np.searchsorted(outcome.beliefs.stamp_ns, stamp_ns), len(outcome.beliefs) - 1)
-    return (names[number], outcome.beliefs.probability[tick].astype(np.float32)), None
+    return (names[number], outcome.beliefs.probability[tick].astype(np.float32)), False, lines
 
 
 def _with_labels(frames: Any, labels: Mapping[int, _Labels]) -> Any:

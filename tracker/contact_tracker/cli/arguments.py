@@ -276,7 +276,7 @@ def add_wrench(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("force")
     text = (
         "WrenchStamped messages on TOPIC are the wrench of the hand or robot on the object: they "
-        "decide where motion cannot tell contacts apart"
+        "decide where motion cannot tell contacts apart; of a LeRobot data set, entries of its features"
     )
     group.add_argument("--wrench", metavar="TOPIC", help=text)
     text = "mass of the object, if known (default: from free motion)"

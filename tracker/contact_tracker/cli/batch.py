@@ -113,16 +113,16 @@ def _annotate(args: argparse.Namespace) -> int:
     from contact_tracker.batch.lerobot import LeRobot
     from contact_tracker.processes import Workers
 
-    unused = {"--wrench": args.wrench, "--topic": args.topic, "--frame": args.frame, "--ticks": args.ticks}
+    arguments.require_wrench_for_mass(args)
+    unused = {"--topic": args.topic, "--frame": args.frame, "--ticks": args.ticks}
     unused |= {"--relative-to": args.relative_to, "--scheduler": args.scheduler, "--rehash": args.rehash}
-    unused |= {"--mass": args.mass}
     given = next((name for name, value in unused.items() if value not in (None, False)), None)
     if len(args.logs) > 1 or given is not None:
         raise UsageError(f"a LeRobot data set is taken alone, without {given or 'others beside it'}")
     data = LeRobot.open(args.logs[0]).read_as(args.table)
     model, known_map = arguments.load_model(args), arguments.load_map(args)
     with Workers(args.processes or os.cpu_count() or 1, take_over_warnings) as executor:
-        bad = data.annotate(args.output, model, known_map, warn, executor)
+        bad = data.annotate(args.output, model, known_map, warn, executor, args.wrench, args.mass)
     say(f"wrote {args.output}: {len(list(data.episodes()))} episodes, of which {bad} cannot be used")
     return DAMAGED if bad else DONE
 

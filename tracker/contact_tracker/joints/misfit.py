@@ -14,8 +14,9 @@ WAVES: Final = 12
 """Number of cosines over the whole way of a joint."""
 CROSSED_WAVES: Final = 3
 """Number of cosines whose amplitude depends on the direction of motion."""
-SLACK: Final = np.array([0.02, 0.08, 0.2])
-"""Halves of the ways, over the whole, after which a joint that turns back lies on its other side."""
+SLACK: Final = 0.08
+"""Half of the way, over the whole, after which a joint that turns back lies on its other side
+(``tests/benchmarks/joint_play.py``)."""
 POWER: Final = np.concatenate([[0.0], np.geomspace(1e-2, 1e8, 45)])
 """Variances of the errors that follow the motion, over that of the noise, of which the likeliest is taken."""
 STEPS: Final = 8
@@ -27,17 +28,16 @@ def course_functions(travelled: Array) -> Array:
     """Functions (W, M) of the way (W,) that a joint has moved, whose sum is an error that follows it.
 
     A constant; cosines with the amplitudes of a random walk over the way, averaged over each tick like its
-    pose; play operators of several widths, whose value depends on where the joint turned back (Krasnosel'skii
-    and Pokrovskii, Systems with Hysteresis, 1989); and products of both.
+    pose; a play operator, whose value depends on where the joint turned back (Krasnosel'skii and Pokrovskii,
+    Systems with Hysteresis, 1989); and products of both.
     """
     way = (travelled - travelled.min()) / max(float(np.ptp(travelled)), TINY)
     order = np.arange(1, WAVES + 1)
     waves = np.cos(np.pi * way[:, None] * order) * np.sinc(0.5 * np.gradient(way)[:, None] * order) / order
-    side = np.zeros((len(way), len(SLACK)))
+    side = np.zeros((len(way), 1))
     for now, step in enumerate(np.diff(way), 1):
         side[now] = np.clip(side[now - 1] + step / SLACK, -1.0, 1.0)
-    crossed = (side[:, :, None] * waves[:, None, :CROSSED_WAVES]).reshape(len(way), -1)
-    return np.concatenate([np.ones((len(way), 1)), waves, side, crossed], axis=1)
+    return np.column_stack([np.ones(len(way)), waves, side, side * waves[:, :CROSSED_WAVES]])
 
 
 def misfit_log_likelihood(white: Array, course: Array) -> float:
@@ -48,24 +48,24 @@ def misfit_log_likelihood(white: Array, course: Array) -> float:
     costs half a log of the number of ticks.
     """
     (ticks, rows), best = white.shape, -np.inf
-    noise, each = np.eye(rows), 0.5 * float(np.log(ticks))
-    base, scale, _ = np.linalg.svd(course, full_matrices=False)
-    fold = 1.0 + POWER[:, None] * np.square(scale)
-    cost = 0.5 * np.log(fold).sum(axis=1) + each * (POWER > 0.0)
+    noise_sd, cost_nats = np.eye(rows), 0.5 * float(np.log(ticks))
+    functions, scale, _ = np.linalg.svd(course, full_matrices=False)
+    variance_ratio = 1.0 + POWER[:, None] * np.square(scale)  # with the errors over noise alone, (P, M)
+    power_cost = 0.5 * np.log(variance_ratio).sum(axis=1) + cost_nats * (POWER > 0.0)
     for _ in range(STEPS):
-        part = np.linalg.solve(noise, white.T).T
-        axes = np.linalg.eigh(part.T @ part)[1]
-        part = part @ axes
-        along = base.T @ part
-        following = cost[:, None] + 0.5 * (1.0 / fold) @ np.square(along)
-        beside = 0.5 * float(np.square(part).sum() - np.square(along).sum())
-        deviation = np.linalg.eigvalsh(noise)
+        scaled = np.linalg.solve(noise_sd, white.T).T
+        axes = np.linalg.eigh(scaled.T @ scaled)[1]
+        scaled = scaled @ axes
+        amplitudes = functions.T @ scaled
+        by_power = power_cost[:, None] + 0.5 * (1.0 / variance_ratio) @ np.square(amplitudes)
+        beside = 0.5 * float(np.square(scaled).sum() - np.square(amplitudes).sum())
+        deviation = np.linalg.eigvalsh(noise_sd)
         wide = int((deviation > 1.0 + JITTER).sum())
-        widened = ticks * float(np.log(deviation).sum()) + 0.5 * each * wide * (wide + 1)
-        best = max(best, -float(following.min(axis=0).sum()) - beside - widened)
-        kept = 1.0 - 1.0 / fold[following.argmin(axis=0)].T
-        left, root = part - base @ (kept * along), noise @ axes
-        covariance = root @ (left.T @ left + np.diag(kept.sum(axis=0))) @ root.T / ticks
+        noise_cost = ticks * float(np.log(deviation).sum()) + 0.5 * cost_nats * wide * (wide + 1)
+        best = max(best, -float(by_power.min(axis=0).sum()) - beside - noise_cost)
+        share = 1.0 - 1.0 / variance_ratio[by_power.argmin(axis=0)].T  # of an amplitude that is no noise
+        left, root = scaled - functions @ (share * amplitudes), noise_sd @ axes
+        covariance = root @ (left.T @ left + np.diag(share.sum(axis=0))) @ root.T / ticks
         variance, axes = np.linalg.eigh(covariance)
-        noise = (axes * np.sqrt(np.clip(variance, 1.0, MOST_PLAY**2))) @ axes.T
+        noise_sd = (axes * np.sqrt(np.clip(variance, 1.0, MOST_PLAY**2))) @ axes.T
     return best

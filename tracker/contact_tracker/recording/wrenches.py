@@ -296,3 +296,12 @@ def evidence_of(
     )
     warnings = filter(None, (noted and text, mass_doubt(load, mass_kg)))
     return evidence, "" if noted else text, tuple(warnings)
+
+
+def evidence_as_given(
+    wrenches: Wrenches, name: str, poses: Poses, model: Model, known_map: Map, mass_kg: float | None = None
+) -> RecordedEvidence:
+    """What wrenches about the body's origin, in its axes, say; otherwise as ``evidence_of``."""
+    valid = wrenches.valid
+    found = WrenchLog(valid, len(wrenches) - len(valid), 0, 0, "", "as given")
+    return evidence_of(found, name, poses, model, known_map, mass_kg)

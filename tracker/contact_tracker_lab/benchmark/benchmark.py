@@ -230,7 +230,7 @@ def run(args: argparse.Namespace) -> int:
     results = dict(measured(measure, jobs, args.processes))
     found = {name: some for (name, is_scored), some in results.items() if is_scored}
     if not any(one.scores for some in found.values() for one in some):
-        names = ", ".join((tracked.NAME, tracked.WITH_MAP, others.STILL, *WINDOWED, *BY_CRITERION))
+        names = "; ".join((tracked.NAME, tracked.WITH_MAP, others.STILL, *WINDOWED, *BY_CRITERION))
         raise UsageError(
             f"nothing to score: no recording is of the split {args.split}, or no method is {names}"
         )
