@@ -246,7 +246,7 @@ class Result(Outcome):
         from contact_tracker.exports.figure import figure_svg
 
         shown = figure_svg(self) + table_html(self.segments, self.origin_ns)
-        return f"{warnings_html(self.warnings)}{shown}{counts_html(self.counts)}"
+        return f"{warnings_html(self.warnings)}{shown}{counts_html(self.noted)}"
 
     def _columns(self, rows: Rows) -> tuple[Columns, Any]:
         if rows not in ROWS:  # of a tuple, as the argument need not have a hash
@@ -333,7 +333,8 @@ def segment(
     outcome = segmented(poses, given, known_map, evidence, progress=progress, notes=notes)
     result = Result(**vars(outcome))
     warn_of(result.own_warnings)
-    log_counts(poses.name, {kind: count for kind, count in result.counts.items() if kind == "outlier"})
+    outliers = result.segmentation.outliers
+    log_counts(poses.name, {"outlier": outliers.count}, outliers, result.origin_ns)
     return result
 
 

@@ -46,7 +46,7 @@ from numpy.typing import NDArray
 from contact_tracker.config.quantities import RANGE_NS
 from contact_tracker.errors import InvalidPose
 from contact_tracker.motion.excursions import DefaultPoseFilter, ExcursionFilter
-from contact_tracker.motion.poses import Pose, Poses
+from contact_tracker.motion.poses import NO_OUTLIERS, Outliers, Pose, Poses
 from contact_tracker.motion.stamp_order import LONGEST_WAIT_NS, RESET_RUN, Ordered, StampOrder
 
 ROUNDING: Final = 1e-3
@@ -67,6 +67,15 @@ def gate(poses: Iterable[Pose], counts: Counter[str] | None = None) -> Poses:
     passed = PoseGate(counts)
     parts = [passed.admit_all(some) for some in (poses.batches() if isinstance(poses, Poses) else [poses])]
     return Poses.join([*parts, Poses.collect(passed.finish())])
+
+
+def counts_text(counts: Mapping[str, int], outliers: Outliers = NO_OUTLIERS, origin_ns: int = 0) -> str:
+    """``gap 1, outlier 9 (at 1.25, 3.10, 7.00 s, ...)``: numbers by kind, and the times of the first
+    ``outliers`` in seconds after ``origin_ns``."""
+    at_s = ", ".join(f"{1e-9 * (stamp_ns - origin_ns):.2f}" for stamp_ns in outliers.first_ns)
+    more = ", ..." if outliers.count > len(outliers.first_ns) else ""
+    places = {"outlier": f" (at {at_s} s{more})"} if at_s else {}
+    return ", ".join(f"{kind} {count}{places.get(kind, '')}" for kind, count in counts.items() if count)
 
 
 def remarks_on(counts: Mapping[str, int], total: int) -> tuple[str, ...]:
