@@ -334,7 +334,7 @@ def segment(
     result = Result(**vars(outcome))
     warn_of(result.own_warnings)
     outliers = result.segmentation.outliers
-    log_counts(poses.name, {"outlier": outliers.count}, outliers, result.origin_ns)
+    log_counts(poses.name, {"outlier": outliers.total}, outliers, result.origin_ns)
     return result
 
 

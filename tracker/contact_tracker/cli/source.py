@@ -169,7 +169,7 @@ class Source:
     @property
     def counts(self) -> dict[str, int]:
         """Numbers of dropped or repaired poses, by kind."""
-        kinds = {**self.log.counts, "late": self.late, "outlier": self.outliers.count}
+        kinds = {**self.log.counts, "late": self.late, "outlier": self.outliers.total}
         return {kind: count for kind, count in kinds.items() if count}
 
     def trajectory(self) -> Trajectory:

@@ -73,7 +73,7 @@ def counts_text(counts: Mapping[str, int], outliers: Outliers = NO_OUTLIERS, ori
     """``gap 1, outlier 9 (at 1.25, 3.10, 7.00 s, ...)``: numbers by kind, and the times of the first
     ``outliers`` in seconds after ``origin_ns``."""
     at_s = ", ".join(f"{1e-9 * (stamp_ns - origin_ns):.2f}" for stamp_ns in outliers.first_ns)
-    more = ", ..." if outliers.count > len(outliers.first_ns) else ""
+    more = ", ..." if outliers.total > len(outliers.first_ns) else ""
     places = {"outlier": f" (at {at_s} s{more})"} if at_s else {}
     return ", ".join(f"{kind} {count}{places.get(kind, '')}" for kind, count in counts.items() if count)
 
@@ -141,7 +141,7 @@ def _cause_of_norm(quat_xyzw: Sequence[float] | None) -> str:
         return "the quaternions are zero: is the orientation recorded?"
     if twice is not None:
         return f"{shown}, and w equals {twice}: is one column taken for both?"
-    if norm > 2.0:
+    if norm > 2.0 and all(map(float.is_integer, map(float, quat_xyzw))):
         return f"{shown}: if these are integers that stand for fractions, divide them by their scale"
     return f"{shown}: are they the four parts of one quaternion?"
 

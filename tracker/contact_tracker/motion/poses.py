@@ -235,7 +235,7 @@ class Outliers(NamedTuple):
     """Poses that were left out as outliers: how many, and the stamps (ns) of the first, at most
     ``MOST_TOLD``."""
 
-    count: int = 0
+    total: int = 0
     first_ns: tuple[int, ...] = ()
 
     @classmethod
@@ -246,11 +246,11 @@ class Outliers(NamedTuple):
     def joined(self, *later: "Outliers") -> "Outliers":
         """These and later ones."""
         first_ns = [stamp_ns for one in (self, *later) for stamp_ns in one.first_ns]
-        return Outliers(self.count + sum(one.count for one in later), tuple(first_ns[:MOST_TOLD]))
+        return Outliers(self.total + sum(one.total for one in later), tuple(first_ns[:MOST_TOLD]))
 
     def since(self, before: "Outliers") -> "Outliers":
         """Those that have come since the ones ``before``."""
-        return Outliers(self.count - before.count, self.first_ns[len(before.first_ns) :])
+        return Outliers(self.total - before.total, self.first_ns[len(before.first_ns) :])
 
 
 NO_OUTLIERS: Final = Outliers()

@@ -86,17 +86,17 @@ def _average_tick(
     sigma_sq = np.array([before.sigma_position_m, before.sigma_rotation_rad]) ** 2
     good = _plausible(frames, stream.free_motion, origins.world_m, sigma_sq, model)
     outliers, some = Outliers.at(frames.stamp_ns[~good]), frames
-    if outliers.count:
+    if outliers.total:
         some = frames[good]
     buffer, estimate = stream.noise_buffer, before
     if model.noise.estimated:
         prior = model.noise.sigma_position_m, model.noise.sigma_rotation_rad
         # outliers do not count as noise, unless most frames are outliers
-        typical = some if 2 * outliers.count < good.size else frames
+        typical = some if 2 * outliers.total < good.size else frames
         buffer, estimate = sensor_noise.advance(buffer, estimate, typical, prior)
     zeta = mean_lift(some.rotation, some.position_m - origins.world_m)
     mean_ns = int(some.stamp_ns[0]) + round(float((some.stamp_ns - some.stamp_ns[0]).mean()))
-    counts, stamps_ns = (good.size - outliers.count, outliers), (start_ns, stamp_ns, mean_ns)
+    counts, stamps_ns = (good.size - outliers.total, outliers), (start_ns, stamp_ns, mean_ns)
     tick = Tick(*stamps_ns, zeta, *counts, NO_EXCESS, estimate, origins, is_rest)
     motion, tick = with_excess(stream.free_motion, tick, model)
     return stream._replace(noise=estimate, noise_buffer=buffer, free_motion=motion), tick

@@ -66,7 +66,7 @@ class Outcome:
     @property
     def counts(self) -> Mapping[str, int]:
         """Numbers of dropped and repaired poses, by kind (docs/conventions.md)."""
-        outliers = self.segmentation.outliers.count
+        outliers = self.segmentation.outliers.total
         return {**self.trajectory.counts, **({"outlier": outliers} if outliers else {})}
 
     @property

@@ -15,9 +15,10 @@ import struct
 import zipfile
 import zlib
 from collections import Counter
-from collections.abc import Iterator, Mapping, Set
+from collections.abc import Iterator, Mapping, Sequence, Set
 from contextlib import closing
 from dataclasses import replace
+from functools import partial
 from itertools import compress
 from typing import IO, Any, Final
 
@@ -70,8 +71,8 @@ class ParquetTable:
             raise UnreadableRecording(
                 f"it cannot be read as a table: {first_line(error)[:_LONGEST_LINE]}"
             ) from error
-        layout = layout_of_names([name for name, _, _ in leaves], reading, path)
-        self.layout = replace(layout, kind="Parquet")
+        names, rows = [name for name, _, _ in leaves], partial(self._first_rows, leaves, path, budget)
+        self.layout = replace(layout_of_names(names, reading, path, rows=rows), kind="Parquet")
         self._chosen = {place: leaves[place] for place in self.layout.places if place >= 0}
         for place, (name, _, kind) in self._chosen.items():
             is_time = place == self.layout.time and types.is_temporal(kind)
@@ -108,6 +109,23 @@ class ParquetTable:
             place: values[is_row] if isinstance(values, np.ndarray) else list(compress(values, is_row))
             for place, values in found.items()
         }
+
+    def _first_rows(self, leaves: Sequence[_Leaf], path: str, budget: WorkBudget) -> list[list[str]]:
+        """The numbers of the first rows as text, ``nan`` for others; none where they cannot be read."""
+        names = dict.fromkeys(str(own[0]) for _, own, kind in leaves if _is_number(kind))
+        try:
+            _check_pages(self._file.metadata, path, {*names}, 1, budget)
+            batch = next(self._file.iter_batches(_FIRST_ROWS, columns=[*names], use_threads=False))
+            columns = [
+                _numbers(_single(batch.column(str(own[0])), own[1:]))
+                if _is_number(kind)
+                else np.full(len(batch), np.nan)
+                for _, own, kind in leaves
+            ]
+        except (UnreadableRecording, StopIteration, *_PARQUET_ERRORS):
+            return []
+        rows: list[list[str]] = np.array(columns).T.astype(str).tolist()
+        return rows
 
     def _leaves(
         self, name: str, path: tuple[str | int, ...], kind: Any, file: str, budget: WorkBudget
@@ -301,11 +319,11 @@ class ArrayTable:
                 rows = array.reshape(self._rows, array.size // max(self._rows, 1))
                 names += [name] if array.ndim == 1 else [f"{name}[{i}]" for i in range(rows.shape[1])]
                 self._values += list(rows.T)
+        rows = np.array([values[:_FIRST_ROWS] for values in self._values]).T.astype(str).tolist()
         if list(arrays) == [""]:
-            rows = np.array([values[:_FIRST_ROWS] for values in self._values]).T
-            layout = layout_without_names(rows.astype(str).tolist(), reading, path)
+            layout = layout_without_names(rows, reading, path)
         else:
-            layout = layout_of_names(names, reading, path)
+            layout = layout_of_names(names, reading, path, rows=lambda: rows)
         self.layout = replace(layout, kind="NumPy")
 
     def __iter__(self) -> Iterator[dict[int, Any]]:
