@@ -178,7 +178,7 @@ def _meanings(rows: Sequence[Sequence[str]]) -> list[TableReading]:
 def may_end_with_quaternions(rows: Sequence[Sequence[str]]) -> bool:
     """Whether the last four values of most rows may be a quaternion, unlike angles in degrees."""
     last = np.array([numbers(row[-4:]) for row in rows if len(row) >= 4])
-    return 2 * np.count_nonzero(np.linalg.norm(last, axis=1) > _LONGEST_QUATERNION) <= len(last)
+    return bool(2 * np.count_nonzero(np.linalg.norm(last, axis=1) > _LONGEST_QUATERNION) <= len(last))
 
 
 def _begin_of_pose(rows: Array) -> int | None:
