@@ -99,6 +99,7 @@ ZYX = TURN.as_euler("ZYX", degrees=True)
 STATE = np.hstack([np.zeros((9, 7)), PLACE, QUAT[:, [3, 0, 1, 2]], np.zeros((9, 6))])
 MATRIX = np.dstack([TURN.as_matrix(), PLACE])
 COLUMNS = np.swapaxes(np.hstack([MATRIX, np.tile([0.0, 0.0, 0.0, 1.0], (9, 1, 1))]), 1, 2)
+SQUARE, NINE = ",".join(f"m{i}" for i in range(9)), COLUMNS[:, :3, :3].reshape(9, 9)
 
 
 def csv(names: str, *values: Any) -> str:
@@ -111,6 +112,7 @@ def csv(names: str, *values: Any) -> str:
     [
         ("rsi.csv", csv("RIst_X,RIst_Y,RIst_Z,RIst_A,RIst_B,RIst_C", 1e3 * PLACE, ZYX), 0),
         ("tracked.csv", csv("X(cm),Y(cm),Z(cm),Azimuth(deg),Elevation(deg),Roll(deg)", 1e2 * PLACE, ZYX), 0),
+        ("square.csv", csv(f"Ticks,x,y,z,{SQUARE}", 10.0 * np.arange(9), PLACE, NINE), 1),
         ("sim.npz", {"root_state": STATE[:, 7:]}, 1),
         ("sim.npz", {"time": 0.1 * np.arange(9), "qpos": STATE}, 1),
         ("poses.json", [{"t": 0.1 * i, "transform": one.tolist()} for i, one in enumerate(COLUMNS)], 0),
@@ -130,7 +132,7 @@ def test_what_is_proposed_reads_the_poses(tmp_path: Path, name: str, text: Any, 
     with pytest.raises(UnreadableRecording) as raised:
         open_log(str(path))
     commands: Sequence[str] = re.findall(
-        r"contact-tracker (segment .*?)(?= or |, with|\. Orders|$)", str(raised.value)
+        r"contact-tracker (segment .*?)(?= or\b|, with|\. Orders|$)", str(raised.value)
     )
     poses = Poses.collect(
         open_log(str(path), table=build_parser().parse_args(shlex.split(commands[at])).table)

@@ -35,7 +35,7 @@ from contact_tracker.errors import ChoiceError, UnreadableRecording, first_line,
 from contact_tracker.recording.bytestream import SHARE_OF_RECORD, TooMuchWork, WorkBudget
 from contact_tracker.recording.items import ROWS_AT_ONCE
 from contact_tracker.recording.table_layouts import Body, TableLayout, numbers
-from contact_tracker.recording.table_proposals import layout_of_names, layout_without_names
+from contact_tracker.recording.table_proposals import FIRST_ROWS, layout_of_names, layout_without_names
 
 _PARQUET_ERRORS: Final = (pyarrow.ArrowException, OSError, ValueError, OverflowError, KeyError)
 _BUFFER_BYTES: Final = 2**16
@@ -115,7 +115,7 @@ class ParquetTable:
         names = dict.fromkeys(str(own[0]) for _, own, kind in leaves if _is_number(kind))
         try:
             _check_pages(self._file.metadata, path, {*names}, 1, budget)
-            batch = next(self._file.iter_batches(_FIRST_ROWS, columns=[*names], use_threads=False))
+            batch = next(self._file.iter_batches(FIRST_ROWS, columns=[*names], use_threads=False))
             columns = [
                 _numbers(_single(batch.column(str(own[0])), own[1:]))
                 if _is_number(kind)
@@ -284,7 +284,6 @@ def _varint(data: bytes, at: int) -> tuple[int, int]:
 
 
 _MOST_ARRAYS: Final = 200
-_FIRST_ROWS: Final = 64
 _ARRAY_ERRORS: Final = (
     *(ValueError, OSError, EOFError, RuntimeError, MemoryError),
     *(zipfile.BadZipFile, zlib.error, NotImplementedError),
@@ -319,7 +318,7 @@ class ArrayTable:
                 rows = array.reshape(self._rows, array.size // max(self._rows, 1))
                 names += [name] if array.ndim == 1 else [f"{name}[{i}]" for i in range(rows.shape[1])]
                 self._values += list(rows.T)
-        rows = np.array([values[:_FIRST_ROWS] for values in self._values]).T.astype(str).tolist()
+        rows = np.array([values[:FIRST_ROWS] for values in self._values]).T.astype(str).tolist()
         if list(arrays) == [""]:
             layout = layout_without_names(rows, reading, path)
         else:

@@ -36,7 +36,7 @@ Array = NDArray[np.float64]
 Rows = Callable[[], Sequence[Sequence[str]]]
 """Gives the first rows of a table."""
 
-_LIKE_TIME: Final = re.compile(r".*(?:time|stamp|zeit|temps|tiempo|clock)", re.IGNORECASE)
+_LIKE_TIME: Final = re.compile(r".*(?:time|stamp|zeit|temps|tiempo|clock|ticks)", re.IGNORECASE)
 """Names that a column of times may have."""
 _PREFIX: Final = re.compile(r".+[._/: -]")
 """What may stand before the names of a system's columns."""
@@ -48,6 +48,8 @@ _NANOSECONDS: Final = 10
 """Digits of a second since 1970, of which the nanoseconds have fewer."""
 _UNIT_NORM: Final = 0.002
 """Largest deviation of a quaternion's norm from 1, and of a matrix from a rotation, in rounded values."""
+FIRST_ROWS: Final = 64
+"""Rows whose values may be looked at."""
 _LONGEST_QUATERNION: Final = 4.0
 """Norm of what is taken for a quaternion, and then refused with its norm; angles in degrees have more."""
 _UR: Final = "actual_TCP_pose"
@@ -223,7 +225,8 @@ def _proposal(columns: Columns, reading: TableReading, path: str, rows: Rows) ->
             one = meant.with_(reading_of(stated.format(base))).with_(one)
         fault = _fault(columns, one)
         if not fault:
-            return f"if its columns are meant so, read them by {_commands(one, path)}{about_rate}"
+            commands = _commands(one, path, 9 in [many for _, many in some])
+            return f"if its columns are meant so, read them by {commands}{about_rate}"
         if isinstance(fault, OpenReading) and (text := _open_rotation(fault, columns, one, path, rows)):
             return text.format(about_rate)
     return None
@@ -320,9 +323,12 @@ def _with_time(columns: Columns, reading: TableReading, rows: Rows) -> tuple[Tab
     return reading.with_(reading_of(time_unit=_A_RATE)), about, rate
 
 
-def _commands(reading: TableReading, path: str) -> str:
-    """The command of a reading, and, where it has a group of four values, with the real part first."""
+def _commands(reading: TableReading, path: str, is_square: bool = False) -> str:
+    """The command of a reading, and, where it has a group of four values, with the real part first, or where
+    it has a matrix that ``is_square``, along columns."""
     columns, command = dict(reading.columns), reading.command(path)
+    if is_square:
+        return f"{command} or, if it goes along columns, {replace(reading, matrix='columns').command(path)}"
     if (group := columns.pop("quaternion", None)) is None:
         return command
     first = replace(reading, columns=(*columns.items(), ("wxyz", group)))
