@@ -116,7 +116,9 @@ def csv(names: str, *values: Any) -> str:
         ("sim.npz", {"root_state": STATE[:, 7:]}, 1),
         ("sim.npz", {"time": 0.1 * np.arange(9), "qpos": STATE}, 1),
         ("poses.json", [{"t": 0.1 * i, "transform": one.tolist()} for i, one in enumerate(COLUMNS)], 0),
-        ("state.parquet", np.hstack([PLACE, TURN.as_euler("xyz"), np.zeros((9, 1))]), 1),
+        ("state.parquet", np.hstack([PLACE, TURN.as_euler("xyz"), np.zeros((9, 1))]).tolist(), 1),
+        ("matrices.parquet", COLUMNS.tolist(), 0),
+        ("structs.parquet", [{"p": [*a], "q": [*b]} for a, b in zip(PLACE, QUAT, strict=True)], 0),
     ],
 )  # fmt: skip
 def test_what_is_proposed_reads_the_poses(tmp_path: Path, name: str, text: Any, at: int) -> None:
@@ -126,7 +128,7 @@ def test_what_is_proposed_reads_the_poses(tmp_path: Path, name: str, text: Any, 
     if name.endswith("npz"):
         np.savez(path, **text)
     elif name.endswith("parquet"):
-        parquet.write_table(pyarrow.table({"timestamp": 0.1 * np.arange(9), "state": text.tolist()}), path)
+        parquet.write_table(pyarrow.table({"timestamp": 0.1 * np.arange(9), "state": text}), path)
     else:
         path.write_text(text if isinstance(text, str) else json.dumps(text))
     with pytest.raises(UnreadableRecording) as raised:

@@ -65,8 +65,10 @@ class ParquetTable:
         self.damage: tuple[str, ...] = ()
         try:
             self._file = ParquetFile(path, buffer_size=_BUFFER_BYTES, pre_buffer=False)
-            columns = [(one.name, (one.name,), one.type) for one in self._file.schema_arrow]
-            leaves = [leaf for column in columns for leaf in self._leaves(*column, path, budget)]
+            leaves = list[_Leaf]()
+            for one in self._file.schema_arrow:
+                first = self._first_of(one.name, path, budget) if _has_list(one.type) else None
+                leaves += _leaves(one.name, (one.name,), one.type, first)
         except _PARQUET_ERRORS as error:
             raise UnreadableRecording(
                 f"it cannot be read as a table: {first_line(error)[:_LONGEST_LINE]}"
@@ -127,30 +129,45 @@ class ParquetTable:
         rows: list[list[str]] = np.array(columns).T.astype(str).tolist()
         return rows
 
-    def _leaves(
-        self, name: str, path: tuple[str | int, ...], kind: Any, file: str, budget: WorkBudget
-    ) -> Iterator[_Leaf]:
-        """The columns of single values in a column of the file; the first row has the length of lists."""
-        if len(path) > _DEEPEST:
-            return
-        inner: list[tuple[str, str | int, Any]] = []
-        if types.is_struct(kind):
-            fields = map(kind.field, range(min(kind.num_fields, _WIDEST)))
-            inner = [(f"{name}.{field.name}", field.name, field.type) for field in fields]
-        elif types.is_fixed_size_list(kind):
-            inner = [(f"{name}[{i}]", i, kind.value_type) for i in range(min(kind.list_size, _WIDEST))]
-        elif len(path) == 1 and (types.is_list(kind) or types.is_large_list(kind)):
-            try:
-                _check_pages(self._file.metadata, file, {name}, 1, budget)
-                batch = next(self._file.iter_batches(1, columns=[name], use_threads=False), None)
-            except UnreadableRecording:
-                return
-            first = None if batch is None else batch.column(0)[0].as_py()
-            inner = [(f"{name}[{i}]", i, kind.value_type) for i in range(min(len(first or ()), _WIDEST))]
-        else:
-            yield name, path, kind
-        for own, step, of_inner in inner:
-            yield from self._leaves(own, (*path, step), of_inner, file, budget)
+    def _first_of(self, name: str, path: str, budget: WorkBudget) -> Any:
+        """The value of a column in the first row; None where it cannot be read."""
+        try:
+            _check_pages(self._file.metadata, path, {name}, 1, budget)
+            batch = next(self._file.iter_batches(1, columns=[name], use_threads=False), None)
+        except UnreadableRecording:
+            return None
+        return None if batch is None else batch.column(0)[0].as_py()
+
+
+def _leaves(name: str, path: tuple[str | int, ...], kind: Any, first: Any) -> Iterator[_Leaf]:
+    """The columns of single values in a column of the file; the ``first`` row has the length of lists."""
+    if len(path) > _DEEPEST:
+        return
+    if types.is_struct(kind):
+        for field in map(kind.field, range(min(kind.num_fields, _WIDEST))):
+            own = first.get(field.name) if isinstance(first, dict) else None
+            yield from _leaves(f"{name}.{field.name}", (*path, field.name), field.type, own)
+    elif _is_list(kind):
+        values = first if isinstance(first, list) else []
+        many = kind.list_size if types.is_fixed_size_list(kind) else len(values)
+        for i in range(min(many, _WIDEST)):
+            own = values[i] if i < len(values) else None
+            yield from _leaves(f"{name}[{i}]", (*path, i), kind.value_type, own)
+    else:
+        yield name, path, kind
+
+
+def _is_list(kind: Any) -> bool:
+    return bool(types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind))
+
+
+def _has_list(kind: Any) -> bool:
+    """Whether the length of a list, at any depth, is not in the type."""
+    if types.is_struct(kind):
+        return any(_has_list(kind.field(i).type) for i in range(min(kind.num_fields, _WIDEST)))
+    if not _is_list(kind):
+        return False
+    return not types.is_fixed_size_list(kind) or _has_list(kind.value_type)
 
 
 def _is_number(kind: Any) -> bool:
