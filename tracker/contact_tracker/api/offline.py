@@ -1,8 +1,10 @@
 """Segmentation of a whole trajectory."""
 
 import os
+import sys
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -283,7 +285,7 @@ def segment(
     mass_kg: float | None = None,
     accuracy: Deviations = None,
     states: Iterable[str] | None = None,
-    progress: Callable[[int], None] | None = None,
+    progress: Callable[[int], None] | bool | None = None,
 ) -> Result:
     """Segment a whole trajectory into contacts.
 
@@ -300,7 +302,7 @@ def segment(
     accuracy : standard deviations of the systematic errors of poses, as of calibration, in the form of
         ``noise``. They do not show in the poses, and increase the deviations of elements.
     states : the contacts that can occur, such as ``["f-f", "e-f"]`` (default: all); free motion always can.
-    progress : called with the number of poses that are done.
+    progress : called with the number of poses that are done; True writes it to stderr.
 
     Raises
     ------
@@ -318,8 +320,8 @@ def segment(
         if wrench is None:
             raise UsageError("mass_kg is of use with wrench only")
         mass_kg = number_from(mass_kg, "mass_kg", "above zero", lambda kg: kg > 0.0)
-    if progress is not None and not callable(progress):
-        raise UsageError(f"progress is a function that takes the number of poses, not {progress!r}")
+    if not (progress is None or isinstance(progress, bool) or callable(progress)):
+        raise UsageError(f"progress is True, or a function that takes the number of poses, not {progress!r}")
     given = model_from(model, noise, accuracy)
     notes = list[str]()
     known_map = map_of(known, notes.append, states)
@@ -330,12 +332,18 @@ def segment(
         notes += warnings
         if load:
             log_text(load)
-    outcome = segmented(poses, given, known_map, evidence, progress=progress, notes=notes)
+    done = partial(_tell, len(poses)) if progress is True else progress or None
+    outcome = segmented(poses, given, known_map, evidence, progress=done, notes=notes)
     result = Result(**vars(outcome))
     warn_of(result.own_warnings)
     outliers = result.segmentation.outliers
     log_counts(poses.name, {"outlier": outliers.total}, outliers, result.origin_ns)
     return result
+
+
+def _tell(total: int, done: int) -> None:
+    """Write how many poses of all are done to stderr, in one line."""
+    print(f"\r{done} of {total} poses", end="" if done < total else "\n", file=sys.stderr, flush=True)
 
 
 def _evidence_of(
