@@ -1,10 +1,9 @@
 """Segmentation of a whole trajectory."""
 
 import os
-import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -57,6 +56,7 @@ if TYPE_CHECKING:
     from contact_tracker.viewer.views import Viewer
 
 
+Progress = Callable[[int], None]
 Labels = str | os.PathLike[str] | Any
 """Your own labels: a file, or a table with named columns, such as a DataFrame."""
 
@@ -285,7 +285,7 @@ def segment(
     mass_kg: float | None = None,
     accuracy: Deviations = None,
     states: Iterable[str] | None = None,
-    progress: Callable[[int], None] | bool | None = None,
+    progress: Progress | bool | None = None,
 ) -> Result:
     """Segment a whole trajectory into contacts.
 
@@ -302,7 +302,7 @@ def segment(
     accuracy : standard deviations of the systematic errors of poses, as of calibration, in the form of
         ``noise``. They do not show in the poses, and increase the deviations of elements.
     states : the contacts that can occur, such as ``["f-f", "e-f"]`` (default: all); free motion always can.
-    progress : called with the number of poses that are done; True writes it to stderr.
+    progress : called with the number of poses that are done; True shows a bar on stderr.
 
     Raises
     ------
@@ -332,8 +332,8 @@ def segment(
         notes += warnings
         if load:
             log_text(load)
-    done = partial(_tell, len(poses)) if progress is True else progress or None
-    outcome = segmented(poses, given, known_map, evidence, progress=done, notes=notes)
+    with _shown(progress, len(poses)) as told:
+        outcome = segmented(poses, given, known_map, evidence, progress=told, notes=notes)
     result = Result(**vars(outcome))
     warn_of(result.own_warnings)
     outliers = result.segmentation.outliers
@@ -341,9 +341,20 @@ def segment(
     return result
 
 
-def _tell(total: int, done: int) -> None:
-    """Write how many poses of all are done to stderr, in one line."""
-    print(f"\r{done} of {total} poses", end="" if done < total else "\n", file=sys.stderr, flush=True)
+@contextmanager
+def _shown(progress: Progress | bool | None, total: int) -> Iterator[Progress | None]:
+    """What is called with the number of poses that are done; a bar on stderr for True."""
+    if progress is not True:
+        yield progress or None
+        return
+    from tqdm import tqdm
+
+    with tqdm(total=total, unit=" poses") as bar:
+
+        def set_done(done: int) -> None:
+            bar.update(done - bar.n)
+
+        yield set_done
 
 
 def _evidence_of(

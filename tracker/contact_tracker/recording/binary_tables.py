@@ -170,6 +170,12 @@ def _has_list(kind: Any) -> bool:
     return not types.is_fixed_size_list(kind) or _has_list(kind.value_type)
 
 
+def feather_columns(path: str) -> list[str]:
+    """Names and types of the columns of a file of Arrow; a damaged one can raise anything."""
+    with pyarrow.ipc.open_file(path) as file:
+        return [f"{one.name} {one.type}" for one in file.schema]
+
+
 def _is_number(kind: Any) -> bool:
     if types.is_dictionary(kind):
         return _is_number(kind.value_type)
