@@ -73,7 +73,7 @@ SINGLE_IMPORTER = {
     ),  # output, input, both
     "shtab": "cli/main.py",
     "ruptures": "benchmark/bic.py",
-    "tqdm": ("cli", "benchmark/runner.py"),
+    "tqdm": ("cli", "api", "benchmark/runner.py"),
     "argparse": ("cli", "benchmark/runner.py", "benchmark/benchmark.py", "physics.py"),
     "distributed": "batch/cluster.py",
     "fsspec": "batch/remote.py",

@@ -10,7 +10,9 @@ from typing import Any
 
 import nbclient
 import nbformat
+import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import document
 from contact_tracker.batch.segmenting import SUMMARY_COLUMNS
@@ -51,6 +53,19 @@ def test_the_python_of_the_readme_runs(tmp_path: Path) -> None:
     lines = [line.split() for line in f"1700000000{ticks}".splitlines()]
     assert len(lines) > 10
     assert all(stamp.isdecimal() and contact in list(Contact) for stamp, contact, _ in lines)
+
+
+def test_the_first_command_of_the_readme_makes_a_figure(tmp_path: Path) -> None:
+    """Of a table as it says there."""
+    step = next(steps(README))
+    names = re.findall(r"\(`(time,\S+)`\)", README)
+    first = Poses.collect(islice(open_log(str(ROOT / "recordings/mug_first_take.mcap")), 200, 250))
+    turns = Rotation.from_quat(first.quat_xyzw).as_euler("xyz", degrees=True)
+    values = np.column_stack([1e-9 * (first.stamp_ns - first.stamp_ns[0]), 1e3 * first.position_m, turns])
+    np.savetxt(tmp_path / "take.csv", values, delimiter=",", header=names[0], comments="")
+    done = carried_out(step, tmp_path)
+    assert (done.returncode, "warning" in done.stderr) == (0, False), done.stderr
+    assert (tmp_path / "take.png").read_bytes().startswith(b"\x89PNG")
 
 
 @pytest.mark.long

@@ -146,6 +146,14 @@ def test_a_result_has_the_true_contacts(result: contact_tracker.Result) -> None:
     assert result.warnings == ()
 
 
+def test_progress_is_written_or_given(poses: Poses, capsys: pytest.CaptureFixture[str]) -> None:
+    done = list[int]()
+    for progress in (done.append, True):
+        contact_tracker.segment(Trajectory(poses[:60]), progress=progress)
+    assert done[-1] == 60
+    assert "60/60" in capsys.readouterr().err.splitlines()[-1]
+
+
 def test_model_noise_and_knowledge_are_taken_in_every_form(poses: Poses, tmp_path: Path) -> None:
     short = Trajectory(poses[:200])
     (tmp_path / "known.toml").write_text("[up]\ndirection = [0, 0, 1]\n")

@@ -146,7 +146,7 @@ CALLS: dict[str, tuple[Callable[[Given, Any], Any], tuple[Any, ...]]] = {
     ),
     "segment(progress)": (
         lambda given, value: ct.segment(given.trajectory, progress=value),
-        (True, 3, "print", []),
+        (3, "print", []),
     ),
     "compare(second)": (lambda given, value: ct.compare(given.result, value), (None, 3, b"a", [])),
     "evaluate(labels)": (lambda given, value: ct.evaluate(given.result, value), (*NO_PATHS, "none.csv")),

@@ -463,6 +463,21 @@ def test_the_figure_shows_every_segment_and_state(result: contact_tracker.Result
     pyplot.close("all")
 
 
+def test_doubtful_labels_are_open_and_the_figure_says_why(tmp_path: Path) -> None:
+    """Millimetres that are read as metres; elements whose place is not known are drawn about the object."""
+    poses = contact_tracker.read(ROOT / "recordings/mug_first_take.mcap").poses[200:460]
+    with pytest.warns(contact_tracker.ContactTrackerWarning, match="too fast for metres"):
+        result = contact_tracker.segment(Trajectory(replace(poses, position_m=1e3 * poses.position_m)))
+    assert {len(one.inseparable) for one in (*result.segments, *result.beliefs)} == {len(STATES) - 1}
+    figure = result.plot()
+    assert " ".join(figure.get_suptitle().split()) == f"warning: {result.warnings[0]}"
+    assert all(bars.get_hatch() for bars in figure.axes[-1].collections)
+    (own, surroundings), centre_m = result.parts, 1e3 * np.median(poses.position_m, axis=0)
+    assert own.name == "face 1 (place not known)"
+    assert max(*np.abs(own.label_m), *np.abs(surroundings.label_m - centre_m)) < 20.0
+    pyplot.close(figure)
+
+
 def test_no_face_or_edge_is_seen_from_its_side() -> None:
     ring = np.stack([np.cos(np.arange(8.0)), np.sin(np.arange(8.0)), np.zeros(8)], axis=1)
     for turn in Rotation.random(50, rng=np.random.default_rng(3)):

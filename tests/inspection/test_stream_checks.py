@@ -15,7 +15,7 @@ from contact_tracker.inspection.stream_checks import (
     findings,
     inspect,
 )
-from contact_tracker.motion.poses import Poses
+from contact_tracker.motion.poses import Poses, ReadAs
 from contact_tracker.recording import open_log
 from distortions import default_where, exponential, interpolated, moving_average
 from short_recordings import shipped
@@ -97,6 +97,9 @@ def test_other_units_are_found_at_once(recordings, name, factor, unit):
     assert finding.kind == "units"
     assert finding.doubts_labels
     assert "check their unit" in finding.text, "no remedy that was not tried"
+    read_as = ReadAs(table=TableReading(euler="xyz:deg"), path="take.csv")
+    (asked,) = findings(state._replace(read_as=read_as))
+    assert asked.text.endswith(f"segment take.csv --unit {unit[0]}m --euler xyz:deg")
     assert unit in findings(state, ["cm", "mm"])[0].text
     rest = inspected(poses[len(poses) // 2 :][:400], before=inspected(scaled(poses[:400], factor)))
     assert any(finding.doubts_labels for finding in findings(rest)), "a finding is permanent"

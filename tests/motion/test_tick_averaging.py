@@ -15,7 +15,8 @@ from contact_tracker.geometry.elements import Origins
 from contact_tracker.motion import tick_averaging
 from contact_tracker.motion.free_motion import NO_EXCESS
 from contact_tracker.motion.lifted_pose import ONE, R, T, lift
-from contact_tracker.motion.poses import Poses
+from contact_tracker.motion.pose_validation import counts_text
+from contact_tracker.motion.poses import NO_OUTLIERS, Poses
 from contact_tracker.motion.tick_averaging import TickGrid, tick_variances, with_excess
 from smooth_motion import START_NS, moving
 
@@ -64,7 +65,7 @@ def test_ticks_do_not_depend_on_how_poses_are_batched(seed, batch, rate_hz):
     poses = Poses(poses.stamp_ns + late, poses.position_m[source], poses.quat_xyzw[source])
     poses = poses[np.flatnonzero(rng.random(len(poses)) > 0.1)]
     whole, portions = averaged(poses), averaged(poses, batch=batch)
-    assert sum(tick.count + tick.outliers for tick in whole) > 0.7 * len(poses)
+    assert sum(tick.count + tick.outliers.total for tick in whole) > 0.7 * len(poses)
     for a, b in zip(whole, portions, strict=True):
         assert (a.start_ns, a.stamp_ns, a.count, a.outliers) == (b.start_ns, b.stamp_ns, b.count, b.outliers)
         assert a.innovation_excess == b.innovation_excess
@@ -95,7 +96,7 @@ def test_a_follower_with_other_noise_computes_its_own_innovations():
     poses = moving(np.random.default_rng(2), 20.0, 200.0, 3e-4, 2e-3)
     noisier = replace(MODEL, noise=replace(MODEL.noise, floor_position_m=1e-3, floor_rotation_rad=5e-3))
     closed, motion, ticks = TickGrid(MODEL).add(poses), None, []
-    assert not sum(tick.outliers for tick in closed)
+    assert not sum(tick.outliers.total for tick in closed)
     for tick in closed:
         motion, own = with_excess(motion, tick, noisier)
         ticks.append(own)
@@ -113,7 +114,7 @@ def test_a_tick_is_the_mean_of_its_frames():
     for k, tick in enumerate(found):
         frames = slice(20 * k, 20 * k + 20)
         assert (tick.start_ns, tick.stamp_ns) == tuple(poses.stamp_ns[frames][[0, -1]])
-        assert tick.count + tick.outliers == 20
+        assert tick.count + tick.outliers.total == 20
         if tick.count == 20:
             np.testing.assert_allclose(tick.zeta, zeta[frames].mean(axis=0), atol=1e-12)
         assert tick.zeta[ONE] == 1.0
@@ -123,7 +124,7 @@ def test_a_tick_is_the_mean_of_its_frames():
 def test_fast_motion_is_not_taken_for_outliers(rate_hz, most):
     poses = moving(np.random.default_rng(3), 30.0, rate_hz, 3e-4, 2.6e-3, rms_m=0.1, rms_rad=0.6)
     found = averaged(poses)
-    assert sum(tick.outliers for tick in found) <= most * len(poses)
+    assert sum(tick.outliers.total for tick in found) <= most * len(poses)
 
 
 @pytest.mark.parametrize(("rate_hz", "missed"), [(30.0, 0.03), (200.0, 0.001)])
@@ -135,7 +136,7 @@ def test_spikes_are_left_out(rate_hz, missed):
         clean = moving(rng, 40.0, rate_hz, 3e-4, 2.6e-3)
         poses, wrong = spiked(rng, clean, 0.02)
         found, late = averaged(poses), slice(10, None)
-        dropped += sum(tick.outliers for tick in found[late])
+        dropped += sum(tick.outliers.total for tick in found[late])
         spikes += wrong[round(rate_hz) :].sum()
         for tick in found[late]:
             mine = (poses.stamp_ns >= tick.start_ns) & (poses.stamp_ns <= tick.stamp_ns) & ~wrong
@@ -171,8 +172,8 @@ def test_spikes_of_a_camera_stand_out_of_three_frames():
     rng = np.random.default_rng(4)
     clean = moving(rng, 60.0, 30.0, 1.5e-3, 1.2e-2)
     poses, wrong = spiked(rng, clean, 0.02, size_m=0.03)
-    assert sum(tick.outliers for tick in averaged(poses)) >= 0.3 * wrong.sum()
-    assert sum(tick.outliers for tick in averaged(clean)) <= 0.005 * len(clean)
+    assert sum(tick.outliers.total for tick in averaged(poses)) >= 0.3 * wrong.sum()
+    assert sum(tick.outliers.total for tick in averaged(clean)) <= 0.005 * len(clean)
 
 
 @pytest.mark.parametrize("start", ["stream", "gap"])
@@ -186,7 +187,12 @@ def test_spikes_are_left_out_from_the_beginning(start):
     position[row] += 0.05
     found = averaged(replace(clean, position_m=position))
     spoiled = next(tick for tick in found if tick.start_ns <= clean.stamp_ns[row] <= tick.stamp_ns)
-    assert spoiled.outliers == 1
+    stamp_ns = int(clean.stamp_ns[row])
+    assert spoiled.outliers == (1, (stamp_ns,))
+    several = NO_OUTLIERS.joined(*[spoiled.outliers] * 4)
+    told = counts_text({"gap": 0, "outlier": 4}, several, stamp_ns - 1_250_000_000)
+    assert told == "outlier 4 (at 1.25, 1.25, 1.25 s, ...)"
+    assert several.joined(spoiled.outliers).since(several) == (1, ())
 
 
 def test_an_object_that_jumps_is_followed():
@@ -205,7 +211,7 @@ def test_held_poses_are_counted_once():
     found = averaged(held)
     assert len(found) == 20
     for tick in found:
-        assert tick.count + tick.outliers == 5
+        assert tick.count + tick.outliers.total == 5
 
 
 # --- the grid ---------------------------------------------------------------------------------------------
@@ -283,7 +289,7 @@ def test_a_long_gap_costs_no_more_than_a_short_one(seconds):
     found = averaged(replace(poses, stamp_ns=late))
     missed = sum(tick.count == 0 for tick in found)
     assert missed == pytest.approx(min(seconds, tick_averaging.LONGEST_GAP_S) / MODEL.tick_s, abs=1)
-    assert sum(tick.count + tick.outliers for tick in found) == 400
+    assert sum(tick.count + tick.outliers.total for tick in found) == 400
 
 
 @settings(max_examples=40, deadline=None)
@@ -299,7 +305,7 @@ def test_no_frame_is_lost_and_time_runs_forward_whatever_the_stamps(seed, gaps, 
     stamp_ns = START_NS + np.cumsum([0, *gaps]).astype(np.int64)
     poses = replace(moving(rng, len(stamp_ns) / 30.0, 30.0, 3e-4, 2e-3), stamp_ns=stamp_ns)
     found = averaged(poses, replace(MODEL, tick_s=tick_s))
-    assert sum(tick.count + tick.outliers for tick in found) == len(poses)
+    assert sum(tick.count + tick.outliers.total for tick in found) == len(poses)
     assert found[0].start_ns == stamp_ns[0]
     assert found[-1].stamp_ns == stamp_ns[-1]
     for tick, after in pairwise(found):
@@ -316,7 +322,7 @@ def test_stamps_that_run_backward_close_no_tick_again(late, batch):
     stamp_ns, (row, like) = poses.stamp_ns.copy(), late
     stamp_ns[row] = START_NS + like * 5_000_000
     found = averaged(replace(poses, stamp_ns=stamp_ns), batch=batch)
-    assert sum(tick.count + tick.outliers for tick in found) == len(poses)
+    assert sum(tick.count + tick.outliers.total for tick in found) == len(poses)
     assert 19 <= len(found) <= 21
 
 

@@ -1,9 +1,17 @@
 """Commands that messages propose are those of the user, with what names and values of columns allow."""
 
+import json
+import re
 import shlex
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+import pyarrow
 import pytest
+from pyarrow import parquet
+from scipy.spatial.transform import Rotation
 
 from contact_tracker.cli.main import build_parser
 from contact_tracker.config.table_reading import reading_of
@@ -82,3 +90,61 @@ def test_an_index_without_a_name_is_proposed_as_the_time(tmp_path: Path) -> None
         with pytest.raises(UnreadableRecording, match=f"{way}: read them by contact-tracker segment"):
             open_log(str(path))
     assert len(Poses.collect(open_log(str(path), table=reading_of("time=c0", time_unit="s")))) == 9
+
+
+TURN = Rotation.random(9, rng=np.random.default_rng(5))
+PLACE = np.random.default_rng(6).uniform(0.1, 0.9, (9, 3))
+QUAT = TURN.as_quat()
+ZYX = TURN.as_euler("ZYX", degrees=True)
+STATE = np.hstack([np.zeros((9, 7)), PLACE, QUAT[:, [3, 0, 1, 2]], np.zeros((9, 6))])
+MATRIX = np.dstack([TURN.as_matrix(), PLACE])
+COLUMNS = np.swapaxes(np.hstack([MATRIX, np.tile([0.0, 0.0, 0.0, 1.0], (9, 1, 1))]), 1, 2)
+SQUARE, NINE = ",".join(f"m{i}" for i in range(9)), COLUMNS[:, :3, :3].reshape(9, 9)
+
+
+def csv(names: str, *values: Any) -> str:
+    rows = [",".join(f"{value:.9g}" for value in row) for row in np.column_stack(values)]
+    return "\n".join([*filter(None, [names]), *rows, ""])
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "at"),
+    [
+        ("rsi.csv", csv("RIst_X,RIst_Y,RIst_Z,RIst_A,RIst_B,RIst_C", 1e3 * PLACE, ZYX), 0),
+        ("tracked.csv", csv("X(cm),Y(cm),Z(cm),Azimuth(deg),Elevation(deg),Roll(deg)", 1e2 * PLACE, ZYX), 0),
+        ("square.csv", csv(f"Ticks,x,y,z,{SQUARE}", 10.0 * np.arange(9), PLACE, NINE), 1),
+        ("sim.npz", {"root_state": STATE[:, 7:]}, 1),
+        ("sim.npz", {"time": 0.1 * np.arange(9), "qpos": STATE}, 1),
+        ("poses.json", [{"t": 0.1 * i, "transform": one.tolist()} for i, one in enumerate(COLUMNS)], 0),
+        ("state.parquet", np.hstack([PLACE, TURN.as_euler("xyz"), np.zeros((9, 1))]).tolist(), 1),
+        ("matrices.parquet", COLUMNS.tolist(), 0),
+        ("structs.parquet", [{"p": [*a], "q": [*b]} for a, b in zip(PLACE, QUAT, strict=True)], 0),
+    ],
+)  # fmt: skip
+def test_what_is_proposed_reads_the_poses(tmp_path: Path, name: str, text: Any, at: int) -> None:
+    """Of systems with a prefix, of lists in which a pose is somewhere, of matrices by columns: the one of the
+    commands that is right for the file."""
+    path = tmp_path / name
+    if name.endswith("npz"):
+        np.savez(path, **text)
+    elif name.endswith("parquet"):
+        parquet.write_table(pyarrow.table({"timestamp": 0.1 * np.arange(9), "state": text}), path)
+    else:
+        path.write_text(text if isinstance(text, str) else json.dumps(text))
+    with pytest.raises(UnreadableRecording) as raised:
+        open_log(str(path))
+    commands: Sequence[str] = re.findall(
+        r"contact-tracker (segment .*?)(?= or\b|, with|\. Orders|$)", str(raised.value)
+    )
+    poses = Poses.collect(
+        open_log(str(path), table=build_parser().parse_args(shlex.split(commands[at])).table)
+    )
+    np.testing.assert_allclose(poses.position_m, PLACE, atol=1e-8)
+    np.testing.assert_allclose(np.abs((poses.quat_xyzw * QUAT).sum(axis=1)), 1.0, atol=1e-8)
+
+
+def test_angles_without_names_are_no_trajectory_of_quaternions(tmp_path: Path) -> None:
+    path = tmp_path / "station.txt"
+    path.write_text(csv("", np.ones(9), 1e2 * PLACE, ZYX, np.arange(9)).replace(",", " "))
+    with pytest.raises(UnreadableRecording, match="8 columns have no names: say which they are, by number"):
+        open_log(str(path))

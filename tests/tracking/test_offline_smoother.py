@@ -12,7 +12,7 @@ import pytest
 from contact_tracker.exports.formats import json_line
 from contact_tracker.geometry.elements import ContactGeometry, Line, Origins, Point, Unobserved, numbers
 from contact_tracker.map.map import EMPTY_MAP
-from contact_tracker.motion.poses import Poses, batches
+from contact_tracker.motion.poses import NO_OUTLIERS, Poses, batches
 from contact_tracker.motion.window import Window
 from contact_tracker.states import Contact
 from contact_tracker.tracking.contact_filter import ContactFilter, FilteredTick, ticks_of
@@ -132,7 +132,7 @@ def again_and_again(times):
             yield FilteredTick(
                 state=seen.state._replace(
                     log_transition=change,
-                    outliers=0,
+                    outliers=NO_OUTLIERS,
                     live_hypotheses=alive._replace(onset=alive.onset + before),
                 ),
                 tick=replace(tick, start_ns=tick.start_ns + before_ns, stamp_ns=tick.stamp_ns + before_ns),

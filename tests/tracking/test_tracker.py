@@ -199,7 +199,7 @@ def test_an_end_within_a_tick_causes_no_jump():
             one.update(pose)
         one.finish()
     state = one.state
-    assert state.outliers == 0
+    assert state.outliers.total == 0
     rest = 10 + len(cuts)  # the row of the rest of the tick; each end has added one
     assert not state.window.motion_ratio[rest : rest + SETTLING_TICKS].any()
     assert state.window.motion_ratio[rest + SETTLING_TICKS :].any()

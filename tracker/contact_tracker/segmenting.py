@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor
 from dataclasses import replace
-from itertools import chain
+from itertools import chain, compress
 from typing import Final
 
 import numpy as np
@@ -205,19 +205,22 @@ def _validated(stream: Iterator[Poses]) -> Iterator[Poses]:
 
 
 def _in_doubt(piece: Segmentation, possible: tuple[Contact, ...]) -> Segmentation:
-    """The piece with its probabilities mixed with uniform ones."""
+    """The piece with its probabilities mixed with uniform ones, and its contacts open: the motion, as it was
+    read, tells nothing for sure."""
+    states = np.array([state is Contact.FREE or state in possible for state in STATES])
 
     def mixed(probability: Array) -> Array:
         return mixed_with_uniform(probability, possible)
 
     def doubted(one: Segment) -> Segment:
         at_label = np.full(len(STATES), one.probability)
-        return replace(one, probability=float(mixed(at_label)[one.contact.column]))
+        others = tuple(state for state in compress(STATES, states) if state is not one.contact)
+        return replace(one, probability=float(mixed(at_label)[one.contact.column]), inseparable=others)
 
     return replace(
         piece,
         segments=tuple(map(doubted, piece.segments)),
-        beliefs=piece.beliefs.with_probability(mixed(piece.beliefs.probability)),
+        beliefs=piece.beliefs.with_probability(mixed(piece.beliefs.probability), states),
         filtered=piece.filtered.with_probability(mixed(piece.filtered.probability)),
     )
 

@@ -14,7 +14,7 @@ from contact_tracker.inspection.stream_checks import NOTHING_INSPECTED, Finding,
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.motion.free_motion import kalman_filter
 from contact_tracker.motion.pose_validation import Arrival, is_valid, require_valid
-from contact_tracker.motion.poses import AS_GIVEN, Pose, Poses, ReadAs
+from contact_tracker.motion.poses import AS_GIVEN, Outliers, Pose, Poses, ReadAs
 from contact_tracker.tracking.belief import Belief, Detail, Segment
 from contact_tracker.tracking.state import FilterState
 
@@ -234,7 +234,7 @@ class Tracker:
         return self._doubt and not self.is_in_doubt
 
     @property
-    def outliers(self) -> int:
+    def outliers(self) -> Outliers:
         """Poses left out of their ticks so far."""
         return self.filters.outliers
 

@@ -28,7 +28,7 @@ from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion.free_motion import NO_EXCESS, NOW_TICKS
 from contact_tracker.motion.lifted_pose import R, T
-from contact_tracker.motion.poses import NO_POSES, Poses
+from contact_tracker.motion.poses import NO_OUTLIERS, NO_POSES, Outliers, Poses
 from contact_tracker.motion.sensor_noise import independent_point
 from contact_tracker.motion.tick_averaging import ORIGIN_M, Tick, TickGrid
 from contact_tracker.states import CONTACTS, STATES, Contact
@@ -234,7 +234,7 @@ class FilterBank:
     body_m : (3,) point of the body that is tracked, in the body frame; by the first
         ``RATIO_POSES`` where the period is not known in advance.
     map : that of before the rate has changed; None if it has not.
-    earlier_outliers : number of outliers from before.
+    earlier_outliers : those from before.
     changed_since_ns : time since which the rate is another one; None if it is not.
     """
 
@@ -252,7 +252,7 @@ class FilterBank:
     period_s: float | None = None
     body_m: Array = field(default_factory=ORIGIN_M.copy)
     map: GrowingMap | None = None
-    earlier_outliers: int = 0
+    earlier_outliers: Outliers = NO_OUTLIERS
     changed_since_ns: int | None = None
 
     def copied(self) -> Self:
@@ -273,9 +273,9 @@ class FilterBank:
         return self.filters[int(self.log_weight.argmax())].state if self.filters else None
 
     @property
-    def outliers(self) -> int:
+    def outliers(self) -> Outliers:
         """Poses left out of their ticks so far."""
-        return self.earlier_outliers + (self.filters[0].state.outliers if self.filters else 0)
+        return self.earlier_outliers.joined(*(one.state.outliers for one in self.filters[:1]))
 
     def can_wait(self, stamp_ns: int) -> bool:
         """Whether a pose of this time is needed at the end of the tick only, not for the rate."""

@@ -1,7 +1,8 @@
 """Segmentation of a whole trajectory."""
 
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -55,6 +56,7 @@ if TYPE_CHECKING:
     from contact_tracker.viewer.views import Viewer
 
 
+Progress = Callable[[int], None]
 Labels = str | os.PathLike[str] | Any
 """Your own labels: a file, or a table with named columns, such as a DataFrame."""
 
@@ -246,7 +248,7 @@ class Result(Outcome):
         from contact_tracker.exports.figure import figure_svg
 
         shown = figure_svg(self) + table_html(self.segments, self.origin_ns)
-        return f"{warnings_html(self.warnings)}{shown}{counts_html(self.counts)}"
+        return f"{warnings_html(self.warnings)}{shown}{counts_html(self.noted)}"
 
     def _columns(self, rows: Rows) -> tuple[Columns, Any]:
         if rows not in ROWS:  # of a tuple, as the argument need not have a hash
@@ -283,7 +285,7 @@ def segment(
     mass_kg: float | None = None,
     accuracy: Deviations = None,
     states: Iterable[str] | None = None,
-    progress: Callable[[int], None] | None = None,
+    progress: Progress | bool | None = None,
 ) -> Result:
     """Segment a whole trajectory into contacts.
 
@@ -300,7 +302,7 @@ def segment(
     accuracy : standard deviations of the systematic errors of poses, as of calibration, in the form of
         ``noise``. They do not show in the poses, and increase the deviations of elements.
     states : the contacts that can occur, such as ``["f-f", "e-f"]`` (default: all); free motion always can.
-    progress : called with the number of poses that are done.
+    progress : called with the number of poses that are done; True shows a bar on stderr.
 
     Raises
     ------
@@ -318,8 +320,8 @@ def segment(
         if wrench is None:
             raise UsageError("mass_kg is of use with wrench only")
         mass_kg = number_from(mass_kg, "mass_kg", "above zero", lambda kg: kg > 0.0)
-    if progress is not None and not callable(progress):
-        raise UsageError(f"progress is a function that takes the number of poses, not {progress!r}")
+    if not (progress is None or isinstance(progress, bool) or callable(progress)):
+        raise UsageError(f"progress is True, or a function that takes the number of poses, not {progress!r}")
     given = model_from(model, noise, accuracy)
     notes = list[str]()
     known_map = map_of(known, notes.append, states)
@@ -330,11 +332,29 @@ def segment(
         notes += warnings
         if load:
             log_text(load)
-    outcome = segmented(poses, given, known_map, evidence, progress=progress, notes=notes)
+    with _shown(progress, len(poses)) as told:
+        outcome = segmented(poses, given, known_map, evidence, progress=told, notes=notes)
     result = Result(**vars(outcome))
     warn_of(result.own_warnings)
-    log_counts(poses.name, {kind: count for kind, count in result.counts.items() if kind == "outlier"})
+    outliers = result.segmentation.outliers
+    log_counts(poses.name, {"outlier": outliers.total}, outliers, result.origin_ns)
     return result
+
+
+@contextmanager
+def _shown(progress: Progress | bool | None, total: int) -> Iterator[Progress | None]:
+    """What is called with the number of poses that are done; a bar on stderr for True."""
+    if progress is not True:
+        yield progress or None
+        return
+    from tqdm import tqdm
+
+    with tqdm(total=total, unit=" poses") as bar:
+
+        def set_done(done: int) -> None:
+            bar.update(done - bar.n)
+
+        yield set_done
 
 
 def _evidence_of(

@@ -113,7 +113,7 @@ class Tracker:
     def counts(self) -> Mapping[str, int]:
         """Numbers of poses dropped or repaired so far, by kind (docs/conventions.md)."""
         with continued(self._restored):
-            left_out = {"late": self._tracker.late, "outlier": self._tracker.outliers}
+            left_out = {"late": self._tracker.late, "outlier": self._tracker.outliers.total}
             return {**self._gate.counts, **{kind: count for kind, count in left_out.items() if count}}
 
     @property

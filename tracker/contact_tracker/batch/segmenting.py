@@ -272,7 +272,7 @@ def _segmented(name: str, path: str, settings: Settings, folder: Path) -> Row:
         for piece in tracker.pieces(log, None, Detail.WEIGHTS):
             count(piece.segments, cells)
             ticks += len(piece.beliefs)
-            outliers += piece.outliers
+            outliers += piece.outliers.total
             for rows, append in zip(targets, appends, strict=True):
                 entries: Any = piece.beliefs if rows == "ticks" else piece.segments
                 append({"recording": [recording] * len(entries), **TABLES[rows][1](entries)})

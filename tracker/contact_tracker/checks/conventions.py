@@ -355,7 +355,7 @@ def _found(known: Conventions, readings: Sequence[Reading], model: Model, sigma:
     if named[0].delay_ms:
         named, fit = _refined(known, model, sigma, named[0].delay_ms)
     if fit.any():
-        texts = [reading.text for reading, one in zip(named, fit, strict=True) if one]
+        texts = [*dict.fromkeys(reading.text for reading, one in zip(named, fit, strict=True) if one)]
         return "; or ".join(texts[:MOST_NAMED]) + ("; or others" if len(texts) > MOST_NAMED else "")
     return NAMELESS if nats.max() > ODD_NATS else ""
 

@@ -19,8 +19,8 @@ from contact_tracker.cli.terminal import detail, say, warn
 from contact_tracker.errors import DAMAGED, DONE, ChoiceError, StateError, UsageError
 from contact_tracker.files import why_not_replaceable
 from contact_tracker.interrupts import SIGNALS, repeat_unless
-from contact_tracker.motion.pose_validation import Arrival
-from contact_tracker.motion.poses import Pose, Poses
+from contact_tracker.motion.pose_validation import Arrival, counts_text
+from contact_tracker.motion.poses import NO_OUTLIERS, Pose, Poses
 from contact_tracker.outputs.adaptation import noise_text, not_given, warnings
 from contact_tracker.outputs.text import Changes
 from contact_tracker.recording import Follow, PoseLog, PoseSource
@@ -66,7 +66,7 @@ class Source:
         self.first_ns = 0
         self.last_ns = 0
         self.used = 0
-        self.outliers = 0
+        self.outliers = NO_OUTLIERS
         self.late = 0
         self._read_ns: int | None = None  # until when, after the first pose
         self._warned = set[str]()
@@ -156,7 +156,7 @@ class Source:
     def counted(self, found: "Iterable[Segmentation]") -> "Iterator[Segmentation]":
         """The pieces of ``found``, while outliers are counted."""
         for piece in found:
-            self.outliers += piece.outliers
+            self.outliers = self.outliers.joined(piece.outliers)
             yield piece
 
     @property
@@ -169,7 +169,7 @@ class Source:
     @property
     def counts(self) -> dict[str, int]:
         """Numbers of dropped or repaired poses, by kind."""
-        kinds = {**self.log.counts, "late": self.late, "outlier": self.outliers}
+        kinds = {**self.log.counts, "late": self.late, "outlier": self.outliers.total}
         return {kind: count for kind, count in kinds.items() if count}
 
     def trajectory(self) -> Trajectory:
@@ -217,7 +217,7 @@ class Source:
                 say(line)
 
     def _noted(self) -> str:
-        counts = ", ".join(f"{kind} {count}" for kind, count in self.counts.items())
+        counts = counts_text(self.counts, self.outliers, self.origin_ns)
         return f"; noted: {counts}" if counts else ""
 
 

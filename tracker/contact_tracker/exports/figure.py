@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from io import StringIO
 from pathlib import Path
+from textwrap import fill
 from typing import Any, Final
 
 import numpy as np
@@ -38,6 +39,8 @@ _PART_SIZE: Final = 8.0
 """Of the names of what is known (points)."""
 _IN_FRONT: Final = 1000
 """Order of drawing of names, after all parts."""
+_NOTE_WIDTH: Final = 150
+"""Characters in a line of a warning."""
 _ROW: Final = 3.2
 _MAP: Final = 4.6
 """Heights (inches) of a plot over time, and of what is known."""
@@ -81,6 +84,10 @@ def draw_figure(outcome: Outcome, with_curves: bool = False) -> Figure:
     curves, parts = _curves(outcome) if with_curves else None, known_parts(outcome)
     height = 1.0 + _ROW * (1 if curves is None else 2)
     figure = pyplot.figure(figsize=(10.0, height + _MAP * bool(parts)), layout="constrained")
+    if doubts := [
+        f"warning: {fill(printable(text), _NOTE_WIDTH, break_on_hyphens=False)}" for text in outcome.doubts
+    ]:
+        figure.suptitle("\n".join(doubts), fontsize=_PART_SIZE, color="darkred")
     over_time: FigureBase = figure
     if parts:
         over_time, below_it = figure.subfigures(2, 1, squeeze=False, height_ratios=(height, _MAP))[:, 0]

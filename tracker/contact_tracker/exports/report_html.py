@@ -82,7 +82,7 @@ def write_report(outcome: Outcome, path: Path, _: str = ".html") -> None:
         file.write(f'<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><title>{title}</title>')
         file.write(f"<style>{_STYLE}</style><script>{script}</script></head><body><h1>{title}</h1>")
         file.write(warnings_html(outcome.warnings))
-        file.write(f"<p>{escape(printable(facts))}</p>{counts_html(outcome.counts)}")
+        file.write(f"<p>{escape(printable(facts))}</p>{counts_html(outcome.noted)}")
         file.write(f"<h2>Labels and probabilities</h2>{figure_svg(outcome)}")
         file.write(_ABOUT_GEOMETRY + _geometry(outcome, parts, known.object_extent))
         if any(one.side == 0 for one in parts):

@@ -1,6 +1,6 @@
 """HTML of a table of segments, of counts and warnings, for notebooks and reports."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from html import escape
 from typing import Final
 
@@ -33,9 +33,8 @@ def _row(number: int, texts: Sequence[str]) -> str:
     return f'<tr data-segments="{number}">{cells}</tr>'
 
 
-def counts_html(counts: Mapping[str, int]) -> str:
-    """Counts of dropped and repaired poses."""
-    noted = ", ".join(f"{kind} {count}" for kind, count in counts.items() if count)
+def counts_html(noted: str) -> str:
+    """Counts of dropped and repaired poses, as ``counts_text`` has them."""
     return f"<p>noted: {escape(noted)}</p>" if noted else ""
 
 

@@ -428,12 +428,12 @@ def _units_text(inspection: Inspection, fitting_units: Sequence[str]) -> str:
         f"(noise {1e3 * position:.3g} mm, {180.0 / pi * rotation:.2g} deg; "
         f"speed up to {inspection.top_m_per_s:.2g} m/s)"
     )
-    if unit not in fitting_units:
-        what = f"positions are too noisy or too fast for metres {figures}"
-        return f"{what}: check their unit (of a table: --unit) and their source"
     how = f"convert them to metres, or, if they are of a table, take --unit {unit}"
     if inspection.read_as.path:
         how = f"read them by {inspection.read_as.command(unit=unit)}"
+    if unit not in fitting_units:
+        what = f"positions are too noisy or too fast for metres {figures}"
+        return f"{what}: check their unit and their source; if they are in {unit}, {how}"
     return f"positions look like {name} {figures}: {how}"
 
 

@@ -46,7 +46,7 @@ from numpy.typing import NDArray
 from contact_tracker.config.quantities import RANGE_NS
 from contact_tracker.errors import InvalidPose
 from contact_tracker.motion.excursions import DefaultPoseFilter, ExcursionFilter
-from contact_tracker.motion.poses import Pose, Poses
+from contact_tracker.motion.poses import NO_OUTLIERS, Outliers, Pose, Poses
 from contact_tracker.motion.stamp_order import LONGEST_WAIT_NS, RESET_RUN, Ordered, StampOrder
 
 ROUNDING: Final = 1e-3
@@ -67,6 +67,15 @@ def gate(poses: Iterable[Pose], counts: Counter[str] | None = None) -> Poses:
     passed = PoseGate(counts)
     parts = [passed.admit_all(some) for some in (poses.batches() if isinstance(poses, Poses) else [poses])]
     return Poses.join([*parts, Poses.collect(passed.finish())])
+
+
+def counts_text(counts: Mapping[str, int], outliers: Outliers = NO_OUTLIERS, origin_ns: int = 0) -> str:
+    """``gap 1, outlier 9 (at 1.25, 3.10, 7.00 s, ...)``: numbers by kind, and the times of the first
+    ``outliers`` in seconds after ``origin_ns``."""
+    at_s = ", ".join(f"{1e-9 * (stamp_ns - origin_ns):.2f}" for stamp_ns in outliers.first_ns)
+    more = ", ..." if outliers.total > len(outliers.first_ns) else ""
+    places = {"outlier": f" (at {at_s} s{more})"} if at_s else {}
+    return ", ".join(f"{kind} {count}{places.get(kind, '')}" for kind, count in counts.items() if count)
 
 
 def remarks_on(counts: Mapping[str, int], total: int) -> tuple[str, ...]:
@@ -132,7 +141,7 @@ def _cause_of_norm(quat_xyzw: Sequence[float] | None) -> str:
         return "the quaternions are zero: is the orientation recorded?"
     if twice is not None:
         return f"{shown}, and w equals {twice}: is one column taken for both?"
-    if norm > 2.0:
+    if norm > 2.0 and all(map(float.is_integer, map(float, quat_xyzw))):
         return f"{shown}: if these are integers that stand for fractions, divide them by their scale"
     return f"{shown}: are they the four parts of one quaternion?"
 

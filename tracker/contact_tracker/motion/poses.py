@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from itertools import islice
 from math import nan, radians, sin, sqrt
 from operator import attrgetter
-from typing import Any, Final, NamedTuple, Protocol, runtime_checkable
+from typing import Any, Final, NamedTuple, Protocol, Self, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -229,3 +229,30 @@ def real_numbers(values: ArrayLike) -> NDArray[np.float64]:
     if given.dtype.kind not in "iuf":
         raise TypeError(f"{given.dtype} is no type of real numbers")
     return np.asarray(np.ma.filled(given.astype(float), nan))
+
+
+class Outliers(NamedTuple):
+    """Poses that were left out as outliers: how many, and the stamps (ns) of the first, at most
+    ``MOST_TOLD``."""
+
+    total: int = 0
+    first_ns: tuple[int, ...] = ()
+
+    @classmethod
+    def at(cls, stamp_ns: NDArray[np.int64]) -> Self:
+        """Those at these stamps (N,)."""
+        return cls(len(stamp_ns), tuple(stamp_ns[:MOST_TOLD].tolist()))
+
+    def joined(self, *later: "Outliers") -> "Outliers":
+        """These and later ones."""
+        first_ns = [stamp_ns for one in (self, *later) for stamp_ns in one.first_ns]
+        return Outliers(self.total + sum(one.total for one in later), tuple(first_ns[:MOST_TOLD]))
+
+    def since(self, before: "Outliers") -> "Outliers":
+        """Those that have come since the ones ``before``."""
+        return Outliers(self.total - before.total, self.first_ns[len(before.first_ns) :])
+
+
+NO_OUTLIERS: Final = Outliers()
+MOST_TOLD: Final = 3
+"""Most outliers of which the time is told."""

@@ -13,7 +13,7 @@ from contact_tracker.geometry.rotation import between, rotation_vectors
 from contact_tracker.motion import free_motion, sensor_noise
 from contact_tracker.motion.free_motion import NO_EXCESS, FreeMotion, InnovationExcess
 from contact_tracker.motion.lifted_pose import R, T, mean_lift
-from contact_tracker.motion.poses import NO_POSES, Poses
+from contact_tracker.motion.poses import NO_OUTLIERS, NO_POSES, Outliers, Poses
 from contact_tracker.motion.sensor_noise import NoiseBuffer, NoiseEstimate
 
 Array = NDArray[np.float64]
@@ -38,8 +38,8 @@ class Tick:
     """(25,) mean lifted pose, of the point ``origins.body_m``; the world's origin is at the first one."""
     count: int
     """Number of frames used; 0 in a gap."""
-    outliers: int
-    """Number of frames left out."""
+    outliers: Outliers
+    """Frames left out."""
     innovation_excess: InnovationExcess
     """Innovation excess of free motion."""
     noise: NoiseEstimate
@@ -70,7 +70,7 @@ def empty_tick(last: Tick, start_ns: int, stamp_ns: int, is_rest: bool = False) 
         start_ns=start_ns,
         stamp_ns=stamp_ns,
         count=0,
-        outliers=0,
+        outliers=NO_OUTLIERS,
         innovation_excess=NO_EXCESS,
         is_rest=is_rest,
     )
@@ -85,18 +85,18 @@ def _average_tick(
         frames = frames[new] if new.any() else frames[:1]
     sigma_sq = np.array([before.sigma_position_m, before.sigma_rotation_rad]) ** 2
     good = _plausible(frames, stream.free_motion, origins.world_m, sigma_sq, model)
-    some, outliers = frames, int(good.size - np.count_nonzero(good))
-    if outliers:
+    outliers, some = Outliers.at(frames.stamp_ns[~good]), frames
+    if outliers.total:
         some = frames[good]
     buffer, estimate = stream.noise_buffer, before
     if model.noise.estimated:
         prior = model.noise.sigma_position_m, model.noise.sigma_rotation_rad
         # outliers do not count as noise, unless most frames are outliers
-        typical = some if 2 * outliers < good.size else frames
+        typical = some if 2 * outliers.total < good.size else frames
         buffer, estimate = sensor_noise.advance(buffer, estimate, typical, prior)
     zeta = mean_lift(some.rotation, some.position_m - origins.world_m)
     mean_ns = int(some.stamp_ns[0]) + round(float((some.stamp_ns - some.stamp_ns[0]).mean()))
-    counts, stamps_ns = (good.size - outliers, outliers), (start_ns, stamp_ns, mean_ns)
+    counts, stamps_ns = (good.size - outliers.total, outliers), (start_ns, stamp_ns, mean_ns)
     tick = Tick(*stamps_ns, zeta, *counts, NO_EXCESS, estimate, origins, is_rest)
     motion, tick = with_excess(stream.free_motion, tick, model)
     return stream._replace(noise=estimate, noise_buffer=buffer, free_motion=motion), tick

@@ -12,6 +12,7 @@ from contact_tracker.errors import NoTruth, UnreadableRecording
 from contact_tracker.ground_truth import Truth
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.map.world_map import GrowingMap
+from contact_tracker.motion.pose_validation import counts_text
 from contact_tracker.outputs.adaptation import noise_text, warnings
 from contact_tracker.recording import read_truth
 from contact_tracker.segmenting import OfflineTracker
@@ -65,8 +66,13 @@ class Outcome:
     @property
     def counts(self) -> Mapping[str, int]:
         """Numbers of dropped and repaired poses, by kind (docs/conventions.md)."""
-        outliers = {"outlier": self.segmentation.outliers} if self.segmentation.outliers else {}
-        return {**self.trajectory.counts, **outliers}
+        outliers = self.segmentation.outliers.total
+        return {**self.trajectory.counts, **({"outlier": outliers} if outliers else {})}
+
+    @property
+    def noted(self) -> str:
+        """The same in words, with the times of the first outliers."""
+        return counts_text(self.counts, self.segmentation.outliers, self.origin_ns)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -78,6 +84,12 @@ class Outcome:
     def own_warnings(self) -> tuple[str, ...]:
         """One line per warning that the trajectory does not have."""
         return (*self.notes, *warnings(self.report))
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """The warnings by which no label is certain, one line each."""
+        findings = () if self.report is None else self.report.findings
+        return tuple(one.text for one in findings if one.doubts_labels)
 
     @property
     def noise(self) -> str:

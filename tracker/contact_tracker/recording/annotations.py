@@ -230,7 +230,10 @@ def _rows_of_table(path: str, table: Table) -> Iterator[_Row]:
     names, *rows = table
     columns = list(filter(None, (_column(names, wanted) for wanted in (_START, _END, _LABEL))))
     if len(columns) < 3:
-        raise NoTruth(f"{path}: its columns are {', '.join(names[:12])}: needed are start, end and contact")
+        needed = f"{path}: its columns are {', '.join(names[:12])}: needed are start, end and contact"
+        has_names = not any(name.strip(" .-").isdecimal() for name in names)
+        how = ": write the names of the columns above its rows, as start_ms,end_ms,contact"
+        raise NoTruth(needed if has_names else needed + how)
     (start, start_ns), (end, end_ns), (label, _) = columns
     for number, row in enumerate(rows, 2):
         if len(row) <= max(start, end, label):

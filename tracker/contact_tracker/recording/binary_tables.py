@@ -15,9 +15,10 @@ import struct
 import zipfile
 import zlib
 from collections import Counter
-from collections.abc import Iterator, Mapping, Set
+from collections.abc import Iterator, Mapping, Sequence, Set
 from contextlib import closing
 from dataclasses import replace
+from functools import partial
 from itertools import compress
 from typing import IO, Any, Final
 
@@ -34,7 +35,7 @@ from contact_tracker.errors import ChoiceError, UnreadableRecording, first_line,
 from contact_tracker.recording.bytestream import SHARE_OF_RECORD, TooMuchWork, WorkBudget
 from contact_tracker.recording.items import ROWS_AT_ONCE
 from contact_tracker.recording.table_layouts import Body, TableLayout, numbers
-from contact_tracker.recording.table_proposals import layout_of_names, layout_without_names
+from contact_tracker.recording.table_proposals import FIRST_ROWS, layout_of_names, layout_without_names
 
 _PARQUET_ERRORS: Final = (pyarrow.ArrowException, OSError, ValueError, OverflowError, KeyError)
 _BUFFER_BYTES: Final = 2**16
@@ -64,14 +65,16 @@ class ParquetTable:
         self.damage: tuple[str, ...] = ()
         try:
             self._file = ParquetFile(path, buffer_size=_BUFFER_BYTES, pre_buffer=False)
-            columns = [(one.name, (one.name,), one.type) for one in self._file.schema_arrow]
-            leaves = [leaf for column in columns for leaf in self._leaves(*column, path, budget)]
+            leaves = list[_Leaf]()
+            for one in self._file.schema_arrow:
+                first = self._first_of(one.name, path, budget) if _has_list(one.type) else None
+                leaves += _leaves(one.name, (one.name,), one.type, first)
         except _PARQUET_ERRORS as error:
             raise UnreadableRecording(
                 f"it cannot be read as a table: {first_line(error)[:_LONGEST_LINE]}"
             ) from error
-        layout = layout_of_names([name for name, _, _ in leaves], reading, path)
-        self.layout = replace(layout, kind="Parquet")
+        names, rows = [name for name, _, _ in leaves], partial(self._first_rows, leaves, path, budget)
+        self.layout = replace(layout_of_names(names, reading, path, rows=rows), kind="Parquet")
         self._chosen = {place: leaves[place] for place in self.layout.places if place >= 0}
         for place, (name, _, kind) in self._chosen.items():
             is_time = place == self.layout.time and types.is_temporal(kind)
@@ -109,30 +112,68 @@ class ParquetTable:
             for place, values in found.items()
         }
 
-    def _leaves(
-        self, name: str, path: tuple[str | int, ...], kind: Any, file: str, budget: WorkBudget
-    ) -> Iterator[_Leaf]:
-        """The columns of single values in a column of the file; the first row has the length of lists."""
-        if len(path) > _DEEPEST:
-            return
-        inner: list[tuple[str, str | int, Any]] = []
-        if types.is_struct(kind):
-            fields = map(kind.field, range(min(kind.num_fields, _WIDEST)))
-            inner = [(f"{name}.{field.name}", field.name, field.type) for field in fields]
-        elif types.is_fixed_size_list(kind):
-            inner = [(f"{name}[{i}]", i, kind.value_type) for i in range(min(kind.list_size, _WIDEST))]
-        elif len(path) == 1 and (types.is_list(kind) or types.is_large_list(kind)):
-            try:
-                _check_pages(self._file.metadata, file, {name}, 1, budget)
-                batch = next(self._file.iter_batches(1, columns=[name], use_threads=False), None)
-            except UnreadableRecording:
-                return
-            first = None if batch is None else batch.column(0)[0].as_py()
-            inner = [(f"{name}[{i}]", i, kind.value_type) for i in range(min(len(first or ()), _WIDEST))]
-        else:
-            yield name, path, kind
-        for own, step, of_inner in inner:
-            yield from self._leaves(own, (*path, step), of_inner, file, budget)
+    def _first_rows(self, leaves: Sequence[_Leaf], path: str, budget: WorkBudget) -> list[list[str]]:
+        """The numbers of the first rows as text, ``nan`` for others; none where they cannot be read."""
+        names = dict.fromkeys(str(own[0]) for _, own, kind in leaves if _is_number(kind))
+        try:
+            _check_pages(self._file.metadata, path, {*names}, 1, budget)
+            batch = next(self._file.iter_batches(FIRST_ROWS, columns=[*names], use_threads=False))
+            columns = [
+                _numbers(_single(batch.column(str(own[0])), own[1:]))
+                if _is_number(kind)
+                else np.full(len(batch), np.nan)
+                for _, own, kind in leaves
+            ]
+        except (UnreadableRecording, StopIteration, *_PARQUET_ERRORS):
+            return []
+        rows: list[list[str]] = np.array(columns).T.astype(str).tolist()
+        return rows
+
+    def _first_of(self, name: str, path: str, budget: WorkBudget) -> Any:
+        """The value of a column in the first row; None where it cannot be read."""
+        try:
+            _check_pages(self._file.metadata, path, {name}, 1, budget)
+            batch = next(self._file.iter_batches(1, columns=[name], use_threads=False), None)
+        except UnreadableRecording:
+            return None
+        return None if batch is None else batch.column(0)[0].as_py()
+
+
+def _leaves(name: str, path: tuple[str | int, ...], kind: Any, first: Any) -> Iterator[_Leaf]:
+    """The columns of single values in a column of the file; the ``first`` row has the length of lists."""
+    if len(path) > _DEEPEST:
+        return
+    if types.is_struct(kind):
+        for field in map(kind.field, range(min(kind.num_fields, _WIDEST))):
+            own = first.get(field.name) if isinstance(first, dict) else None
+            yield from _leaves(f"{name}.{field.name}", (*path, field.name), field.type, own)
+    elif _is_list(kind):
+        values = first if isinstance(first, list) else []
+        many = kind.list_size if types.is_fixed_size_list(kind) else len(values)
+        for i in range(min(many, _WIDEST)):
+            own = values[i] if i < len(values) else None
+            yield from _leaves(f"{name}[{i}]", (*path, i), kind.value_type, own)
+    else:
+        yield name, path, kind
+
+
+def _is_list(kind: Any) -> bool:
+    return bool(types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind))
+
+
+def _has_list(kind: Any) -> bool:
+    """Whether the length of a list, at any depth, is not in the type."""
+    if types.is_struct(kind):
+        return any(_has_list(kind.field(i).type) for i in range(min(kind.num_fields, _WIDEST)))
+    if not _is_list(kind):
+        return False
+    return not types.is_fixed_size_list(kind) or _has_list(kind.value_type)
+
+
+def feather_columns(path: str) -> list[str]:
+    """Names and types of the columns of a file of Arrow; a damaged one can raise anything."""
+    with pyarrow.ipc.open_file(path) as file:
+        return [f"{one.name} {one.type}" for one in file.schema]
 
 
 def _is_number(kind: Any) -> bool:
@@ -266,7 +307,6 @@ def _varint(data: bytes, at: int) -> tuple[int, int]:
 
 
 _MOST_ARRAYS: Final = 200
-_FIRST_ROWS: Final = 64
 _ARRAY_ERRORS: Final = (
     *(ValueError, OSError, EOFError, RuntimeError, MemoryError),
     *(zipfile.BadZipFile, zlib.error, NotImplementedError),
@@ -301,11 +341,11 @@ class ArrayTable:
                 rows = array.reshape(self._rows, array.size // max(self._rows, 1))
                 names += [name] if array.ndim == 1 else [f"{name}[{i}]" for i in range(rows.shape[1])]
                 self._values += list(rows.T)
+        rows = np.array([values[:FIRST_ROWS] for values in self._values]).T.astype(str).tolist()
         if list(arrays) == [""]:
-            rows = np.array([values[:_FIRST_ROWS] for values in self._values]).T
-            layout = layout_without_names(rows.astype(str).tolist(), reading, path)
+            layout = layout_without_names(rows, reading, path)
         else:
-            layout = layout_of_names(names, reading, path)
+            layout = layout_of_names(names, reading, path, rows=lambda: rows)
         self.layout = replace(layout, kind="NumPy")
 
     def __iter__(self) -> Iterator[dict[int, Any]]:

@@ -18,6 +18,7 @@ from contact_tracker.errors import MissingExtra, NoPoses, UnreadableRecording
 from contact_tracker.motion.pose_validation import (
     Arrival,
     PoseGate,
+    counts_text,
     remark_on_excursions,
     remark_on_loss,
     remarks_on,
@@ -120,7 +121,7 @@ class PoseLog:
     def no_poses(self, name: str) -> NoPoses:
         """The error if no pose of the recording ``name`` is valid."""
         reason = "" if self.loss is None else f": {self.loss}"
-        noted = ", ".join(f"{kind} {count}" for kind, count in self.counts.items() if count)
+        noted = counts_text(self.counts)
         return NoPoses(f"{name}: no pose that can be used{reason}{noted and f'; noted: {noted}'}")
 
     @property

@@ -8,7 +8,7 @@ numbered columns usually are. Rows without names have a pose where there is a ro
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import chain
+from itertools import chain, groupby
 from typing import Any, Final
 
 import numpy as np
@@ -269,7 +269,8 @@ FRAME: Final = re.compile(r"(?:.*[./ ])?(?:frame|frame_?(?:number|no|nr|index|id
 _CLOCKS: Final = frozenset({"", "unix", "utc", "epoch", "posix"})
 """Texts in brackets after a time that leave its unit open."""
 _BODY: Final = r"(.*?)[._/: -]*"
-_AXES: Final = {"i": "x", "j": "y", "k": "z", "r": "w", "real": "w", "roll": "x", "pitch": "y", "yaw": "z"}
+_TURNS: Final = {"roll": "x", "pitch": "y", "elevation": "y", "yaw": "z", "heading": "z", "azimuth": "z"}
+_AXES: Final = {"i": "x", "j": "y", "k": "z", "r": "w", "real": "w", **_TURNS}
 _ROLES: Final[Sequence[tuple[re.Pattern[str], str]]] = tuple(
     (re.compile(_BODY + pattern), role)
     for pattern, role in (
@@ -284,7 +285,7 @@ _ROLES: Final[Sequence[tuple[re.Pattern[str], str]]] = tuple(
             "{0}",
         ),
         (r"(?<![a-z])(?:q|quat)[._/: -]*0", "qw"),
-        (r"(?<![a-z])(roll|pitch|yaw)", "r{0}"),
+        (rf"(?<![a-z])({'|'.join(_TURNS)})", "r{0}"),
         (
             r"(?<![a-z])(?:r|rot|rotation|euler|angle|theta|rotvec|rvec|axis_?angle|(?:rot_?)?axis|o)"
             r"[._/: -]*([xyz])",
@@ -306,7 +307,7 @@ NEEDED: Final = "a time, x, y, z in metres, and qx, qy, qz, qw"
 _EXAMPLE: Final = "time [s],x [{0}],y [{0}],z [{0}],qx,qy,qz,qw"
 _SHOWN: Final = 12
 MOST_COLUMNS: Final = 5000
-_NAMED_ANGLES: Final = re.compile("roll|pitch|yaw|euler|angle", re.IGNORECASE)
+_NAMED_ANGLES: Final = re.compile("|".join((*_TURNS, "euler", "angle")), re.IGNORECASE)
 NAMED_VECTOR: Final = re.compile("rvec|rot_?vec|axis_?angle", re.IGNORECASE)
 """Names of columns of angles, and of a rotation vector."""
 CAN_BE_GIVEN: Final = re.compile(r"[^,=]+").fullmatch
@@ -481,4 +482,9 @@ def _lacking(
 
 
 def _listed(names: Sequence[str]) -> str:
-    return ", ".join(names[:_SHOWN]) + (", ..." if len(names) > _SHOWN else "")
+    """The first names; those of the values of a list together, as ``qpos[0:14]``."""
+    shown = list[str]()
+    for base, own in groupby(names, lambda name: part[1] if (part := _SLICE.fullmatch(name)) else None):
+        run = list(own)
+        shown += run if not base or len(run) < 2 else [f"{base}[0:{len(run)}]"]
+    return ", ".join(shown[:_SHOWN]) + (", ..." if len(shown) > _SHOWN else "")

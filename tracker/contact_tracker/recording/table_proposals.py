@@ -2,9 +2,9 @@
 them, by known systems, what as many numbered columns usually are, and values."""
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
-from itertools import chain, islice
+from itertools import chain, islice, product
 from typing import Any, Final
 
 import numpy as np
@@ -36,8 +36,10 @@ Array = NDArray[np.float64]
 Rows = Callable[[], Sequence[Sequence[str]]]
 """Gives the first rows of a table."""
 
-_LIKE_TIME: Final = re.compile(r".*(?:time|stamp|zeit|temps|tiempo|clock)", re.IGNORECASE)
+_LIKE_TIME: Final = re.compile(r".*(?:time|stamp|zeit|temps|tiempo|clock|ticks)", re.IGNORECASE)
 """Names that a column of times may have."""
+_PREFIX: Final = re.compile(r".+[._/: -]")
+"""What may stand before the names of a system's columns."""
 _MOST_GROUPS: Final = 12
 """Groups of numbered columns of which it is tried what they may be; their pairs are tried, too."""
 _A_RATE: Final = "100Hz"
@@ -46,6 +48,10 @@ _NANOSECONDS: Final = 10
 """Digits of a second since 1970, of which the nanoseconds have fewer."""
 _UNIT_NORM: Final = 0.002
 """Largest deviation of a quaternion's norm from 1, and of a matrix from a rotation, in rounded values."""
+FIRST_ROWS: Final = 64
+"""Rows whose values may be looked at."""
+_LONGEST_QUATERNION: Final = 4.0
+"""Norm of what is taken for a quaternion, and then refused with its norm; angles in degrees have more."""
 _UR: Final = "actual_TCP_pose"
 _UR_POSE: Final = f"position={_UR}[0:3],rotation={_UR}[3:6]"
 _TWICE: Final = "a position and a quaternion"
@@ -75,11 +81,8 @@ KNOWN: Final[Sequence[tuple[str, tuple[str, ...], TableReading]]] = (
 )
 """Known systems: name; names of columns, in lower case, by which one is recognised; how it means them."""
 _LISTS: Final[Mapping[int, tuple[str, TableReading]]] = {
-    16: ("matrix={0}", reading_of(matrix="rows")),
-    12: ("matrix={0}", reading_of(matrix="rows")),
-    9: ("matrix={0}", reading_of(matrix="rows")),
     7: ("position={0}[0:3],quaternion={0}[3:7]", reading_of()),
-    6: ("position={0}[0:3],rotation={0}[3:6]", reading_of(rotation_vector=True)),
+    6: ("position={0}[0:3],rotation={0}[3:6]", reading_of()),
     4: ("quaternion={0}", reading_of()),
     3: ("position={0}", reading_of()),
 }
@@ -167,13 +170,26 @@ def _meanings(rows: Sequence[Sequence[str]]) -> list[TableReading]:
             for order in turned if count == 16 else ("rows",):
                 if _are_rotations(turned[order][:, :3, :3]):
                     return [meaning(begin, {"matrix": order}, matrix=count)]
-    for begin in range(width - len(POSE_ROLES) + 1):
-        norms = np.linalg.norm(row[:, begin + 3 : begin + 7], axis=1)
-        if (np.abs(norms - 1.0) < _UNIT_NORM).all():
-            return [meaning(begin, {}, position=3, quaternion=4)]
+    if (first := _begin_of_pose(row)) is not None:
+        return [meaning(first, {}, position=3, quaternion=4)]
     if width in (6, 7) and np.isfinite(row).all():
         return [meaning(width - 6, how, position=3, rotation=3) for how in _ANGLES_OR_VECTOR]
     return []
+
+
+def may_end_with_quaternions(rows: Sequence[Sequence[str]]) -> bool:
+    """Whether the last four values of most rows may be a quaternion, unlike angles in degrees."""
+    last = np.array([numbers(row[-4:]) for row in rows if len(row) >= 4])
+    return bool(2 * np.count_nonzero(np.linalg.norm(last, axis=1) > _LONGEST_QUATERNION) <= len(last))
+
+
+def _begin_of_pose(rows: Array) -> int | None:
+    """The first place in rows (N, k) at which a position and a unit quaternion may begin."""
+    for begin in range(rows.shape[1] - len(POSE_ROLES) + 1):
+        norms = np.linalg.norm(rows[:, begin + 3 : begin + 7], axis=1)
+        if len(rows) and (np.abs(norms - 1.0) < _UNIT_NORM).all():
+            return begin
+    return None
 
 
 def _are_rotations(matrices: Array) -> bool:
@@ -185,37 +201,83 @@ def _proposal(columns: Columns, reading: TableReading, path: str, rows: Rows) ->
     """What the columns seem to be, and the command that reads them so; None if nothing fits."""
     reading, about_time, about_rate = _with_time(columns, reading, rows)
     lower = {*map(str.lower, columns.names), *columns.plain}
-    for system, names, meant in KNOWN:
-        one = meant.with_(reading)
-        if lower.issuperset(names) and not _fault(columns, one):
-            return f"if its columns are those of {system}, read them by {one.command(path)}{about_rate}"
+    for (system, names, meant), prefix in product(KNOWN, _prefixes(lower)):
+        if lower.issuperset(prefix + name for name in names):
+            own = tuple((role, _as_written(prefix + name, columns)) for role, name in meant.columns)
+            one = replace(meant, columns=own).with_(reading)
+            if not _fault(columns, one):
+                return f"if its columns are those of {system}, read them by {one.command(path)}{about_rate}"
     fault = _fault(columns, reading)
     if fault is None:
         return f"{about_time}: read them by {reading.command(path)}{about_rate}"
-    if isinstance(fault, OpenReading):
-        what, ways = _three_numbers(str(fault).split(", "), columns, rows)
-        readings = [one for way in ways if not _fault(columns, one := reading.with_(way))]
-        if readings:
-            commands = " or ".join(one.command(path) for one in readings)
-            orders = f". {_ORDERS}" if any(one.euler for one in readings) else ""
-            return f"its rotations are {fault}, {what}: read them by {commands}{about_rate}{orders}"
-        if not what:
-            unit = f"write its unit into the names, as in '{str(fault).partition(', ')[0]} [deg]'"
-            return f"its rotation vector {fault} is longer than a turn in radians: {unit}"
+    if isinstance(fault, OpenReading) and (text := _open_rotation(fault, columns, reading, path, rows)):
+        return text.format(about_rate)
     matches = [pattern.fullmatch(name) for name in columns.names for pattern in (NUMBERED, BY_ROW)]
     bases = dict.fromkeys(match[1] for match in matches if match is not None and CAN_BE_GIVEN(match[1]))
     counted = ((base, len(columns.numbered(base))) for base in islice(bases, _MOST_GROUPS))
-    parts = [(base, many) for base, many in counted if many in _LISTS]
+    parts = [(base, many) for base, many in counted if many in _LISTS or many > len(POSE_ROLES)]
     pairs = ([a, b] for a in parts for b in parts if a[1] < b[1] or (a[1] == b[1] == 3 and a != b))
     for some in chain(([part] for part in parts), pairs):
         one = reading
         for base, many in some:
             is_turn = len(some) > 1 and many == 3 and _TURNING.search(base) is not None
-            stated, meant = _VECTOR if is_turn else _LISTS[many]
+            stated, meant = _VECTOR if is_turn else _meant(columns, base, rows)
             one = meant.with_(reading_of(stated.format(base))).with_(one)
-        if not _fault(columns, one):
-            return f"if its columns are meant so, read them by {_commands(one, path)}{about_rate}"
+        fault = _fault(columns, one)
+        if not fault:
+            commands = _commands(one, path, 9 in [many for _, many in some])
+            return f"if its columns are meant so, read them by {commands}{about_rate}"
+        if isinstance(fault, OpenReading) and (text := _open_rotation(fault, columns, one, path, rows)):
+            return text.format(about_rate)
     return None
+
+
+def _prefixes(names: Collection[str]) -> list[str]:
+    """What may stand before the names of a system, as ``rist_`` or ``tool.``; none first."""
+    found = (_PREFIX.match(name) for name in sorted(names))
+    return ["", *dict.fromkeys(match[0] for match in islice(filter(None, found), _MOST_GROUPS))]
+
+
+def _as_written(name: str, columns: Columns) -> str:
+    """A name as the table has it, whatever the case."""
+    return next((own for own in columns.names if own.lower() == name.lower()), name)
+
+
+def _meant(columns: Columns, base: str, rows: Rows) -> tuple[str, TableReading]:
+    """What the numbered columns of a name are, by their number and their first values."""
+    places = list(columns.numbered(base).values())
+    table = [numbers([row[i] for i in places]) for row in rows() if len(row) > max(places)]
+    values, many = np.array(table).reshape(-1, len(places)), len(places)
+    if many in (16, 12, 9):
+        has_last_row = many == 16 and len(values) and (values[:, 3:12:4] == 0.0).all()
+        is_by_columns = has_last_row and values[:, 12:15].any()
+        return "matrix={0}", reading_of(matrix="columns" if is_by_columns else "rows")
+    if many >= len(POSE_ROLES) and len(values):
+        begin = _begin_of_pose(values)
+        if begin is not None:
+            spans = f"[{begin}:{begin + 3}]", f"[{begin + 3}:{begin + 7}]"
+            return "position={{0}}{},quaternion={{0}}{}".format(*spans), reading_of()
+        if many > len(POSE_ROLES):
+            return "position={0}", reading_of()  # there are too many
+        many -= 1
+    return _LISTS.get(many, _LISTS[3])
+
+
+def _open_rotation(
+    fault: OpenReading, columns: Columns, reading: TableReading, path: str, rows: Rows
+) -> str | None:
+    """What the three numbers of a rotation are, with ``{}`` for what is to be said of a rate; None if no way
+    to read them fits."""
+    what, ways = _three_numbers(str(fault).split(", "), columns, rows)
+    readings = [one for way in ways if not _fault(columns, one := reading.with_(way))]
+    if readings:
+        commands = " or ".join(one.command(path) for one in readings)
+        orders = f". {_ORDERS}" if any(one.euler for one in readings) else ""
+        return f"its rotations are {fault}, {what}: read them by {commands}{{}}{orders}"
+    if what:
+        return None
+    unit = f"write its unit into the names, as in '{str(fault).partition(', ')[0]} [deg]'"
+    return f"its rotation vector {fault} is longer than a turn in radians: {unit}"
 
 
 def _three_numbers(names: Sequence[str], columns: Columns, rows: Rows) -> tuple[str, list[TableReading]]:
@@ -261,9 +323,12 @@ def _with_time(columns: Columns, reading: TableReading, rows: Rows) -> tuple[Tab
     return reading.with_(reading_of(time_unit=_A_RATE)), about, rate
 
 
-def _commands(reading: TableReading, path: str) -> str:
-    """The command of a reading, and, where it has a group of four values, with the real part first."""
+def _commands(reading: TableReading, path: str, is_square: bool = False) -> str:
+    """The command of a reading, and, where it has a group of four values, with the real part first, or where
+    it has a matrix that ``is_square``, along columns."""
     columns, command = dict(reading.columns), reading.command(path)
+    if is_square:
+        return f"{command} or, if it goes along columns, {replace(reading, matrix='columns').command(path)}"
     if (group := columns.pop("quaternion", None)) is None:
         return command
     first = replace(reading, columns=(*columns.items(), ("wxyz", group)))

@@ -285,6 +285,10 @@ _MATLAB: Final = (
     "it is a file of MATLAB{arrays}, which is not read: data = scipy.io.loadmat({name!r}, squeeze_me=True); "
     + _ARRAYS
 )
+_FEATHER: Final = (
+    "it is a table of Arrow (Feather){arrays}, which is not read: table = "
+    "pyarrow.feather.read_table({name!r}); contact_tracker.Trajectory.from_dataframe(table) takes it"
+)
 _OTHERS: Final = {
     b"\x04\x22\x4d\x18": "it is compressed: lz4 -d {name} first",
     b"\x1f\x8b": "it is compressed: gunzip {name} first",
@@ -293,8 +297,7 @@ _OTHERS: Final = {
     b"\x89HDF\r\n\x1a\n": f"it is HDF5{_HDF5}; {_ARRAYS}",
     b"MATLAB 7.3": f"it is HDF5 of MATLAB{_HDF5}, transposed; {_ARRAYS}",
     b"MATLAB ": _MATLAB,
-    b"ARROW1": "it is a table of Arrow (Feather), which is not read: "
-    "table = pyarrow.feather.read_table({name!r}); contact_tracker.Trajectory.from_dataframe(table) takes it",
+    b"ARROW1": _FEATHER,
     b"\x80\x04\x95": _PICKLE,
     b"\x80\x05\x95": _PICKLE,
     b"RRF": "it is a recording of rerun, which is not read: give the file from which it was made; " + _ARRAYS,
@@ -316,15 +319,21 @@ _SHOWN: Final = 8
 def refuse_other_formats(path: str, begin: bytes) -> None:
     """Raise UnreadableRecording if a file with these first bytes, which is no table, is of another known
     format, or named as a table."""
-    text, arrays = next((text for magic, text in _OTHERS.items() if begin.startswith(magic)), None), ""
-    if text == _MATLAB or path.lower().endswith(".mat"):  # MATLAB 4 has no first bytes of its own
-        from scipy.io import whosmat
+    text, found = next((text for magic, text in _OTHERS.items() if begin.startswith(magic)), None), []
+    with suppress(Exception):  # damaged files can raise anything
+        if text == _MATLAB or path.lower().endswith(".mat"):  # MATLAB 4 has no first bytes of its own
+            from scipy.io import whosmat
 
-        with suppress(Exception):  # damaged files can raise anything
-            found = [f"{printable(name)} {shape}" for name, shape, _ in whosmat(path)]
-            arrays = f" with {', '.join(found[:_SHOWN])}{', ...' if len(found) > _SHOWN else ''}"
-    if text is not None or arrays:
-        raise UnreadableRecording((text or _MATLAB).format(name=os.path.basename(path), arrays=arrays))
+            found = [f"{name} {shape}" for name, shape, _ in whosmat(path)]
+            text = _MATLAB
+        elif text == _FEATHER:
+            from contact_tracker.recording.binary_tables import feather_columns
+
+            found = feather_columns(path)
+    if text is not None:
+        some = ", ".join(map(printable, found[:_SHOWN])) + (", ..." if len(found) > _SHOWN else "")
+        arrays = f" with {some}" if found else ""
+        raise UnreadableRecording(text.format(name=os.path.basename(path), arrays=arrays))
     if begin and path.lower().endswith(TABLE_ENDINGS):
         raise UnreadableRecording("it is named as a table, but is not text")
 

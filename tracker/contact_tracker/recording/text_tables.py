@@ -36,7 +36,11 @@ from contact_tracker.recording.table_layouts import (
     bodies_of,
     number,
 )
-from contact_tracker.recording.table_proposals import layout_of_names, layout_without_names
+from contact_tracker.recording.table_proposals import (
+    layout_of_names,
+    layout_without_names,
+    may_end_with_quaternions,
+)
 
 _LEAST_OF_POSE: Final = 6
 _LINE: Final = 2**18
@@ -430,10 +434,11 @@ def _has_names(line: str) -> bool:
 
 def _json_layout(lines: Sequence[str], reading: TableReading, path: str) -> TableLayout:
     """The layout of lines with a JSON object each, with the names of all that are in the first ones."""
-    names = dict[str, None]()
+    names, rows = dict[str, None](), list[dict[str, str]]()
     for line in lines:
         try:
-            names.update(dict.fromkeys(_fields_of(line) if not _COMMENT.match(line) else ()))
+            rows.append(_fields_of(line) if not _COMMENT.match(line) else {})
+            names.update(dict.fromkeys(rows[-1]))
         except ValueError as error:
             if not line.lstrip().startswith("{"):
                 raise UnreadableRecording(str(error)) from None
@@ -441,7 +446,13 @@ def _json_layout(lines: Sequence[str], reading: TableReading, path: str) -> Tabl
                 raise UnreadableRecording(
                     "its first line is no JSON object: one a line is read, as jq -c '.[]' writes an array"
                 ) from None
-    return replace(layout_of_names(list(names), reading, path), kind="JSON", names=tuple(names))
+    layout = layout_of_names(
+        list(names),
+        reading,
+        path,
+        rows=lambda: [[row.get(name, "") for name in names] for row in rows if row],
+    )
+    return replace(layout, kind="JSON", names=tuple(names))
 
 
 def _layout_of_rows(
@@ -500,7 +511,8 @@ def _layout_of_rows(
             "a pose is in several lines: T = numpy.loadtxt('FILE').reshape(-1, 4, 4), where all lines have "
             "four values, and contact_tracker.Trajectory.from_arrays(t, T) takes them"
         )
-    if separator is None and len(values) == 1 + len(_TUM) and not (reading.kind or reading.columns):
+    is_tum = separator is None and len(values) == 1 + len(_TUM) and may_end_with_quaternions(table)
+    if is_tum and not (reading.kind or reading.columns):
         body = Body("", _TUM, LENGTHS_M[reading.unit or "m"])
         return TableLayout(0, reading.time_ns, (body,), "TUM", None, rows[0])
     try:

@@ -21,7 +21,7 @@ from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion import tick_averaging
 from contact_tracker.motion.free_motion import LONGEST_COAST_S, NOW_TICKS, SETTLING_TICKS
-from contact_tracker.motion.poses import Pose, batches
+from contact_tracker.motion.poses import NO_OUTLIERS, Pose, batches
 from contact_tracker.motion.tick_averaging import Tick
 from contact_tracker.motion.window import Window, at_rest, rest_ticks
 from contact_tracker.states import CONTACTS, STATES, Contact
@@ -220,7 +220,7 @@ class Segmenter:
         self._gaps: dict[int, _Gap] = {}  # by the number of the tick at which the motion is known again
         self._state: FilterState
         self._newest: Tick
-        self._outliers = 0  # reported so far
+        self._outliers = NO_OUTLIERS  # reported so far
         self._ticks, self._posterior = Columns(_TICK), Columns(_POSTERIOR)  # of the ticks not yet reported
         self._first, self._before = 0, np.zeros(0, _TICK)  # number of the oldest of these, ticks before it
         self._path: deque[hmm.PathSegment] = deque()
@@ -421,7 +421,7 @@ class Segmenter:
                 self._record.note_segment(one, fit, parts)
         online, self._online = [*self._filtered, Beliefs.of(self._online)], []
         self._filtered.clear()
-        outliers, self._outliers = self._state.outliers - self._outliers, self._state.outliers
+        outliers, self._outliers = self._state.outliers.since(self._outliers), self._state.outliers
         beliefs = Beliefs.join([of_one for _, of_one in found])
         rows = tuple(row for rows, _ in found for row in rows)
         return Segmentation(rows, beliefs, Beliefs.join(online), outliers)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.geometry.elements import ContactGeometry, pack, unpack
 from contact_tracker.joints.evidence import Joint
+from contact_tracker.motion.poses import NO_OUTLIERS, Outliers
 from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking.belief import Belief, FurtherContact, Segment
 
@@ -96,10 +97,12 @@ class Beliefs(Sequence[Belief]):
             [joint for part in parts for joint in part.joints],
         )
 
-    def with_probability(self, probability: Array) -> "Beliefs":
-        """The same with other posteriors (T, 7)."""
+    def with_probability(self, probability: Array, may_be: NDArray[np.bool_] | None = None) -> "Beliefs":
+        """The same with other posteriors (T, 7), and, with ``may_be`` (7,), open among these states."""
         rows = self.rows.copy()
         rows["probability"] = probability
+        if may_be is not None:
+            rows["inseparable"] = may_be & (np.arange(len(STATES)) != rows["contact"][:, None])
         return Beliefs(rows, self.geometries, self.formations, self.joints)
 
     def with_elements(
@@ -175,13 +178,13 @@ class Segmentation:
     segments : the Viterbi path, in order, covering every tick; split where the object rests.
     beliefs : T beliefs with the Viterbi label and the smoothed posterior.
     filtered : T online beliefs, from data up to each tick only.
-    outliers : number of poses that were left out as outliers.
+    outliers : poses that were left out.
     """
 
     segments: tuple[Segment, ...] = ()
     beliefs: Beliefs = field(default_factory=Beliefs)
     filtered: Beliefs = field(default_factory=Beliefs)
-    outliers: int = 0
+    outliers: Outliers = NO_OUTLIERS
 
     @classmethod
     def join(cls, parts: Sequence["Segmentation"]) -> Self:
@@ -190,7 +193,7 @@ class Segmentation:
             tuple(segment for part in parts for segment in part.segments),
             Beliefs.join([part.beliefs for part in parts]),
             Beliefs.join([part.filtered for part in parts]),
-            sum(part.outliers for part in parts),
+            NO_OUTLIERS.joined(*(part.outliers for part in parts)),
         )
 
     @property

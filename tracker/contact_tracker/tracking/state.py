@@ -18,6 +18,7 @@ from contact_tracker.map.elements import Key
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion.free_motion import FreeMotion
+from contact_tracker.motion.poses import NO_OUTLIERS, Outliers
 from contact_tracker.motion.window import EMPTY_WINDOW, Window
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.ambiguity import NO_CURVED_MOTION, CurvedMotion
@@ -72,8 +73,8 @@ class FilterState(NamedTuple):
     """Number of ticks so far."""
     next_hypothesis_id: int = 0
     """Number of the next hypothesis."""
-    outliers: int = 0
-    """Number of outliers among the poses so far."""
+    outliers: Outliers = NO_OUTLIERS
+    """Those among the poses so far."""
     label: Contact | None = None
     """The most probable state; None before the first tick."""
     free_since: int = 0

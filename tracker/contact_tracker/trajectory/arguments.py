@@ -16,7 +16,8 @@ from contact_tracker.config.parameters import Model
 from contact_tracker.config.quantities import deviations, plausible
 from contact_tracker.errors import ContactTrackerError, ContactTrackerWarning, UsageError, printable
 from contact_tracker.files import near_file
-from contact_tracker.motion.poses import real_number
+from contact_tracker.motion.pose_validation import counts_text
+from contact_tracker.motion.poses import NO_OUTLIERS, Outliers, real_number
 
 ModelLike = str | os.PathLike[str] | Model
 Deviations = str | tuple[float, float] | None
@@ -104,10 +105,11 @@ def warn_of(texts: Iterable[str]) -> None:
         warnings.warn_explicit(printable(text), ContactTrackerWarning, *place, module)
 
 
-def log_counts(name: str, counts: Mapping[str, int]) -> None:
+def log_counts(
+    name: str, counts: Mapping[str, int], outliers: Outliers = NO_OUTLIERS, origin_ns: int = 0
+) -> None:
     """Log the numbers of dropped and repaired poses at the level INFO."""
-    if counts and _LOGGER.isEnabledFor(logging.INFO):
-        noted = ", ".join(f"{kind} {count}" for kind, count in counts.items())
+    if noted := counts_text(counts, outliers, origin_ns):
         _LOGGER.info("%s: noted: %s", printable(name), noted)
 
 

@@ -24,7 +24,7 @@ from contact_tracker.errors import ChoiceError, UnreadableRecording, UsageError
 from contact_tracker.geometry.elements import Array
 from contact_tracker.motion.poses import real_number, real_numbers
 from contact_tracker.recording.table_layouts import quaternions
-from contact_tracker.recording.table_proposals import layout_of_names
+from contact_tracker.recording.table_proposals import FIRST_ROWS, layout_of_names
 from contact_tracker.suggestions import closest
 
 _NO_TIMES: Final = "stamps are no real numbers or dates: convert text, as by pandas.to_datetime"
@@ -213,8 +213,13 @@ def columns_of(table: Any, reading: TableReading) -> tuple[NDArray[Any], float |
         Its columns are not those of one body, or not of numbers.
     """
     keys = _keys(table)
+
+    def first_rows() -> list[tuple[str, ...]]:
+        columns = (_column(table, key)[:FIRST_ROWS].astype(str).tolist() for key in keys)
+        return list(zip(*columns, strict=False))
+
     try:
-        layout = layout_of_names(names_in(table), reading, "")
+        layout = layout_of_names(names_in(table), reading, "", rows=first_rows)
     except (UnreadableRecording, ChoiceError) as error:
         raise UsageError(str(error)) from error
     if len(layout.bodies) > 1:

@@ -15,7 +15,13 @@ from contact_tracker.config.quantities import LENGTHS, TIMES_NS
 from contact_tracker.config.table_reading import AS_NAMED, TableReading
 from contact_tracker.errors import NoPoses, UnreadableRecording, UsageError
 from contact_tracker.geometry.elements import Array
-from contact_tracker.motion.pose_validation import first_refused, gate, remark_on_loss, remarks_on
+from contact_tracker.motion.pose_validation import (
+    counts_text,
+    first_refused,
+    gate,
+    remark_on_loss,
+    remarks_on,
+)
 from contact_tracker.motion.poses import AS_GIVEN, Pose, Poses, ReadAs
 from contact_tracker.recording import PoseLog, PoseSource, open_log, read_metadata
 from contact_tracker.recording.tables import doubt_of_unit
@@ -198,7 +204,7 @@ class Trajectory:
         counts = +counts
         loss = remark_on_loss(counts, len(rows), first_refused(rows[:, 3:]))
         if not len(passed):
-            noted = ", ".join(f"{kind} {count}" for kind, count in counts.items())
+            noted = counts_text(counts)
             reason = "" if loss is None else f": {loss}"
             raise NoPoses(f"no pose that can be used of {len(rows)}{f' ({noted})' if noted else ''}{reason}")
         doubt = None if unit_ns is None else doubt_of_unit(stamp_ns[usable] / unit_ns, unit_ns)
@@ -263,8 +269,7 @@ class Trajectory:
         return self.poses.batches()
 
     def __repr__(self) -> str:
-        noted = ", ".join(f"{kind} {count}" for kind, count in self.counts.items())
-        noted = f"; noted: {noted}" if noted else ""
+        noted = f"; noted: {counts_text(self.counts)}" if self.counts else ""
         return f"<Trajectory {self.name}: {len(self)} poses, {self.duration_s:.2f} s{noted}>"
 
 

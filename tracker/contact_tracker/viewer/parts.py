@@ -168,22 +168,25 @@ class KnownParts:
         """The known bodies, and all elements that are listed or that contacts have touched (``world``)."""
         if not self._poses:
             return self.bodies
-        poses, elements, touches = Poses.join(self._poses), dict(self._listed), [*self._touches.values()]
-        touched = {} if world is None else world.learned.known
-        elements |= self._elements_of(world)
+        poses, touches, extent = Poses.join(self._poses), [*self._touches.values()], self.extent(world)
+        centres = poses.rotation @ extent.centre_m + poses.position_m
+        about = extent.centre_m, np.median(centres, axis=0)
+        learned = {} if world is None else world.learned.known
+        touched = {key: _near(one, about[key[0]]) for key, one in learned.items()}
+        elements = {
+            key: (side, name, _near(one, about[side]))
+            for key, (side, name, one) in (self._listed | self._elements_of(world)).items()
+        }
         touches += [
             Touch(start_ns, end_ns, ContactGeometry(touched[ours], touched[theirs]), (ours, theirs))
             for start_ns, end_ns, (ours, theirs) in (() if world is None else world.touches)
             if ours in touched and theirs in touched
         ]
-        extent = self.extent(world)
         places, spans = dict[Hashable, list[Array]](), dict[Hashable, list[tuple[int, int]]]()
         for touch in touches:
             for key, where in zip(touch.keys, _touched(touch, poses, extent), strict=True):
                 places.setdefault(key, []).append(where)
                 spans.setdefault(key, []).append((touch.start_ns, touch.end_ns))
-        centres = poses.rotation @ extent.centre_m + poses.position_m
-        about = extent.centre_m, np.median(centres, axis=0)
         found = [
             _of_element(
                 side, name, one, places.get(key) or [_own(one, about[side], extent)], extent
@@ -246,6 +249,16 @@ def _is_open(element: Element) -> bool:
         return False
     own = element.covariance[3:, 3:] if isinstance(element, Plane | Line) else element.covariance
     return float(np.sqrt(np.max(np.diag(own)))) > UNKNOWN_EXTENT.radius_m
+
+
+def _near(element: Element, near_m: Array) -> Element:
+    """An element whose place is not known, at ``near_m`` (3,): where it is estimated, it would make all else
+    small; others as they are."""
+    if not _is_open(element):
+        return element
+    if isinstance(element, Plane):
+        return replace(element, offset_m=float(element.normal @ near_m))
+    return replace(element, point_m=near_m)
 
 
 def _own(element: Element, near_m: Array, extent: Extent) -> Array:
