@@ -220,11 +220,11 @@ def _segment(
             if args.output is None:
                 segments = [one for piece in pieces for one in piece.segments]
             else:
-                count = write_pieces(pieces, args.output, args.rows, lambda: source.origin_ns, check)
+                count = write_pieces(pieces, args.output, args.rows, lambda: source.log.origin_ns, check)
             report, touched = tracker.report, tracker.map
     source.warn_of_damage()
     if args.output is None:
-        for line in table(segments, source.origin_ns, wrenches is not None):
+        for line in table(segments, log.origin_ns, wrenches is not None):
             show(line)
         sys.stdout.flush()
     code = source.finish(report)
