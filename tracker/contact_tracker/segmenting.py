@@ -39,7 +39,8 @@ labels; it is not needed where a wrench shows a contact force at the start."""
 
 
 class OfflineTracker:
-    """Segments one recording piece by piece; ``report`` then has the chosen ticks and noise.
+    """Segments one recording piece by piece; ``report`` then has the chosen ticks and noise, ``outliers`` the
+    number of poses left out.
 
     ``read_as``: how the poses were read, as the user asked. ``uses_map``: whether a map of the recording is
     made, and passes with it follow the first one where neither elements nor wrenches are given.
@@ -60,6 +61,7 @@ class OfflineTracker:
         self._tracker = Tracker.start(model, known_map=known_map, read_as=read_as)
         self._has_passes = uses_map and not known_map.lists_elements and wrenches is None
         self._record = PassRecord(keeps_ticks=self._has_passes) if uses_map else None
+        self.outliers = 0
 
     def pieces(
         self,
@@ -164,6 +166,7 @@ class OfflineTracker:
         for piece in found:
             count = min(len(early), len(piece.filtered))
             reported, early = early[:count], early[count:]
+            self.outliers += piece.outliers
             piece = replace(piece, filtered=piece.filtered[count:])
             self._tracker.check_segments(piece.segments)
             if self._tracker.is_in_doubt:

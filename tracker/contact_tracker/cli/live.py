@@ -176,8 +176,7 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
             report(tracker.finish())
         else:
             saved.save()
-    source.outliers, source.late = tracker.outliers, tracker.late
-    code = source.finish(tracker.report)
+    code = source.finish(tracker.report, tracker.outliers, tracker.late)
     if args.map_out is not None:
         arguments.write_map(args.map_out, None if tracker.best is None else tracker.best.map)
     if code == DONE and printer.has_left:

@@ -21,13 +21,12 @@ from contact_tracker.outputs.adaptation import noise_text, not_given, warnings
 from contact_tracker.outputs.text import Changes
 from contact_tracker.recording import Follow, PoseLog, PoseSource
 from contact_tracker.recording.sources import Stamping
-from contact_tracker.saved_state import fingerprint, is_same, load, save
+from contact_tracker.saved_state import fingerprint, load, save
 from contact_tracker.tracker import Tracker
 from contact_tracker.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from contact_tracker.adaptation.report import Report
-    from contact_tracker.tracking.segmentation import Segmentation
 
 _LONGEST_SLEEP_S: Final = 0.1
 """Longest sleep at a time (s) between looks at whether the stream has to end."""
@@ -57,8 +56,6 @@ class Source:
         self._is_as_named = not args.table.is_of_table
         if log.note is not None:
             warn(f"{self.name}: {log.note}")
-        self.outliers = 0
-        self.late = 0
         self._warned = set[str]()
         self._suspected_since_ns: int | None = None
 
@@ -101,23 +98,11 @@ class Source:
             )
         return len(self.log.late_sources)
 
-    def counted(self, found: "Iterable[Segmentation]") -> "Iterator[Segmentation]":
-        """The pieces of ``found``, while outliers are counted."""
-        for piece in found:
-            self.outliers += piece.outliers
-            yield piece
-
     @property
     def expected(self) -> int | None:
         """Approximate number of poses, if the recording's index has it."""
         is_shared = self.log.source.type.endswith("TFMessage")  # of several frames
         return None if is_shared or self._is_cut else self.log.source.messages
-
-    @property
-    def counts(self) -> dict[str, int]:
-        """Numbers of dropped or repaired poses, by kind."""
-        kinds = {**self.log.counts, "late": self.late, "outlier": self.outliers}
-        return {kind: count for kind, count in kinds.items() if count}
 
     def trajectory(self) -> Trajectory:
         """All poses of the interval, in memory."""
@@ -125,11 +110,12 @@ class Source:
         is_rereadable = not self.is_stdin and os.path.exists(self.name) and self._is_as_named
         return Trajectory.from_log(self.log, self.name, poses, is_rereadable)
 
-    def finish(self, adapted: "Report | None") -> int:
+    def finish(self, adapted: "Report | None", outliers: int, late: int = 0) -> int:
         """Report the poses read and not used, and the tracker's adaptation; returns the exit code."""
         self.warn_of_damage()
         log, took_s = self.log, time.monotonic() - self._begin_s
-        counts = ", ".join(f"{kind} {count}" for kind, count in self.counts.items())
+        kinds = {**log.counts, "late": late, "outlier": outliers}
+        counts = ", ".join(f"{kind} {count}" for kind, count in kinds.items() if count)
         noted, motion_s = f"; noted: {counts}" if counts else "", (log.last_ns - log.first_ns) * 1e-9
         say(f"{log.valid} poses, {motion_s:.2f} s of motion in {took_s:.2f} s{noted}")
         if adapted is not None:
@@ -286,7 +272,7 @@ class SavedStream:
             raise UsageError(
                 f"{self._path} is of {PoseSource(*names)}, not of {log.source}: name another file"
             )
-        is_same_log = is_same(first, log.first) and not is_stdin
+        is_same_log = fingerprint(first) == fingerprint(log.first) and not is_stdin
         first_ns = log.first_stamp_ns + gate.shift_ns
         if not is_same_log and not is_stdin and first_ns <= span[2]:
             raise UsageError(
