@@ -17,7 +17,7 @@ from contact_tracker.geometry.elements import Array
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion.pose_validation import require_valid
-from contact_tracker.motion.poses import AS_GIVEN, Pose, Poses, ReadAs, batches
+from contact_tracker.motion.poses import AS_GIVEN, Batched, Pose, Poses, ReadAs, batches
 from contact_tracker.motion.sensor_noise import independent_point
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracker import BATCH_POSES, Tracker
@@ -65,7 +65,7 @@ class OfflineTracker:
 
     def pieces(
         self,
-        poses: Iterable[Pose],
+        poses: Iterable[Pose] | Batched,
         progress: Callable[[int], None] | None = None,
         detail: Detail = Detail.SHARED,
     ) -> Iterator[Segmentation]:
