@@ -1,11 +1,12 @@
 """Calibration by the command: from files to a model and a report, or one line of error."""
 
-import os
 import re
 import shutil
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from multiprocessing import active_children
+from itertools import starmap
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,10 +17,8 @@ from chain_oracle import NOTHING, random_model
 from contact_tracker import __version__
 from contact_tracker.cli.main import run
 from contact_tracker.config.loading import load_model
-from contact_tracker.errors import ContactTrackerError
 from contact_tracker.ground_truth import Truth
 from contact_tracker.motion.poses import Poses
-from contact_tracker.processes import run_all
 from contact_tracker.recording import open_log, read_truth, write_recording
 from contact_tracker.states import Contact
 from contact_tracker_lab.calibration.calibrate import Plan, Source, calibrate, score_model, study_recording
@@ -94,6 +93,11 @@ def test_a_model_is_learned_and_its_file_says_from_what(
         later.transitions.counts.moving_s, model.transitions.counts.moving_s, rtol=0.02
     )
     assert later.noise == model.noise
+
+
+def run_all(function: Callable[..., Any], jobs: Sequence[tuple[Any, ...]]) -> list[Any]:
+    """Each job in this process."""
+    return list(starmap(function, jobs))
 
 
 def test_held_out_recordings_are_scored_by_models_not_trained_on_them(logs: Path) -> None:
@@ -217,17 +221,6 @@ def test_the_readable_part_of_a_damaged_recording_is_learned_from(
     assert code == 3
     assert "damaged.mcap" in capsys.readouterr().err
     load_model(str(output))
-
-
-def test_processes_answer_in_order_and_a_killed_one_is_reported() -> None:
-    done: list[None] = []
-    assert run_all(divmod, [(n, 3) for n in range(5)], 2, lambda: done.append(None)) == [
-        (0, 0), (0, 1), (0, 2), (1, 0), (1, 1),
-    ]  # fmt: skip
-    assert len(done) == 5
-    with pytest.raises(ContactTrackerError, match="--processes"):
-        run_all(os._exit, [(1,), (1,)], 2)
-    assert not active_children()
 
 
 names = st.text(st.characters(exclude_categories=("C", "Zl", "Zp", "Zs")), max_size=30)

@@ -404,12 +404,14 @@ def test_an_interval_is_the_same_in_columns(tmp_path, monkeypatch, start, durati
     args = argparse.Namespace(log=path, start=start, duration=duration, table=AS_NAMED)
 
     def read(columns):
-        source = Source(open_log(path), args.log, args)
+        log = open_log(path)
+        source = Source(log, args.log, args)
         try:
-            poses = list(source) if columns else [p for one in source.arrivals() for p in one.poses]
+            batches = source.batches() if columns else (one.poses for one in source.arrivals())
+            poses = [pose for some in batches for pose in some]
         except ChoiceError as error:
             poses = str(error)
-        return poses, source.origin_ns, source.first_ns, source.last_ns, source.used
+        return poses, log.origin_ns, log.first_ns, log.last_ns, log.valid
 
     assert read(columns=True) == read(columns=False)
     assert (read(columns=True)[-1] == 0) == (start > 1.0)

@@ -11,7 +11,7 @@ import pytest
 from command_line import ENVIRONMENT, run, shown_on_a_terminal
 from contact_tracker.cli import terminal
 from contact_tracker.ground_truth import Truth
-from contact_tracker.processes import run_all
+from contact_tracker.processes import Workers
 from contact_tracker.recording import write_recording
 from mcap_logs import Topic, poses_topic, smooth_poses, write_log
 
@@ -101,7 +101,8 @@ logging.getLogger('lib').warning('c\\x1b\\nd')
 
 
 def test_warnings_in_worker_processes_are_one_line(capfd: pytest.CaptureFixture[str]) -> None:
-    run_all(warnings.warn, [("a\x1b",), ("b\x1b",)], 2, prepare=terminal.take_over_warnings)
+    with Workers(2, terminal.take_over_warnings) as pool:
+        list(pool.map(warnings.warn, ["a\x1b", "b\x1b"]))
     lines = sorted(capfd.readouterr().err.splitlines())
     assert lines == [f"contact-tracker: warning: UserWarning: {name}\\x1b" for name in "ab"]
 

@@ -156,13 +156,14 @@ WRITES = [
 
 def appears_at_the_end(monkeypatch: pytest.MonkeyPatch, happen) -> None:
     """Call a function when the output is complete, before the rename."""
-    real = files._finish
+    real = Path.is_symlink
 
-    def finish(*arguments) -> None:
-        real(*arguments)
-        happen()
+    def is_symlink(path: Path) -> bool:
+        if path.name.startswith(files.TEMPORARY):  # it is looked at once, after it has been written
+            happen()
+        return real(path)
 
-    monkeypatch.setattr(files, "_finish", finish)
+    monkeypatch.setattr(Path, "is_symlink", is_symlink)
 
 
 @pytest.mark.parametrize(

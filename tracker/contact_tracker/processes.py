@@ -3,11 +3,11 @@
 import os
 import signal
 import threading
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from collections.abc import Callable, Generator, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import ExitStack, contextmanager, nullcontext
-from itertools import islice, starmap
+from contextlib import ExitStack, contextmanager
+from itertools import islice
 from multiprocessing import get_context, parent_process, resource_tracker
 from typing import Any, Final, TypeVar
 
@@ -82,12 +82,12 @@ def local_processes(processes: int, prepare: Callable[[], None]) -> Iterator[Job
         function: Callable[..., T], jobs: Iterable[tuple[Any, ...]]
     ) -> Iterator[tuple[tuple[Any, ...], T | None]]:
         waiting = iter(jobs)
-        while lost := (yield from _answered(start(processes), function, waiting, 2 * processes)):
+        while lost := (yield from answered(start(processes), function, waiting, 2 * processes)):
             while lost:
                 alone = start(1)
                 alone.submit(os.getpid).result()  # else it would seem to end by the job
                 again = iter(lost)
-                for killing in (yield from _answered(alone, function, again, 1)):
+                for killing in (yield from answered(alone, function, again, 1)):
                     yield killing, None
                 alone.shutdown()
                 lost = [*again]
@@ -99,11 +99,15 @@ def local_processes(processes: int, prepare: Callable[[], None]) -> Iterator[Job
         yield answers
 
 
-def _answered(
-    pool: Workers, function: Callable[..., T], waiting: Iterator[tuple[Any, ...]], most: int
+def answered(
+    pool: Executor,
+    function: Callable[..., T],
+    waiting: Iterator[tuple[Any, ...]],
+    most: int,
+    killed: type[Exception] = BrokenProcessPool,
 ) -> Generator[tuple[tuple[Any, ...], T | None], None, list[tuple[Any, ...]]]:
-    """Answers until no job is ``waiting`` or a process is killed; returns the jobs that are then at work,
-    ``most`` at a time."""
+    """Answers until no job is ``waiting`` or the pool is broken; returns the jobs that are then at work,
+    ``most`` at a time. There is no answer to a job of which the error is ``killed``."""
     at_work = dict[Future[T], tuple[Any, ...]]()
     while True:
         for arguments in islice(waiting, most - len(at_work)):
@@ -115,36 +119,10 @@ def _answered(
             return []
         ended = wait(at_work, return_when=FIRST_COMPLETED).done
         for future in [one for one in ended if not isinstance(one.exception(), BrokenProcessPool)]:
-            yield at_work.pop(future), future.result()
+            yield at_work.pop(future), None if isinstance(future.exception(), killed) else future.result()
             ended.remove(future)
         if ended:
             return [*at_work.values()]
-
-
-def run_all(
-    function: Callable[..., T],
-    jobs: Sequence[tuple[Any, ...]],
-    processes: int = 1,
-    done: Callable[[], None] = lambda: None,
-    prepare: Callable[[], None] | None = None,
-) -> list[T]:
-    """Call a function on many arguments in ``processes`` (1: in this one); results are in their order.
-
-    ``done`` is called after each; other processes than this one first call ``prepare``. The first exception
-    ends the others.
-
-    Raises
-    ------
-    ContactTrackerError
-        A process was killed, for example because it took too much memory.
-    """
-    processes, results = min(processes, len(jobs)), list[T]()
-    with Workers(processes, prepare) if processes > 1 else nullcontext() as pool:
-        answers = starmap(function, jobs) if pool is None else pool.map(function, *zip(*jobs, strict=True))
-        for result in answers:
-            results.append(result)
-            done()
-    return results
 
 
 def _begin(prepare: Callable[[], None] | None) -> None:

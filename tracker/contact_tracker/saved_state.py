@@ -137,11 +137,6 @@ def continued(path: Path | None) -> Iterator[None]:
         raise StateError(f"{path}: {reason}: name another file") from error
 
 
-def is_same(one: Any, other: Any) -> bool:
-    """Whether two values are bit-identical."""
-    return _body(*_encoded(one)) == _body(*_encoded(other))
-
-
 def fingerprint(value: Any) -> str:
     """A hash (BLAKE2b, 32 hexadecimal digits) that is equal only for bit-identical values."""
     return hashlib.blake2b(_body(*_encoded(value)), digest_size=16).hexdigest()

@@ -17,7 +17,7 @@ from contact_tracker.geometry.elements import Array
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion.pose_validation import require_valid
-from contact_tracker.motion.poses import AS_GIVEN, Pose, Poses, ReadAs, batches
+from contact_tracker.motion.poses import AS_GIVEN, NO_OUTLIERS, Batched, Pose, Poses, ReadAs, batches
 from contact_tracker.motion.sensor_noise import independent_point
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracker import BATCH_POSES, Tracker
@@ -39,7 +39,8 @@ labels; it is not needed where a wrench shows a contact force at the start."""
 
 
 class OfflineTracker:
-    """Segments one recording piece by piece; ``report`` then has the chosen ticks and noise.
+    """Segments one recording piece by piece; ``report`` then has the chosen ticks and noise, ``outliers`` the
+    number of poses left out.
 
     ``read_as``: how the poses were read, as the user asked. ``uses_map``: whether a map of the recording is
     made, and passes with it follow the first one where neither elements nor wrenches are given.
@@ -60,10 +61,11 @@ class OfflineTracker:
         self._tracker = Tracker.start(model, known_map=known_map, read_as=read_as)
         self._has_passes = uses_map and not known_map.lists_elements and wrenches is None
         self._record = PassRecord(keeps_ticks=self._has_passes) if uses_map else None
+        self.outliers = NO_OUTLIERS
 
     def pieces(
         self,
-        poses: Iterable[Pose],
+        poses: Iterable[Pose] | Batched,
         progress: Callable[[int], None] | None = None,
         detail: Detail = Detail.SHARED,
     ) -> Iterator[Segmentation]:
@@ -164,6 +166,7 @@ class OfflineTracker:
         for piece in found:
             count = min(len(early), len(piece.filtered))
             reported, early = early[:count], early[count:]
+            self.outliers = self.outliers.joined(piece.outliers)
             piece = replace(piece, filtered=piece.filtered[count:])
             self._tracker.check_segments(piece.segments)
             if self._tracker.is_in_doubt:

@@ -258,7 +258,7 @@ def _segmented(name: str, path: str, settings: Settings, folder: Path) -> Row:
     tracker = OfflineTracker(
         settings.model, settings.known_map, wrenches=evidence, read_as=log.source.read_as
     )
-    cells, ticks, outliers, file, recording = dict(NO_SEGMENTS), 0, 0, file_of(name), shown(name)
+    cells, ticks, file, recording = dict(NO_SEGMENTS), 0, file_of(name), shown(name)
     targets: list[Rows] = ["segments", "ticks"] if settings.with_ticks else ["segments"]
     with ExitStack() as stack:
         appends = []
@@ -272,7 +272,6 @@ def _segmented(name: str, path: str, settings: Settings, folder: Path) -> Row:
         for piece in tracker.pieces(log, None, Detail.WEIGHTS):
             count(piece.segments, cells)
             ticks += len(piece.beliefs)
-            outliers += piece.outliers.total
             for rows, append in zip(targets, appends, strict=True):
                 entries: Any = piece.beliefs if rows == "ticks" else piece.segments
                 append({"recording": [recording] * len(entries), **TABLES[rows][1](entries)})
@@ -282,7 +281,7 @@ def _segmented(name: str, path: str, settings: Settings, folder: Path) -> Row:
         _remove(folder, file, "ticks")
     adapted = tracker.report
     notes = [*filter(None, [log.note]), *log.remarks, *unused]
-    noted = {**log.counts, "outlier": outliers}
+    noted = {**log.counts, "outlier": tracker.outliers.total}
     report = {} if adapted is None else report_json(adapted)
     notes += report.get("warnings", [])
     return {

@@ -131,10 +131,11 @@ def load_labels(args: argparse.Namespace, log: str) -> "Truth":
     from contact_tracker.recording.annotations import meanings_of
 
     poses = open_poses(args, log)
-    first_ns = last_ns = poses.first_stamp_ns
-    for some in poses.batches():
-        last_ns = int(some.stamp_ns[-1])
-    truth, text = read_labels(args.labels, first_ns, last_ns, meanings_of(args.map))
+    for _ in poses.batches():
+        pass
+    if not poses.valid:
+        raise poses.no_poses(log)
+    truth, text = read_labels(args.labels, poses.first_ns, poses.last_ns, meanings_of(args.map))
     say(text)
     return truth
 

@@ -74,5 +74,4 @@ def _segmented(args: argparse.Namespace, log: str, model: "Model", known_map: "M
     trajectory = source.trajectory()
     with progress(f"{log}: segment", "poses", len(trajectory)) as set_done:
         outcome = segmented(trajectory, model, known_map, progress=set_done)
-    source.outliers = outcome.segmentation.outliers
-    return outcome, source.finish(outcome.report)
+    return outcome, source.finish(outcome.report, outcome.segmentation.outliers)

@@ -176,8 +176,7 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
             report(tracker.finish())
         else:
             saved.save()
-    source.outliers, source.late = tracker.outliers, tracker.late
-    code = source.finish(tracker.report)
+    code = source.finish(tracker.report, tracker.outliers, tracker.late)
     if args.map_out is not None:
         arguments.write_map(args.map_out, None if tracker.best is None else tracker.best.map)
     if code == DONE and printer.has_left:
@@ -195,7 +194,7 @@ def _viewer(
     from contact_tracker.viewer.views import LiveViewer
 
     vertices_m = vertices_from_metadata(read_metadata(args.log))
-    return LiveViewer(vertices_m, sink, lambda: source.origin_ns, known_map)
+    return LiveViewer(vertices_m, sink, lambda: source.log.origin_ns, known_map)
 
 
 def _ticks(
@@ -206,7 +205,7 @@ def _ticks(
         return nullcontext(lambda _: None)
     from contact_tracker.exports.formats import open_rows
 
-    return open_rows(path, "ticks", lambda: source.origin_ns, check)
+    return open_rows(path, "ticks", lambda: source.log.origin_ns, check)
 
 
 class _Printer:
@@ -235,7 +234,7 @@ class _Printer:
         from contact_tracker.exports.formats import json_line
         from contact_tracker.outputs.text import CHANGES_HEADER, change_lines, status_text
 
-        is_first, origin_ns = self.changes.label is None, self._source.origin_ns
+        is_first, origin_ns = self.changes.label is None, self._source.log.origin_ns
         changes = self.changes.update(belief)
         progress = None if self._follower is None else self._follower.update(belief)
         if self._as_json:

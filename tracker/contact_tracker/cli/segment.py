@@ -212,22 +212,21 @@ def _segment(
                 write_contact_graph(outcome, args.output, check)
             else:
                 write_outcome(replace(outcome, labels=labels), args.output, check=check)
-            source.outliers = outcome.segmentation.outliers
-            report, touched = outcome.report, outcome.touched
+            report, touched, outliers = outcome.report, outcome.touched, outcome.segmentation.outliers
         else:  # incrementally, to save memory
             tracker = OfflineTracker(model, known_map, executor, wrenches, log.source.read_as)
-            pieces = source.counted(tracker.pieces(source, set_done, Detail.WEIGHTS))
+            pieces = tracker.pieces(source, set_done, Detail.WEIGHTS)
             if args.output is None:
                 segments = [one for piece in pieces for one in piece.segments]
             else:
-                count = write_pieces(pieces, args.output, args.rows, lambda: source.origin_ns, check)
-            report, touched = tracker.report, tracker.map
+                count = write_pieces(pieces, args.output, args.rows, lambda: source.log.origin_ns, check)
+            report, touched, outliers = tracker.report, tracker.map, tracker.outliers
     source.warn_of_damage()
     if args.output is None:
-        for line in table(segments, source.origin_ns, wrenches is not None):
+        for line in table(segments, log.origin_ns, wrenches is not None):
             show(line)
         sys.stdout.flush()
-    code = source.finish(report)
+    code = source.finish(report, outliers)
     if args.output is not None:
         say(f"wrote {args.output}{'' if args.rows is None else f': {count} {args.rows}'}")
     if args.map_out is not None:

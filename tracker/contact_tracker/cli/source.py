@@ -5,33 +5,28 @@ import argparse
 import os
 import signal
 import time
-from bisect import bisect_left
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Final
 
-import numpy as np
-from numpy.typing import NDArray
-
 from contact_tracker.cli.terminal import detail, say, warn
-from contact_tracker.errors import DAMAGED, DONE, ChoiceError, StateError, UsageError
+from contact_tracker.errors import DAMAGED, DONE, StateError, UsageError
 from contact_tracker.files import why_not_replaceable
 from contact_tracker.interrupts import SIGNALS, repeat_unless
 from contact_tracker.motion.pose_validation import Arrival, counts_text
-from contact_tracker.motion.poses import NO_OUTLIERS, Pose, Poses
+from contact_tracker.motion.poses import Outliers, Poses
 from contact_tracker.outputs.adaptation import noise_text, not_given, warnings
 from contact_tracker.outputs.text import Changes
 from contact_tracker.recording import Follow, PoseLog, PoseSource
 from contact_tracker.recording.sources import Stamping
-from contact_tracker.saved_state import fingerprint, is_same, load, save
+from contact_tracker.saved_state import fingerprint, load, save
 from contact_tracker.tracker import Tracker
 from contact_tracker.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from contact_tracker.adaptation.report import Report
-    from contact_tracker.tracking.segmentation import Segmentation
 
 _LONGEST_SLEEP_S: Final = 0.1
 """Longest sleep at a time (s) between looks at whether the stream has to end."""
@@ -46,34 +41,23 @@ _POSES_PER_LOOK: Final = 100
 
 
 class Source:
-    """The poses of one command; its counts are final after iteration.
+    """The poses of one command, whose counts are final after iteration.
 
-    ``name`` is the recording as given by the user, ``args`` has the interval. ``origin_ns`` is the stamp of
-    the recording's first pose, from which displayed times count.
+    ``name`` is the recording as given by the user, ``args`` has the interval.
     """
 
     def __init__(self, log: PoseLog, name: str, args: argparse.Namespace) -> None:
         self.log = log
         self.name = name
         detail(f"reading {log.source}")
-        self._start_ns = round(args.start * 1e9)
-        self._end_ns = None if args.duration is None else self._start_ns + round(args.duration * 1e9)
+        log.select(args.start, args.duration)
+        self._is_cut = args.start > 0.0 or args.duration is not None
         self._begin_s = time.monotonic()
         self._is_as_named = not args.table.is_of_table
         if log.note is not None:
             warn(f"{self.name}: {log.note}")
-        self.origin_ns = 0
-        self.first_ns = 0
-        self.last_ns = 0
-        self.used = 0
-        self.outliers = NO_OUTLIERS
-        self.late = 0
-        self._read_ns: int | None = None  # until when, after the first pose
         self._warned = set[str]()
         self._suspected_since_ns: int | None = None
-
-    def __iter__(self) -> Iterator[Pose]:
-        return (pose for poses in self.batches() for pose in poses)
 
     def batches(self) -> Iterator[Poses]:
         """The poses of the interval in columns, many at once.
@@ -83,13 +67,9 @@ class Source:
         NoPoses, ChoiceError
             At the end, if there were none.
         """
-        for poses in self.log.batches():
-            rows, has_ended = self._cut(poses.stamp_ns)
-            if rows.start < rows.stop:
-                yield poses[rows]
-            if has_ended:
-                break
-        self._require_some()
+        yield from self.log.batches()
+        if not self.log.valid:
+            raise self.log.no_poses(self.name)
 
     def arrivals(self) -> Iterator[Arrival]:
         """What each measured pose of the interval brings, with less delay; raises as ``batches``."""
@@ -97,41 +77,17 @@ class Source:
         for count, arrival in enumerate(self.log.arrivals(), 1):
             if count % _POSES_PER_LOOK == 0:
                 self._warn_of(self.log.loss)
-            rows, has_ended = self._cut([pose.stamp_ns for pose in arrival.poses])
             late = self._warn_of_late(late)
-            if self.used:
-                poses = arrival.poses[rows]
-                yield Arrival(poses, None, None) if has_ended else arrival._replace(poses=poses)
-            if has_ended:
-                break
+            if self.log.valid:
+                yield arrival
         self._warn_of_late(late)
-        self._require_some()
-
-    def _cut(self, stamp_ns: Sequence[int] | NDArray[np.int64]) -> tuple[slice, bool]:
-        """The rows of the next poses that are in the interval, which are counted, and whether it is over."""
-        count = len(stamp_ns)
-        if not count:
-            return slice(0, 0), False
-        if self._read_ns is None and not self.used:
-            self.origin_ns = int(stamp_ns[0])
-        self._read_ns = int(stamp_ns[-1]) - self.origin_ns
-        first = bisect_left(stamp_ns, self.origin_ns + self._start_ns)
-        end = count if self._end_ns is None else bisect_left(stamp_ns, self.origin_ns + self._end_ns)
-        if first < end:
-            if not self.used:
-                self.first_ns = int(stamp_ns[first])
-            self.used += end - first
-            self.last_ns = int(stamp_ns[end - 1])
-        return slice(first, end), end < count
+        if not self.log.valid:
+            raise self.log.no_poses(self.name)
 
     @property
     def is_stdin(self) -> bool:
         """Whether the input is standard input, which cannot be read again."""
         return self.name == "-"
-
-    def carry_on(self, origin_ns: int, first_ns: int, last_ns: int, used: int) -> None:
-        """Continue where another reading has stopped."""
-        self.origin_ns, self.first_ns, self.last_ns, self.used = origin_ns, first_ns, last_ns, used
 
     def _warn_of_late(self, reported: int) -> int:
         """Warn of late sources beyond the first ``reported``; returns their number."""
@@ -142,47 +98,26 @@ class Source:
             )
         return len(self.log.late_sources)
 
-    def _require_some(self) -> None:
-        """Raise if no pose was used."""
-        if self.used:
-            return
-        if self._read_ns is None:
-            raise self.log.no_poses(self.name)
-        raise ChoiceError(
-            f"{self.name}: no pose in the interval that --start and --duration leave; poses were read until "
-            f"{self._read_ns * 1e-9:.2f} s{self._noted()}"
-        )
-
-    def counted(self, found: "Iterable[Segmentation]") -> "Iterator[Segmentation]":
-        """The pieces of ``found``, while outliers are counted."""
-        for piece in found:
-            self.outliers = self.outliers.joined(piece.outliers)
-            yield piece
-
     @property
     def expected(self) -> int | None:
         """Approximate number of poses, if the recording's index has it."""
         is_shared = self.log.source.type.endswith("TFMessage")  # of several frames
-        is_cut = self._start_ns > 0 or self._end_ns is not None
-        return None if is_shared or is_cut else self.log.source.messages
-
-    @property
-    def counts(self) -> dict[str, int]:
-        """Numbers of dropped or repaired poses, by kind."""
-        kinds = {**self.log.counts, "late": self.late, "outlier": self.outliers.total}
-        return {kind: count for kind, count in kinds.items() if count}
+        return None if is_shared or self._is_cut else self.log.source.messages
 
     def trajectory(self) -> Trajectory:
         """All poses of the interval, in memory."""
         poses = Poses.join(list(self.batches()))
         is_rereadable = not self.is_stdin and os.path.exists(self.name) and self._is_as_named
-        return Trajectory.from_log(self.log, self.name, poses, is_rereadable, self.origin_ns)
+        return Trajectory.from_log(self.log, self.name, poses, is_rereadable)
 
-    def finish(self, adapted: "Report | None") -> int:
+    def finish(self, adapted: "Report | None", outliers: Outliers, late: int = 0) -> int:
         """Report the poses read and not used, and the tracker's adaptation; returns the exit code."""
         self.warn_of_damage()
-        motion_s, took_s = (self.last_ns - self.first_ns) * 1e-9, time.monotonic() - self._begin_s
-        say(f"{self.used} poses, {motion_s:.2f} s of motion in {took_s:.2f} s{self._noted()}")
+        log, took_s = self.log, time.monotonic() - self._begin_s
+        kinds = {**log.counts, "late": late, "outlier": outliers.total}
+        counts = counts_text(kinds, outliers, log.origin_ns)
+        noted, motion_s = f"; noted: {counts}" if counts else "", (log.last_ns - log.first_ns) * 1e-9
+        say(f"{log.valid} poses, {motion_s:.2f} s of motion in {took_s:.2f} s{noted}")
         if adapted is not None:
             say(noise_text(adapted))
         if adapted is not None and adapted.map_use:
@@ -215,10 +150,6 @@ class Source:
         elif stamp_ns - self._suspected_since_ns >= _SUSPECTED_NS:
             for line in not_given([_SUSPICION], self._warned):
                 say(line)
-
-    def _noted(self) -> str:
-        counts = counts_text(self.counts, self.outliers, self.origin_ns)
-        return f"; noted: {counts}" if counts else ""
 
 
 def paced(
@@ -289,7 +220,7 @@ class SavedStream:
         self._saved_s = time.monotonic()
         if path.exists():
             self._carry_on(load(path))
-            say(f"resumed from {path}, after {source.used} poses")
+            say(f"resumed from {path}, after {self._log.valid} poses")
         elif not path.parent.is_dir():
             raise UsageError(f"{path}: there is no folder {path.parent} to save it in")
         elif (refusal := why_not_replaceable(path)) is not None:
@@ -314,10 +245,10 @@ class SavedStream:
     def save(self) -> None:
         """Write the file."""
         self._waits = False
-        log, source, changes = self._log, self._source, self._changes
+        log, changes = self._log, self._changes
         values = (
             *(self._initial, self.tracker, self._names, log.first, log.taken, log.gate, tuple(log.stamping)),
-            (source.origin_ns, source.first_ns, source.last_ns, source.used),
+            (log.origin_ns, log.first_ns, log.last_ns, log.valid),
             (changes.label, changes.settled, changes.open, changes.further),
         )
         save(self._path, dict(zip(_SAVED, values, strict=True)))
@@ -341,7 +272,7 @@ class SavedStream:
             raise UsageError(
                 f"{self._path} is of {PoseSource(*names)}, not of {log.source}: name another file"
             )
-        is_same_log = is_same(first, log.first) and not is_stdin
+        is_same_log = fingerprint(first) == fingerprint(log.first) and not is_stdin
         first_ns = log.first_stamp_ns + gate.shift_ns
         if not is_same_log and not is_stdin and first_ns <= span[2]:
             raise UsageError(
@@ -349,8 +280,7 @@ class SavedStream:
                 "another file"
             )
         self.tracker.inspection = self.tracker.inspection._replace(read_as=log.source.read_as)
-        log.carry_on(gate, Stamping(*stamping), taken, is_same_log)
-        self._source.carry_on(*span)
+        log.carry_on(gate, Stamping(*stamping), taken, is_same_log, span)
         changes = self._changes
         changes.label, changes.settled, changes.open, changes.further = reported
 

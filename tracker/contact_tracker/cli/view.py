@@ -86,8 +86,7 @@ def _view(
     with progress("segment", "poses", len(trajectory)) as set_done:
         found = segmented(trajectory, model, known_map, progress=set_done)
         draw(replace(found, labels=truth))
-    source.outliers = found.segmentation.outliers
-    code = source.finish(found.report)
+    code = source.finish(found.report, found.segmentation.outliers)
     if args.save is not None:
         say(f"wrote {args.save}")
     return code

@@ -159,7 +159,7 @@ class Batched(Protocol):
     def batches(self) -> Iterator[Poses]: ...
 
 
-def batches(poses: Iterable[Pose]) -> Iterator[Poses]:
+def batches(poses: Iterable[Pose] | Batched) -> Iterator[Poses]:
     """A stream of poses in batches, in its order."""
     if isinstance(poses, Batched):
         yield from poses.batches()

@@ -1,5 +1,6 @@
 """A recording as a stream of validated poses of one source; and its summary for ``contact-tracker info``."""
 
+from bisect import bisect_left
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.config.quantities import RANGE_NS
 from contact_tracker.config.table_reading import AS_NAMED, TableReading
-from contact_tracker.errors import MissingExtra, NoPoses, UnreadableRecording
+from contact_tracker.errors import ChoiceError, MissingExtra, NoPoses, UnreadableRecording
 from contact_tracker.motion.pose_validation import (
     Arrival,
     PoseGate,
@@ -56,6 +57,7 @@ _LATE: Final = 8
 _SEVERAL: Final = "time runs backward in it; if its files are recordings of their own, name one"
 _FEW: Final = 50
 """The first poses are always read one by one."""
+_FOREVER_NS: Final = 2**63
 
 
 class PoseLog:
@@ -74,8 +76,8 @@ class PoseLog:
         ``undecodable`` (messages), ``known_definition`` (poses of messages whose type the file does not
         define usably), ``other_source`` (poses of late sources),
         ``log_time_as_stamp`` (poses whose header has no time, see ``contact_tracker.recording.sources``).
-    valid, first_ns, last_ns : number of poses that ``batches`` has given so far, and the stamps of the first
-        and the last of them.
+    origin_ns : stamp of the recording's first valid pose, also where it is not selected.
+    valid, first_ns, last_ns : number of poses given so far, and the stamps of the first and the last of them.
     damage : one line if most poses were dropped, or the recording is truncated or damaged; final after
         iteration.
 
@@ -102,7 +104,10 @@ class PoseLog:
         self.is_stamped = reading.is_table or composer is not None
         self._counts: Counter[str] = Counter()
         self.gate, self._is_resumed = PoseGate(self._counts), False
-        self._taken = self._skipped = self.valid = self.first_ns = self.last_ns = 0
+        self._taken = self._skipped = 0
+        self.origin_ns = self.first_ns = self.last_ns = self.valid = 0
+        self._start_ns, self._end_ns = 0, _FOREVER_NS
+        self._read_ns: int | None = None  # until when, after the first pose
         self._reading, self._composer, self._logged = reading, composer, logged
         self._assumed = reading.decoder.assumed if composer is None else {}
         self._frame, self._count_late = frame, count_late
@@ -118,11 +123,17 @@ class PoseLog:
         """One line with the likely cause if most poses were dropped; unknown of a log that was carried on."""
         return None if self._is_resumed else remark_on_loss(self.counts, self.taken, self.gate.refused_xyzw)
 
-    def no_poses(self, name: str) -> NoPoses:
-        """The error if no pose of the recording ``name`` is valid."""
+    def no_poses(self, name: str) -> NoPoses | ChoiceError:
+        """The error if no pose of the recording ``name`` is valid, or in the interval."""
         reason = "" if self.loss is None else f": {self.loss}"
         noted = counts_text(self.counts)
-        return NoPoses(f"{name}: no pose that can be used{reason}{noted and f'; noted: {noted}'}")
+        noted = noted and f"; noted: {noted}"
+        if self._read_ns is None:
+            return NoPoses(f"{name}: no pose that can be used{reason}{noted}")
+        return ChoiceError(
+            f"{name}: no pose in the interval that --start and --duration leave; poses were read until "
+            f"{self._read_ns * 1e-9:.2f} s{noted}"
+        )
 
     @property
     def damage(self) -> str | None:
@@ -161,12 +172,22 @@ class PoseLog:
         """The rule for stamps that are not yet assigned."""
         return Stamping() if self.is_stamped else self.stamping
 
-    def carry_on(self, gate: PoseGate, stamping: Stamping, taken: int, is_same_log: bool) -> None:
+    def select(self, start_s: float, duration_s: float | None) -> None:
+        """Give the poses of an interval only, in seconds since the first one; to the end without a
+        duration."""
+        self._start_ns = round(start_s * 1e9)
+        self._end_ns = _FOREVER_NS if duration_s is None else self._start_ns + round(duration_s * 1e9)
+
+    def carry_on(
+        self, gate: PoseGate, stamping: Stamping, taken: int, is_same_log: bool, span: tuple[int, ...]
+    ) -> None:
         """Continue, before the first pose, where another reading of the source has stopped.
 
-        ``taken`` poses went through ``gate`` with ``stamping``; in the same log they are skipped.
+        ``taken`` poses went through ``gate`` with ``stamping``; in the same log they are skipped. ``span`` is
+        ``origin_ns``, ``first_ns``, ``last_ns`` and ``valid``.
         """
         self.gate, self._counts = gate, gate.counts
+        self.origin_ns, self.first_ns, self.last_ns, self.valid = span
         self._is_resumed = True
         if is_same_log:
             self.stamping, self._skipped = stamping, taken
@@ -180,24 +201,45 @@ class PoseLog:
 
     def _arrive(self) -> Iterator[Arrival]:
         stamping = self._assigned
-        for logged in self._own():
-            yield self.gate.arrive(stamping.stamped(*logged, self._counts))
-        yield self.gate.end()
+        arrivals = (self.gate.arrive(stamping.stamped(*logged, self._counts)) for logged in self._own())
+        for arrival in chain(arrivals, map(PoseGate.end, [self.gate])):
+            rows, has_ended = self._cut([pose.stamp_ns for pose in arrival.poses])
+            poses = arrival.poses[rows]
+            yield Arrival(poses, None, None) if has_ended else arrival._replace(poses=poses)
+            if has_ended:
+                return
 
     def batches(self) -> Iterator[Poses]:
         """The poses in columns, many at once; with more delay than iteration."""
+        for poses in self._admitted():
+            rows, has_ended = self._cut(poses.stamp_ns)
+            if rows.start < rows.stop:
+                yield poses[rows]
+            if has_ended:
+                return
+
+    def _admitted(self) -> Iterator[Poses]:
         own, many, stamping = self._own(), min(_FEW, BATCH), self._assigned
         while some := list(islice(own, many)):
             many = BATCH
-            yield from self._noted(stamping.admitted(self.gate, some))
-        yield from self._noted(Poses.collect(self.gate.finish()))
+            yield stamping.admitted(self.gate, some)
+        yield Poses.collect(self.gate.finish())
 
-    def _noted(self, poses: Poses) -> Iterator[Poses]:
-        if len(poses):
-            self.first_ns = self.first_ns if self.valid else int(poses.stamp_ns[0])
-            self.last_ns = int(poses.stamp_ns[-1])
-            self.valid += len(poses)
-            yield poses
+    def _cut(self, stamp_ns: Sequence[int] | NDArray[np.int64]) -> tuple[slice, bool]:
+        """The rows of the next poses that are in the interval, which are counted, and whether it is over."""
+        count = len(stamp_ns)
+        if not count:
+            return slice(0, 0), False
+        if self._read_ns is None and not self.valid:
+            self.origin_ns = int(stamp_ns[0])
+        self._read_ns = int(stamp_ns[-1]) - self.origin_ns
+        first = bisect_left(stamp_ns, self.origin_ns + self._start_ns)
+        end = bisect_left(stamp_ns, self.origin_ns + self._end_ns)
+        if first < end:
+            self.first_ns = self.first_ns if self.valid else int(stamp_ns[first])
+            self.valid += end - first
+            self.last_ns = int(stamp_ns[end - 1])
+        return slice(first, end), end < count
 
     def _own(self) -> Iterator[Logged]:
         """The poses of the source from where the log goes on; what else is read is counted."""

@@ -78,9 +78,7 @@ class Trajectory:
             raise UsageError("poses are columns that have passed the gate: take Trajectory.from_arrays")
 
     @classmethod
-    def from_log(
-        cls, log: PoseLog, name: str, poses: Poses, is_rereadable: bool, origin_ns: int | None = None
-    ) -> Self:
+    def from_log(cls, log: PoseLog, name: str, poses: Poses, is_rereadable: bool) -> Self:
         """The ``poses`` that were read from the log that the user has called ``name``."""
         return cls(
             poses,
@@ -94,7 +92,7 @@ class Trajectory:
             notes=(*(() if log.note is None else (log.note,)), *log.remarks),
             by_log_time=log.stamping.by_log_time,
             read_as=log.source.read_as,
-            origin_ns=origin_ns,
+            origin_ns=log.origin_ns,
         )
 
     @classmethod
@@ -259,7 +257,7 @@ class Trajectory:
             raise UsageError(
                 f"no pose from {span.start} to {span.stop}: there are {self.duration_s:.2f} s of poses"
             )
-        return replace(self, poses=self.poses[first:last])
+        return replace(self, poses=self.poses[first:last], origin_ns=None)
 
     def __iter__(self) -> Iterator[Pose]:
         return iter(self.poses)

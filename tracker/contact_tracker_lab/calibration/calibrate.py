@@ -59,7 +59,7 @@ from contact_tracker_lab.evaluation.tables import number, table
 
 Ints = NDArray[np.int64]
 Run = Callable[[Callable[..., Any], Sequence[tuple[Any, ...]]], list[Any]]
-"""Calls a function with the arguments of each job, as ``processes.run_all``."""
+"""Calls a function with the arguments of each job; the answers are in their order."""
 
 CONFIDENT: Final = 0.95
 """Smoothed probability above which a segment counts as its contact where there is no truth."""

@@ -4,11 +4,11 @@ import argparse
 import os
 import shlex
 import textwrap
-from collections.abc import Callable
-from functools import partial
-from itertools import count
+from collections.abc import Callable, Sequence
+from contextlib import nullcontext
+from itertools import count, starmap
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from contact_tracker import __version__
 from contact_tracker.cli import arguments
@@ -58,7 +58,7 @@ def _folds(text: str) -> int:
 
 def run(args: argparse.Namespace) -> int:
     from contact_tracker.config.loading import load_model
-    from contact_tracker.processes import run_all
+    from contact_tracker.processes import Workers
     from contact_tracker_lab.calibration.calibrate import Plan, calibrate, to_text
     from contact_tracker_lab.calibration.parameters import select
 
@@ -71,9 +71,22 @@ def run(args: argparse.Namespace) -> int:
     start = load_model(args.start)
     sources = _sources(args)
     plan = Plan(sources, start, wanted, _how_many_folds(args.folds, len(sources)))
-    with progress("calibrate", "recordings") as set_done:
-        done = partial(next, map(set_done, count(1)))
-        run_jobs = partial(run_all, processes=args.processes, done=done, prepare=take_over_warnings)
+    processes = min(args.processes, len(sources))
+    with (
+        Workers(processes, take_over_warnings) if processes > 1 else nullcontext() as pool,
+        progress("calibrate", "recordings") as set_done,
+    ):
+        done = count(1)
+
+        def run_jobs(function: Callable[..., Any], jobs: Sequence[tuple[Any, ...]]) -> list[Any]:
+            answers = list[Any]()
+            for answer in (
+                starmap(function, jobs) if pool is None else pool.map(function, *zip(*jobs, strict=True))
+            ):
+                answers.append(answer)
+                set_done(next(done))
+            return answers
+
         found = calibrate(plan, run_jobs)
     _write(found, args, check)
     show(to_text(found))
