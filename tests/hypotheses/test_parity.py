@@ -11,17 +11,15 @@ from scipy.spatial.transform import Rotation
 
 from contact_motions import touching, x_of
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.formations.conditional import ConditionalMotion
+from contact_tracker.formations.conditional import ConditionalMotion, Problem, moments
 from contact_tracker.formations.further import KnownContact
-from contact_tracker.formations.search import Problem, moments
 from contact_tracker.geometry.elements import Origins
 from contact_tracker.hypotheses import gauss_newton, global_search, observability, refinement
 from contact_tracker.hypotheses.bank import blank
-from contact_tracker.hypotheses.births import propose_births
+from contact_tracker.hypotheses.births import propose_births, weigh_births
 from contact_tracker.hypotheses.evidence import EvidenceParameters, weak_prior
 from contact_tracker.hypotheses.gauss_newton import Prior
 from contact_tracker.hypotheses.global_search import prune, residual
-from contact_tracker.hypotheses.proximity_prior import weigh_births
 from contact_tracker.hypotheses.refit import prior_at_anchors
 from contact_tracker.hypotheses.schedule import FAR_NATS, burn_in_ticks
 from contact_tracker.map.file import map_from

@@ -5,8 +5,7 @@ from dataclasses import dataclass, field, replace
 from operator import is_not
 from typing import Final, Self
 
-from contact_tracker.adaptation.filter_bank import FilterBank, mixed_with_uniform
-from contact_tracker.adaptation.report import Report, report_of
+from contact_tracker.adaptation.filter_bank import FilterBank, Report, mixed_with_uniform, report_of
 from contact_tracker.checks.check import Stream
 from contact_tracker.checks.checks import INSPECTED, TRACKED, Checks
 from contact_tracker.config.parameters import Model

@@ -30,7 +30,7 @@ from contact_tracker.tracker import Tracker
 from contact_tracker.trajectory import Trajectory
 
 if TYPE_CHECKING:
-    from contact_tracker.adaptation.report import Report
+    from contact_tracker.adaptation.filter_bank import Report
     from contact_tracker.tracking.segmentation import Segmentation
 
 _LONGEST_SLEEP_S: Final = 0.1

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.contacts.family import Family, directions, shifts, turns
-from contact_tracker.geometry.linalg import adapted
-from contact_tracker.geometry.vectors import dot
+from contact_tracker.geometry.linalg import adapted, dot
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

@@ -17,8 +17,10 @@ from contact_tracker.config.parameters import Model
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.bank_update import TickWeights, marginalise_expired_ticks, update_banks
-from contact_tracker.hypotheses.births import CachedProposals, TickInput, propose_births
-from contact_tracker.hypotheses.proximity_prior import (
+from contact_tracker.hypotheses.births import (
+    CachedProposals,
+    TickInput,
+    propose_births,
     reweight_transitions,
     share_with_faces,
     weigh_births,
