@@ -177,8 +177,6 @@ def _residual(belief: Belief) -> float:
     return 1.0 if belief.contact is Contact.FREE else float(belief.residual[belief.contact.column])
 
 
-TRACKED: Final = "conventions", "contradiction"
-"""Checks that are updated by poses as the filters take them in."""
 INSPECTED: Final = "impacts", "clearance"
 """Checks that are updated by poses as they are inspected, in batches."""
 
