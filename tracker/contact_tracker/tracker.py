@@ -11,7 +11,7 @@ from contact_tracker.checks.checks import INSPECTED, Checks
 from contact_tracker.config.parameters import Model
 from contact_tracker.inspection.stream_checks import NOTHING_INSPECTED, Finding, Inspection, inspect
 from contact_tracker.map.map import EMPTY_MAP, Map
-from contact_tracker.motion.free_motion import kalman_filter
+from contact_tracker.motion.free_motion import kalman_prediction
 from contact_tracker.motion.pose_validation import Arrival, is_valid, require_valid
 from contact_tracker.motion.poses import AS_GIVEN, Pose, Poses, ReadAs
 from contact_tracker.tracking.belief import Belief, Detail, Segment
@@ -62,7 +62,7 @@ class Tracker:
         lag_s : with a fixed lag beliefs are later and more accurate.
         read_as : how the poses were read, as the user asked.
         """
-        kalman_filter()  # no call of ``update`` waits for it
+        kalman_prediction()  # no call of ``update`` waits for it
         return cls(FilterBank(model, lag_s, known_map), NOTHING_INSPECTED._replace(read_as=read_as))
 
     def update(self, arrival: Arrival, detail: Detail = Detail.FORMATION) -> list[Belief]:
