@@ -112,8 +112,9 @@ class Tracker:
             self.last_ns = poses.stamp_ns
             self.uninspected.append(poses)
             self.many += 1
-            if self.many < BATCH_POSES and self.filters.can_wait(poses.stamp_ns):
-                return []  # most poses
+            if self.many < BATCH_POSES and self.filters.can_wait(poses.stamp_ns):  # most poses
+                self.filters.prepare()
+                return []
             return self._update_filters(detail)
         beliefs = list[Belief]()
         if len(poses):

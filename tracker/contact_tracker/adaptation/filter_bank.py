@@ -432,6 +432,11 @@ class FilterBank:
         rate_is_known = self.pending is None or len(self.pending) >= RATE_POSES
         return rate_is_known and self.grid is not None and self.grid.goes_on(stamp_ns)
 
+    def prepare(self) -> None:
+        """Do work for the next tick that its poses do not change."""
+        for one in self.filters:
+            one.prepare()
+
     def add(self, poses: Poses, detail: Detail) -> list[Belief]:
         """Add poses; returns the beliefs of the ticks that they close."""
         beliefs = self._add(poses, detail)

@@ -521,6 +521,12 @@ def _known_pairs(model: ContactModel, begins: BirthProposals) -> _KnownPairs:
     return _KnownPairs(is_known, rows.prior_mean, deviations[:, None] @ by_tangent)
 
 
+def prepare_weights(proposals: Sequence[BirthProposals]) -> None:
+    """Compute what does not depend on the pose in the weights of the proposals of all contacts."""
+    for model, begins in zip(CONTACT_MODELS, proposals, strict=True):
+        _known_pairs(model, begins)
+
+
 def _deviations(information: Array) -> Array:
     """Independent changes (m, P, P), a row each, by one standard deviation of parameters with this
     information (m, P, P)."""
