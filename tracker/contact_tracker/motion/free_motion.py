@@ -300,7 +300,8 @@ def kalman_prediction() -> "Callable[..., tuple[Array, Array]]":
     """The library's function; its import takes longer than many ticks."""
     from filterpy.kalman import predict
 
-    return predict
+    function: Callable[..., tuple[Array, Array]] = predict
+    return function
 
 
 def _updated(prediction: _Prediction, innovation: Array, variance: Array) -> tuple[Array, Array]:
