@@ -172,19 +172,6 @@ def _step(family: Family, gradient: Array, hessian: Array, prior_precision: Arra
     return np.asarray(-np.linalg.solve(curvature, gradient[..., None])[..., 0])
 
 
-def every_cost(family: Family, moments: Array, row_weight: Array, prior: Prior, x: Array) -> Array:
-    """Cost (N, B) in nats of each of N geometries x (N, S) on each of B windows."""
-    c = family.rows(x)
-    count, rows = c.shape[:2]
-    square = (c[..., :, None] * c[..., None, :]).reshape(count * rows, -1)
-    squares = (square @ moments.reshape(len(moments), -1).T).reshape(count, rows, -1)
-    squares[:, -1] /= family.scale_sq(x[:, None], moments[None])
-    pair = (x[:, :, None] * x[:, None, :]).reshape(count, -1)
-    pull = 0.5 * pair @ prior.precision.reshape(len(moments), -1).T - x @ prior.information.T
-    weighed = np.einsum("nkb,bk->nb", squares, row_weight)
-    return np.asarray(0.5 * weighed + pull + prior.constant)
-
-
 def complete(
     family: Family,
     moments: Array,

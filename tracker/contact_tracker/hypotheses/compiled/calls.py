@@ -100,7 +100,6 @@ def _settings() -> dict[str, object]:
             "FITTING_RMS",
         ),
         *(
-            "LEAST_GAIN",
             "PROTECTION_NATS",
             "PROTECTION_TICKS",
             "RESIDUAL_TICKS",
