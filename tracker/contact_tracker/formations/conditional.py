@@ -221,7 +221,7 @@ FOLLOWED_STARTS: Final = 12
 ROUNDS: Final = ((4, 5), (10, 2))
 """Numbers of descent steps, and of the best starts that continue after them."""
 FIRST_DAMPING: Final = 1.0
-TINY: Final = 1e-12
+LEAST_SQUARE: Final = 1e-12
 LEAST_CURVATURE: Final = 1e-9
 DAMPED_SHARE: Final = 1e-3
 """The damping of all directions, as a share of their curvature; turns are damped by 1 beyond it."""
@@ -363,7 +363,7 @@ class Problem(NamedTuple):
             return self.descend_reference(x, steps)
         from contact_tracker.hypotheses.compiled import calls
 
-        limits = FIRST_DAMPING, TINY, LEAST_CURVATURE, DAMPED_SHARE
+        limits = FIRST_DAMPING, LEAST_SQUARE, LEAST_CURVATURE, DAMPED_SHARE
         model = calls.model_of(self.model, self.reach_m)
         return calls.descend(model, self.matrices[:, 0], self.of.ticks, self.anchors[0], x, steps, limits)
 
@@ -407,4 +407,4 @@ class Problem(NamedTuple):
 
     def _forms(self, c: Array) -> Array:
         """(3, B, K) the quadratic forms of c (B, K, C): squared residual, free motion and noise."""
-        return np.asarray(np.maximum(((c @ self.matrices) * c).sum(axis=-1), TINY))
+        return np.asarray(np.maximum(((c @ self.matrices) * c).sum(axis=-1), LEAST_SQUARE))
