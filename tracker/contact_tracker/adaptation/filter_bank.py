@@ -8,6 +8,7 @@ position and orientation is estimated. After some motion those far behind are dr
 from collections.abc import Callable, Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
+from functools import reduce
 from math import sqrt
 from typing import Any, Final, NamedTuple, Self
 
@@ -425,7 +426,9 @@ class FilterBank:
     @property
     def outliers(self) -> Outliers:
         """Poses left out of their ticks so far."""
-        return self.earlier_outliers.joined(*(one.state.outliers for one in self.filters[:1]))
+        return reduce(
+            Outliers.joined, (one.state.outliers for one in self.filters[:1]), self.earlier_outliers
+        )
 
     def can_wait(self, stamp_ns: int) -> bool:
         """Whether a pose of this time is needed at the end of the tick only, not for the rate."""
