@@ -54,7 +54,7 @@ CORE = {name for row in LAYERS[:FIRST_EDGE_LAYER] for name in row}
 # beside them.
 READS_FILES = {"config/loading.py", "config/keys.py", "config/__init__.py", "hypotheses/compiled/__init__.py"}
 READS_FILES |= {"hypotheses/compiled/sources.py", "files.py"}
-READS_FILES |= {"map/file.py", "map/mesh.py"}
+READS_FILES |= {"map/file.py"}
 ALONE = {"hmm"}  # it sees arrays only, and imports nothing of ours
 SINGLE_IMPORTER = {
     "mcap": "recording",

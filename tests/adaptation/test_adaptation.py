@@ -13,23 +13,25 @@ from scipy.spatial.transform import Rotation
 
 import as_values
 from contact_tracker import segmenting
-from contact_tracker.adaptation.candidates import RATE_POSES, candidates, period_for_all_s, with_ticks_for
 from contact_tracker.adaptation.filter_bank import (
     LASTING_TICKS,
+    RATE_POSES,
     RATIO_POSES,
     SPAN_TICKS,
     TickEvidence,
     are_compared,
+    candidates,
     is_moving,
     mixed_with_uniform,
     mixture,
+    period_for_all_s,
     relative_evidence,
+    with_ticks_for,
 )
 from contact_tracker.config.loading import load_model
 from contact_tracker.motion.lifted_pose import T, lift
-from contact_tracker.motion.pose_validation import PoseGate
+from contact_tracker.motion.pose_validation import LONGEST_WAIT_NS, PoseGate
 from contact_tracker.motion.poses import Poses
-from contact_tracker.motion.stamp_order import LONGEST_WAIT_NS
 from contact_tracker.motion.window import Window
 from contact_tracker.recording import read_truth
 from contact_tracker.segmenting import OfflineTracker

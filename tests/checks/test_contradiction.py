@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 import as_values
 from checked_stream import stream_of
-from contact_tracker.checks.contradiction import Contradiction
+from contact_tracker.checks.checks import Contradiction
 from contact_tracker.inspection.stream_checks import NOTHING_INSPECTED
 from contact_tracker.map.file import map_from
 from contact_tracker.map.map import Map

@@ -12,12 +12,15 @@ from contact_motions import touching, x_of
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.formations.conditional import (
     AT_FIRST,
+    MIN_RATIO,
+    RELAXED,
     ConditionalMotion,
     coefficients,
     count_constraints,
+    moments,
     most_probable,
+    relaxed_ratio,
 )
-from contact_tracker.formations.search import MIN_RATIO, RELAXED, moments, relaxed_ratio
 from contact_tracker.hypotheses.evidence import EvidenceParameters, log_ratio
 from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.motion.window import Window

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from contact_tracker.config.loading import load_model
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.geometry.elements import Line, Plane, Point, numbers
-from contact_tracker.geometry.incidence import LENGTH_M, incident
+from contact_tracker.map.association import LENGTH_M, incident
 from contact_tracker.map.pairs import pair_priors as prior_given
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Detail

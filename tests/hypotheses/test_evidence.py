@@ -17,6 +17,7 @@ from contact_tracker.hypotheses import evidence, gauss_newton
 from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.motion.window import Window
+from cost_of_geometry import every_cost
 
 each_model = pytest.mark.parametrize("model", CONTACT_MODELS, ids=lambda model: model.contact.value)
 SCALES = EvidenceParameters(
@@ -232,7 +233,7 @@ def test_the_complexity_is_that_of_the_integral_over_geometry(model):
     wide = 1.3 * np.linalg.inv(np.linalg.cholesky(after)).T
     raw = rng.normal(size=(size, family.PARAMETERS))
     x = family.normalise(one.x + raw @ wide.T @ tangent.T, one.anchors)
-    cost = gauss_newton.every_cost(family, one.moments, one.weight, one.prior, x)[:, 0]
+    cost = every_cost(family, one.moments, one.weight, one.prior, x)[:, 0]
     log_weight = -cost + 0.5 * np.sum(raw**2, axis=1) + np.linalg.slogdet(wide)[1]
     integral = logsumexp(log_weight) - np.log(size) + 0.5 * np.linalg.slogdet(before)[1]
     greatest = -(one.cost - one.pull)

@@ -11,18 +11,15 @@ from scipy.spatial.transform import Rotation
 
 from contact_motions import touching, x_of
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.formations.conditional import ConditionalMotion
+from contact_tracker.formations.conditional import ConditionalMotion, Problem, moments
 from contact_tracker.formations.further import KnownContact
-from contact_tracker.formations.search import Problem, moments
 from contact_tracker.geometry.elements import Origins
 from contact_tracker.hypotheses import gauss_newton, global_search, observability, refinement
 from contact_tracker.hypotheses.bank import blank
-from contact_tracker.hypotheses.births import propose_births
+from contact_tracker.hypotheses.births import propose_births, weigh_births
 from contact_tracker.hypotheses.evidence import EvidenceParameters, weak_prior
 from contact_tracker.hypotheses.gauss_newton import Prior
 from contact_tracker.hypotheses.global_search import prune, residual
-from contact_tracker.hypotheses.proximity_prior import weigh_births
-from contact_tracker.hypotheses.refit import prior_at_anchors
 from contact_tracker.hypotheses.schedule import FAR_NATS, burn_in_ticks
 from contact_tracker.map.file import map_from
 from contact_tracker.map.pairs import Frame
@@ -178,32 +175,6 @@ def test_relaxed_problems_of_too_few_poses_are_left_out(model):
     x, many = kernels.starts(model, moments)
     of_mean_rotation = 3 if model.family.FORM.d1 >= 0 and model.family.FORM.q2 < 0 else 0
     np.testing.assert_array_equal(many, [of_mean_rotation, x.shape[1]])
-
-
-@each_model
-def test_exchanged_geometries_agree(model):
-    """Also at the bounds for donors and receivers."""
-    recipients, restricted, rng = 0, 0, np.random.default_rng(3)
-    for state in states():
-        bank = state.banks[model.contact.column]
-        some = rng.random((3, len(bank)))
-        behind = rng.choice([0.0, -FAR_NATS, np.nextafter(-FAR_NATS, -np.inf), -50.0, np.nan], len(bank))
-        bank = bank.replace_columns(
-            rms=np.where(some[0] < 0.8, 2.0, 1.0),  # the latter fit
-            log_birth_weight=0.0,
-            log_likelihood=np.where(some[1] < 0.5, 0.0, behind),
-            protected_until=np.where(some[2] < 0.3, bank.effective_ticks, 0.0),
-        )
-        donors = global_search.best_donors(bank, model, SCALES)
-        compiled_ = kernels.best_donors(bank, model, REACH_M)
-        known, every = prior_at_anchors(bank, model, SCALES)[0], np.arange(len(bank))
-        cost = gauss_newton.every_cost(model.family, bank.second_moment, bank.row_weight, known, bank.x)
-        np.testing.assert_array_equal(compiled_ == every, donors == every)
-        np.testing.assert_allclose(cost[compiled_, every], cost[donors, every], rtol=1e-6)
-        recipients += (donors != np.arange(len(bank))).sum()
-        unrestricted = global_search.best_donors(bank.replace_columns(protected_until=np.inf), model, SCALES)
-        restricted += (donors != unrestricted).sum()
-    assert (recipients and restricted) or model.contact is Contact.FF  # f-f has a single minimum
 
 
 @pytest.mark.parametrize("k", [0, 3, 4, 5, 13, 29])

@@ -10,15 +10,15 @@ from contact_tracker.config.loading import load_model
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.geometry.elements import Origins
 from contact_tracker.hmm import log_sum_exp
-from contact_tracker.hypotheses.births import propose_births
-from contact_tracker.hypotheses.evidence import EvidenceParameters
-from contact_tracker.hypotheses.proximity_prior import (
+from contact_tracker.hypotheses.births import (
     FREE,
     MOST_BIRTHS,
+    propose_births,
     proximity_evidence,
     reweight_transitions,
     share_with_faces,
 )
+from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.map.file import map_from
 from contact_tracker.map.map import EMPTY_MAP
 from contact_tracker.map.pairs import Frame, named_pairs

@@ -16,8 +16,7 @@ from contact_tracker.config import shipped
 from contact_tracker.config.loading import load_model
 from contact_tracker.errors import KnowledgeError, ModelError
 from contact_tracker.geometry import polyhedron
-from contact_tracker.map.file import map_from, read_map
-from contact_tracker.map.mesh import triangles_of_obj, triangles_of_stl
+from contact_tracker.map.file import map_from, read_map, triangles_of_obj, triangles_of_stl
 
 FACET = b"facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n"
 CORNERS = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n"
@@ -183,7 +182,7 @@ def test_many_bodies_are_refused_before_all_are_made(
         return polyhedron.convex(*args)
 
     monkeypatch.setattr("contact_tracker.map.file.convex", counting)
-    monkeypatch.setattr("contact_tracker.map.mesh.convex", counting)
+    monkeypatch.setattr("contact_tracker.map.file.convex", counting)
     (tmp_path / "known.toml").write_text("".join(f'{shape}\nname = "{i}"\n' for i in range(1000)))
     with pytest.raises(KnowledgeError, match=refused):
         read_map(str(tmp_path / "known.toml"))

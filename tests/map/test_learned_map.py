@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from test_map import BOTTOM, CORNER, EDGE, OTHER_CORNER, REACH_M, SHELF, TABLE, seen, unshared
 
 import contact_tracker as ct
-from contact_tracker.adaptation.report import map_use
+from contact_tracker.adaptation.filter_bank import map_use
 from contact_tracker.errors import KnowledgeError
 from contact_tracker.geometry.elements import Origins
 from contact_tracker.map.elements import LearnedElements, MapElement

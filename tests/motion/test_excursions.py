@@ -9,9 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from contact_tracker.motion.pose_validation import PoseGate, gate, remark_on_excursions
+from contact_tracker.motion.pose_validation import LONGEST_WAIT_NS, PoseGate, gate, remark_on_excursions
 from contact_tracker.motion.poses import Poses
-from contact_tracker.motion.stamp_order import LONGEST_WAIT_NS
 from distortions import turned
 from smooth_motion import moving
 

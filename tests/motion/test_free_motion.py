@@ -1,7 +1,5 @@
 """Excess of free motion: zero at rest, small for predictable motion, else that of the motion."""
 
-import sys
-
 import numpy as np
 import pytest
 from filterpy.common import Q_continuous_white_noise
@@ -169,30 +167,3 @@ def test_white_jerk_propagates_as_in_filterpy(tick_s):
     np.testing.assert_allclose(
         free_motion.transition(tick_s).jerk_covariance, np.kron(np.eye(2), jerk), rtol=1e-14
     )
-
-
-def test_an_interrupt_in_the_filter_is_raised():
-    """The library handles any exception as a wrong shape, and would continue."""
-    motion = still(3)
-    follow(*motion)
-    for line in range(1, 10_000, 7):
-        left = line
-
-        def interrupt(*_):
-            nonlocal left
-            left -= 1
-            if left == 0:
-                raise KeyboardInterrupt
-            return interrupt
-
-        before = sys.gettrace()
-        sys.settrace(interrupt)
-        try:
-            follow(*motion)
-        except KeyboardInterrupt:
-            continue
-        finally:
-            sys.settrace(before)
-        break
-    assert left > 0
-    assert line > 500

@@ -12,9 +12,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from contact_tracker.motion.pose_validation import NORM_TOLERANCE, PoseGate
+from contact_tracker.motion.pose_validation import FOLLOWERS, HELD, NORM_TOLERANCE, RESET_RUN, PoseGate
 from contact_tracker.motion.poses import Pose
-from contact_tracker.motion.stamp_order import FOLLOWERS, HELD, RESET_RUN
 from smooth_motion import pass_through
 
 MS = 1_000_000

@@ -1,6 +1,7 @@
 """Ticks: exact averages of valid frames, on a grid that is robust to the stream."""
 
 from dataclasses import replace
+from functools import reduce
 from itertools import pairwise
 
 import numpy as np
@@ -16,7 +17,7 @@ from contact_tracker.motion import tick_averaging
 from contact_tracker.motion.free_motion import NO_EXCESS
 from contact_tracker.motion.lifted_pose import ONE, R, T, lift
 from contact_tracker.motion.pose_validation import counts_text
-from contact_tracker.motion.poses import NO_OUTLIERS, Poses
+from contact_tracker.motion.poses import Outliers, Poses
 from contact_tracker.motion.tick_averaging import TickGrid, tick_variances, with_excess
 from smooth_motion import START_NS, moving
 
@@ -189,7 +190,7 @@ def test_spikes_are_left_out_from_the_beginning(start):
     spoiled = next(tick for tick in found if tick.start_ns <= clean.stamp_ns[row] <= tick.stamp_ns)
     stamp_ns = int(clean.stamp_ns[row])
     assert spoiled.outliers == (1, (stamp_ns,))
-    several = NO_OUTLIERS.joined(*[spoiled.outliers] * 4)
+    several = reduce(Outliers.joined, [spoiled.outliers] * 4)
     told = counts_text({"gap": 0, "outlier": 4}, several, stamp_ns - 1_250_000_000)
     assert told == "outlier 4 (at 1.25, 1.25, 1.25 s, ...)"
     assert several.joined(spoiled.outliers).since(several) == (1, ())

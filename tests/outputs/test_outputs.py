@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from contact_tracker.adaptation.report import Report
+from contact_tracker.adaptation.filter_bank import Report
 from contact_tracker.config.loading import load_model
 from contact_tracker.contacts import face_face
 from contact_tracker.errors import printable

@@ -57,11 +57,6 @@ def accumulate(bank, model, window, scales, log_stay):
     return updated
 
 
-def best_donors(bank, model, reach_m):
-    """As ``global_search.best_donors``."""
-    return parts.best_donors(*_bank(model, reach_m, bank))
-
-
 def select_for_search(bank, model):
     """As ``global_search.select_for_search``."""
     return parts.select_for_search(*_bank(model, 1.0, bank))

@@ -24,9 +24,8 @@ from contact_tracker.errors import ContactTrackerError, StateError
 from contact_tracker.files import read_regular, whole_file
 from contact_tracker.hypotheses.bank import Bank, Onsets, layout
 from contact_tracker.motion.excursions import DefaultPoseFilter, ExcursionFilter
-from contact_tracker.motion.pose_validation import PoseGate
+from contact_tracker.motion.pose_validation import Ordered, PoseGate, StampOrder
 from contact_tracker.motion.poses import Step
-from contact_tracker.motion.stamp_order import Ordered, StampOrder
 from contact_tracker.tracker import Tracker
 from contact_tracker.tracking.segmentation import BELIEF
 

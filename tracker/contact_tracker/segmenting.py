@@ -8,9 +8,13 @@ from typing import Final
 
 import numpy as np
 
-from contact_tracker.adaptation.candidates import period_for_all_s
-from contact_tracker.adaptation.filter_bank import mixed_with_uniform
-from contact_tracker.adaptation.report import Report, map_findings, map_use
+from contact_tracker.adaptation.filter_bank import (
+    Report,
+    map_findings,
+    map_use,
+    mixed_with_uniform,
+    period_for_all_s,
+)
 from contact_tracker.checks.map_use import FaceNameDelay
 from contact_tracker.config.parameters import Model
 from contact_tracker.geometry.elements import Array

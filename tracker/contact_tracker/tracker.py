@@ -5,14 +5,13 @@ from dataclasses import dataclass, field, replace
 from operator import is_not
 from typing import Final, Self
 
-from contact_tracker.adaptation.filter_bank import FilterBank, mixed_with_uniform
-from contact_tracker.adaptation.report import Report, report_of
+from contact_tracker.adaptation.filter_bank import FilterBank, Report, mixed_with_uniform, report_of
 from contact_tracker.checks.check import Stream
-from contact_tracker.checks.checks import INSPECTED, TRACKED, Checks
+from contact_tracker.checks.checks import INSPECTED, Checks
 from contact_tracker.config.parameters import Model
 from contact_tracker.inspection.stream_checks import NOTHING_INSPECTED, Finding, Inspection, inspect
 from contact_tracker.map.map import EMPTY_MAP, Map
-from contact_tracker.motion.free_motion import kalman_filter
+from contact_tracker.motion.free_motion import kalman_prediction
 from contact_tracker.motion.pose_validation import Arrival, is_valid, require_valid
 from contact_tracker.motion.poses import AS_GIVEN, Outliers, Pose, Poses, ReadAs
 from contact_tracker.tracking.belief import Belief, Detail, Segment
@@ -63,7 +62,7 @@ class Tracker:
         lag_s : with a fixed lag beliefs are later and more accurate.
         read_as : how the poses were read, as the user asked.
         """
-        kalman_filter()  # no call of ``update`` waits for it
+        kalman_prediction()  # no call of ``update`` waits for it
         return cls(FilterBank(model, lag_s, known_map), NOTHING_INSPECTED._replace(read_as=read_as))
 
     def update(self, arrival: Arrival, detail: Detail = Detail.FORMATION) -> list[Belief]:
@@ -98,7 +97,8 @@ class Tracker:
     def add(self, poses: Pose | Poses, detail: Detail = Detail.FORMATION) -> list[Belief]:
         """Update by one pose or several, in order; returns the beliefs of the ticks that they close.
 
-        While the poses may be in doubt, probabilities are mixed with uniform ones.
+        While the poses may be in doubt, probabilities are mixed with uniform ones. Poses that are enough for
+        the inspection are inspected with the next pose, which seldom closes a tick as well.
 
         Raises
         ------
@@ -108,29 +108,25 @@ class Tracker:
         if isinstance(poses, Pose):
             if not is_valid(poses, self.last_ns):
                 require_valid(Poses.collect([poses]), self.last_ns)
+            self._inspect(BATCH_POSES)
             self.last_ns = poses.stamp_ns
             self.uninspected.append(poses)
             self.many += 1
-            if self.many < BATCH_POSES and self.filters.can_wait(poses.stamp_ns):
-                return []  # most poses
-            return self._update_all(detail)
+            if self.many < BATCH_POSES and self.filters.can_wait(poses.stamp_ns):  # most poses
+                self.filters.prepare()
+                return []
+            return self._update_filters(detail)
         beliefs = list[Belief]()
         if len(poses):
             require_valid(poses, self.last_ns)
         while len(poses):
-            room = max(BATCH_POSES - self.many, 1)
+            self._inspect(BATCH_POSES)
+            room = BATCH_POSES - self.many
             some, poses = poses[:room], poses[room:]
             self.last_ns = int(some.stamp_ns[-1])
             self.uninspected.append(some)
             self.many += len(some)
-            beliefs += self._update_all(detail)
-        return beliefs
-
-    def _update_all(self, detail: Detail) -> list[Belief]:
-        """Update the filters, and if there are enough poses the inspection."""
-        beliefs = self._update_filters(detail)
-        if self.many >= BATCH_POSES:
-            self._inspect()
+            beliefs += self._update_filters(detail)
         return beliefs
 
     def _update_filters(self, detail: Detail, until_ns: int | None = None) -> list[Belief]:
@@ -140,7 +136,8 @@ class Tracker:
         if self.taken_in < len(self.uninspected):
             poses = Poses.join(self.uninspected[self.taken_in :])
             beliefs += filters.add(poses, detail)
-            checks = checks.update(poses, self._stream(filters), *TRACKED)
+            if not checks.contradiction.is_settled:
+                checks = checks.update(poses, self._stream(filters), "contradiction")
         if until_ns is not None:
             beliefs += filters.pass_time(until_ns, detail)
         self.filters, self.checks = filters, checks  # an interrupted call changes nothing
@@ -159,10 +156,13 @@ class Tracker:
         possible = self.filters.known_map.allowed
         return [replace(one, probability=mixed_with_uniform(one.probability, possible)) for one in beliefs]
 
-    def _inspect(self) -> None:
-        if self.uninspected:
-            self.inspect_poses(Poses.join(self.uninspected))
-        self.uninspected, self.many, self.taken_in = [], 0, 0
+    def _inspect(self, least: int = 1) -> None:
+        """Inspect the poses, which the filters have, if there are at least so many."""
+        if self.many >= least:
+            poses = Poses.join(self.uninspected)
+            self.inspect_poses(poses)
+            self.check("conventions", poses)
+            self.uninspected, self.many, self.taken_in = [], 0, 0
 
     def inspect_poses(self, poses: Poses) -> None:
         """Update the inspection and the checks of the poses themselves by poses, which are tracked

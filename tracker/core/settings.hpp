@@ -22,7 +22,7 @@ struct Settings {
     double vertex_ridge;                     // contacts.vertex_face
     // hypotheses/schedule.py, as all below
     double first_ticks, rest_weight, defer_nats, far_nats, drop_nats, relaxation_ridge, fitting_rms,
-        least_gain, protection_nats, protection_ticks, residual_ticks;
+        protection_nats, protection_ticks, residual_ticks;
     int refine_steps, first_steps, recovery_steps, followed_starts, search_refits, unthinned_ticks;
     std::vector<double> search_ages;
     std::vector<bool> is_search_age;

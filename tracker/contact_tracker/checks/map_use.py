@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from contact_tracker.checks.check import Check, Stream
 from contact_tracker.checks.clearance import CHECK
 from contact_tracker.geometry.elements import ContactGeometry, Element, Line, Plane, Point, canonical, shifted
-from contact_tracker.geometry.vectors import angle_of_lines
+from contact_tracker.geometry.linalg import angle_of_lines
 from contact_tracker.inspection.stream_checks import Finding
 from contact_tracker.map.elements import distance_of_planes_m, mahalanobis
 from contact_tracker.map.map import Map, NamedElement

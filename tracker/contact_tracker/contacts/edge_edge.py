@@ -24,7 +24,7 @@ from contact_tracker.contacts.family import (
     smallest_directions,
 )
 from contact_tracker.geometry.elements import Element, Line
-from contact_tracker.geometry.vectors import cross, dot, sphere_tangent
+from contact_tracker.geometry.linalg import cross, dot, sphere_tangent
 from contact_tracker.motion import lifted_pose
 
 D1: Final = slice(0, 3)

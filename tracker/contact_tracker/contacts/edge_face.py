@@ -22,7 +22,7 @@ from contact_tracker.contacts.family import (
     outer_derivative_second,
 )
 from contact_tracker.geometry.elements import Element, Line, Plane
-from contact_tracker.geometry.vectors import EYE, ONE, dot, sphere_tangent, unit
+from contact_tracker.geometry.linalg import EYE, ONE, dot, sphere_tangent, unit
 from contact_tracker.motion import lifted_pose
 
 D: Final = slice(0, 3)

@@ -19,7 +19,7 @@ from contact_tracker.contacts.family import (
     outer_derivative_first,
 )
 from contact_tracker.geometry.elements import Element, Plane
-from contact_tracker.geometry.vectors import EYE, ONE, sphere_tangent, unit
+from contact_tracker.geometry.linalg import EYE, ONE, sphere_tangent, unit
 from contact_tracker.motion import lifted_pose
 
 BOTH: Final = slice(0, 6)

@@ -19,7 +19,7 @@ from contact_tracker.contacts.family import (
     smallest_directions,
 )
 from contact_tracker.geometry.elements import Element, Plane, Point
-from contact_tracker.geometry.vectors import EYE, ONE, dot, sphere_tangent, unit
+from contact_tracker.geometry.linalg import EYE, ONE, dot, sphere_tangent, unit
 from contact_tracker.motion import lifted_pose
 
 Q: Final = slice(0, 3)

@@ -11,15 +11,19 @@ from numpy.typing import NDArray
 from contact_tracker.config.parameters import SystematicErrors
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.formations.conditional import (
+    MIN_RATIO,
+    RELAXED,
     TINY,
     ConditionalMotion,
     Presence,
     Run,
     coefficients,
     count_constraints,
+    moments,
     most_probable,
+    relaxed_ratio,
+    search,
 )
-from contact_tracker.formations.search import MIN_RATIO, RELAXED, moments, relaxed_ratio, search
 from contact_tracker.geometry.elements import ContactGeometry, Element, Origins, canonical, opposite
 from contact_tracker.hypotheses import refinement
 from contact_tracker.hypotheses.bank import blank

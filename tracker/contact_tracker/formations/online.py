@@ -1,7 +1,7 @@
 """Online detection of further contacts, with bounded work in each tick (docs/theory.md, section 18).
 
 At intervals the latest ticks are tested for constraints beyond those of the known contacts. If there may be
-some, contact kinds are searched, a few in each tick. Contacts that were found are evaluated in every tick.
+some, contact kinds are searched, one in each tick. Contacts that were found are evaluated in every tick.
 """
 
 from collections.abc import Iterator, Sequence
@@ -49,8 +49,6 @@ MAX_SEARCH_INTERVAL_TICKS: Final = 20.0
 REFIT_SHARE: Final = 0.5
 """Elements are refitted when their run has grown by this share since the last fit."""
 MAX_REMEMBERED: Final = 3
-KINDS_PER_TICK: Final = 2
-"""Contact kinds searched in one tick."""
 COUNTED_TICKS: Final = 20
 """Constraints are counted over this many of the latest ticks."""
 
@@ -213,9 +211,9 @@ def _begin_search(state: FormationState, ticks: FormationTicks, motion: Conditio
 def _continue_search(
     state: FormationState, ticks: FormationTicks, motion: ConditionalMotion, first: KnownContact
 ) -> FormationState:
-    """Search the next kinds; after the last, accept the best proposal or continue with all kinds."""
+    """Search the next kind; after the last, accept the best proposal or continue with all kinds."""
     run = Run(max(len(motion) - state.span, 0), len(motion))
-    state = _search_next_kinds(state, ticks, motion, run)
+    state = _search_next_kind(state, ticks, motion, run)
     if state.queue:
         return state
     candidates = [*_candidates(state, ticks, motion)]
@@ -235,18 +233,17 @@ def _continue_search(
     return _queue_all_kinds(state, best, ticks)
 
 
-def _search_next_kinds(
+def _search_next_kind(
     state: FormationState, ticks: FormationTicks, motion: ConditionalMotion, run: Run
 ) -> FormationState:
-    """The state after a search for the next queued kinds in ``run``."""
-    some, queue = state.queue[:KINDS_PER_TICK], state.queue[KINDS_PER_TICK:]
-    found = (search_span(ticks, motion, CONTACT_MODELS[kind.column], run) for kind in some)
-    new = [one.known for one in found if one is not None]
-    return state._replace(queue=queue, proposals=(*state.proposals, *new))
+    """The state after a search for the next queued kind in ``run``."""
+    found = search_span(ticks, motion, CONTACT_MODELS[state.queue[0].column], run)
+    new = () if found is None else (found.known,)
+    return state._replace(queue=state.queue[1:], proposals=(*state.proposals, *new))
 
 
 def _reclassify(state: FormationState, ticks: FormationTicks, first: KnownContact) -> FormationState:
-    """Search the next kinds; after the last, compare them with the tracked contact over its whole run."""
+    """Search the next kind; after the last, compare them with the tracked contact over its whole run."""
     one, others = state.tracked[state.reclassified], list(state.tracked)
     del others[state.reclassified]
     motion = ConditionalMotion.of(ticks.window, ticks.scales).keeping(first.c)
@@ -259,7 +256,7 @@ def _reclassify(state: FormationState, ticks: FormationTicks, first: KnownContac
     if own is None or not one.is_present or not _is_now(own.presence, motion):
         return ended
     run = own.presence.runs[-1]
-    state = _search_next_kinds(state, ticks, motion, run)
+    state = _search_next_kind(state, ticks, motion, run)
     if state.queue:
         return state
     candidates = [own, *allowed(ticks, _candidates(state, ticks, motion))]

@@ -1,5 +1,5 @@
-"""Linear algebra of one small matrix by direct calls of LAPACK, whose wrappers take several times longer, and
-the damping of Gauss-Newton steps."""
+"""Vectors of three numbers, many at once; one small matrix by direct calls of LAPACK, whose wrappers take
+several times longer; and the damping of Gauss-Newton steps."""
 
 from typing import Final
 
@@ -8,6 +8,63 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import lapack
 
 Array = NDArray[np.float64]
+
+EYE: Final = np.eye(3)
+ONE: Final = np.eye(1)
+
+
+def dot(a: Array, b: Array) -> Array:
+    """Inner products over the last axis."""
+    return np.asarray(np.einsum("...i,...i->...", a, b))
+
+
+def unit(v: Array) -> Array:
+    """v scaled to length one along the last axis."""
+    return np.asarray(v / np.sqrt(dot(v, v))[..., None])
+
+
+def cross(a: Array, b: Array) -> Array:
+    """Vector products (..., 3); ``np.cross`` takes several times as long for few of them."""
+    out = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
+    bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
+    out[..., 0] = ay * bz - az * by
+    out[..., 1] = az * bx - ax * bz
+    out[..., 2] = ax * by - ay * bx
+    return out
+
+
+def cross_matrix(v: Array) -> Array:
+    """Matrices (..., 3, 3) with ``cross_matrix(v) @ w == cross(v, w)``."""
+    x, y, z = v[..., 0], v[..., 1], v[..., 2]
+    out = np.zeros((*v.shape, 3))
+    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -z, y, -x
+    out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = z, -y, x
+    return out
+
+
+def angle_of_lines(first: Array, second: Array) -> float:
+    """Angle (rad) of two unit vectors (3,) without regard to their senses, 0 to pi/2."""
+    return float(np.arctan2(np.linalg.norm(np.cross(first, second)), abs(first @ second)))
+
+
+def sphere_tangent(n: Array) -> Array:
+    """Two orthonormal directions (..., 3, 2) normal to unit vectors n (..., 3).
+
+    Duff et al., Building an Orthonormal Basis, Revisited, JCGT 2017.
+    """
+    x, y, z = n[..., 0], n[..., 1], n[..., 2]
+    sign = np.where(z >= 0, 1.0, -1.0)
+    a = -1.0 / (sign + z)
+    b = x * y * a
+    out = np.empty((*n.shape, 2))
+    out[..., 0, 0] = 1.0 + sign * x * x * a
+    out[..., 1, 0] = sign * b
+    out[..., 2, 0] = -sign * x
+    out[..., 0, 1] = b
+    out[..., 1, 1] = sign + y * y * a
+    out[..., 2, 1] = -y
+    return out
 
 
 def solve(matrix: Array, right: Array) -> Array:

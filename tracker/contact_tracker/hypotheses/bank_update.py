@@ -24,7 +24,6 @@ from contact_tracker.hypotheses.births import (
 from contact_tracker.hypotheses.evidence import EvidenceParameters, sum_evidence
 from contact_tracker.hypotheses.global_search import (
     directions,
-    exchange_geometry,
     is_due,
     prune,
     residual,
@@ -181,15 +180,11 @@ def _update_contact(
     was = bank.log_weight
     bank = refit(accumulate(bank, model, window, scales, log_stay), model, window, scales, unchanged)
     bank = recover_fallen(bank, was, model, window, scales)
-    if due:
-        bank = exchange_geometry(bank, model, window, scales)
-        if window.latest_motion_ratio > REST_WEIGHT:
-            drawn = model.turned(directions(model, window.index[-1]), window.zeta[-1, R].reshape(3, 3))
-            rows = select_for_search(bank, model)
-            bank = search(
-                bank, rows, model, scales, drawn, lambda some, _: refit(some, model, window, scales)
-            )
-    return bank
+    if not due or window.latest_motion_ratio <= REST_WEIGHT:
+        return bank
+    drawn = model.turned(directions(model, window.index[-1]), window.zeta[-1, R].reshape(3, 3))
+    rows = select_for_search(bank, model)
+    return search(bank, rows, model, scales, drawn, lambda some, _: refit(some, model, window, scales))
 
 
 def marginalise_expired_ticks(

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.contacts import ContactModel
 from contact_tracker.contacts.family import Family, Measurement
-from contact_tracker.geometry.vectors import dot
+from contact_tracker.geometry.linalg import dot
 from contact_tracker.hypotheses.gauss_newton import Prior
 from contact_tracker.motion.window import Window
 

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.contacts.family import Family, directions, shifts, turns
-from contact_tracker.geometry.linalg import adapted
-from contact_tracker.geometry.vectors import dot
+from contact_tracker.geometry.linalg import adapted, dot
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -171,19 +170,6 @@ def _step(family: Family, gradient: Array, hessian: Array, prior_precision: Arra
     diagonal += LEAST_CURVATURE
     diagonal[:, turns(family.FORM)] += damping[:, None]
     return np.asarray(-np.linalg.solve(curvature, gradient[..., None])[..., 0])
-
-
-def every_cost(family: Family, moments: Array, row_weight: Array, prior: Prior, x: Array) -> Array:
-    """Cost (N, B) in nats of each of N geometries x (N, S) on each of B windows."""
-    c = family.rows(x)
-    count, rows = c.shape[:2]
-    square = (c[..., :, None] * c[..., None, :]).reshape(count * rows, -1)
-    squares = (square @ moments.reshape(len(moments), -1).T).reshape(count, rows, -1)
-    squares[:, -1] /= family.scale_sq(x[:, None], moments[None])
-    pair = (x[:, :, None] * x[:, None, :]).reshape(count, -1)
-    pull = 0.5 * pair @ prior.precision.reshape(len(moments), -1).T - x @ prior.information.T
-    weighed = np.einsum("nkb,bk->nb", squares, row_weight)
-    return np.asarray(0.5 * weighed + pull + prior.constant)
 
 
 def complete(

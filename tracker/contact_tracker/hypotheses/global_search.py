@@ -1,6 +1,6 @@
 """Which hypotheses stay, and where they look for better minima.
 
-Pruning by weight and age; exchange of geometry between hypotheses; search from many starts.
+Pruning by weight and age; search from many starts.
 """
 
 from collections.abc import Callable
@@ -15,13 +15,12 @@ from contact_tracker.contacts import ContactModel
 from contact_tracker.hypotheses import gauss_newton
 from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.evidence import EvidenceParameters
-from contact_tracker.hypotheses.refit import prior_at_anchors, refit
+from contact_tracker.hypotheses.refit import prior_at_anchors
 from contact_tracker.hypotheses.schedule import (
     FAR_NATS,
     FITTING_RMS,
     FOLLOWED_STARTS,
     IS_SEARCH_AGE,
-    LEAST_GAIN,
     RELAXATION_RIDGE,
     RESIDUAL_TICKS,
     ROUNDS,
@@ -32,7 +31,6 @@ from contact_tracker.hypotheses.schedule import (
     burn_in_ticks,
 )
 from contact_tracker.map.pairs import known_entries
-from contact_tracker.motion.window import Window
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -45,7 +43,7 @@ def within_far_margin(bank: Bank) -> Bools:
 
 
 def is_protected(bank: Bank) -> Bools:
-    """Which hypotheses (H,) are protected from pruning by weight, and may receive the geometry of others."""
+    """Which hypotheses (H,) are protected from pruning by weight."""
     return bank.effective_ticks <= bank.protected_until
 
 
@@ -95,51 +93,13 @@ def is_due(model: ContactModel, tick: int) -> bool:
     return not (tick + model.contact.column) % SEARCH_INTERVAL
 
 
-def exchange_geometry(bank: Bank, model: ContactModel, window: Window, scales: EvidenceParameters) -> Bank:
-    """Refit hypotheses from the geometry of their ``best_donors``."""
-    donor = best_donors(bank, model, scales)
-    recipient = np.flatnonzero(donor != np.arange(len(bank)))
-    if not len(recipient):
-        return bank
-    found = refit(bank.pick(recipient).replace_columns(x=bank.x[donor[recipient]]), model, window, scales)
-    return bank.replace_rows(recipient, found, np.arange(len(recipient)))
-
-
-def best_donors(bank: Bank, model: ContactModel, scales: EvidenceParameters) -> Index:
-    """For each hypothesis the row (H,) of the one whose geometry fits its window best; its own if it fits, or
-    none is better.
-
-    Hypotheses far behind the best neither donate (after burn-in) nor receive (unless protected), so that it
-    does not matter whether they have been pruned.
-    """
-    donor = np.arange(len(bank))
-    recipients, donors = np.flatnonzero(accepts_donor(bank)), np.flatnonzero(is_competitive(bank, model))
-    if not len(recipients) or not len(donors):
-        return donor
-    candidates = bank.pick(recipients)
-    known = prior_at_anchors(candidates, model, scales)[0]
-    costs = gauss_newton.every_cost(
-        model.family, candidates.second_moment, candidates.row_weight, known, bank.x
-    )
-    costs = np.where(np.isnan(costs), np.inf, costs)
-    own, costs = costs[recipients, np.arange(len(recipients))], costs[donors]
-    gains = costs.min(axis=0) < own - LEAST_GAIN
-    donor[recipients[gains]] = donors[costs.argmin(axis=0)[gains]]
-    return donor
-
-
 def is_competitive(bank: Bank, model: ContactModel) -> Bools:
     """Which hypotheses (H,) are near the best, or in burn-in."""
     return within_far_margin(bank) | in_burn_in(bank, model)
 
 
-def accepts_donor(bank: Bank) -> Bools:
-    """Which hypotheses (H,) may receive the geometry of others."""
-    return (bank.rms > FITTING_RMS) & (within_far_margin(bank) | is_protected(bank))
-
-
 def in_burn_in(bank: Bank, model: ContactModel) -> Bools:
-    """Which hypotheses (H,) search and donate whatever their weight: their minimum may not be found yet."""
+    """Which hypotheses (H,) search whatever their weight: their minimum may not be found yet."""
     return (bank.effective_ticks <= burn_in_ticks(model.needed)) & bank.needs_search
 
 
@@ -175,10 +135,7 @@ def search(
 
 
 def select_for_search(bank: Bank, model: ContactModel) -> Index:
-    """Rows that search: of each age the best without a prior, and the best with one.
-
-    Hypotheses of similar onsets receive what they find.
-    """
+    """Rows that search: of each age the best without a prior, and the best with one."""
     age = np.minimum(bank.effective_ticks.astype(np.int64), len(IS_SEARCH_AGE) - 1)
     rows = (
         IS_SEARCH_AGE[age] & (bank.rms > FITTING_RMS) & bank.needs_search & is_competitive(bank, model)

@@ -26,7 +26,7 @@ from contact_tracker.geometry.elements import (
     by_foot,
     shifted,
 )
-from contact_tracker.geometry.vectors import cross
+from contact_tracker.geometry.linalg import cross
 from contact_tracker.hypotheses import compiled, gauss_newton, refit
 from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.evidence import EvidenceParameters, weak_prior

@@ -13,8 +13,8 @@ REST_WEIGHT: Final = 1e-7
 DEFER_NATS: Final = 10.0
 """Hypotheses further behind the best only accumulate moments; they are refitted when a search is due."""
 FAR_NATS: Final = 14.0
-"""Hypotheses further behind the best neither search nor donate geometry after burn-in, receive none unless
-they are protected, and do not count as evidence for their contact."""
+"""Hypotheses further behind the best do not search after burn-in, and do not count as evidence for their
+contact."""
 DROP_NATS: Final = 3.0
 RECOVERY_STEPS: Final = 12
 """A hypothesis that is refitted in every tick, loses more nats than this in one and does not fit its window
@@ -22,8 +22,7 @@ takes this many extra steps: a direction that was open before may be far off."""
 PROTECTION_NATS: Final = 20.0
 PROTECTION_TICKS: Final = 6.0
 """A hypothesis that was within this many nats of the best and drops in spite of the extra steps is protected
-from pruning for this many ticks with motion, and may receive the geometry of others. Thinning of old onsets
-applies all the same."""
+from pruning for this many ticks with motion. Thinning of old onsets applies all the same."""
 SEARCH_AGES: Final = np.array([3.0, 4, 5, 6, 8, 10, 13, 16, 20, 25, 30, 36, 44, 54, 66, 80, 100])
 """Ages in ticks with motion at which a hypothesis searches: a minimum of a short window need not remain
 one."""
@@ -46,10 +45,7 @@ ROUNDS: Final = ((2, 3), (3, 2))
 SEARCH_REFITS: Final = 1
 """How often a search repeats its fit with row weights estimated from the geometry found."""
 FITTING_RMS: Final = 1.2
-"""Whitened residual up to which a hypothesis fits: it neither searches nor receives geometry, although that
-might gain some nats."""
-LEAST_GAIN: Final = 1e-3
-"""Nats by which another geometry must be better to be taken."""
+"""Whitened residual up to which a hypothesis fits: it does not search, although that might gain some nats."""
 UNTHINNED_TICKS: Final = 24
 """Up to this age in ticks every onset keeps a hypothesis; older onsets are thinned."""
 
@@ -60,8 +56,7 @@ RESIDUAL_TICKS: Final = 25.0
 def burn_in_ticks(needed: float) -> float:
     """Burn-in in ticks with motion, for a contact whose geometry ``needed`` poses determine.
 
-    In it a hypothesis is not pruned, searches, and exchanges geometry whatever its weight: its minimum may
-    not be found yet. It is short for f-f, most of whose hypotheses never search unless they are near the
-    best.
+    In it a hypothesis is not pruned, and searches, whatever its weight: its minimum may not be found yet. It
+    is short for f-f, most of whose hypotheses never search unless they are near the best.
     """
     return 2.0 * needed

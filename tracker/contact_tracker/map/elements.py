@@ -27,7 +27,7 @@ from contact_tracker.geometry.elements import (
     of_numbers,
     opposite,
 )
-from contact_tracker.geometry.vectors import EYE, sphere_tangent, unit
+from contact_tracker.geometry.linalg import EYE, sphere_tangent, unit
 
 Key = tuple[int, int]
 """Side (0: object, 1: environment) and number of an element."""

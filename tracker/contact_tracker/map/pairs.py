@@ -25,7 +25,7 @@ from contact_tracker.geometry.elements import (
     opposite,
     shifted,
 )
-from contact_tracker.geometry.vectors import EYE
+from contact_tracker.geometry.linalg import EYE
 from contact_tracker.map.association import MapView
 from contact_tracker.map.elements import WIDTHS, covariance_of, kinds_of, whitening
 from contact_tracker.map.map import Map, NamedElement, Up

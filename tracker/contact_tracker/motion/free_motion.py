@@ -6,10 +6,10 @@ jerk whose strength follows the innovations. The variance of the innovations bey
 tick.
 """
 
-from copy import copy
+from collections.abc import Callable
 from functools import cache, lru_cache
 from math import exp
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,9 +22,6 @@ from contact_tracker.geometry.rotation import (
     product,
     rotation_vectors,
 )
-
-if TYPE_CHECKING:
-    from filterpy.kalman import KalmanFilter
 
 Array = NDArray[np.float64]
 
@@ -49,6 +46,7 @@ TINY: Final = 1e-20
 PRIOR_SPREAD: Final = (1.0, 10.0, 100.0)
 """Initial standard deviations of value, rate and acceleration."""
 _EYE: Final = np.eye(3)
+_EYE_6: Final = np.eye(6)
 _VALUE: Final = np.kron(np.eye(2), np.eye(1, 3))
 """(2, 6) measurement matrix: the two values."""
 _POWERS: Final = np.arange(3.0)
@@ -278,9 +276,7 @@ class _Prediction(NamedTuple):
 
 
 def _predict(state: FreeMotion, variance: Array, elapsed_s: float, tick_s: float) -> _Prediction:
-    from filterpy.kalman import predict  # slow to import
-
-    tick = transition(tick_s)
+    predict, tick = kalman_prediction(), transition(tick_s)
     x, carried = predict(state.x.reshape(6, 3), state.covariance, F=tick.matrix)
     # errors that the filter's own uncertainty explains are no jerk, else the estimate would feed back on
     # itself
@@ -300,24 +296,22 @@ def _predict(state: FreeMotion, variance: Array, elapsed_s: float, tick_s: float
 
 
 @cache
-def kalman_filter() -> "KalmanFilter":
-    """The filter that ``advance`` copies; the first call imports filterpy, which takes longer than many
-    ticks."""
-    # not its function `update`, which takes any exception, an interrupt too, for a value without axes
-    from filterpy.kalman import KalmanFilter
+def kalman_prediction() -> "Callable[..., tuple[Array, Array]]":
+    """The library's function; its import takes longer than many ticks."""
+    from filterpy.kalman import predict
 
-    step = KalmanFilter(dim_x=6, dim_z=2)
-    step.H = _VALUE
-    return step
+    function: Callable[..., tuple[Array, Array]] = predict
+    return function
 
 
 def _updated(prediction: _Prediction, innovation: Array, variance: Array) -> tuple[Array, Array]:
-    """States (2, 3, 3) and covariance after measurements with this ``innovation`` (2, 3)."""
-    step = copy(kalman_filter())  # making one takes as long as its update
-    step.P, step.R = prediction.covariance, np.diag(variance)
-    step.update(_UNIT)
-    gain, covariance = step.K @ _UNIT, step.P
-    return prediction.x + gain.reshape(2, 3, 1) * innovation[:, None], covariance
+    """States (2, 3, 3) and covariance after measurements with this ``innovation`` (2, 3); the errors of the
+    two vectors are independent."""
+    before = prediction.covariance
+    gain = before[:, ::3] / (before.diagonal()[::3] + variance)
+    left = _EYE_6 - gain @ _VALUE
+    covariance = left @ before @ left.T + (gain * variance) @ gain.T  # Joseph's form stays positive definite
+    return prediction.x + gain.sum(axis=1).reshape(2, 3, 1) * innovation[:, None], covariance
 
 
 def can_be_compared(model: Model) -> bool:

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.geometry.vectors import cross_matrix
+from contact_tracker.geometry.linalg import cross_matrix
 
 Array = NDArray[np.float64]
 

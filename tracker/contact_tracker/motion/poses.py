@@ -243,10 +243,11 @@ class Outliers(NamedTuple):
         """Those at these stamps (N,)."""
         return cls(len(stamp_ns), tuple(stamp_ns[:MOST_TOLD].tolist()))
 
-    def joined(self, *later: "Outliers") -> "Outliers":
+    def joined(self, later: "Outliers") -> "Outliers":
         """These and later ones."""
-        first_ns = [stamp_ns for one in (self, *later) for stamp_ns in one.first_ns]
-        return Outliers(self.total + sum(one.total for one in later), tuple(first_ns[:MOST_TOLD]))
+        if not later.total:
+            return self
+        return Outliers(self.total + later.total, (self.first_ns + later.first_ns)[:MOST_TOLD])
 
     def since(self, before: "Outliers") -> "Outliers":
         """Those that have come since the ones ``before``."""

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from itertools import islice
 from typing import Any, Final
 
-from contact_tracker.adaptation.report import Report
+from contact_tracker.adaptation.filter_bank import Report
 from contact_tracker.errors import printable
 from contact_tracker.inspection.stream_checks import STILL
 from contact_tracker.motion.pose_validation import remarks_on

@@ -6,7 +6,7 @@ from concurrent.futures import Executor
 from contextlib import suppress
 from dataclasses import dataclass
 
-from contact_tracker.adaptation.report import Report
+from contact_tracker.adaptation.filter_bank import Report
 from contact_tracker.config.parameters import Model
 from contact_tracker.errors import NoTruth, UnreadableRecording
 from contact_tracker.ground_truth import Truth

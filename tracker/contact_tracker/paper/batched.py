@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from contact_tracker.geometry.linalg import MOST_DAMPING, adapted
-from contact_tracker.geometry.vectors import sphere_tangent
+from contact_tracker.geometry.linalg import MOST_DAMPING, adapted, sphere_tangent
 from contact_tracker.paper.objectives import motion
 from contact_tracker.states import Contact
 

@@ -17,8 +17,11 @@ from contact_tracker.config.parameters import Model
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.bank_update import TickWeights, marginalise_expired_ticks, update_banks
-from contact_tracker.hypotheses.births import CachedProposals, TickInput, propose_births
-from contact_tracker.hypotheses.proximity_prior import (
+from contact_tracker.hypotheses.births import (
+    CachedProposals,
+    TickInput,
+    prepare_weights,
+    propose_births,
     reweight_transitions,
     share_with_faces,
     weigh_births,
@@ -146,6 +149,14 @@ class ContactFilter:
             state, belief = read_posterior(state, tick, detail, tests_curvature)  # and the map
         self.state, belief = with_rest(state, belief, rest.is_in_rest)
         return belief
+
+    def prepare(self) -> None:
+        """Propose the births of the next tick by a map that has changed, before a pose waits for them."""
+        state = self.state
+        if state.ticks and state.cached_proposals.map is not state.map:
+            cached = _proposals(state, Frame.around(state.origins, state.window.zeta[-1, T]))
+            prepare_weights(cached.proposals)
+            self.state = state._replace(cached_proposals=cached)
 
     @property
     def reported(self) -> Belief | None:

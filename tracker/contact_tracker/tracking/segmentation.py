@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import reduce
 from typing import Any, Final, Self, overload
 
 import numpy as np
@@ -193,7 +194,7 @@ class Segmentation:
             tuple(segment for part in parts for segment in part.segments),
             Beliefs.join([part.beliefs for part in parts]),
             Beliefs.join([part.filtered for part in parts]),
-            NO_OUTLIERS.joined(*(part.outliers for part in parts)),
+            reduce(Outliers.joined, (part.outliers for part in parts), NO_OUTLIERS),
         )
 
     @property

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.geometry.elements import Element, Line, Pair, Point, face_towards, shifted
-from contact_tracker.geometry.vectors import EYE, cross, cross_matrix, dot, sphere_tangent, unit
+from contact_tracker.geometry.linalg import EYE, cross, cross_matrix, dot, sphere_tangent, unit
 from contact_tracker.states import STATES, Contact
 from contact_tracker.wrenches.load import ContactWrenches
 

@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.geometry.vectors import EYE, cross_matrix
+from contact_tracker.geometry.linalg import EYE, cross_matrix
 from contact_tracker.wrenches.wrenches import TickWrenches
 
 Array = NDArray[np.float64]

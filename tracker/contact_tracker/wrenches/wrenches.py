@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.errors import UsageError
+from contact_tracker.geometry.linalg import cross
 from contact_tracker.geometry.rotation import between, matrices, nearest, rotation_vectors
-from contact_tracker.geometry.vectors import cross
 from contact_tracker.motion.poses import Poses, real_numbers
 
 Array = NDArray[np.float64]

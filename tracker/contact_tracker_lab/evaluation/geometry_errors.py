@@ -19,7 +19,7 @@ from scipy.special import erfcinv, gammaincc
 
 from contact_tracker.errors import NoTruth
 from contact_tracker.geometry.elements import ContactGeometry, Element, Line, Plane, Point, nearest
-from contact_tracker.geometry.vectors import angle_of_lines, sphere_tangent
+from contact_tracker.geometry.linalg import angle_of_lines, sphere_tangent
 from contact_tracker.ground_truth import Truth, TruthInterval
 from contact_tracker.motion.poses import Poses
 from contact_tracker.states import Contact

@@ -1,4 +1,4 @@
-// Evidence of a pose that pairs of known elements touch. Reference: `proximity_prior.proximity_evidence`.
+// Evidence of a pose that pairs of known elements touch. Reference: `births.proximity_evidence`.
 #pragma once
 
 #include <limits>
@@ -8,7 +8,7 @@
 
 namespace kernels {
 
-// Variances of residuals if the elements may be anywhere, see `proximity_prior`: of the cosine of an angle,
+// Variances of residuals if the elements may be anywhere, see `births`: of the cosine of an angle,
 // and of a distance (m^2); the log share below which a birth is left out, and the most known pairs that
 // begin.
 struct BirthLimits {
@@ -29,7 +29,7 @@ struct Touching {
     Lanes gain[F::K], log_ratio;
 };
 
-// Evidence of the newest of `ticks`. Reference: `proximity_prior._touching_evidence`, a pair per lane.
+// Evidence of the newest of `ticks`. Reference: `births._touching_evidence`, a pair per lane.
 template <class F>
 Touching<F> touching_evidence(const Kind& kind, const KnownPairs& pairs, const int (&pair)[lanes],
                               const Ticks& ticks, const BirthLimits& limits) {

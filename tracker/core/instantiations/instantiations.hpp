@@ -20,9 +20,6 @@ namespace kernels {
                                               double);                                                    \
     PREFIX template void refit<F>(const Kind&, const Rows&, const Ticks&, int, const EvidenceParameters&, \
                                   Work<F>&);                                                              \
-    PREFIX template void every_square<F>(const std::vector<Windows<F>>&, const Offer<F>&, Squares<F>&);   \
-    PREFIX template void every_cost<F>(const std::vector<RecipientBlock<F>>&, const Offer<F>&,            \
-                                       const Squares<F>&, double* const*);                                \
     PREFIX template void descend<F>(const FormationProblem<F>&, int, Lanes*);                             \
     PREFIX template void equations_of<F>(const Kind&, const double*, const double*, const Ticks&,         \
                                          const double*, const double*, double, Equations<F>&);

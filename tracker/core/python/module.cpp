@@ -61,7 +61,7 @@ py::tuple information_of(const Model& model, const Floats& words, const Floats& 
     });
 }
 
-// Reference: `proximity_prior.proximity_evidence` of a contact with some pairs of `known` elements. Returns
+// Reference: `births.proximity_evidence` of a contact with some pairs of `known` elements. Returns
 // the log odds, the gain (2,), and the index and the table rows of the proposals that are kept.
 py::tuple weigh_births(const Model& model, const Floats& words, const Bools& known, const Floats& x,
                        const Floats& deviation, const TickArrays& window, const Two& beyond,

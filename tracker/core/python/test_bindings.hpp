@@ -73,12 +73,6 @@ inline void accumulate(const Model& model, Floats words, Floats onsets, const Ti
     });
 }
 
-inline std::vector<int> best_donors(const Model& model, const Floats& words, const Floats& onsets) {
-    const Bank bank = bank_of(model, words, onsets);
-    return visit(model,
-                 [&](auto family) { return kernels::best_donors<decltype(family)>(model.kind, bank); });
-}
-
 inline std::vector<int> select_for_search(const Model& model, const Floats& words, const Floats& onsets) {
     return kernels::select_for_search(model.kind, bank_of(model, words, onsets));
 }
@@ -112,7 +106,6 @@ inline void add(py::module_ module) {
     module.def("minimise", &minimise);
     module.def("accumulate", &accumulate, py::arg("model"), py::arg("words").noconvert(),
                py::arg("onsets").noconvert(), py::arg("ticks"), py::arg("weights"), py::arg("log_stay"));
-    module.def("best_donors", &best_donors);
     module.def("select_for_search", &select_for_search);
     module.def("keep_best", &keep_best);
     module.def("relax", &relax);

@@ -1,7 +1,6 @@
 // Update of all hypotheses of one contact by a tick. Reference: `bank_update.update_reference`.
 #pragma once
 
-#include "search/geometry_exchange.hpp"
 #include "search/global_search.hpp"
 
 namespace kernels {
@@ -61,20 +60,9 @@ void add_births(const Kind& kind, int old, int earlier, const Birth& birth, cons
     }
 }
 
-// Let hypotheses adopt the geometry of their best donor.
-template <class F>
-void adopt(const Kind& kind, const Bank& bank, const Ticks& ticks, const EvidenceParameters& weights,
-           Work<F>& work) {
-    const std::vector<int> donor = best_donors<F>(kind, bank);
-    std::vector<double> offered(static_cast<std::size_t>(bank.count()) * F::S);
-    for (int b = 0; b < bank.count(); ++b) std::copy_n(bank[b].own + kind.where.x, F::S, &offered[b * F::S]);
-    RefitQueue queue;
-    for (int b = 0; b < bank.count(); ++b) {
-        if (donor[b] == b) continue;
-        std::copy_n(&offered[donor[b] * F::S], F::S, bank[b].own + kind.where.x);
-        queue.add(kind, bank[b], steps_of(kind, bank[b]));
-    }
-    queue.refit<F>(kind, ticks, weights, work);
+// Reference: `global_search.is_competitive`.
+inline bool is_competitive(const Kind& kind, const Hypothesis& one) {
+    return within_far_margin(kind.where, one.own) || in_burn_in(kind, one);
 }
 
 // The group of a hypothesis in `global_search.select_for_search`; -1 if it does
@@ -139,9 +127,7 @@ void advance(const Kind& kind, const Bank& bank, int old, const Ticks& ticks, co
         double& until = bank[b].own[kind.where.protected_until];
         until = std::max(until, bank[b].since[kind.since.effective_ticks] + settings.protection_ticks);
     }
-    if (!directions) return;
-    adopt<F>(kind, bank, ticks, weights, work);
-    if (motion_ratio <= settings.rest_weight) return;
+    if (!directions || motion_ratio <= settings.rest_weight) return;
     for (int b : select_for_search(kind, bank)) search<F>(kind, bank, b, *directions, ticks, weights, work);
 }
 

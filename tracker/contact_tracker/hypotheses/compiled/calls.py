@@ -83,7 +83,7 @@ def weights_of(scales: EvidenceParameters) -> kernels.EvidenceParameters:
 
 @lru_cache(maxsize=8)
 def birth_limits(any_direction: float, reach_m: float, hopeless: float, most: int) -> kernels.BirthLimits:
-    """The kernels' form of the constants of ``proximity_prior``."""
+    """The kernels' form of the constants of ``births``."""
     return kernels.BirthLimits(any_direction, reach_m**2, hopeless, most)
 
 
@@ -100,7 +100,6 @@ def _settings() -> dict[str, object]:
             "FITTING_RMS",
         ),
         *(
-            "LEAST_GAIN",
             "PROTECTION_NATS",
             "PROTECTION_TICKS",
             "RESIDUAL_TICKS",
