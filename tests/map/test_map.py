@@ -280,3 +280,32 @@ def test_a_contact_may_be_with_an_element_incident_with_the_last_one() -> None:
     assert not edge.direction.any()
     np.testing.assert_allclose(table.normal, TABLE.direction, atol=1e-6)
     assert world.whole.incident_pair(BY_CONTACT[Contact.VF], np.zeros(3)) is None
+
+
+def test_a_new_vertex_may_be_on_an_edge_or_in_a_face_of_the_map() -> None:
+    """Its covariances are those of points on samples of the edge and the face, also with their partners."""
+    world = GrowingMap(REACH_M).insert(seen(Contact.EF, (EDGE, TABLE), 0))
+    known, share = world.whole, 0.25
+    view = known.with_incident_vertices(share, REACH_M)
+    change = np.random.default_rng(3).multivariate_normal(
+        np.zeros(len(known.covariance)), known.covariance, 20000
+    )
+    change *= 0.01  # small ones, for which both are linear
+    for side, kind in ((0, "e"), (1, "f")):
+        (key,) = (one for one in known.elements if one[0] == side)
+        (vertex,) = (one for one in view.elements if one[0] == side and one not in known.elements)
+        at = view.elements[vertex].place_m
+        feet = np.array([known.elements[key].moved(row[known.slots[key]]).foot[0] - at for row in change])
+        free = view.covariance[view.slots[vertex], view.slots[vertex]]
+        along = np.outer(known.elements[key].direction, known.elements[key].direction)
+        by_reach = along if kind == "e" else np.eye(3) - along
+        whole = 1e4 * np.cov(feet.T) + REACH_M**2 * by_reach
+        np.testing.assert_allclose(
+            free, whole, rtol=0.05, atol=0.05 * np.abs(free - REACH_M**2 * by_reach).max()
+        )
+        cross = 1e4 * feet.T @ change / len(change)
+        found = view.covariance[view.slots[vertex], : len(known.covariance)]
+        np.testing.assert_allclose(cross, found, atol=0.05 * np.abs(found).max())
+        p_new, p_there = (dict(view.choices(side, "v"))[one] for one in (None, vertex))
+        ((_, p_before),) = known.choices(side, "v")
+        np.testing.assert_allclose([p_new, p_there], p_before + np.log([1.0 - share, share]))

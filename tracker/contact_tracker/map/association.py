@@ -9,16 +9,18 @@ of the recording.
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 from scipy.special import gammaln
 
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel, face_face
 from contact_tracker.geometry.elements import Array, Element, Line, Pair, Plane, Point, nearest
+from contact_tracker.geometry.linalg import EYE
 from contact_tracker.hmm import log_sum_exp
 from contact_tracker.map.elements import (
     SHIFTS,
@@ -267,6 +269,39 @@ class MapView:
     sides: dict[tuple[object, ...], Side] = field(default_factory=dict)
     asked: dict[tuple[object, ...], Element] = field(default_factory=dict)
     """Those that were asked for so far; as the same objects, whose priors are known."""
+    incident_share: float = 0.0
+    """Share of new vertices that are on an edge or in a face of the map, see ``with_incident_vertices``."""
+
+    def with_incident_vertices(self, share: float, reach_m: float) -> "MapView":
+        """The same with a vertex anywhere on each edge and in each face, to touch with this ``share`` of the
+        probability of a new one.
+
+        It has the covariances with all elements that its edge or face has, beside a standard deviation of
+        ``reach_m`` along that: where of a face only the distance to another is known, that of the vertex is.
+        """
+        elements, slots, end = dict(self.elements), dict(self.slots), len(self.covariance)
+        by_known, free = [np.eye(end)], [np.zeros((end, end))]
+        for (side, number), one in self.elements.items():
+            if one.kind == "v":
+                continue
+            foot_m, by_free = one.foot
+            along = np.outer(one.direction, one.direction)
+            elements[side, ~number], slots[side, ~number] = MapElement.of(Point(foot_m)), slice(end, end + 3)
+            by_known.append(np.zeros((3, len(self.covariance))))
+            by_known[-1][:, self.slots[side, number]] = by_free
+            free.append(reach_m**2 * (along if one.kind == "e" else EYE - along))
+            end += 3
+        onto = np.concatenate(by_known)
+        covariance = onto @ self.covariance @ onto.T + block_diag(*free)
+        return replace(
+            self,
+            elements=elements,
+            slots=slots,
+            covariance=covariance,
+            incident_share=share,
+            sides={},
+            asked={},
+        )
 
     def side(self, side: int, kind: str, near_m: Array) -> Side:
         """The elements of a side and kind, edges with their points nearest to ``near_m`` (3,)."""
@@ -304,12 +339,16 @@ class MapView:
         Their sum is less than one if no element of the kind is known: contacts with known elements are more
         probable than those with new ones.
         """
-        known = [key for key, one in self.elements.items() if key[0] == side and one.kind == kind]
-        log_p_new = self.log_p_new[side]
-        if not known:
-            return [(None, log_p_new)]
-        log_share = math.log(-math.expm1(log_p_new) / sum(self.counts[key] for key in known))
-        return [(None, log_p_new), *((key, log_share + math.log(self.counts[key])) for key in known)]
+        of_kind = [key for key, one in self.elements.items() if key[0] == side and one.kind == kind]
+        known = [key for key in of_kind if key in self.counts]
+        incident = [key for key in of_kind if key not in self.counts]
+        log_p_new, of_new = self.log_p_new[side], self.incident_share if incident else 0.0
+        chosen: list[tuple[Key | None, float]] = [(None, log_p_new + math.log1p(-of_new))]
+        chosen += [(key, log_p_new + math.log(of_new / len(incident))) for key in incident]
+        if known:
+            log_share = math.log(-math.expm1(log_p_new) / sum(self.counts[key] for key in known))
+            chosen += [(key, log_share + math.log(self.counts[key])) for key in known]
+        return chosen
 
     def rows(self, key: Key | None, size: int) -> NDArray[np.int64]:
         """Rows of the free coordinates of an element in the covariance; zeros for a new one."""

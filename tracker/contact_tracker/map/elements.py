@@ -104,6 +104,15 @@ class MapElement:
             by_free[3:, :2] = along * across + np.outer(self.direction, arm @ across)
         return np.concatenate([self.direction, place_m]), by_free
 
+    @property
+    def foot(self) -> tuple[Array, Array]:
+        """Its point (3,) nearest to the origin, and the derivative (3, P) by the free coordinates."""
+        values, by_free = self.parameters(np.zeros(3))
+        if self.kind == "f":
+            normal, offset_m = values[:3], values[3]
+            return offset_m * normal, offset_m * by_free[:3] + np.outer(normal, by_free[3])
+        return values[-3:], by_free[-3:]
+
     def with_covariance(self, covariance: Array, near_m: Array | None = None) -> Element:
         """The element with a covariance (P, P) of its free coordinates, of ``parameters``."""
         values, onto = self.parameters(near_m)

@@ -109,6 +109,8 @@ def _proposals(state: FilterState, frame: Frame) -> CachedProposals:
         state.map.without(left_out) if left_out else state.map.whole, current=current, latest=latest
     )
     share = state.model.geometry.revisit_prior
+    if state.uses_later_contacts:
+        view = view.with_incident_vertices(share, state.map.reach_m)
     return now._replace(
         proposals=tuple(
             kept
