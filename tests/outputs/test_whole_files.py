@@ -86,7 +86,7 @@ def test_if_the_group_cannot_be_kept_the_new_group_has_the_rights_of_others(
     def refuse(*_: int) -> None:
         raise PermissionError(1, "Operation not permitted")
 
-    monkeypatch.setattr(files.os, "chown", refuse)
+    monkeypatch.setattr(files.os, "fchown", refuse)
     write(target)
     assert (target.read_text(), target.stat().st_gid, mode(target)) == ("new", os.getegid(), after)
 

@@ -1,32 +1,47 @@
 """The command, as the program ``contact-tracker`` and as ``python -m contact_tracker``.
 
-An interrupt ends it without a traceback: all is imported where that is caught.
+An interrupt ends it without a traceback as soon as this file runs: all else is imported after that, and
+``_signal`` and ``sys`` are parts of the interpreter.
 """
 
+import _signal  # type: ignore[import-not-found]
+import os
 import sys
 
 INTERRUPTED = 130
 """As in ``errors.py``, which would have to be imported first."""
 
 
+def _end_at_once(*_: object) -> None:
+    """End the process, which has not begun anything yet."""
+    os._exit(INTERRUPTED)
+
+
+try:
+    if _signal.getsignal(_signal.SIGINT) is _signal.default_int_handler:  # background jobs ignore it
+        _signal.signal(_signal.SIGINT, _end_at_once)
+except ValueError:  # this is not the main thread
+    pass
+
+
 def main() -> int:
     """Run the command line and return its exit code."""
     try:
-        import signal
-
         from contact_tracker import interrupts
 
+        if _signal.getsignal(_signal.SIGINT) is _end_at_once:
+            _signal.signal(_signal.SIGINT, _signal.default_int_handler)
         interrupts.end_in_order("SIGINT")
         try:
             from contact_tracker.cli.main import run
 
             return run()
         except Exception:
-            if interrupts.is_interrupted():
+            if interrupts.is_due():  # what it was raised in went on with half a result
                 return INTERRUPTED
             raise
         finally:
-            signal.signal(signal.SIGINT, signal.SIG_IGN)
+            _signal.signal(_signal.SIGINT, _signal.SIG_IGN)
     except KeyboardInterrupt:
         return INTERRUPTED
 

@@ -17,6 +17,7 @@ from contact_tracker.suggestions import closest
 
 TEMPORARY: Final = ".contact-tracker-"
 """What the names of temporary files begin with."""
+_NO_LINK: Final = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
 MOST_PARTS: Final = 64
 _MOST_FILES: Final = 10_000
 """Most files of a folder that are looked at for a similar name."""
@@ -107,17 +108,25 @@ def whole_file(path: Path, check: Callable[[], None] = accept_any) -> Iterator[P
     if refusal is not None:
         raise OSError(errno.EINVAL, f"cannot be written: {refusal}", str(path))
     target = Path(os.path.realpath(path))
-    temporary = target.with_name(f"{TEMPORARY}{os.urandom(8).hex()}.part")
     try:
-        replaced = target.stat() if target.exists() else None
-        # private, as others may not be allowed to read the replaced file
-        mode = 0o666 if replaced is None else 0o600
-        os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_RDWR, mode))
-        yield temporary
-        if temporary.is_symlink():
-            raise OSError(errno.EBUSY, "another file was put in its place", str(temporary))
-        if replaced is not None and os.name == "posix":
-            _take_rights(temporary, replaced)
+        replaced = os.lstat(target)
+    except FileNotFoundError:
+        replaced = None
+    temporary = target.with_name(f"{TEMPORARY}{os.urandom(8).hex()}.part")
+    made = True
+    try:
+        try:
+            # private, as others may not be allowed to read the replaced file
+            flags, mode = os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o666 if replaced is None else 0o600
+            descriptor = os.open(str(temporary), flags | _NO_LINK, mode)
+        except OSError:  # not after an interrupt: the file may be there
+            made = False
+            raise
+        try:
+            yield temporary
+            _finish(temporary, descriptor, replaced)
+        finally:
+            os.close(descriptor)  # Windows cannot rename or remove open files
         check()
         os.replace(temporary, target)
     except OSError as error:
@@ -125,18 +134,24 @@ def whole_file(path: Path, check: Callable[[], None] = accept_any) -> Iterator[P
             error.filename = str(path)
         raise
     finally:
-        temporary.unlink(missing_ok=True)
+        if made:
+            temporary.unlink(missing_ok=True)
 
 
-def _take_rights(path: Path, replaced: os.stat_result) -> None:
-    """Give a file the owner, group and mode of what it replaces."""
+def _finish(temporary: Path, descriptor: int, replaced: os.stat_result | None) -> None:
+    """Check that ``temporary`` is still the file that was made; give it the owner and mode of
+    ``replaced``."""
+    if not os.path.samestat(os.fstat(descriptor), os.lstat(str(temporary))):
+        raise OSError(errno.EBUSY, "another file was put in its place", str(temporary))
+    if replaced is None or os.name != "posix":
+        return
     for owner, group in ((replaced.st_uid, -1), (-1, replaced.st_gid)):
         with suppress(OSError):  # only root may change owners, others only to their groups
-            os.chown(path, owner, group)
+            os.fchown(descriptor, owner, group)
     mode = stat.S_IMODE(replaced.st_mode) & 0o777
-    if path.stat().st_gid != replaced.st_gid:  # another group gets no more rights than others
+    if os.fstat(descriptor).st_gid != replaced.st_gid:  # another group gets no more rights than others
         mode &= ~0o070 | mode << 3
-    path.chmod(mode)
+    os.fchmod(descriptor, mode)
 
 
 def _open_at_once(path: str, flags: int) -> int:

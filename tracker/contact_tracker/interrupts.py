@@ -18,14 +18,24 @@ SIGNALS: Final = ("SIGINT", "SIGTERM", "SIGHUP")
 _SIGNALLED: Final = 128
 """Added to the number of a signal, it is the exit code of a process that is ended by it."""
 _AGAIN_S: Final = 0.02
-_is_interrupted = False
+_IMPORTS: Final = "<frozen importlib."
+_raised = 0
+"""The signal by which an exception was raised last."""
+_is_due = False
 
 
 def end_in_order(*names: str) -> None:
-    """Make SIGINT a ``KeyboardInterrupt`` and other signals a ``SystemExit``, unless they are ignored."""
+    """Make SIGINT a ``KeyboardInterrupt`` and other signals a ``SystemExit``, unless they are ignored.
+
+    Where Python cannot raise it, as in a destructor, the signal is repeated. An interrupt also waits for
+    imports: extension modules that are interrupted in theirs raise other errors, or stay incomplete.
+    """
     for number in _numbers(names):
         if signal.getsignal(number) is not signal.SIG_IGN:  # as in background jobs, and by nohup
             signal.signal(number, _end)
+    global _raised
+    if sys.unraisablehook is sys.__unraisablehook__:
+        sys.unraisablehook, _raised = _repeat_or_report, 0
 
 
 def exit_code_of(name: str) -> int | None:
@@ -34,9 +44,9 @@ def exit_code_of(name: str) -> int | None:
     return None if number is None else _SIGNALLED + number
 
 
-def is_interrupted() -> bool:
-    """Whether an interrupt has come: extension modules that are imported then raise other errors for it."""
-    return _is_interrupted
+def is_due() -> bool:
+    """Whether an interrupt is pending because Python could not raise it."""
+    return _is_due
 
 
 @contextmanager
@@ -77,13 +87,27 @@ def _numbers(names: tuple[str, ...]) -> list[int]:
     return [getattr(signal, name) for name in names if hasattr(signal, name)]
 
 
-def _end(number: int, _: FrameType | None) -> None:
-    global _is_interrupted
-    _is_interrupted = number == signal.SIGINT
+def _end(number: int, frame: FrameType | None) -> None:
+    global _is_due, _raised
+    while frame is not None and number == signal.SIGINT:
+        if frame.f_code.co_filename.startswith(_IMPORTS):
+            _repeat(number)
+            return
+        frame = frame.f_back
+    _is_due, _raised = False, number
+    raise KeyboardInterrupt if number == signal.SIGINT else SystemExit(_SIGNALLED + number)
 
-    def repeat(raised: "UnraisableHookArgs", /) -> None:  # others are of objects left incomplete
-        if issubclass(raised.exc_type, KeyboardInterrupt | SystemExit):
-            repeat_unless(number, lambda: False, _AGAIN_S)
 
-    sys.unraisablehook = repeat  # as in a destructor, where Python cannot raise it
-    raise KeyboardInterrupt if _is_interrupted else SystemExit(_SIGNALLED + number)
+def _repeat(number: int) -> None:
+    global _is_due
+    _is_due = _is_due or number == signal.SIGINT
+    repeat_unless(number, lambda: False, _AGAIN_S)
+
+
+def _repeat_or_report(raised: "UnraisableHookArgs", /) -> None:
+    """Repeat the signal by which an exception was raised, if it was by one; report others, but not those of
+    objects that an interrupt left incomplete."""
+    if _raised and issubclass(raised.exc_type, KeyboardInterrupt | SystemExit):
+        _repeat(_raised)
+    elif _raised != signal.SIGINT:
+        sys.__unraisablehook__(raised)
