@@ -156,14 +156,13 @@ WRITES = [
 
 def appears_at_the_end(monkeypatch: pytest.MonkeyPatch, happen) -> None:
     """Call a function when the output is complete, before the rename."""
-    real = Path.is_symlink
+    real = files._finish
 
-    def is_symlink(path: Path) -> bool:
-        if path.name.startswith(files.TEMPORARY):  # it is looked at once, after it has been written
-            happen()
-        return real(path)
+    def finish(*arguments) -> None:
+        real(*arguments)
+        happen()
 
-    monkeypatch.setattr(Path, "is_symlink", is_symlink)
+    monkeypatch.setattr(files, "_finish", finish)
 
 
 @pytest.mark.parametrize(
