@@ -211,7 +211,7 @@ def test_others_add_a_function_or_labels(tmp_path: Path, capsys: pytest.CaptureF
     assert float(theirs[-1]) < 0.1  # CPU time is that of the row
     with pytest.raises(SystemExit):
         benchmark.main([str(folder), "--only", "trakcer", "--processes", "1"])
-    assert "no method is tracker," in capsys.readouterr().err
+    assert "no method is tracker;" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

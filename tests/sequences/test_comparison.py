@@ -26,7 +26,7 @@ UP_M = 0.02
 
 @pytest.fixture(scope="module")
 def simulated():
-    return simulate(Scenario(tuple(Phase(Contact(name), 3.5) for name in NAMES), rate_hz=60.0), 5)
+    return simulate(Scenario(tuple(Phase(Contact(name), 3.5) for name in NAMES), rate_hz=60.0), 8)
 
 
 @pytest.fixture(scope="module")
