@@ -189,3 +189,21 @@ def test_a_truth_without_contacts_is_nothing_to_compare_with(tmp_path: Path) -> 
     assert "1 interval of truth in" in done.stderr
     done = run("evaluate", "slider.mcap", cwd=tmp_path)
     assert_one_line_error(done, 1, "its truth names no contact")
+
+
+@pytest.mark.parametrize("count", [50, 150])
+def test_all_poses_are_inspected(tmp_path: Path, count: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also those of the last batch before the noise is chosen: `info` tells a wrong unit by fifty."""
+    poses, path = shipped("paper_experiment")[:count], tmp_path / "a.csv"
+    numbers = np.column_stack([1e-9 * poses.stamp_ns, 1e3 * poses.position_m, poses.quat_xyzw])
+    np.savetxt(path, numbers, "%.9f", ",", header="time [s],x,y,z,qx,qy,qz,qw", comments="")
+    assert "read them by contact-tracker info" in run("info", path).stdout
+    inspected, inspect_poses = list[int](), Tracker.inspect_poses
+
+    def counted(tracker: Tracker, some: Poses) -> None:
+        inspected.append(len(some))
+        inspect_poses(tracker, some)
+
+    monkeypatch.setattr(Tracker, "inspect_poses", counted)
+    assert run("segment", path, "--unit", "mm").returncode == 0
+    assert sum(inspected) == count

@@ -263,9 +263,9 @@ def test_outputs_contain_the_joint() -> None:
     rows = StringIO(newline="")
     with open_text(".csv", rows, "segments", lambda: 0) as append:
         append(found.segments)
-    header, row = rows.getvalue().splitlines()[:2]
+    header, *lines = rows.getvalue().splitlines()
     assert ",joint,decided," in header
-    assert '""kind"": ""hinge""' in row
+    assert any('""kind"": ""hinge""' in line for line in lines)
 
 
 def test_parameters_of_frames_are_numbered_once() -> None:

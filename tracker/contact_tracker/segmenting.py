@@ -144,6 +144,7 @@ class OfflineTracker:
                 part = some[used : used + BATCH_POSES]
                 beliefs.append(_in_columns(tracker.add(part, detail), detail))
                 used += len(part)
+            tracker.inspect_added()  # what follows is inspected without the filters
             inspected.append(some[:used])
             count += len(some)
             if used < len(some):

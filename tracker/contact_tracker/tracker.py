@@ -89,7 +89,7 @@ class Tracker:
         The stream may go on, as after a gap.
         """
         beliefs = self._update_filters(Detail.FORMATION)
-        self._inspect()
+        self.inspect_added()
         last = self.filters.finish()
         self.checks = self.checks.finish()
         return [*beliefs, *self._in_doubt(last)]
@@ -108,7 +108,7 @@ class Tracker:
         if isinstance(poses, Pose):
             if not is_valid(poses, self.last_ns):
                 require_valid(Poses.collect([poses]), self.last_ns)
-            self._inspect(BATCH_POSES)
+            self.inspect_added(BATCH_POSES)
             self.last_ns = poses.stamp_ns
             self.uninspected.append(poses)
             self.many += 1
@@ -120,7 +120,7 @@ class Tracker:
         if len(poses):
             require_valid(poses, self.last_ns)
         while len(poses):
-            self._inspect(BATCH_POSES)
+            self.inspect_added(BATCH_POSES)
             room = BATCH_POSES - self.many
             some, poses = poses[:room], poses[room:]
             self.last_ns = int(some.stamp_ns[-1])
@@ -156,8 +156,8 @@ class Tracker:
         possible = self.filters.known_map.allowed
         return [replace(one, probability=mixed_with_uniform(one.probability, possible)) for one in beliefs]
 
-    def _inspect(self, least: int = 1) -> None:
-        """Inspect the poses, which the filters have, if there are at least so many."""
+    def inspect_added(self, least: int = 1) -> None:
+        """Inspect the poses that were added, which the filters have, if there are at least so many."""
         if self.many >= least:
             poses = Poses.join(self.uninspected)
             self.inspect_poses(poses)

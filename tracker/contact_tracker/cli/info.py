@@ -107,6 +107,7 @@ def _reports(sources: "Sequence[SourceSummary]") -> "dict[PoseSource, Report | N
             if used >= share:
                 break
         left -= used
+        tracker.inspect_added()
         found, is_cut_short = tracker.report, first + BATCH_POSES < len(source.beginning)
         reports[source.source] = None if found is None else found._replace(is_cut_short=is_cut_short)
     return reports
