@@ -252,7 +252,7 @@ class _Printer:
                 lines.append(f"{at}plan: {text}")
             if found and (self._suggested_ns is None or belief.stamp_ns >= self._suggested_ns + 10**9):
                 self._suggested_ns = belief.stamp_ns
-                lines.append(f"{at}to decide, {found[0]}")
+                lines += [f"{at}to decide, {motion}" for motion in found]
             for line in lines:
                 self._status.print(line)
         self._status.show(lambda: status_text(belief, origin_ns))
