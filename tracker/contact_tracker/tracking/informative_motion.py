@@ -13,7 +13,6 @@ motion, so that only several directions at once tell the states apart soon.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import permutations
 from math import degrees, radians
 from typing import Any, Final, NamedTuple
 
@@ -98,7 +97,7 @@ def informative_motions(state: FilterState) -> tuple[InformativeMotion, ...]:
     lead_nats = -ambiguity.competing_evidence(state.banks, label, onset, state.ticks - 1).evidence
     motions, named = [], np.zeros((0, 6))
     for rival in belief.inseparable:
-        pairs = permutations((label, rival))
+        pairs = ((label, rival), (rival, label))
         candidates = [one for pair in pairs for one in _between(state, fits, pair, named)]
         ahead_nats = float(min(lead_nats[rival.column], ambiguity.MOST_NATS))
         if ahead_nats > DECISIVE:
