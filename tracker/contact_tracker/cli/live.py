@@ -40,7 +40,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     text = "report the state of S seconds ago, using the poses since then (default: 0)"
     parser.add_argument("--lag", type=arguments.seconds, default=0.0, metavar="S", help=text)
     text = (
-        "say which small motion would decide while the contact is open: a line a second, or "
+        "say which small motions at once would decide while the contact is open: each second, or "
         '"suggestions" in --json'
     )
     parser.add_argument("--suggest", action="store_true", help=text)
