@@ -3,9 +3,11 @@
     python tests/benchmarks/informative_motion.py
 
 A simulated hand keeps an object in contact and moves it, a second for each move, along the freedom that the
-contact leaves: at first for three seconds to and fro in one direction, which leaves the contact open, then by
-the suggestion of most expected evidence, as far as the contact allows it; in random directions; or, as a
-robot is jogged, along or about a random one of its axes (``random axis``). All go up to 15 deg and 26 mm.
+contact leaves: at first for three seconds to and fro in one direction, which leaves the contact open, then
+along all suggestions at once, as far as the contact allows them; for comparison, along all directions that
+the true contact leaves, which no tracker knows (``all at once``); to and fro in a random direction of all of
+these; or, as a robot is jogged, along or about a random one of its axes (``random axis``). All go up to
+15 deg and 26 mm from where a move begins, at the same greatest speed.
 Motion capture at 100 Hz, 0.3 mm and 0.15 deg. A contact is decided once the label is right and the motion
 leaves no other state open. The table has the median and the mean of the times until then (``decided``; 20 s
 where it never is), and until the label is right with a probability above 0.9.
@@ -17,6 +19,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import null_space
 
 from contact_tracker.config.loading import load_model
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
@@ -39,7 +42,9 @@ RATE_HZ: Final = 100
 FIRST_S, LONGEST_S = 3, 20
 TOUCHING: Final = 1e-12
 """Elements whose residuals are smaller touch."""
-STRATEGIES: Final = ("suggested", "random", "random axis")
+ALIKE: Final = 0.3
+"""Size, relative to a whole move, below which what a suggestion adds to the others is left out."""
+STRATEGIES: Final = ("suggested", "all at once", "random", "random axis")
 COLUMNS: Final = (
     *("contact", "runs"),
     *(f"{one}: {time}, s" for one in STRATEGIES for time in ("decided", "0.9")),
@@ -99,27 +104,42 @@ class Held(NamedTuple):
         return np.asarray(free * (SHIFT_M / length if length > 0.05 * np.linalg.norm(twist) else 0.0))
 
 
-def poses_of(held: Held, twist: Array, begin_s: float, rng: np.random.Generator) -> Iterator[Pose]:
-    """The measured poses of a move to and fro within a second, with tremor."""
+def poses_of(held: Held, twists: Array, begin_s: float, rng: np.random.Generator) -> Iterator[Pose]:
+    """The measured poses of a move of a second along twists (n, 6), with tremor: to and fro along one; along
+    several at once, at different frequencies and mixed at random, as fast and as far at most."""
     time_s = np.arange(RATE_HZ) / RATE_HZ
-    share = 0.5 - 0.5 * np.cos(2.0 * np.pi * time_s) + 0.03 * np.sin(2.0 * np.pi * 9.0 * time_s)
-    for at_s, part in zip(begin_s + time_s, share, strict=True):
-        one = held.moved(part * twist)
+    waves = [wave(2.0 * np.pi * k * time_s) / (2.0 * k) for k in (1, 2, 3) for wave in (_rise, np.sin)]
+    mixed = np.linalg.qr(rng.normal(size=(len(twists),) * 2))[0] @ twists if len(twists) > 1 else twists
+    path = np.transpose(waves[: len(twists)]) @ mixed
+    fastest = _longest(np.diff(path, axis=0, append=0.0)) * RATE_HZ / np.pi
+    mixed, path = (array * (SHIFT_M / max(_longest(path), fastest)) for array in (mixed, path))
+    tremor = 0.03 * np.sin(2.0 * np.pi * 9.0 * time_s)[:, None] * mixed.sum(axis=0)
+    for at_s, twist in zip(begin_s + time_s, path + tremor, strict=True):
+        one = held.moved(twist)
         turned = product(one.quat_xyzw, from_rotation_vectors(rng.normal(0.0, np.radians(0.15), 3)))
         position_m = one.position_m + rng.normal(0.0, 3e-4, 3)
         yield Pose(round(at_s * 1e9), tuple(position_m.tolist()), tuple(turned.tolist()))
 
 
-def suggested(found: tuple[InformativeMotion, ...], held: Held) -> Array | None:
-    """The twist of the first suggestion that the contact does not forbid altogether."""
-    for one in found:
-        arm = held.position_m - one.point_world_m
-        turn = matrices(from_rotation_vectors(one.turn_world_rad))
-        shift = one.shift_world_m + turn @ arm - arm
-        twist = held.allowed(np.concatenate([one.turn_body_rad * LEVER_M, shift]))
-        if twist.any():
-            return twist
-    return None
+def _rise(phase_rad: Array) -> Array:
+    return np.asarray(1.0 - np.cos(phase_rad))
+
+
+def _longest(twists: Array) -> float:
+    """The largest turn, times ``LEVER_M``, or shift of twists (n, 6)."""
+    return float(np.linalg.norm(twists.reshape(-1, 2, 3), axis=2).max())
+
+
+def suggested(motions: tuple[InformativeMotion, ...], held: Held) -> Array:
+    """The directions (n, 6) of the suggestions, as far as the contact allows them."""
+    twists = [np.zeros(6)]
+    for motion in motions:
+        arm = held.position_m - motion.point_world_m
+        turn = matrices(from_rotation_vectors(motion.turn_world_rad))
+        shift = motion.shift_world_m + turn @ arm - arm
+        twists.append(held.allowed(np.concatenate([motion.turn_body_rad * LEVER_M, shift])))
+    _, sizes, directions = np.linalg.svd(np.array(twists) / SHIFT_M, full_matrices=False)
+    return np.asarray(directions[sizes > ALIKE])
 
 
 def random_twist(held: Held, strategy: str, rng: np.random.Generator) -> Array:
@@ -131,6 +151,17 @@ def random_twist(held: Held, strategy: str, rng: np.random.Generator) -> Array:
     return held.allowed(rng.normal(size=6))
 
 
+def next_move(held: Held, strategy: str, tracker: Tracker, rng: np.random.Generator) -> Array:
+    """The twists (n, 6) of the next second."""
+    if strategy == "all at once":
+        return np.asarray(null_space(held.jacobian()).T)
+    if strategy == "suggested" and tracker.best is not None:
+        asked = suggested(informative_motions(tracker.best), held)
+        if len(asked):
+            return asked
+    return random_twist(held, strategy, rng)[None]
+
+
 def run(name: str, strategy: str, seed: int) -> tuple[float, float]:
     """Seconds after the first three until the contact is decided, and until its probability is above 0.9;
     ``LONGEST_S`` if it never is."""
@@ -139,13 +170,8 @@ def run(name: str, strategy: str, seed: int) -> tuple[float, float]:
     held, tracker, gate = Held.of(model, rng), Tracker.start(load_model()), PoseGate()
     first, times_s = held.allowed(rng.normal(size=6)), [float(LONGEST_S)] * 2
     for second in range(FIRST_S + LONGEST_S):
-        twist = first
-        if second >= FIRST_S:
-            best = tracker.best
-            found = () if best is None or strategy != "suggested" else informative_motions(best)
-            asked = suggested(found, held)
-            twist = random_twist(held, strategy, rng) if asked is None else asked
-        for pose in poses_of(held, twist, float(second), rng):
+        twists = first[None] if second < FIRST_S else next_move(held, strategy, tracker, rng)
+        for pose in poses_of(held, twists, float(second), rng):
             for belief in tracker.update(gate.arrive(pose)):
                 after_s = pose.stamp_ns * 1e-9 - FIRST_S
                 if second < FIRST_S or belief.contact is not model.contact:

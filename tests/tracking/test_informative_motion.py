@@ -29,7 +29,7 @@ def held_in(contact: Contact, seconds: int, origin_m: np.ndarray) -> tuple[Held,
     filter_ = PoseFilter(MODEL)
     twist = held.allowed(np.random.default_rng(1).normal(size=6))
     for second in range(seconds):
-        for pose in poses_of(held, twist, float(second), rng):
+        for pose in poses_of(held, twist[None], float(second), rng):
             moved = pose._replace(position_m=tuple((np.array(pose.position_m) + origin_m).tolist()))
             filter_.update(moved)
     return held, filter_
@@ -45,6 +45,7 @@ def test_each_motion_is_between_the_label_and_a_rival_and_the_same_in_both_frame
     assert found
     evidence = [one.evidence_nats for one in found]
     assert evidence == sorted(evidence, reverse=True)
+    twists = []
     for one in found:
         assert {one.allowed_by, one.forbidden_by} <= {belief.contact, *belief.inseparable}
         assert belief.contact in (one.allowed_by, one.forbidden_by)
@@ -55,6 +56,12 @@ def test_each_motion_is_between_the_label_and_a_rival_and_the_same_in_both_frame
         assert apart <= 0.1 * np.linalg.norm(one.turn_world_rad)  # the newest tick is a little earlier
         point_m = pose.apply(one.point_body_m) + held.position_m + origin_m
         np.testing.assert_allclose(point_m, one.point_world_m, atol=0.02)
+        arm = pose.apply(-one.point_body_m)
+        shift_m = one.shift_world_m + Rotation.from_rotvec(one.turn_world_rad).apply(arm) - arm
+        twists.append([*one.turn_body_rad * LEVER_M, *shift_m])
+    # none repeats the direction of others
+    sizes = np.linalg.svd(np.array(twists) / np.linalg.norm(twists, axis=1)[:, None])[1]
+    assert (sizes > 0.5).all()
 
 
 def test_a_described_motion_is_the_finite_motion() -> None:
@@ -75,10 +82,10 @@ def test_following_the_suggestions_decides() -> None:
     rng = np.random.default_rng(4)
     held, filter_ = held_in(Contact.EF, 4, np.zeros(3))
     for second in range(4, 12):
-        twist = suggested(informative_motions(filter_.state), held)
-        if twist is None:
+        twists = suggested(informative_motions(filter_.state), held)
+        if not len(twists):
             break
-        for pose in poses_of(held, twist, float(second), rng):
+        for pose in poses_of(held, twists, float(second), rng):
             filter_.update(pose)
     belief = filter_.state.belief
     assert (belief.contact, belief.inseparable, informative_motions(filter_.state)) == (Contact.EF, (), ())
@@ -88,7 +95,9 @@ def test_live_and_python_suggest(tmp_path) -> None:
     held, _ = held_in(Contact.EF, 0, np.zeros(3))
     rng = np.random.default_rng(4)
     twist = held.allowed(np.random.default_rng(1).normal(size=6))
-    poses = Poses.collect([pose for second in range(3) for pose in poses_of(held, twist, float(second), rng)])
+    poses = Poses.collect(
+        [pose for second in range(3) for pose in poses_of(held, twist[None], float(second), rng)]
+    )
     tracker = contact_tracker.Tracker()
     rows = ["time,x,y,z,qx,qy,qz,qw"]
     for stamp_ns, position, quat in zip(poses.stamp_ns, poses.position_m, poses.quat_xyzw, strict=True):

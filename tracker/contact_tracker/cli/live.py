@@ -40,7 +40,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     text = "report the state of S seconds ago, using the poses since then (default: 0)"
     parser.add_argument("--lag", type=arguments.seconds, default=0.0, metavar="S", help=text)
     text = (
-        "say which small motion would decide while the contact is open: a line a second, or "
+        "say which small motions at once would decide while the contact is open: each second, or "
         '"suggestions" in --json'
     )
     parser.add_argument("--suggest", action="store_true", help=text)
@@ -252,7 +252,7 @@ class _Printer:
                 lines.append(f"{at}plan: {text}")
             if found and (self._suggested_ns is None or belief.stamp_ns >= self._suggested_ns + 10**9):
                 self._suggested_ns = belief.stamp_ns
-                lines.append(f"{at}to decide, {found[0]}")
+                lines += [f"{at}to decide, {motion}" for motion in found]
             for line in lines:
                 self._status.print(line)
         self._status.show(lambda: status_text(belief, origin_ns))

@@ -6,11 +6,13 @@ and what is not known of that fit's geometry: 1/2 r' (G P G' + N)^-1 r, with the
 motion, their slopes G (K, S) by the geometry, its covariance P (S, S) and the noise N. Where the label's
 evidence is ahead and a state is open only since the motion has not used all directions that the label leaves
 (T24), the motion is one that uses the direction that was used least; its evidence is the label's lead.
+
+Each motion is across those for the states before it: a contact that has just begun may explain any single
+motion, so that only several directions at once tell the states apart soon.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from itertools import permutations
+from dataclasses import dataclass
 from math import degrees, radians
 from typing import Any, Final, NamedTuple
 
@@ -84,8 +86,8 @@ class InformativeMotion:
 
 
 def informative_motions(state: FilterState) -> tuple[InformativeMotion, ...]:
-    """The most informative motion for each state that the motion does not distinguish from the label, the
-    most informative first; without those of which none would show anything."""
+    """The most informative motion for each state that the motion does not distinguish from the label, across
+    the others, the most informative first; without those of which none would show anything more."""
     belief = state.belief
     if belief is None or not belief.inseparable or not len(state.window):
         return ()
@@ -93,16 +95,17 @@ def informative_motions(state: FilterState) -> tuple[InformativeMotion, ...]:
     onset = ambiguity.onset_of(state.banks, state.best_rows, label, state.free_since)
     fits = dict(_fits(state, onset, (label, *belief.inseparable)))
     lead_nats = -ambiguity.competing_evidence(state.banks, label, onset, state.ticks - 1).evidence
-    unused = list(_unused(state, fits, onset, label))
-    found = []
+    motions, named = [], np.zeros((0, 6))
     for rival in belief.inseparable:
-        pairs = permutations((label, rival))
-        some = [one for pair in pairs for one in _between(state, fits, *pair)]
+        pairs = ((label, rival), (rival, label))
+        candidates = [one for pair in pairs for one in _between(state, fits, pair, named)]
         ahead_nats = float(min(lead_nats[rival.column], ambiguity.MOST_NATS))
         if ahead_nats > DECISIVE:
-            some += [replace(one, forbidden_by=rival, evidence_nats=ahead_nats) for one in unused]
-        found += sorted(some, key=lambda one: -one.evidence_nats)[:1]
-    return tuple(sorted(found, key=lambda one: -one.evidence_nats))
+            candidates += _unused(state, fits, onset, (label, rival), named, ahead_nats)
+        for motion, twist in sorted(candidates, key=lambda one: -one[0].evidence_nats)[:1]:
+            motions.append(motion)
+            named = np.concatenate([named, [twist / np.linalg.norm(twist)]])
+    return tuple(sorted(motions, key=lambda one: -one.evidence_nats))
 
 
 class _Fit(NamedTuple):
@@ -149,41 +152,53 @@ def _fits(state: FilterState, onset: int, contacts: tuple[Contact, ...]) -> Iter
 
 
 def _between(
-    state: FilterState, fits: dict[Contact, _Fit], allowed_by: Contact, forbidden_by: Contact
-) -> Iterator[InformativeMotion]:
-    """The motion along the constraints of one contact that violates the other one most."""
+    state: FilterState, fits: dict[Contact, _Fit], pair: tuple[Contact, Contact], named: Array
+) -> Iterator[tuple[InformativeMotion, Array]]:
+    """The motion along the constraints of the first contact that violates the second one most, across the
+    twists (n, 6) that are ``named`` already; and its twist."""
+    allowed_by, forbidden_by = pair
     forbids, allows = fits.get(forbidden_by), fits.get(allowed_by)
     if forbids is None or (allows is None and allowed_by is not Contact.FREE):
         return
     zeta = state.window.zeta[-1]
     jacobian = forbids.jacobian(zeta)
     kept = np.zeros((1, 6)) if allows is None else allows.jacobian(zeta)
-    free = null_space(kept)
+    free = null_space(np.concatenate([kept, named]))
+    if not free.size:
+        return
     root = np.linalg.cholesky(forbids.precision(zeta))
     twist = free @ np.linalg.svd(root.T @ jacobian @ free)[2][0]
     both = (_reached(zeta, sign * _within_limits(twist), allows) for sign in (1.0, -1.0))
     moved, twist = max(both, key=lambda one: _evidence(forbids, one[0]))
     evidence_nats = _evidence(forbids, moved)
     if evidence_nats > DECISIVE:
-        yield _described(state, zeta, twist, (allowed_by, forbidden_by), evidence_nats)
+        yield _described(state, zeta, twist, pair, evidence_nats), twist
 
 
 def _unused(
-    state: FilterState, fits: dict[Contact, _Fit], onset: int, label: Contact
-) -> Iterator[InformativeMotion]:
-    """The motion in the direction that the label leaves free and that was used least since its onset."""
+    state: FilterState,
+    fits: dict[Contact, _Fit],
+    onset: int,
+    pair: tuple[Contact, Contact],
+    named: Array,
+    evidence_nats: float,
+) -> Iterator[tuple[InformativeMotion, Array]]:
+    """The motion in the direction that the label, first of the ``pair``, leaves free and that was used least
+    since its onset, across the twists (n, 6) that are ``named`` already; and its twist."""
     window = state.window.since(onset)
-    fit = fits.get(label)
+    fit = fits.get(pair[0])
     if fit is None or len(window) <= STRIDE_TICKS:
         return
     used, zeta = twist_power(window), state.window.zeta[-1]
-    free = null_space(fit.jacobian(zeta))
+    free = null_space(np.concatenate([fit.jacobian(zeta), named]))
+    if not free.size:
+        return
     turn, shift = zeta[R].reshape(3, 3) @ free[:3], free[3:]
     at_centre = shift - np.cross(turn.T / LEVER_M, zeta[T] - used.centre_m).T
     twists = np.concatenate([at_centre, turn])
     power = twists.T @ (used.power * np.outer(LEVERS_M, LEVERS_M)) @ twists
     _, twist = _reached(zeta, _within_limits(free @ np.linalg.eigh(power)[1][:, 0]), fit)
-    yield _described(state, zeta, twist, (label, label), 0.0)
+    yield _described(state, zeta, twist, pair, evidence_nats), twist
 
 
 def _within_limits(twist: Array) -> Array:

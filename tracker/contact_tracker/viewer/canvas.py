@@ -66,7 +66,7 @@ _LEGEND: Final = """\
 - **white, round**: the object's element; a wheel is a face, a rod an edge, a ball a vertex
 - **coloured, square**: what it touches, in the colour of the contact; a sheet, a bar, a cube
 - **faint, with an outline**: what is known so far, named under the pointer: bodies, and what was touched
-- **grey arrow**: `live --suggest`, the small motion that would decide: along it, or about it by the arc
+- **grey arrow**: `live --suggest`, the most informative small motion: along it, or about it by the arc
 - **translucent**: two standard deviations; **a thin needle**: not known along it
 - **e-f 0.97 or v-f**: the object's edge on a face, its probability; the motion does not tell v-f from it
 """
