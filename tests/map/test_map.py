@@ -287,24 +287,27 @@ def test_a_new_vertex_may_be_on_an_edge_or_in_a_face_of_the_map() -> None:
     world = GrowingMap(REACH_M).insert(seen(Contact.EF, (EDGE, TABLE), 0))
     known, share = world.whole, 0.25
     view = known.with_incident_vertices(share, REACH_M)
-    change = np.random.default_rng(3).multivariate_normal(
-        np.zeros(len(known.covariance)), known.covariance, 20000
-    )
+    rng = np.random.default_rng(3)
+    change = rng.multivariate_normal(np.zeros(len(known.covariance)), known.covariance, 20000)
     change *= 0.01  # small ones, for which both are linear
     for side, kind in ((0, "e"), (1, "f")):
         (key,) = (one for one in known.elements if one[0] == side)
         (vertex,) = (one for one in view.elements if one[0] == side and one not in known.elements)
-        at = view.elements[vertex].place_m
-        feet = np.array([known.elements[key].moved(row[known.slots[key]]).foot[0] - at for row in change])
+        moved = [known.elements[key].moved(row[known.slots[key]]) for row in change]
+        direction = np.array([one.direction for one in moved])
+        beside = REACH_M * rng.standard_normal(direction.shape)
+        along = direction * (beside * direction).sum(axis=1, keepdims=True)
+        point = np.array([one.foot[0] for one in moved]) + (along if kind == "e" else beside - along)
+        held = np.outer(known.elements[key].direction, known.elements[key].direction)
+        held = np.eye(3) - held if kind == "e" else held
+        from_foot = (point - view.elements[vertex].place_m) @ held
         free = view.covariance[view.slots[vertex], view.slots[vertex]]
-        along = np.outer(known.elements[key].direction, known.elements[key].direction)
-        by_reach = along if kind == "e" else np.eye(3) - along
-        whole = 1e4 * np.cov(feet.T) + REACH_M**2 * by_reach
-        np.testing.assert_allclose(
-            free, whole, rtol=0.05, atol=0.05 * np.abs(free - REACH_M**2 * by_reach).max()
-        )
-        cross = 1e4 * feet.T @ change / len(change)
-        found = view.covariance[view.slots[vertex], : len(known.covariance)]
+        whole = 1e4 * np.cov(from_foot.T)
+        np.testing.assert_allclose(held @ free @ held, whole, atol=0.05 * np.abs(whole).max())
+        open_m2 = (np.eye(3) - held) @ (free - REACH_M**2 * np.eye(3)) @ (np.eye(3) - held)
+        np.testing.assert_allclose(open_m2, 0.0, atol=0.05 * REACH_M**2)
+        cross = 1e4 * from_foot.T @ change / len(change)
+        found = held @ view.covariance[view.slots[vertex], : len(known.covariance)]
         np.testing.assert_allclose(cross, found, atol=0.05 * np.abs(found).max())
         p_new, p_there = (dict(view.choices(side, "v"))[one] for one in (None, vertex))
         ((_, p_before),) = known.choices(side, "v")

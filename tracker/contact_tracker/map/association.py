@@ -20,7 +20,7 @@ from scipy.special import gammaln
 
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel, face_face
 from contact_tracker.geometry.elements import Array, Element, Line, Pair, Plane, Point, nearest
-from contact_tracker.geometry.linalg import EYE
+from contact_tracker.geometry.linalg import EYE, sphere_tangent
 from contact_tracker.hmm import log_sum_exp
 from contact_tracker.map.elements import (
     SHIFTS,
@@ -289,7 +289,12 @@ class MapView:
             elements[side, ~number], slots[side, ~number] = MapElement.of(Point(foot_m)), slice(end, end + 3)
             by_known.append(np.zeros((3, len(self.covariance))))
             by_known[-1][:, self.slots[side, number]] = by_free
-            free.append(reach_m**2 * (along if one.kind == "e" else EYE - along))
+            rows, across = self.slots[side, number], sphere_tangent(one.direction)
+            turns = self.covariance[rows, rows][:2, :2]  # they move what is away from the foot
+            if one.kind == "e":
+                free.append(reach_m**2 * (along + across @ turns @ across.T))
+            else:
+                free.append(reach_m**2 * (EYE - along + turns.trace() * along))
             end += 3
         onto = np.concatenate(by_known)
         covariance = onto @ self.covariance @ onto.T + block_diag(*free)
