@@ -212,11 +212,31 @@ def test_a_ball_joint_needs_no_second_turn_that_moves_far(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_a_turn_and_a_slide_of_their_own_are_no_screw(seed: int) -> None:
+@pytest.mark.parametrize(
+    ("turn_rad", "slide_m", "arm_m"), [(0.4, 0.03, 0.1), (0.04, 0.03, 0.3), (0.2, 0.03, 1.0)]
+)
+def test_a_turn_and_a_slide_of_their_own_are_no_joint(
+    turn_rad: float, slide_m: float, arm_m: float, seed: int
+) -> None:
     rng = np.random.default_rng(seed)
     turn, slide = band_limited(rng, np.arange(2000) / 200.0, 2, 1.0).T[:, :, None] * [0.0, 0.0, 1.0]
-    found = joint_of_ticks(ticks_of(Rotation.from_rotvec(0.4 * turn), 0.03 * slide, 0.1, rng))
+    found = joint_of_ticks(ticks_of(Rotation.from_rotvec(turn_rad * turn), slide_m * slide, arm_m, rng))
     assert found is None
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("turn_rad", "is_sure"), [(0.02, False), (0.4, True)])
+def test_a_shift_along_the_axis_shows_a_screw_over_a_wide_swing_alone(
+    turn_rad: float, is_sure: bool, seed: int
+) -> None:
+    """Over a small one the play of a hinge follows the angle as a pitch does: 1 mm at 0.02 rad."""
+    rng = np.random.default_rng(seed)
+    angle = turn_rad * band_limited(rng, np.arange(2000) / 200.0, 1, 1.0) * [0.0, 0.0, 1.0]
+    found = joint_of_ticks(ticks_of(Rotation.from_rotvec(angle), 0.05 * angle, 0.3, rng))
+    assert found is not None
+    assert found.model.kind in (JointKind.HINGE, JointKind.SCREW)
+    assert (found.log_odds > 5.0) is is_sure
+    assert is_sure or found.log_odds < 1.0
 
 
 @pytest.mark.parametrize("seed", range(3))

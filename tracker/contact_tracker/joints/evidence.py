@@ -17,9 +17,9 @@ from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.hypotheses.observability import added_covariance, representatives
 from contact_tracker.joints.misfit import JITTER, MOST_PLAY, course_functions, misfit_log_likelihood
 from contact_tracker.joints.models import (
-    ANGLE,
     BODY_POINT,
     BODY_TURN,
+    CYLINDER,
     JOINT_MODELS,
     PITCH,
     S_Z,
@@ -89,16 +89,15 @@ def find_joint(
     fits = [_fit(model, window, scales) for model in JOINT_MODELS if model.kind.constraints >= constraints]
     free = min((_against_free(one.residual, window, scales)[2] for one in fits), default=np.inf)
     fitted = [_evident(one, window, scales, free) for one in fits]
-    if errors.are_given:
-        fitted = _with_shifted_hinge(fitted, window, scales, errors)
+    fitted = _with_shifted_hinge(fitted, window, scales, errors)
     best = max(fitted, key=lambda one: one.log_evidence, default=None)
     if best is None or best.log_evidence <= SURE_NATS:
         return None
     along = max((one for one in fitted if one.course is not None), key=lambda one: one.log_evidence)
-    if best.model is along.model and _is_cylindrical(along, window, scales, free):
-        return None
     course = along.course if used == 1 else None
-    rivals = [0.0, *(contact_evidence(one, window, scales, course, free) for one in contacts)]
+    cylinder = _evident(_fit(CYLINDER, window, scales), window, scales, free)
+    rivals = [0.0, cylinder.log_evidence]
+    rivals += [contact_evidence(one, window, scales, course, free) for one in contacts]
     if best.log_evidence - max(rivals) <= SURE_NATS:
         return None
     rivals += [one.log_evidence for one in fitted if one is not best]
@@ -118,17 +117,6 @@ def _fit(model: JointModel, window: Window, scales: EvidenceParameters) -> Fitte
     if model.has_play:
         course = scales.innovations(course_functions(model.travelled(frames, window.zeta)))
     return FittedJoint(model, frames, residual, play, course)
-
-
-def _is_cylindrical(fit: FittedJoint, window: Window, scales: EvidenceParameters, free: float) -> bool:
-    """Whether an object rather turns about and slides along an axis than moves in this joint.
-
-    If the evidence is against the constraint between both, there is none.
-    """
-    across = [row not in (S_Z, ANGLE) for row in fit.model.rows]
-    without = Residual(*(part[:, across] for part in fit.residual))
-    loose, tight = (_log_ratio(one, window, scales, fit.course, free) for one in (without, fit.residual))
-    return scales.likelihood_exponent * (loose - tight) > SURE_NATS
 
 
 def _evident(fit: FittedJoint, window: Window, scales: EvidenceParameters, free: float) -> FittedJoint:
@@ -165,22 +153,44 @@ def _with_systematic_errors(
 def _with_shifted_hinge(
     fitted: Sequence[FittedJoint], window: Window, scales: EvidenceParameters, errors: SystematicErrors
 ) -> list[FittedJoint]:
-    """The joints, with a hinge that explains as much as the screw, up to what the systematic errors leave of
-    its pitch (T45).
+    """The joints, with a hinge that explains as much as the screw, up to what its play (T44) or systematic
+    errors (T45) leave of the pitch.
 
-    Errors that depend on the place shift an object on a hinge along its axis, as a pitch would.
+    A hinge with play shifts along its axis with the angle, over a small swing as a screw does. Errors that
+    depend on the place shift it as well.
     """
     screw = next((one for one in fitted if one.model.kind is JointKind.SCREW), None)
     if screw is None:
         return list(fitted)
-    covariance = _with_systematic_errors(screw, window, scales, errors).covariance
-    sd_m = float(np.sqrt(covariance[-1, -1]))  # the pitch is the last parameter
-    lead = 0.5 * (screw.frames.pitch_m / sd_m) ** 2 - float(np.log(PITCH_M / sd_m))
+    angle, pitch_m = screw.model.travelled(screw.frames, window.zeta), screw.frames.pitch_m
+    angle -= angle.mean()
+    as_play = _log_evidence_of_shift(screw, (np.sin(angle), 1.0 - np.cos(angle)), window, scales)
+    as_pitch = _log_evidence_of_shift(screw, (angle,), window, scales)
+    lead = scales.likelihood_exponent * (as_pitch - as_play)
+    if errors.are_given:
+        covariance = _with_systematic_errors(screw, window, scales, errors).covariance
+        sd_m = float(np.sqrt(covariance[-1, -1]))  # the pitch is the last parameter
+        lead = min(lead, 0.5 * (pitch_m / sd_m) ** 2 - float(np.log(PITCH_M / sd_m)))
     least = screw.log_evidence - lead
     return [
         one._replace(log_evidence=max(one.log_evidence, least)) if one.model.kind is JointKind.HINGE else one
         for one in fitted
     ]
+
+
+def _log_evidence_of_shift(
+    screw: FittedJoint, functions: tuple[Array, ...], window: Window, scales: EvidenceParameters
+) -> float:
+    """Log evidence (nats), against none, that the screw shifts along its axis by these functions (W,) of the
+    angle, each with the amplitude of a pitch."""
+    columns = np.column_stack([np.ones(len(window)), *(PITCH_M * one for one in functions)])
+    value, by_x = screw.residual.value.copy(), np.zeros((*screw.residual.value.shape, columns.shape[1]))
+    value[:, S_Z] += screw.frames.pitch_m * screw.model.travelled(screw.frames, window.zeta)
+    by_x[:, S_Z] = columns
+    shifted_by = screw.residual._replace(value=value, by_x=by_x)
+    hessian, gradient = _whitened(shifted_by, _noise_sd(window), scales, screw.play).normal()
+    hessian += np.eye(len(hessian))
+    return 0.5 * float(gradient @ np.linalg.solve(hessian, gradient) - np.linalg.slogdet(hessian)[1])
 
 
 def _minimise(

@@ -222,3 +222,10 @@ JOINT_MODELS: Final = (
     JointModel(JointKind.BALL, (S_X, S_Y, S_Z), np.array([*BODY_POINT, *WORLD_POINT]), _start_ball),
 )
 """Models in the order of ``JointKind``."""
+CYLINDER: Final = JointModel(
+    JointKind.HINGE,
+    (S_X, S_Y, TILT_X, TILT_Y),
+    np.array([*BODY_POINT[:2], *WORLD_POINT[:2], *_AXES]),
+    _start_hinge,
+)
+"""A turn about and a slide along one axis, each by itself: a rival of all joints, and none itself."""
