@@ -181,7 +181,12 @@ class LeRobot:
         try:
             return np.array(frames[feature].to_pylist(), float).reshape(len(frames), -1)
         except (TypeError, ValueError) as error:
-            raise UnreadableRecording(f"{self.folder}: {feature} has no numbers: {error}") from error
+            fault = (
+                "has missing values"
+                if frames[feature].null_count
+                else "has not as many numbers in each frame"
+            )
+            raise UnreadableRecording(f"{self.folder}: {feature} {fault}") from error
 
     def _trajectory(self, episode: int, file: str) -> Trajectory:
         """The poses of an episode in a file."""
@@ -270,7 +275,8 @@ class LeRobot:
         if not jobs:
             raise UnreadableRecording(f"{self.folder}: there are no frames")
         if wrench is not None:
-            self._wrenches(*jobs[0][1:3], wrench)  # what is wrong with its name is wrong in all episodes
+            with suppress(UnreadableRecording):  # of one episode; name and width are wrong in all of them
+                self._wrenches(*jobs[0][1:3], wrench)
         results = map(_labels_of, jobs) if executor is None else executor.map(_labels_of, jobs)
         with tempfile.TemporaryDirectory(prefix=".contact-tracker-", dir=target.parent) as folder:
             copy = Path(folder) / target.name
