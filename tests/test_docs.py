@@ -143,7 +143,6 @@ def counted_kinds() -> set[str]:
     kinds: set[str] = set()
     for name in (
         "motion/pose_validation.py",
-        "motion/pose_validation.py",
         "motion/excursions.py",
         "recording/log.py",
         "recording/transforms.py",

@@ -229,6 +229,17 @@ def test_forces_of_a_feature_are_the_wrench(simulated, outcome, tmp_path) -> Non
     assert [line.endswith("episode 0: a doubt") for line in lines] == [True]
 
 
+def test_missing_forces_end_nothing_but_their_episode(simulated, tmp_path) -> None:
+    source, lines = write_data_set(tmp_path / "data", [simulated], "v3.0"), []
+    file = source / "data" / "chunk-000" / "file-000.parquet"
+    frames = read_table(file).to_pylist()
+    frames[5]["observation.state"] = None
+    write_table(pyarrow.Table.from_pylist(frames), file)
+    data = LeRobot.open(source)
+    assert data.annotate(tmp_path / "copy", MODEL, report=lines.append, wrench="observation.state[1:7]") == 1
+    assert [line.endswith("observation.state has missing values") for line in lines] == [True]
+
+
 def test_what_cannot_be_read_is_one_line(simulated, tmp_path) -> None:
     folder = write_data_set(tmp_path / "data", [simulated], "v2.1", [f"joint_{k}" for k in range(8)])
     with pytest.raises(UsageError, match=r"--columns position=observation\.state\[0:3\]"):

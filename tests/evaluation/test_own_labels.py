@@ -75,6 +75,7 @@ def test_files_of_labels(tmp_path: Path, kind: str) -> None:
         ("start,end,contact\n0,2\n", "row 2 has 2 values"),
         ("start,end,contact\n100000,100001,free\n", "name their unit, as in start_ms"),
         ("[1", "it is no JSON"),
+        ("0,1.5,f-f\n1.5,2,free\n", "as start,end,contact"),
     ],
 )
 def test_what_is_no_table_of_labels_is_refused(tmp_path: Path, text: str, message: str) -> None:

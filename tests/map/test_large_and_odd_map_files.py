@@ -182,7 +182,6 @@ def test_many_bodies_are_refused_before_all_are_made(
         return polyhedron.convex(*args)
 
     monkeypatch.setattr("contact_tracker.map.file.convex", counting)
-    monkeypatch.setattr("contact_tracker.map.file.convex", counting)
     (tmp_path / "known.toml").write_text("".join(f'{shape}\nname = "{i}"\n' for i in range(1000)))
     with pytest.raises(KnowledgeError, match=refused):
         read_map(str(tmp_path / "known.toml"))

@@ -13,9 +13,10 @@ import pytest
 from pyarrow import parquet
 from scipy.spatial.transform import Rotation
 
-from contact_tracker.cli.main import build_parser
+from contact_tracker import Trajectory
+from contact_tracker.cli.main import build_parser, run
 from contact_tracker.config.table_reading import reading_of
-from contact_tracker.errors import UnreadableRecording
+from contact_tracker.errors import UnreadableRecording, UsageError
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log
 
@@ -124,23 +125,98 @@ def csv(names: str, *values: Any) -> str:
 def test_what_is_proposed_reads_the_poses(tmp_path: Path, name: str, text: Any, at: int) -> None:
     """Of systems with a prefix, of lists in which a pose is somewhere, of matrices by columns: the one of the
     commands that is right for the file."""
-    path = tmp_path / name
+    path = tmp_path / f"take{{1}} {{b}} {name}"
     if name.endswith("npz"):
         np.savez(path, **text)
     elif name.endswith("parquet"):
         parquet.write_table(pyarrow.table({"timestamp": 0.1 * np.arange(9), "state": text}), path)
     else:
         path.write_text(text if isinstance(text, str) else json.dumps(text))
-    with pytest.raises(UnreadableRecording) as raised:
-        open_log(str(path))
-    commands: Sequence[str] = re.findall(
-        r"contact-tracker (segment .*?)(?= or\b|, with|\. Orders|$)", str(raised.value)
-    )
+    commands = proposed(path)
     poses = Poses.collect(
         open_log(str(path), table=build_parser().parse_args(shlex.split(commands[at])).table)
     )
     np.testing.assert_allclose(poses.position_m, PLACE, atol=1e-8)
     np.testing.assert_allclose(np.abs((poses.quat_xyzw * QUAT).sum(axis=1)), 1.0, atol=1e-8)
+
+
+def proposed(path: Path) -> Sequence[str]:
+    """The commands of which one reads a file."""
+    with pytest.raises(UnreadableRecording) as raised:
+        open_log(str(path))
+    return re.findall(r"contact-tracker (segment .*?)(?= or\b|, with|\. Orders|$)", str(raised.value))
+
+
+@pytest.mark.parametrize("lost", [0, 4])
+@pytest.mark.parametrize("value", [0.0, np.nan])
+@pytest.mark.parametrize(("before", "after"), [(0, 0), (0, 6), (7, 0)])
+@pytest.mark.parametrize("ending", ["csv", "npz", "json"])
+def test_a_lost_pose_makes_quaternions_nothing_else(
+    tmp_path: Path, ending: str, before: int, after: int, value: float, lost: int
+) -> None:
+    """Nor does a pose at rest before the one that moves."""
+    rows = np.hstack([PLACE, QUAT])
+    rows[lost] = value
+    table = np.hstack([np.tile([0, 0, 0, 0, 0, 0, 1.0], (9, 1))[:, :before], rows, np.zeros((9, after))])
+    path = tmp_path / f"a.{ending}"
+    if ending == "npz":
+        np.savez(path, s=table)
+    elif ending == "csv":
+        path.write_text(csv(",".join(f"s{i}" for i in range(table.shape[1])), table))
+    else:
+        lists = [[] if np.isnan(value) and i == lost else row for i, row in enumerate(table.tolist())]
+        path.write_text(json.dumps([{"s": row} for row in lists]))
+    span = f"s[{before}:{before + 3}],quaternion=s[{before + 3}:{before + 7}]"
+    assert f"--columns 'position={span}'" in proposed(path)[0]
+
+
+def test_lost_rows_hide_no_matrix_by_columns(tmp_path: Path) -> None:
+    rows = np.where(np.arange(9)[:, None] == 3, np.nan, COLUMNS.reshape(9, 16))
+    np.savez(path := tmp_path / "a.npz", T=rows)
+    assert "--matrix columns" in proposed(path)[0]
+    path = tmp_path / "a.csv"
+    path.write_text(csv("", 0.1 * np.arange(9), np.where(np.arange(9)[:, None] == 3, 0.0, rows)))
+    assert "--matrix columns" in proposed(path)[0]
+
+
+def test_rows_that_are_all_lost_are_quaternions_by_their_number(tmp_path: Path) -> None:
+    np.savez(path := tmp_path / "a.npz", s=np.zeros((9, 7)))
+    assert "--columns 'position=s[0:3],quaternion=s[3:7]'" in proposed(path)[0]
+
+
+def test_the_call_proposed_for_a_table_in_memory_reads_it() -> None:
+    table = dict(
+        zip(["t", *(f"s_{i}" for i in range(6))], [0.1 * np.arange(9), *PLACE.T, *ZYX.T], strict=True)
+    )
+    with pytest.raises(UsageError, match="three angles") as raised:
+        Trajectory.from_dataframe(table)
+    call = re.search(r"Trajectory\.from_dataframe\(.*?\)(?= or|\.|$)", str(raised.value))
+    assert call is not None
+    poses = eval(call[0], {"Trajectory": Trajectory, "table": table}).poses
+    np.testing.assert_allclose(poses.position_m, PLACE, atol=1e-8)
+
+
+def test_columns_are_shown_by_their_own_numbers(tmp_path: Path) -> None:
+    parquet.write_table(
+        pyarrow.table(
+            {"t": np.arange(9.0), "q[3]": PLACE[:, 0], "q[4]": PLACE[:, 0], "s": [[0.0] * 20_000] * 9}
+        ),
+        path := tmp_path / "a.parquet",
+    )
+    with pytest.raises(UnreadableRecording, match=r"among t, q\[3:5\], s\[0:64\], s\[64:20000\]: missing"):
+        open_log(str(path))
+
+
+@pytest.mark.parametrize("scale", [5, 16384])
+def test_scaled_quaternions_are_those_of_a_trajectory(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], scale: float
+) -> None:
+    """Which are refused with the reason, whatever their norm."""
+    path = tmp_path / "scaled.txt"
+    rows = np.round(scale * QUAT)
+    path.write_text(csv("", 0.1 * np.arange(9), PLACE, rows).replace(",", " "))
+    run(["info", str(path)])
+    assert "integers that stand for fractions" in capsys.readouterr().err
 
 
 def test_angles_without_names_are_no_trajectory_of_quaternions(tmp_path: Path) -> None:

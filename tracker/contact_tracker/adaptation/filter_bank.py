@@ -1,4 +1,5 @@
-"""Filters side by side that differ in the noise of a tick, weighed by their evidence.
+"""Filters side by side that differ in the noise of a tick, weighed by their evidence: length of ticks,
+candidates of noise, the bank, and what is reported of it.
 
 The first has the model as given. The others start, from the first pose, once the ratio of the noise of
 position and orientation is estimated. After some motion those far behind are dropped, later all but the best
@@ -8,7 +9,6 @@ position and orientation is estimated. After some motion those far behind are dr
 from collections.abc import Callable, Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
-from functools import reduce
 from math import sqrt
 from typing import Any, Final, NamedTuple, Self
 
@@ -426,9 +426,7 @@ class FilterBank:
     @property
     def outliers(self) -> Outliers:
         """Poses left out of their ticks so far."""
-        return reduce(
-            Outliers.joined, (one.state.outliers for one in self.filters[:1]), self.earlier_outliers
-        )
+        return self.earlier_outliers.joined(self.filters[0].state.outliers if self.filters else NO_OUTLIERS)
 
     def can_wait(self, stamp_ns: int) -> bool:
         """Whether a pose of this time is needed at the end of the tick only, not for the rate."""

@@ -161,19 +161,27 @@ class LeRobot:
                 return file
         raise UsageError(f"{self.folder}: there is no episode {episode}")
 
-    def _wrenches(self, episode: int, file: str, entries: str) -> Wrenches:
-        """The wrenches of an episode in a file."""
+    def _wrench_parts(self, entries: str) -> list[tuple[str, slice]]:
+        """The features of a wrench and which of their numbers it has; raises UsageError."""
         there, parts = self._observations(), [_WRENCH.fullmatch(part) for part in entries.split(",")]
         if not all(match and match[1] in there for match in parts):
             raise UsageError(f"{self.folder}: a wrench is in {', '.join(there) or 'none'}, not in {entries}")
-        frames = self._frames(episode, file, *(match[1] for match in parts if match))
-        numbers = [self._numbers(frames, match[1])[:, _span(match)] for match in parts if match]
-        values = np.concatenate(numbers, axis=1)
-        if values.shape[1] != 6:
+        found = [(match[1], _span(match)) for match in parts if match]
+        many = sum(len(range(self.info["features"][name]["shape"][0])[span]) for name, span in found)
+        if many != 6:
             raise UsageError(
-                f"{self.folder}: {entries} has {values.shape[1]} numbers: a wrench has six, force and "
-                "moment, as observation.state[7:13]"
+                f"{self.folder}: {entries} has {many} numbers: a wrench has six, force and moment, as "
+                "observation.state[7:13]"
             )
+        return found
+
+    def _wrenches(self, episode: int, file: str, entries: str) -> Wrenches:
+        """The wrenches of an episode in a file."""
+        parts = self._wrench_parts(entries)
+        frames = self._frames(episode, file, *(name for name, _ in parts))
+        values = np.concatenate([self._numbers(frames, name)[:, span] for name, span in parts], axis=1)
+        if values.shape[1] != 6:
+            raise UnreadableRecording(f"{self.folder}: {entries} has {values.shape[1]} numbers, not six")
         return Wrenches(_stamp_ns(frames), values[:, :3], values[:, 3:])
 
     def _numbers(self, frames: Any, feature: str) -> NDArray[np.float64]:
@@ -181,7 +189,12 @@ class LeRobot:
         try:
             return np.array(frames[feature].to_pylist(), float).reshape(len(frames), -1)
         except (TypeError, ValueError) as error:
-            raise UnreadableRecording(f"{self.folder}: {feature} has no numbers: {error}") from error
+            fault = (
+                "has missing values"
+                if frames[feature].null_count
+                else "has not as many numbers in each frame"
+            )
+            raise UnreadableRecording(f"{self.folder}: {feature} {fault}") from error
 
     def _trajectory(self, episode: int, file: str) -> Trajectory:
         """The poses of an episode in a file."""
@@ -227,6 +240,8 @@ class LeRobot:
             and str(feature.get("dtype")).startswith("float")
             and isinstance(feature.get("shape"), list)
             and len(feature["shape"]) == 1
+            and isinstance(feature["shape"][0], int)
+            and 0 < feature["shape"][0] < 2**31
         ]
 
     def annotate(
@@ -270,7 +285,7 @@ class LeRobot:
         if not jobs:
             raise UnreadableRecording(f"{self.folder}: there are no frames")
         if wrench is not None:
-            self._wrenches(*jobs[0][1:3], wrench)  # what is wrong with its name is wrong in all episodes
+            self._wrench_parts(wrench)  # what is wrong with its name is wrong in all episodes
         results = map(_labels_of, jobs) if executor is None else executor.map(_labels_of, jobs)
         with tempfile.TemporaryDirectory(prefix=".contact-tracker-", dir=target.parent) as folder:
             copy = Path(folder) / target.name

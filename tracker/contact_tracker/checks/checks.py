@@ -1,4 +1,5 @@
-"""All checks of a stream, in order of precedence."""
+"""The check for a contradiction with the map, by a filter without it, and all checks of a stream in order of
+precedence."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from copy import copy

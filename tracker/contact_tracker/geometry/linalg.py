@@ -1,5 +1,5 @@
 """Vectors of three numbers, many at once; one small matrix by direct calls of LAPACK, whose wrappers take
-several times longer; and the damping of Gauss-Newton steps."""
+several times longer; medians; and the damping of Gauss-Newton steps."""
 
 from typing import Final
 

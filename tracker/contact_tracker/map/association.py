@@ -1,5 +1,6 @@
-"""Data association: sightings of pairs of elements, the map as a new contact may use it, how well the motion
-of a contact agrees with each pair of elements of the map, and how probable new elements are.
+"""Data association: priors of elements incident with known ones, sightings of pairs of elements, the map as a
+new contact may use it, how well the motion of a contact agrees with each pair of elements of the map, and how
+probable new elements are.
 
 On each side, a contact touches a new element with probability a / (N + a) after N contacts, or else a known
 one of its kind, each in proportion to how many have touched it (a Chinese restaurant process). Whether an

@@ -1,5 +1,5 @@
-"""Maps in TOML files (docs/map.md): loading with validation, also from a table of the same keys, and writing
-of what was learned."""
+"""Maps in TOML files (docs/map.md) and tables of the same keys: loading with validation, of meshes in STL and
+OBJ, too, and writing of what was learned."""
 
 import math
 import re

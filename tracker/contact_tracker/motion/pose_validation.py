@@ -291,8 +291,8 @@ def gate(poses: Iterable[Pose], counts: Counter[str] | None = None) -> Poses:
 def counts_text(counts: Mapping[str, int], outliers: Outliers = NO_OUTLIERS, origin_ns: int = 0) -> str:
     """``gap 1, outlier 9 (at 1.25, 3.10, 7.00 s, ...)``: numbers by kind, and the times of the first
     ``outliers`` in seconds after ``origin_ns``."""
-    at_s = ", ".join(f"{1e-9 * (stamp_ns - origin_ns):.2f}" for stamp_ns in outliers.first_ns)
-    more = ", ..." if outliers.total > len(outliers.first_ns) else ""
+    at_s = ", ".join(f"{1e-9 * (stamp_ns - origin_ns):.2f}" for stamp_ns in outliers.first_stamps_ns)
+    more = ", ..." if outliers.total > len(outliers.first_stamps_ns) else ""
     places = {"outlier": f" (at {at_s} s{more})"} if at_s else {}
     return ", ".join(f"{kind} {count}{places.get(kind, '')}" for kind, count in counts.items() if count)
 

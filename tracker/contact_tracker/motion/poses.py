@@ -236,7 +236,7 @@ class Outliers(NamedTuple):
     ``MOST_TOLD``."""
 
     total: int = 0
-    first_ns: tuple[int, ...] = ()
+    first_stamps_ns: tuple[int, ...] = ()
 
     @classmethod
     def at(cls, stamp_ns: NDArray[np.int64]) -> Self:
@@ -247,11 +247,11 @@ class Outliers(NamedTuple):
         """These and later ones."""
         if not later.total:
             return self
-        return Outliers(self.total + later.total, (self.first_ns + later.first_ns)[:MOST_TOLD])
+        return Outliers(self.total + later.total, (self.first_stamps_ns + later.first_stamps_ns)[:MOST_TOLD])
 
     def since(self, before: "Outliers") -> "Outliers":
         """Those that have come since the ones ``before``."""
-        return Outliers(self.total - before.total, self.first_ns[len(before.first_ns) :])
+        return Outliers(self.total - before.total, self.first_stamps_ns[len(before.first_stamps_ns) :])
 
 
 NO_OUTLIERS: Final = Outliers()

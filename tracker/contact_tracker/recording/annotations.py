@@ -232,7 +232,7 @@ def _rows_of_table(path: str, table: Table) -> Iterator[_Row]:
     if len(columns) < 3:
         needed = f"{path}: its columns are {', '.join(names[:12])}: needed are start, end and contact"
         has_names = not any(name.strip(" .-").isdecimal() for name in names)
-        how = ": write the names of the columns above its rows, as start_ms,end_ms,contact"
+        how = ": write the names of the columns above its rows, as start,end,contact"
         raise NoTruth(needed if has_names else needed + how)
     (start, start_ns), (end, end_ns), (label, _) = columns
     for number, row in enumerate(rows, 2):

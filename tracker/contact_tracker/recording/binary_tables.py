@@ -153,6 +153,8 @@ def _leaves(name: str, path: tuple[str | int, ...], kind: Any, first: Any) -> It
         for i in range(min(many, _WIDEST)):
             own = values[i] if i < len(values) else None
             yield from _leaves(f"{name}[{i}]", (*path, i), kind.value_type, own)
+        if many > _WIDEST:
+            yield f"{name}[{_WIDEST}:{many}]", path, kind  # is only told of
     else:
         yield name, path, kind
 

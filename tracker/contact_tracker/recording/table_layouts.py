@@ -483,8 +483,18 @@ def _lacking(
 
 def _listed(names: Sequence[str]) -> str:
     """The first names; those of the values of a list together, as ``qpos[0:14]``."""
+
+    def run(place: int) -> tuple[str, int]:
+        """The list of a value, and the place at which its first would be; of others name and place."""
+        part = _SLICE.fullmatch(names[place])
+        return (
+            (names[place], place)
+            if part is None or not part[1] or part[3]
+            else (part[1], int(part[2]) - place)
+        )
+
     shown = list[str]()
-    for base, own in groupby(names, lambda name: part[1] if (part := _SLICE.fullmatch(name)) else None):
-        run = list(own)
-        shown += run if not base or len(run) < 2 else [f"{base}[0:{len(run)}]"]
+    for (base, begin), group in groupby(range(len(names)), run):
+        first, *more = group
+        shown.append(f"{base}[{begin + first}:{begin + more[-1] + 1}]" if more else names[first])
     return ", ".join(shown[:_SHOWN]) + (", ..." if len(shown) > _SHOWN else "")

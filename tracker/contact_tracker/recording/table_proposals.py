@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from contact_tracker.config.quantities import ANGLE_UNITS
 from contact_tracker.config.table_reading import REST, TIME, TableReading, reading_of
 from contact_tracker.errors import ChoiceError, UnreadableRecording
+from contact_tracker.motion.pose_validation import NORM_TOLERANCE
 from contact_tracker.recording.table_layouts import (
     BY_ROW,
     CAN_BE_GIVEN,
@@ -50,8 +51,6 @@ _UNIT_NORM: Final = 0.002
 """Largest deviation of a quaternion's norm from 1, and of a matrix from a rotation, in rounded values."""
 FIRST_ROWS: Final = 64
 """Rows whose values may be looked at."""
-_LONGEST_QUATERNION: Final = 4.0
-"""Norm of what is taken for a quaternion, and then refused with its norm; angles in degrees have more."""
 _UR: Final = "actual_TCP_pose"
 _UR_POSE: Final = f"position={_UR}[0:3],rotation={_UR}[3:6]"
 _TWICE: Final = "a position and a quaternion"
@@ -165,10 +164,10 @@ def _meanings(rows: Sequence[Sequence[str]]) -> list[TableReading]:
         return []
     for count in (16, 12):
         for begin in range(width - count + 1):
-            matrices = row[:, begin : begin + count].reshape(-1, count // 4, 4)
+            matrices = _present(row[:, begin : begin + count]).reshape(-1, count // 4, 4)
             turned = {"rows": matrices, "columns": matrices.transpose(0, 2, 1)}
             for order in turned if count == 16 else ("rows",):
-                if _are_rotations(turned[order][:, :3, :3]):
+                if _are_rotations(turned[order][:, :3, :3]) and not turned[order][:, 3:, :3].any():
                     return [meaning(begin, {"matrix": order}, matrix=count)]
     if (first := _begin_of_pose(row)) is not None:
         return [meaning(first, {}, position=3, quaternion=4)]
@@ -178,23 +177,39 @@ def _meanings(rows: Sequence[Sequence[str]]) -> list[TableReading]:
 
 
 def may_end_with_quaternions(rows: Sequence[Sequence[str]]) -> bool:
-    """Whether the last four values of most rows may be a quaternion, unlike angles in degrees."""
-    last = np.array([numbers(row[-4:]) for row in rows if len(row) >= 4])
-    return bool(2 * np.count_nonzero(np.linalg.norm(last, axis=1) > _LONGEST_QUATERNION) <= len(last))
+    """Whether the last four values of most rows have one norm, as quaternions have with any scale; angles
+    that change have not."""
+    last = _present(np.array([numbers(row[-4:]) for row in rows if len(row) >= 4]).reshape(-1, 4))
+    if not len(last):
+        return True
+    norms = np.linalg.norm(last, axis=1)
+    rounding = 1.0 if (last == np.rint(last)).all() else 0.0  # of four integers by a half each
+    is_near = np.abs(norms - np.median(norms)) <= NORM_TOLERANCE * np.median(norms) + rounding
+    return bool(2 * np.count_nonzero(is_near) >= len(norms))
 
 
 def _begin_of_pose(rows: Array) -> int | None:
-    """The first place in rows (N, k) at which a position and a unit quaternion may begin."""
+    """The first place in rows (N, k) at which a position and a unit quaternion may begin; one at which they
+    change, if there is any."""
+    constant = None
     for begin in range(rows.shape[1] - len(POSE_ROLES) + 1):
-        norms = np.linalg.norm(rows[:, begin + 3 : begin + 7], axis=1)
-        if len(rows) and (np.abs(norms - 1.0) < _UNIT_NORM).all():
-            return begin
-    return None
+        poses = _present(rows[:, begin : begin + len(POSE_ROLES)])
+        norms = np.linalg.norm(poses[:, 3:], axis=1)
+        if len(poses) and (np.abs(norms - 1.0) < _UNIT_NORM).all():
+            if (poses != poses[0]).any():
+                return begin
+            constant = begin if constant is None else constant
+    return constant
+
+
+def _present(rows: Array) -> Array:
+    """The rows of poses that are not lost: they are finite, and the last four values are not all zero."""
+    return rows[np.isfinite(rows).all(axis=1) & rows[:, -4:].any(axis=1)]
 
 
 def _are_rotations(matrices: Array) -> bool:
     errors = np.abs(matrices @ matrices.transpose(0, 2, 1) - np.eye(3))
-    return bool((errors < _UNIT_NORM).all() and (np.linalg.det(matrices) > 0).all())
+    return bool(len(errors) and (errors < _UNIT_NORM).all() and (np.linalg.det(matrices) > 0).all())
 
 
 def _proposal(columns: Columns, reading: TableReading, path: str, rows: Rows) -> str | None:
@@ -210,8 +225,10 @@ def _proposal(columns: Columns, reading: TableReading, path: str, rows: Rows) ->
     fault = _fault(columns, reading)
     if fault is None:
         return f"{about_time}: read them by {reading.command(path)}{about_rate}"
-    if isinstance(fault, OpenReading) and (text := _open_rotation(fault, columns, reading, path, rows)):
-        return text.format(about_rate)
+    if isinstance(fault, OpenReading) and (
+        text := _open_rotation(fault, columns, reading, path, rows, about_rate)
+    ):
+        return text
     matches = [pattern.fullmatch(name) for name in columns.names for pattern in (NUMBERED, BY_ROW)]
     bases = dict.fromkeys(match[1] for match in matches if match is not None and CAN_BE_GIVEN(match[1]))
     counted = ((base, len(columns.numbered(base))) for base in islice(bases, _MOST_GROUPS))
@@ -227,8 +244,10 @@ def _proposal(columns: Columns, reading: TableReading, path: str, rows: Rows) ->
         if not fault:
             commands = _commands(one, path, 9 in [many for _, many in some])
             return f"if its columns are meant so, read them by {commands}{about_rate}"
-        if isinstance(fault, OpenReading) and (text := _open_rotation(fault, columns, one, path, rows)):
-            return text.format(about_rate)
+        if isinstance(fault, OpenReading) and (
+            text := _open_rotation(fault, columns, one, path, rows, about_rate)
+        ):
+            return text
     return None
 
 
@@ -249,31 +268,31 @@ def _meant(columns: Columns, base: str, rows: Rows) -> tuple[str, TableReading]:
     table = [numbers([row[i] for i in places]) for row in rows() if len(row) > max(places)]
     values, many = np.array(table).reshape(-1, len(places)), len(places)
     if many in (16, 12, 9):
+        values = _present(values)
         has_last_row = many == 16 and len(values) and (values[:, 3:12:4] == 0.0).all()
         is_by_columns = has_last_row and values[:, 12:15].any()
         return "matrix={0}", reading_of(matrix="columns" if is_by_columns else "rows")
     if many >= len(POSE_ROLES) and len(values):
         begin = _begin_of_pose(values)
         if begin is not None:
-            spans = f"[{begin}:{begin + 3}]", f"[{begin + 3}:{begin + 7}]"
-            return "position={{0}}{},quaternion={{0}}{}".format(*spans), reading_of()
+            spans = f"position={{0}}[{begin}:{begin + 3}],quaternion={{0}}[{begin + 3}:{begin + 7}]"
+            return spans, reading_of()
         if many > len(POSE_ROLES):
             return "position={0}", reading_of()  # there are too many
-        many -= 1
+        many -= 1 if len(_present(values)) else 0
     return _LISTS.get(many, _LISTS[3])
 
 
 def _open_rotation(
-    fault: OpenReading, columns: Columns, reading: TableReading, path: str, rows: Rows
+    fault: OpenReading, columns: Columns, reading: TableReading, path: str, rows: Rows, about_rate: str
 ) -> str | None:
-    """What the three numbers of a rotation are, with ``{}`` for what is to be said of a rate; None if no way
-    to read them fits."""
+    """What the three numbers of a rotation are, and how they are read; None if no way to read them fits."""
     what, ways = _three_numbers(str(fault).split(", "), columns, rows)
     readings = [one for way in ways if not _fault(columns, one := reading.with_(way))]
     if readings:
         commands = " or ".join(one.command(path) for one in readings)
         orders = f". {_ORDERS}" if any(one.euler for one in readings) else ""
-        return f"its rotations are {fault}, {what}: read them by {commands}{{}}{orders}"
+        return f"its rotations are {fault}, {what}: read them by {commands}{about_rate}{orders}"
     if what:
         return None
     unit = f"write its unit into the names, as in '{str(fault).partition(', ')[0]} [deg]'"

@@ -74,8 +74,8 @@ class EvidenceParameters:
     ) -> None: ...
 
 class BirthLimits:
-    """Constants of ``proximity_prior``: the variance of any direction and of any distance (m^2), the log
-    share below which a birth is left out, and the most known pairs that begin."""
+    """Constants of births (``hypotheses/births.py``): the variance of any direction and any distance (m^2),
+    the log share below which a birth is left out, and the most known pairs that begin."""
 
     def __init__(self, any_direction: float, any_distance: float, hopeless: float, most: int) -> None: ...
 
