@@ -75,6 +75,9 @@ def test_a_described_motion_is_the_finite_motion() -> None:
         turned = Rotation.from_rotvec(found.turn_world_rad).apply(zeta[T] - point_m)
         np.testing.assert_allclose(point_m + turned + found.shift_world_m, zeta[T] + twist[3:], atol=1e-12)
         np.testing.assert_allclose(np.cross(found.turn_world_rad, found.shift_world_m), 0.0, atol=1e-12)
+    shift = _described(state, zeta, np.array([1e-9, 0, 0, 0.02, 0, 0]), (Contact.VF, Contact.EF), 1.0)
+    assert not shift.turn_world_rad.any(), "its axis would be a thousand kilometres away"
+    np.testing.assert_array_equal(shift.shift_world_m, [0.02, 0, 0])
 
 
 def test_following_the_suggestions_decides() -> None:

@@ -202,11 +202,15 @@ def _unused(
 
 
 def _within_limits(twist: Array) -> Array:
-    """A twist (6,), turn times ``LEVER_M`` and shift, as far as it goes within ``SHIFT_M`` each; without the
-    turn if it is small beside the shift, as its axis would be far away."""
+    """A twist (6,), turn times ``LEVER_M`` and shift, as far as it goes within ``SHIFT_M`` each."""
     turn, shift = np.linalg.norm(twist[:3]), np.linalg.norm(twist[3:])
-    plain = np.append(np.zeros(3), twist[3:]) if turn < SMALL * shift else twist
-    return np.asarray(plain * SHIFT_M / max(turn, shift))
+    return np.asarray(_without_small_turn(twist) * SHIFT_M / max(turn, shift))
+
+
+def _without_small_turn(twist: Array) -> Array:
+    """A twist (6,) without a turn that is small beside the shift, as its axis would be far away."""
+    turn, shift = np.linalg.norm(twist[:3]), np.linalg.norm(twist[3:])
+    return np.append(np.zeros(3), twist[3:]) if turn < SMALL * shift else twist
 
 
 def _reached(zeta: Array, twist: Array, allows: _Fit | None) -> tuple[Array, Array]:
@@ -237,6 +241,7 @@ def _described(
     state: FilterState, zeta: Array, twist: Array, states: tuple[Contact, Contact], evidence_nats: float
 ) -> InformativeMotion:
     """A finite twist (6,) as a turn about an axis in space and a shift along it, or as a shift alone."""
+    twist = _without_small_turn(twist)
     rotation, origins = zeta[R].reshape(3, 3), state.origins
     turn, shift, point = rotation @ (twist[:3] / LEVER_M), twist[3:], zeta[T]
     angle = float(np.linalg.norm(turn))
