@@ -291,7 +291,7 @@ class Conventions(Check):
         if not poses.stamp_ns.size:
             return self
         tick_ns, parts = round(1e9 * max(model.tick_s, LEAST_TICK_S)), (*self.waiting, poses)
-        if poses.stamp_ns[-1] - parts[0].stamp_ns[0] < (TICKS + 2) * tick_ns:
+        if int(poses.stamp_ns[-1]) - int(parts[0].stamp_ns[0]) < (TICKS + 2) * tick_ns:
             return replace(self, waiting=parts)
         waiting = Poses.join(parts)
         while len(waiting) and len(known.kept) < MOST_WINDOWS:
