@@ -260,7 +260,7 @@ class Reading:
             self._more_damages += 1
 
     def _assume(self, text: str) -> None:
-        self.assumption = text
+        self.assumption = text if self.assumption is None else f"{self.assumption}; {text}"
 
     def _by_log_time(
         self, summary: Summary, loop: RecordLoop, stream: ByteStream, report: Callable[[str], None]

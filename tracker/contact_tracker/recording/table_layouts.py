@@ -26,6 +26,7 @@ from contact_tracker.config.table_reading import (
     REST,
     TIME,
     TableReading,
+    reading_of,
 )
 from contact_tracker.errors import ChoiceError, UnreadableRecording
 from contact_tracker.geometry.rotation import from_rotation_vectors
@@ -142,6 +143,22 @@ class Body:
     def poses(self, values: Array) -> Array:
         """Positions (m) and quaternions ``xyzw`` (N, 7) of the values of its columns (N, k)."""
         return np.hstack([values[:, :3] * self.metres, quaternions(self.kind, values[:, 3:], self.how)])
+
+
+def are_no_radians(numbers: Array) -> bool:
+    """Whether numbers, angles or a rotation vector, are larger than a turn in radians."""
+    return bool((np.abs(numbers[np.isfinite(numbers)]) > 2.0 * np.pi).any())
+
+
+def doubt_of_angles(values: Array, body: Body, reading: TableReading, path: str) -> str | None:
+    """One line if angles, among the ``values`` (N, k) of a body's columns, are taken as radians and larger
+    than a turn."""
+    order, _, unit = body.how.rpartition(":")
+    has_angles = body.kind in ("euler", "rotation_vector") and unit == "rad"
+    if not (has_angles and are_no_radians(values[:, 3:])):
+        return None
+    command = reading.with_(reading_of(euler=f"{order or 'xyz'}:deg")).command(path)
+    return f"angles are taken as radians, and larger than a turn: if they are degrees, read them by {command}"
 
 
 @dataclass(frozen=True)

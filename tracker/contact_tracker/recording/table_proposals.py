@@ -28,6 +28,7 @@ from contact_tracker.recording.table_layouts import (
     OpenReading,
     TableLayout,
     are_named_angles,
+    are_no_radians,
     are_numbers,
     layout,
     numbers,
@@ -164,11 +165,8 @@ def _meanings(rows: Sequence[Sequence[str]]) -> list[TableReading]:
         return []
     for count in (16, 12):
         for begin in range(width - count + 1):
-            matrices = _present(row[:, begin : begin + count]).reshape(-1, count // 4, 4)
-            turned = {"rows": matrices, "columns": matrices.transpose(0, 2, 1)}
-            for order in turned if count == 16 else ("rows",):
-                if _are_rotations(turned[order][:, :3, :3]) and not turned[order][:, 3:, :3].any():
-                    return [meaning(begin, {"matrix": order}, matrix=count)]
+            if (order := _order_of_matrices(row[:, begin : begin + count])) is not None:
+                return [meaning(begin, {"matrix": order}, matrix=count)]
     if (first := _begin_of_pose(row)) is not None:
         return [meaning(first, {}, position=3, quaternion=4)]
     if width in (6, 7) and np.isfinite(row).all():
@@ -207,9 +205,17 @@ def _present(rows: Array) -> Array:
     return rows[np.isfinite(rows).all(axis=1) & rows[:, -4:].any(axis=1)]
 
 
-def _are_rotations(matrices: Array) -> bool:
-    errors = np.abs(matrices @ matrices.transpose(0, 2, 1) - np.eye(3))
-    return bool(len(errors) and (errors < _UNIT_NORM).all() and (np.linalg.det(matrices) > 0).all())
+def _order_of_matrices(values: Array) -> str | None:
+    """Whether the values (N, 16) or (N, 12) of poses go along rows or columns; None if they are no poses."""
+    matrices = _present(values).reshape(-1, values.shape[1] // 4, 4)
+    turned = {"rows": matrices, "columns": matrices.transpose(0, 2, 1)}
+    for order in turned if values.shape[1] == 16 else ("rows",):
+        rotation = turned[order][:, :3, :3]
+        errors = np.abs(rotation @ rotation.transpose(0, 2, 1) - np.eye(3))
+        are_rotations = len(errors) and (errors < _UNIT_NORM).all() and (np.linalg.det(rotation) > 0).all()
+        if are_rotations and not turned[order][:, 3:, :3].any():
+            return order
+    return None
 
 
 def _proposal(columns: Columns, reading: TableReading, path: str, rows: Rows) -> str | None:
@@ -268,10 +274,8 @@ def _meant(columns: Columns, base: str, rows: Rows) -> tuple[str, TableReading]:
     table = [numbers([row[i] for i in places]) for row in rows() if len(row) > max(places)]
     values, many = np.array(table).reshape(-1, len(places)), len(places)
     if many in (16, 12, 9):
-        values = _present(values)
-        has_last_row = many == 16 and len(values) and (values[:, 3:12:4] == 0.0).all()
-        is_by_columns = has_last_row and values[:, 12:15].any()
-        return "matrix={0}", reading_of(matrix="columns" if is_by_columns else "rows")
+        order = _order_of_matrices(values) if many > 9 else None
+        return "matrix={0}", reading_of(matrix=order or "rows")
     if many >= len(POSE_ROLES) and len(values):
         begin = _begin_of_pose(values)
         if begin is not None:
@@ -305,7 +309,7 @@ def _three_numbers(names: Sequence[str], columns: Columns, rows: Rows) -> tuple[
     places = [i for i, name in enumerate(columns.names) if name in names]
     units = [unit for i in places if (unit := ANGLE_UNITS.get(columns.units[i], ""))]
     values = np.array([numbers([row[i] for i in places]) for row in rows() if len(row) > max(places)])
-    is_far = not units and np.abs(np.nan_to_num(values)).max(initial=0.0) > 2.0 * np.pi
+    is_far = not units and are_no_radians(values)
     if any(map(NAMED_VECTOR.search, names)):
         if is_far:
             return "", []

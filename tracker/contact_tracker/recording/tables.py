@@ -21,7 +21,15 @@ from contact_tracker.errors import ChoiceError, UnreadableRecording, printable
 from contact_tracker.motion.poses import Poses, ReadAs
 from contact_tracker.recording.bytestream import TABLE_ENDINGS, WorkBudget, is_text
 from contact_tracker.recording.items import ROWS, Channel, PoseSource, Rows
-from contact_tracker.recording.table_layouts import BLANKS, NO_FRAMES, SEPARATORS, Body, TableLayout, numbers
+from contact_tracker.recording.table_layouts import (
+    BLANKS,
+    NO_FRAMES,
+    SEPARATORS,
+    Body,
+    TableLayout,
+    doubt_of_angles,
+    numbers,
+)
 from contact_tracker.recording.text_tables import TextTable
 
 if TYPE_CHECKING:
@@ -404,7 +412,7 @@ def read_table(
     read_as = ReadAs(False, reading, path, layout.quaternion, layout.has_angles)
     sources = tuple(PoseSource(topic, layout.kind, "", body.name, None, read_as) for body in layout.bodies)
     is_wanted = wanted(Channel(topic, ROWS, layout.kind, "", b""))
-    times, lost, why = TableTimes(path, layout, reading, assume), 0, ""
+    times, lost, why, doubt = TableTimes(path, layout, reading, assume), 0, "", None
     for columns in table if is_wanted else ():
         texts = [str(time) for time in columns[layout.time]]
         rests = None if layout.rest is None else [str(rest) for rest in columns[layout.rest]]
@@ -414,7 +422,13 @@ def read_table(
             first = int(good.argmin())
             why = why or _without_time(texts[first], columns, first, layout)
             lost += int((~good).sum())
-        yield Rows(sources, tuple(_poses(columns, stamps, body)[good] for body in layout.bodies))
+        values = [_values(columns, body) for body in layout.bodies]
+        if doubt is None:
+            doubts = (doubt_of_angles(*one, reading, path) for one in zip(values, layout.bodies, strict=True))
+            if (doubt := next(filter(None, doubts), None)) is not None:
+                assume(doubt)
+        poses = (body.poses(own) for own, body in zip(values, layout.bodies, strict=True))
+        yield Rows(sources, tuple(Poses(stamps, one[:, :3], one[:, 3:])[good] for one in poses))
     if lost:
         report(f"{lost} {'row has' if lost == 1 else 'rows have'} {why}")
     for damage in table.damage:
@@ -448,8 +462,7 @@ def _without_time(text: str, columns: Columns, row: int, layout: TableLayout) ->
     return f"{lacks}{shown}: give each a number, or a date as 2026-03-01T10:00:00.25"
 
 
-def _poses(columns: Columns, stamps: NDArray[np.int64], body: Body) -> Poses:
-    """The poses of a body; empty cells are NaN."""
+def _values(columns: Columns, body: Body) -> NDArray[np.float64]:
+    """The values (N, k) of a body's columns; empty cells are NaN."""
     values = [columns[place] for place in body.columns]
-    poses = body.poses(np.column_stack([v if isinstance(v, np.ndarray) else numbers(v) for v in values]))
-    return Poses(stamps, poses[:, :3], poses[:, 3:])
+    return np.column_stack([v if isinstance(v, np.ndarray) else numbers(v) for v in values])

@@ -23,7 +23,7 @@ from contact_tracker.config.table_reading import (
 from contact_tracker.errors import ChoiceError, UnreadableRecording, UsageError
 from contact_tracker.geometry.elements import Array
 from contact_tracker.motion.poses import real_number, real_numbers
-from contact_tracker.recording.table_layouts import quaternions
+from contact_tracker.recording.table_layouts import doubt_of_angles, quaternions
 from contact_tracker.recording.table_proposals import FIRST_ROWS, layout_of_names
 from contact_tracker.suggestions import closest
 
@@ -204,8 +204,9 @@ def with_columns(
     return reading.with_(reading_of(columns))
 
 
-def columns_of(table: Any, reading: TableReading) -> tuple[NDArray[Any], float | None, Array]:
-    """Times, their unit (ns; None if it is not known), and poses (N, 7) of the body in a table.
+def columns_of(table: Any, reading: TableReading) -> tuple[NDArray[Any], float | None, Array, str | None]:
+    """Times, their unit (ns; None if it is not known), and poses (N, 7) of the body in a table; one line if
+    its angles are doubtful.
 
     Raises
     ------
@@ -231,13 +232,14 @@ def columns_of(table: Any, reading: TableReading) -> tuple[NDArray[Any], float |
         values = rows(np.ma.column_stack(columns), "columns of a pose", len(columns))
     except ValueError as error:
         raise UsageError("columns of a pose have different lengths") from error
+    poses, doubt = body.poses(values), doubt_of_angles(values, body, reading, "")
     if layout.time < 0:
-        return np.arange(len(values)), layout.time_ns, body.poses(values)
+        return np.arange(len(values)), layout.time_ns, poses, doubt
     time = _column(table, keys[layout.time])
     if layout.rest is not None:
         seconds, rest = np.asarray(time, np.int64), np.asarray(_column(table, keys[layout.rest]), np.int64)
-        return seconds * 10**9 + rest, 1.0, body.poses(values)
-    return time, layout.time_ns, body.poses(values)
+        return seconds * 10**9 + rest, 1.0, poses, doubt
+    return time, layout.time_ns, poses, doubt
 
 
 def _column(table: Any, key: Any) -> NDArray[Any]:
