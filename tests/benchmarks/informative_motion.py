@@ -43,7 +43,8 @@ FIRST_S, LONGEST_S = 3, 20
 TOUCHING: Final = 1e-12
 """Elements whose residuals are smaller touch."""
 ALIKE: Final = 0.3
-"""Size, relative to a whole move, below which what a suggestion adds to the others is left out."""
+"""Size, relative to a whole move, below which what a suggestion adds to the others is left out; with 0.03 and
+0.6 the mean of three seeds is 2.1 and 2.2 s until a probability of 0.9, instead of 1.8 s."""
 STRATEGIES: Final = ("suggested", "all at once", "random", "random axis")
 COLUMNS: Final = (
     *("contact", "runs"),
