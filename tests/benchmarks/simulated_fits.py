@@ -14,7 +14,7 @@ from contact_tracker.config.parameters import Noise as ModelNoise
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.geometry.elements import ContactGeometry, Line, Plane
 from contact_tracker.hypotheses.bank_update import fit_window
-from contact_tracker.hypotheses.observability import contact_geometry
+from contact_tracker.hypotheses.observability import fitted_contact
 from contact_tracker.hypotheses.refinement import refine
 from contact_tracker.motion.poses import Poses, batches
 from contact_tracker.states import Contact
@@ -176,4 +176,5 @@ def fitted_geometry(poses: Poses, contact: Contact, model: Model | None = None) 
     window = window_of(closed, model)
     kind, scales = CONTACT_MODELS[contact.column], scales_of(model)
     fitted, information = refine(fit_window(kind, window, scales), kind, window, scales)
-    return contact_geometry(fitted, 0, kind, scales, window, closed[0].origins, model.systematic, information)
+    origins = closed[0].origins
+    return fitted_contact(fitted, 0, kind, scales, window, origins, model.systematic, information).geometry

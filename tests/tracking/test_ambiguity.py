@@ -21,7 +21,7 @@ from contact_tracker.geometry.elements import ContactGeometry, Line, Origins, Pl
 from contact_tracker.hypotheses import observability, refit
 from contact_tracker.hypotheses.bank import blank
 from contact_tracker.hypotheses.bank_update import fit_window
-from contact_tracker.hypotheses.observability import contact_geometry
+from contact_tracker.hypotheses.observability import fitted_contact
 from contact_tracker.motion import lifted_pose
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.window import Window, used_directions
@@ -84,7 +84,7 @@ def found(contact, window):
     """Geometry of one contact fitted to all ticks."""
     model = CONTACT_MODELS[contact.column]
     bank = fit_window(model, window, SCALES)
-    return contact_geometry(bank, 0, model, SCALES, window, Origins.zero(), SystematicErrors())
+    return fitted_contact(bank, 0, model, SCALES, window, Origins.zero(), SystematicErrors()).geometry
 
 
 def ways(element, how):

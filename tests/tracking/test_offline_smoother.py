@@ -272,8 +272,8 @@ def test_beliefs_in_columns_equal_single_ones():
         Point(np.array([0.1, 0.2, 0.3]), None, ways, ""), Line(np.eye(3)[2], np.ones(3), None, (), "é 中")
     )
     expected += [
-        replace(one, contact=Contact.FREE, geometry=None, residual=np.full(6, np.nan)),
-        replace(one, contact=Contact.FE, geometry=named, inseparable=(Contact.EF,), p_restricted=0.25),
+        replace(one, contact=Contact.FREE, where=None, residual=np.full(6, np.nan)),
+        replace(one, contact=Contact.FE, where=named, inseparable=(Contact.EF,), p_restricted=0.25),
     ]
 
     def values(belief):

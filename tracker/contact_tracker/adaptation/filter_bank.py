@@ -6,7 +6,7 @@ position and orientation is estimated. After some motion those far behind are dr
 (``are_compared``).
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
 from math import sqrt
@@ -265,18 +265,16 @@ def mixture(
     beliefs: Sequence[Belief],
     log_weight: Array,
     known_map: Map = EMPTY_MAP,
-    located: Callable[[int], Belief] | None = None,
 ) -> Belief:
     """The belief of K trackers by their ``log_weight`` (K,): the mean posterior, and the label of a tracker
     that is most probable in it. States that are more probable in the mean, but that no tracker names, are
     indistinguishable from it and share their probability with it.
 
     Onset, elements and alternatives are those of the most probable tracker with this label. ``known_map`` has
-    the contacts that can occur; ``located`` returns the belief of a tracker with its elements, where beliefs
-    come without.
+    the contacts that can occur.
     """
     if len(beliefs) == 1:
-        return beliefs[0] if located is None else located(0)
+        return beliefs[0]
     weight = np.exp(log_weight - log_weight.max())
     weight /= weight.sum()
     probability = weight @ np.array([belief.probability for belief in beliefs])
@@ -287,7 +285,7 @@ def mixture(
         (b.contact is label, w * b.probability[label.column]) for w, b in zip(weight, beliefs, strict=True)
     ]
     number = max(range(len(beliefs)), key=lambda i: (share[i], i))
-    source = beliefs[number] if located is None else located(number)
+    source = beliefs[number]
     others = {*source.inseparable, *ahead}
     source = replace(source, inseparable=tuple(state for state in STATES if state in others))
     # as of the other trackers they may be rivals; only one of the trackers searches further contacts, and
@@ -581,10 +579,9 @@ class FilterBank:
         """Update all filters by a tick."""
         self.motion = self.motion.then(tick)
         best, evidence = int(self.log_weight.argmax()), list[TickEvidence]()
-        # only the best looks for further contacts and curvature, and only what is reported has elements
-        least = Detail.GEOMETRY if self.lag_s else Detail.SHARED
+        # only the best looks for further contacts and curvature
         for number, one in enumerate(self.filters):
-            own = detail if number == best else min(detail, least)
+            own = detail if number == best else min(detail, Detail.GEOMETRY)
             seen = one.as_seen(tick) if number else tick
             before = one.state
             one.update(seen, own, number == best)
@@ -600,9 +597,7 @@ class FilterBank:
         activity = np.array([one.activity for one in evidence])
         held_for_motion = 0.0 if self.motion.moves else REST_NATS * activity
         log_weight = self.log_weight - held_for_motion
-        if self.lag_s or detail < Detail.GEOMETRY:
-            return [mixture(beliefs, log_weight, self.known_map)]
-        return [mixture(beliefs, log_weight, self.known_map, lambda i: self.filters[i].located())]
+        return [mixture(beliefs, log_weight, self.known_map)]
 
     def _weigh(self, evidence: list[TickEvidence]) -> list[TickEvidence]:
         """Weigh the filters by their evidence of a tick, if the object moves in it; returns that of those

@@ -34,7 +34,7 @@ from contact_tracker.hypotheses.evidence import (
     complexity,
     weak_prior,
 )
-from contact_tracker.hypotheses.observability import contact_geometry
+from contact_tracker.hypotheses.observability import fitted_contact
 from contact_tracker.hypotheses.refit import accumulate_window
 from contact_tracker.map.elements import is_same_element
 from contact_tracker.map.map import EMPTY_MAP, Map, NamedElement
@@ -157,8 +157,8 @@ class FormationTicks(NamedTuple):
         assert one.fitted is not None
         assert one.window is not None
         fit = one.fitted.bank, 0, one.known.model, self.scales, one.window
-        geometry = contact_geometry(*fit, self.origins, self.systematic, one.fitted.information)
-        named = named_by(self.known_map, geometry)
+        found = fitted_contact(*fit, self.origins, self.systematic, one.fitted.information)
+        named = named_by(self.known_map, found.geometry)
         complete = self.known_map.object_complete, self.known_map.environment_complete
         unlisted = any(name is None and only for name, only in zip(named.names, complete, strict=True))
         return None if unlisted else named

@@ -265,10 +265,10 @@ class Bank(Table):
         return int(onsets["onset_ns"][onsets["onset"].searchsorted(self.rows["onset"][row])])
 
     def single(self, row: int) -> "Bank":
-        """One hypothesis with its onset."""
+        """A copy of one hypothesis, with its onset, that keeps no others in memory."""
         since = self.onsets.rows["onset"].searchsorted(self.rows["onset"][row])
-        own = Onsets(self.onsets.words[since : since + 1], self.onsets.layout)
-        one = Bank(self.words[row : row + 1], self.layout, own, self.lag_history[row : row + 1])
+        own = Onsets(self.onsets.words[since : since + 1].copy(), self.onsets.layout)
+        one = Bank(self.words[row : row + 1].copy(), self.layout, own, self.lag_history[row : row + 1].copy())
         vars(one)["onset_index"] = _FIRST
         return one
 

@@ -4,15 +4,15 @@ Noise alone adds information on every direction, in proportion to the length of 
 observed only if its information exceeds that of noise.
 """
 
-from dataclasses import replace
-from functools import cache
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.config.parameters import SystematicErrors
-from contact_tracker.contacts import ContactModel
+from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.contacts.family import directions
 from contact_tracker.geometry import linalg
 from contact_tracker.geometry.elements import (
@@ -29,14 +29,17 @@ from contact_tracker.geometry.elements import (
 from contact_tracker.geometry.linalg import cross
 from contact_tracker.hypotheses import compiled, gauss_newton, refit
 from contact_tracker.hypotheses.bank import Bank
+from contact_tracker.hypotheses.births import named
 from contact_tracker.hypotheses.evidence import EvidenceParameters, weak_prior
 from contact_tracker.hypotheses.refit import anchors_of
 from contact_tracker.hypotheses.schedule import REST_WEIGHT
 from contact_tracker.map.association import ElementEstimate
 from contact_tracker.map.elements import LOOSE_M, LOOSE_RAD
+from contact_tracker.map.pairs import NamedPair
 from contact_tracker.motion import lifted_pose
 from contact_tracker.motion.lifted_pose import R, T
 from contact_tracker.motion.window import Window
+from contact_tracker.states import Contact
 
 Array = NDArray[np.float64]
 
@@ -347,7 +350,44 @@ def _squared_distances(points: Array) -> Array:
     return np.asarray((apart * apart).sum(axis=2))
 
 
-def contact_geometry(
+@dataclass(frozen=True, eq=False)
+class FittedContact:
+    """A hypothesis, from which its ``geometry`` is computed once that is asked for: of most ticks it is not.
+
+    Parameters
+    ----------
+    one : bank of the hypothesis alone.
+    variance : (W, 2) noise of the ticks: position (m^2) and rotation (rad^2).
+    rotation : (3, 3) of the body in the last tick.
+    origins : of the bank's coordinates.
+    systematic : covariance (S, S) of x by errors that are not noise.
+    pair : of the map, which it assumes; None without names.
+    information : as in ``observed_geometry``.
+    """
+
+    one: Bank
+    contact: Contact
+    scales: EvidenceParameters
+    variance: Array
+    rotation: Array
+    origins: Origins
+    systematic: Array | float
+    pair: NamedPair | None
+    information: Array | None
+
+    @cached_property
+    def geometry(self) -> ContactGeometry:
+        """Its elements, with covariance and unobserved directions, in the user's frames."""
+        one, model, usual = self.one, CONTACT_MODELS[self.contact.column], linalg.median(self.variance)
+        found = observed_geometry(one, model, self.scales, usual, self.information, self.systematic)
+        if not np.isnan(one.line_anchor).all():  # other lines have their point near the body already
+            body_m = one.weighted_position_sum[0] / one.weight[0]
+            found = ContactGeometry(by_foot(found.object, np.zeros(3)), by_foot(found.environment, body_m))
+        found = _in_users_frames(found, self.rotation, self.origins)
+        return found if self.pair is None else named(found, self.pair)
+
+
+def fitted_contact(
     bank: Bank,
     row: int,
     model: ContactModel,
@@ -356,22 +396,22 @@ def contact_geometry(
     origins: Origins,
     errors: SystematicErrors,
     information: Array | None = None,
-) -> ContactGeometry:
-    """Elements of hypothesis ``row``, with covariance and unobserved directions.
+    pair: NamedPair | None = None,
+) -> FittedContact:
+    """Hypothesis ``row`` without the others.
 
-    ``window`` has the ticks and their noise, ``errors`` are those that are not noise; ``origins`` are
-    those of the bank's coordinates; ``information`` as in ``observed_geometry``.
+    ``window`` has the ticks and their noise, ``errors`` are those that are not noise; the rest as in
+    ``FittedContact``.
     """
-    one, systematic = bank.single(row), np.zeros(())
-    if errors.are_given:
+    one, systematic = bank.single(row), 0.0
+    if errors.position_m > 0.0 or errors.rotation_rad > 0.0:
         systematic = systematic_covariance(
             one, model, window, scales.reach_m, errors, is_refined=information is not None
         )
-    found = observed_geometry(one, model, scales, window.usual_variance, information, systematic)
-    if not np.isnan(one.line_anchor).all():  # other lines have their point near the body already
-        body_m = one.weighted_position_sum[0] / one.weight[0]
-        found = ContactGeometry(by_foot(found.object, np.zeros(3)), by_foot(found.environment, body_m))
-    return _in_users_frames(found, window.zeta[-1, R].reshape(3, 3), origins)
+    turn = window.zeta[-1, R].reshape(3, 3)
+    return FittedContact(
+        one, model.contact, scales, window.variance, turn, origins, systematic, pair, information
+    )
 
 
 def _in_users_frames(found: ContactGeometry, rotation: Array, origins: Origins) -> ContactGeometry:

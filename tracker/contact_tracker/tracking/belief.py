@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from contact_tracker.geometry.contact_motion import ContactMotion
 from contact_tracker.geometry.elements import ContactGeometry, flat
 from contact_tracker.geometry.task_frame import TaskFrame
+from contact_tracker.hypotheses.observability import FittedContact
 from contact_tracker.joints.evidence import Joint
 from contact_tracker.states import STATES, Contact
 
@@ -100,7 +101,7 @@ class Belief:
     contact : the label.
     probability : (7,) posterior of the states, in the order of ``STATES``.
     onset_ns : estimated onset of the labelled contact.
-    geometry : the touching elements of the labelled contact; None for free.
+    where : the touching elements of the labelled contact, or the fit that has them; None for free.
     residual : (6,) for each contact, in the order of ``CONTACTS``, the whitened root mean square residual
         (1: at the noise) at the minimum of its objective function over the last 25 ticks with motion, or a
         little more; nan before.
@@ -115,7 +116,7 @@ class Belief:
     contact: Contact
     probability: Array
     onset_ns: int
-    geometry: ContactGeometry | None
+    where: ContactGeometry | FittedContact | None
     residual: Array
     inseparable: tuple[Contact, ...] = ()
     p_restricted: float = 0.0
@@ -127,6 +128,11 @@ class Belief:
         if self.further:
             p_label = float(self.probability[self.contact.column])
             object.__setattr__(self, "further", beside(self.further, p_label))
+
+    @property
+    def geometry(self) -> ContactGeometry | None:
+        """The touching elements of the labelled contact, computed when they are asked for; None for free."""
+        return self.where.geometry if isinstance(self.where, FittedContact) else self.where
 
     @property
     def constraints(self) -> int:

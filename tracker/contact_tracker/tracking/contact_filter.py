@@ -35,7 +35,7 @@ from contact_tracker.motion.tick_averaging import ORIGIN_M, Tick, TickGrid, with
 from contact_tracker.motion.window import NO_REST, NewestRest, Window, advance_window, newest_rest, rest_ticks
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Belief, Detail
-from contact_tracker.tracking.posterior import label_geometry, lagged_belief, read_posterior, with_rest
+from contact_tracker.tracking.posterior import lagged_belief, read_posterior, with_rest
 from contact_tracker.tracking.state import FilterState, start
 from contact_tracker.tracking.transition_model import (
     FREE,
@@ -165,16 +165,6 @@ class ContactFilter:
         if not length:
             return self.state.belief
         return lagged_belief(self.state, 0) if len(self.state.recent) == length else None
-
-    def located(self) -> Belief:
-        """The latest belief with the elements of its label, which of filters side by side only the one that
-        is reported needs."""
-        belief = self.state.belief
-        assert belief is not None
-        if belief.geometry is None and belief.contact is not Contact.FREE:
-            belief = replace(belief, geometry=label_geometry(self.state, belief.contact))
-            self.state = self.state._replace(belief=belief)
-        return belief
 
     def finish(self) -> list[Belief]:
         """At the end of the stream: the beliefs that the lag has withheld. No tick is reported twice."""

@@ -10,9 +10,7 @@ from scipy.special import expit
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.formations import online
 from contact_tracker.formations.further import FormationTicks, KnownContact
-from contact_tracker.geometry.elements import ContactGeometry
-from contact_tracker.hypotheses.births import named
-from contact_tracker.hypotheses.observability import contact_geometry, element_estimate
+from contact_tracker.hypotheses.observability import FittedContact, element_estimate, fitted_contact
 from contact_tracker.map.association import MAP_INSERTION_PROBABILITY, Sighting
 from contact_tracker.map.pairs import named_pairs
 from contact_tracker.motion.tick_averaging import Tick
@@ -44,7 +42,7 @@ def read_posterior(
     label, onset_ns = STATES[int(np.argmax(probability))], state.free_since_ns
     if label is not Contact.FREE:
         onset_ns = state.banks[label.column].onset_ns_of(int(state.best_rows[label.column]))
-    where = label_geometry(state, label) if detail >= Detail.GEOMETRY else None
+    where = label_fit(state, label) if detail >= Detail.GEOMETRY else None
     shared = belief = Belief(tick.stamp_ns, label, probability, onset_ns, where, state.residual)
     state = state._replace(label=label)
     if detail >= Detail.SHARED or _should_update_map(state, belief):
@@ -195,16 +193,16 @@ def with_rest(state: FilterState, belief: Belief, is_in_rest: bool) -> tuple[Fil
     return state._replace(recent=recent, belief=belief), belief
 
 
-def label_geometry(state: FilterState, label: Contact) -> ContactGeometry | None:
-    """The geometry of the best hypothesis of ``label``."""
+def label_fit(state: FilterState, label: Contact) -> FittedContact | None:
+    """The best hypothesis of ``label``."""
     if label is Contact.FREE:
         return None
     bank, contact = state.banks[label.column], CONTACT_MODELS[label.column]
     row = int(state.best_rows[label.column])
     pair = named_pairs(state.known_map, contact)[bank.rows["known_pair_index"][row]]
     window = state.window.with_error(state.model.noise.extra_contact_variance[label.column])
-    where = contact_geometry(bank, row, contact, state.scales, window, state.origins, state.model.systematic)
-    return named(where, pair)
+    errors, origins = state.model.systematic, state.origins
+    return fitted_contact(bank, row, contact, state.scales, window, origins, errors, pair=pair)
 
 
 def label_sighting(state: FilterState, label: Contact, stamp_ns: int) -> Sighting:

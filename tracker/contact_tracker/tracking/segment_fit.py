@@ -25,8 +25,8 @@ from contact_tracker.geometry.elements import ContactGeometry, Origins, pack, sh
 from contact_tracker.geometry.task_frame import TaskFrame, task_frame
 from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.bank_update import fit_windows
-from contact_tracker.hypotheses.births import named, propose_births, propose_measured
-from contact_tracker.hypotheses.observability import contact_geometry, element_estimate
+from contact_tracker.hypotheses.births import propose_births, propose_measured
+from contact_tracker.hypotheses.observability import element_estimate, fitted_contact
 from contact_tracker.hypotheses.refinement import refine
 from contact_tracker.joints.evidence import Joint, find_joint, joint_of
 from contact_tracker.map.association import ElementEstimate
@@ -152,8 +152,8 @@ def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
     window = window.with_error(model.noise.extra_contact_variance[label.column])
     fitted, information = refine(fit, contact, window, scales)
     pair = named_pairs(known_map, contact)[fitted.known_pair_index[0]]
-    where = contact_geometry(
-        fitted, 0, contact, scales, window, segment.origins, model.systematic, information
+    where = fitted_contact(
+        fitted, 0, contact, scales, window, segment.origins, model.systematic, information, pair
     )
     ticks = FormationTicks(
         window, scales, model.transitions.leave_per_s, segment.origins, known_map, model.systematic
@@ -164,8 +164,8 @@ def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
         inseparable = tuple(state for state in STATES if state in {*inseparable, *alike})
         p_restricted = ambiguity.p_restricted(True, window, model.tick_s)
     estimate = element_estimate(fitted, contact, scales, window, information)
-    geometry, curved = named(where, pair), np.zeros(1)
-    return SegmentFit(label, geometry, inseparable, p_restricted, curved, share, formation, estimate=estimate)
+    shown = where.geometry, inseparable, p_restricted, np.zeros(1), share, formation
+    return SegmentFit(label, *shown, estimate=estimate)
 
 
 def _measured_fit(segment: SegmentTicks, window: Window, contact: ContactModel, by_motion: Bank) -> Bank:
