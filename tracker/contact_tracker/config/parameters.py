@@ -65,6 +65,11 @@ class SystematicErrors:
     angle_rad: float = 0.5
     """Turn over which the error of the orientation changes."""
 
+    @cached_property
+    def are_given(self) -> bool:
+        """Whether any are given."""
+        return self.position_m > 0.0 or self.rotation_rad > 0.0
+
 
 @dataclass(frozen=True)
 class Motion:

@@ -404,7 +404,7 @@ def fitted_contact(
     ``FittedContact``.
     """
     one, systematic = bank.single(row), 0.0
-    if errors.position_m > 0.0 or errors.rotation_rad > 0.0:
+    if errors.are_given:
         systematic = systematic_covariance(
             one, model, window, scales.reach_m, errors, is_refined=information is not None
         )
