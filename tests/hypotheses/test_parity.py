@@ -26,8 +26,8 @@ from contact_tracker.map.pairs import Frame
 from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.motion.poses import batches
 from contact_tracker.motion.window import Window
-from contact_tracker.states import Contact
-from contact_tracker.tracking import contact_filter
+from contact_tracker.states import STATES, Contact
+from contact_tracker.tracking import ambiguity, contact_filter
 from contact_tracker.tracking.belief import Detail
 from contact_tracker.tracking.contact_filter import ContactFilter, ticks_of
 from pose_filter import after
@@ -292,6 +292,21 @@ def test_information_agrees(model, correlation):
                 np.testing.assert_allclose(compiled_, reference, rtol=rel, atol=0.1 * rel * scale)
             compared += 1
     assert compared > 5
+
+
+def test_evidence_and_motion_since_an_onset_agree():
+    """Against each label, since onsets within the window, before it, and in its last tick."""
+    compared = 0
+    for state in states():
+        first, now = int(state.window.index[0]), state.ticks - 1
+        for onset in {*state.best[:, 1].tolist(), first - 2, now} - {-1}:
+            numpy, kernel = both(ambiguity.motion_since, state.window, onset)
+            assert numpy == pytest.approx(kernel, rel=1e-9)
+            for label in (one for one in STATES if one is Contact.FREE or len(state.banks[one.column])):
+                numpy, kernel = both(ambiguity.competing_evidence, state.banks, label, onset, now)
+                np.testing.assert_allclose(kernel, numpy, rtol=1e-9, atol=1e-9)
+                compared += 1
+    assert compared > 50
 
 
 def gappy_window(model, rng):

@@ -44,7 +44,8 @@ seeds = st.integers(0, 2**32 - 1)
 
 
 def indistinguishable(label, competing, window, older):
-    return ambiguity.indistinguishable(label, competing, ambiguity.freedom_of(label, window, older))
+    motion = ambiguity.motion_since(window, int(window.index[0]) - older)
+    return ambiguity.indistinguishable(label, competing, ambiguity.freedom_of(label, motion))
 
 
 def ticks(rotation, position, seed=0, variance=(SIGMA_M**2, SIGMA_RAD**2)):

@@ -178,7 +178,7 @@ def test_live_and_best_hypotheses_are_up_to_date_after_every_tick():
             state.live_hypotheses, LiveHypotheses.of(state.banks, state.ticks - 1), strict=True
         ):
             np.testing.assert_array_equal(found, expected)
-        np.testing.assert_array_equal(state.best_rows, [bank.best_row for bank in state.banks])
+        np.testing.assert_array_equal(state.best, [bank.leader for bank in state.banks])
 
 
 # --- gaps in a stream: each is tracked for some seconds, tick by tick, in little time and memory ---

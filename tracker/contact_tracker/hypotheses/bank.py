@@ -255,14 +255,16 @@ class Bank(Table):
         return int(self.log_weight.argmax()) if len(self) else -1
 
     @property
+    def leader(self) -> tuple[int, int, int]:
+        """That row, the onset of the hypothesis, and the time of that (ns); -1 without any."""
+        if (row := self.best_row) < 0:
+            return -1, -1, -1
+        return row, int(self.onset[row]), int(self.onsets.onset_ns[self.onset_index[row]])
+
+    @property
     def best(self) -> float:
         """Log weight of the best hypothesis; -inf without any."""
         return float(self.log_weight.max()) if len(self) else -np.inf
-
-    def onset_ns_of(self, row: int) -> int:
-        """Time at which the first tick of one hypothesis begins."""
-        onsets = self.onsets.rows
-        return int(onsets["onset_ns"][onsets["onset"].searchsorted(self.rows["onset"][row])])
 
     def single(self, row: int) -> "Bank":
         """A copy of one hypothesis, with its onset, that keeps no others in memory."""

@@ -79,8 +79,9 @@ class TickWeights(NamedTuple):
     """(7,) log weight of each state relative to the best hypothesis; -inf for an empty bank."""
     residual: Array
     """(6,) whitened residual of each contact."""
-    best_rows: Index
-    """(6,) row of the best hypothesis of each bank; -1 for an empty one."""
+    best: Index
+    """(6, 3) of the best hypothesis of each bank its row, its onset, and the time of that (ns); -1 for an
+    empty one."""
     live_hypotheses: LiveHypotheses
 
 
@@ -158,7 +159,7 @@ def update_reference(
         tick_input.log_birth_weight,
         np.array([*(bank.log_total_weight for bank in kept), free - best]),
         np.array([residual(bank) for bank in kept]),
-        np.array([bank.best_row for bank in kept]),
+        np.array([bank.leader for bank in kept]),
         LiveHypotheses.of(kept, now),
     )
     return kept, weighed

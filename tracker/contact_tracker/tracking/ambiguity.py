@@ -7,12 +7,14 @@ surface, which is none of the six contacts (T42).
 
 from collections.abc import Sequence
 from functools import lru_cache
+from math import exp
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.geometry.elements import ContactGeometry, Plane
+from contact_tracker.hypotheses import compiled
 from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.curved_contact import curved_evidence, fit_curved
 from contact_tracker.hypotheses.evidence import DECISIVE, SAME_FIT_RATIO, EvidenceParameters
@@ -77,6 +79,15 @@ class CompetingEvidence(NamedTuple):
         return np.asarray(self.rms < SAME_FIT_RATIO * max(1.0, self.rms[label.column]))
 
 
+class MotionSince(NamedTuple):
+    """The motion since an onset: how many directions it uses, for how many ticks the object has moved, and
+    whether there were ticks before those of the window."""
+
+    used: int
+    moved_ticks: float
+    older: bool
+
+
 class Freedom(NamedTuple):
     """Whether the motion does not use all freedom that its label leaves, and whether it has only one degree
     of freedom."""
@@ -116,18 +127,25 @@ def alike_in_formation(label: Contact, rivals: CompetingEvidence) -> tuple[Conta
     )
 
 
-def freedom_of(label: Contact, window: Window, older: bool) -> Freedom:
-    """How far the motion uses the freedom that ``label`` leaves.
+def motion_since(window: Window, onset: int) -> MotionSince:
+    """The motion in the ticks of the window since tick ``onset``."""
+    older = onset < window.index[0]
+    if not compiled.in_use():
+        since = window.since(onset)
+        return MotionSince(used_directions(since), float(since.motion_ratio.sum()), older)
+    from contact_tracker.hypotheses.compiled import calls
 
-    ``window`` are the available ticks since the onset; ``older`` if there were others. Free motion also
-    begins in one direction.
-    """
-    is_short = float(window.motion_ratio.sum()) < LEAST_MOTION_TICKS
-    if older and is_short:
+    return MotionSince(*calls.motion_since(calls.ticks_of(window), onset), older)
+
+
+def freedom_of(label: Contact, motion: MotionSince) -> Freedom:
+    """How far the motion since the onset uses the freedom that ``label`` leaves. Free motion also begins in
+    one direction."""
+    is_short = motion.moved_ticks < LEAST_MOTION_TICKS
+    if motion.older and is_short:
         return Freedom(False, False)
-    used = used_directions(window)
-    one = used == 1 and not (label is Contact.FREE and is_short)
-    return Freedom(used < DIRECTIONS - label.codimension, one)
+    one = motion.used == 1 and not (label is Contact.FREE and is_short)
+    return Freedom(motion.used < DIRECTIONS - label.codimension, one)
 
 
 def tempered(probability: Array, exponent: float) -> Array:
@@ -136,13 +154,12 @@ def tempered(probability: Array, exponent: float) -> Array:
     return np.asarray(power / power.sum(axis=-1, keepdims=True))
 
 
-def p_restricted(underused: bool, window: Window, tick_s: float) -> float:
+def p_restricted(underused: bool, moved_s: float) -> float:
     """Probability that the object is intentionally moved in few directions (T30).
 
     The prior is ``RESTRICTED``; the probability grows with motion that shows no other directions.
     """
-    moved_s = tick_s * float(window.motion_ratio.sum())
-    return RESTRICTED / (RESTRICTED + (1.0 - RESTRICTED) * np.exp(-moved_s / VARIED_S)) if underused else 0.0
+    return RESTRICTED / (RESTRICTED + (1.0 - RESTRICTED) * exp(-moved_s / VARIED_S)) if underused else 0.0
 
 
 def at_most(
@@ -349,6 +366,20 @@ def competing_evidence(banks: Sequence[Bank], label: Contact, onset: int, now: i
     For each contact that of the most probable hypothesis of about that onset, against the label's evidence
     from the same onset. -inf without one.
     """
+    if not compiled.in_use():
+        return competing_evidence_reference(banks, label, onset, now)
+    from contact_tracker.hypotheses.compiled import calls
+
+    words = [bank.words for bank in banks]
+    return CompetingEvidence(
+        *calls.competing_evidence(calls.models(1.0), words, label.column, onset, same_span(now - onset))
+    )
+
+
+def competing_evidence_reference(
+    banks: Sequence[Bank], label: Contact, onset: int, now: int
+) -> CompetingEvidence:
+    """``competing_evidence`` in numpy: the reference of the compiled kernel."""
     evidence, rms = np.full(len(STATES), -np.inf), np.full(len(STATES), np.inf)
     since = np.full(len(STATES), onset)
     for column, row in enumerate(best_since(banks, onset, now)):
@@ -365,8 +396,7 @@ def competing_evidence(banks: Sequence[Bank], label: Contact, onset: int, now: i
 def best_since(banks: Sequence[Bank], onset: int, now: int) -> list[int | None]:
     """The rows of the most probable hypotheses of the contacts that have begun at about ``onset``; None
     without one."""
-    slack = int(max(SAME_SPAN_TICKS, SAME_SPAN * (now - onset)))
-    found: list[int | None] = []
+    slack, found = same_span(now - onset), list[int | None]()
     for bank in banks:
         rows = bank.rows
         first, end = rows["onset"].searchsorted([onset - slack, onset + slack + 1])  # they are in order
@@ -376,11 +406,9 @@ def best_since(banks: Sequence[Bank], onset: int, now: int) -> list[int | None]:
     return found
 
 
-def onset_of(banks: Sequence[Bank], best_rows: Index, label: Contact, free_since: int) -> int:
-    """The tick in which the label has begun."""
-    if label is Contact.FREE:
-        return free_since
-    return int(banks[label.column].rows["onset"][best_rows[label.column]])
+def same_span(age_ticks: int) -> int:
+    """By how many ticks onsets of this age may differ to count as the same."""
+    return int(max(SAME_SPAN_TICKS, SAME_SPAN * age_ticks))
 
 
 def _evidence(bank: Bank, since: Index) -> Array:

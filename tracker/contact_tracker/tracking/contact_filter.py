@@ -256,7 +256,7 @@ def weighed(
         banks=tuple(banks),
         log_state_weight=weights.log_state_weight,
         residual=weights.residual,
-        best_rows=weights.best_rows,
+        best=weights.best,
         live_hypotheses=weights.live_hypotheses,
         outliers=state.outliers.joined(tick.outliers),
         free_since=state.free_since if was_free else state.ticks,

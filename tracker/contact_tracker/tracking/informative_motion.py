@@ -92,7 +92,7 @@ def informative_motions(state: FilterState) -> tuple[InformativeMotion, ...]:
     if belief is None or not belief.inseparable or not len(state.window):
         return ()
     label = belief.contact
-    onset = ambiguity.onset_of(state.banks, state.best_rows, label, state.free_since)
+    onset = state.onset_of(label)
     fits = dict(_fits(state, onset, (label, *belief.inseparable)))
     lead_nats = -ambiguity.competing_evidence(state.banks, label, onset, state.ticks - 1).evidence
     motions, named = [], np.zeros((0, 6))

@@ -14,7 +14,7 @@ from contact_tracker.hypotheses.observability import FittedContact, element_esti
 from contact_tracker.map.association import MAP_INSERTION_PROBABILITY, Sighting
 from contact_tracker.map.pairs import named_pairs
 from contact_tracker.motion.tick_averaging import Tick
-from contact_tracker.motion.window import DIRECTIONS, Window, used_directions
+from contact_tracker.motion.window import DIRECTIONS
 from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking import ambiguity
 from contact_tracker.tracking.ambiguity import NO_CURVED_MOTION, update_curved_motion
@@ -41,7 +41,7 @@ def read_posterior(
     probability = label_posterior(state)
     label, onset_ns = STATES[int(np.argmax(probability))], state.free_since_ns
     if label is not Contact.FREE:
-        onset_ns = state.banks[label.column].onset_ns_of(int(state.best_rows[label.column]))
+        onset_ns = int(state.best[label.column, 2])
     where = label_fit(state, label) if detail >= Detail.GEOMETRY else None
     shared = belief = Belief(tick.stamp_ns, label, probability, onset_ns, where, state.residual)
     state = state._replace(label=label)
@@ -131,21 +131,20 @@ def may_agree_by_chance(state: FilterState, label: Contact) -> bool:
     the window has lasted."""
     if label.codimension != 1:
         return False
-    bank, row = state.banks[label.column], int(state.best_rows[label.column])
-    onset = int(bank.rows["onset"][row])
-    if bank.rows["prior_index"][row] or onset < state.window.index[0]:
+    row, onset, _ = state.best[label.column].tolist()
+    if state.banks[label.column].rows["prior_index"][row] or onset < state.window.index[0]:
         return False
-    return used_directions(state.window.since(onset)) < DIRECTIONS - label.codimension
+    return ambiguity.motion_since(state.window, onset).used < DIRECTIONS - label.codimension
 
 
 def share_among_indistinguishable(state: FilterState, belief: Belief) -> Belief:
     """The belief in which states that the motion does not distinguish from the label share its
     probability."""
     label = belief.contact
-    rivals, since, older = _compared_since_onset(state, label)
-    freedom = ambiguity.freedom_of(label, since, older)
+    rivals, motion = _since_onset(state, label)
+    freedom = ambiguity.freedom_of(label, motion)
     others = ambiguity.indistinguishable(label, rivals, freedom)
-    p_restricted = ambiguity.p_restricted(freedom.underused, since, state.model.tick_s)
+    p_restricted = ambiguity.p_restricted(freedom.underused, state.model.tick_s * motion.moved_ticks)
     if label is Contact.FREE and state.curved.probability > 0.5:
         others, p_restricted = CONTACTS, max(p_restricted, state.curved.probability)
     inseparable, possible = tuple(filter(state.known_map.allows, others)), state.known_map.allowed
@@ -159,24 +158,22 @@ def open_beside(state: FilterState, belief: Belief) -> Belief:
     label, known_map = belief.contact, state.known_map
     if not belief.further:
         return belief
-    rivals, since, _ = _compared_since_onset(state, label)
+    rivals, motion = _since_onset(state, label)
     alike = set(filter(known_map.allows, ambiguity.alike_in_formation(label, rivals)))
     if not alike:
         return belief
     others = tuple(one for one in STATES if one in alike | {*belief.inseparable})
-    p_restricted = ambiguity.p_restricted(True, since, state.model.tick_s)
+    p_restricted = ambiguity.p_restricted(True, state.model.tick_s * motion.moved_ticks)
     return replace(belief, inseparable=others, p_restricted=p_restricted)
 
 
-def _compared_since_onset(
+def _since_onset(
     state: FilterState, label: Contact
-) -> tuple[ambiguity.CompetingEvidence, Window, bool]:
-    """How well each state explains the ticks since the onset of the label; those of the window, and whether
-    there were others."""
-    onset = ambiguity.onset_of(state.banks, state.best_rows, label, state.free_since)
+) -> tuple[ambiguity.CompetingEvidence, ambiguity.MotionSince]:
+    """How well each state explains the ticks since the onset of the label, and the motion in them."""
+    onset = state.onset_of(label)
     rivals = ambiguity.competing_evidence(state.banks, label, onset, state.ticks - 1)
-    since = state.window.since(onset)
-    return rivals, since, onset < state.window.index[0]
+    return rivals, ambiguity.motion_since(state.window, onset)
 
 
 def with_rest(state: FilterState, belief: Belief, is_in_rest: bool) -> tuple[FilterState, Belief]:
@@ -198,7 +195,7 @@ def label_fit(state: FilterState, label: Contact) -> FittedContact | None:
     if label is Contact.FREE:
         return None
     bank, contact = state.banks[label.column], CONTACT_MODELS[label.column]
-    row = int(state.best_rows[label.column])
+    row = int(state.best[label.column, 0])
     pair = named_pairs(state.known_map, contact)[bank.rows["known_pair_index"][row]]
     window = state.window.with_error(state.model.noise.extra_contact_variance[label.column])
     errors, origins = state.model.systematic, state.origins
@@ -208,8 +205,8 @@ def label_fit(state: FilterState, label: Contact) -> FittedContact | None:
 def label_sighting(state: FilterState, label: Contact, stamp_ns: int) -> Sighting:
     """What the best hypothesis of ``label``, a contact, says about its elements."""
     bank, contact = state.banks[label.column], CONTACT_MODELS[label.column]
-    one = bank.single(int(state.best_rows[label.column]))
-    first = int(one.onset[0])
+    row, first, _ = state.best[label.column].tolist()
+    one = bank.single(row)
     since = state.window.since(first).with_error(state.model.noise.extra_contact_variance[label.column])
     estimate = element_estimate(one, contact, state.scales, since)
     return Sighting(first, state.ticks, estimate, int(one.onsets.onset_ns[0]), stamp_ns)
@@ -222,8 +219,8 @@ def follow_formation(state: FilterState, belief: Belief, tick: Tick) -> tuple[Fi
     least = STILL_ESTABLISHED if tracked and any(one.is_present for one in tracked) else ESTABLISHED
     if label is Contact.FREE or belief.probability[label.column] < least:
         return state._replace(formation=online.suspend(state.formation)), belief
-    bank, row = state.banks[label.column], int(state.best_rows[label.column])
-    onset, window = int(bank.rows["onset"][row]), state.window
+    bank, window = state.banks[label.column], state.window
+    row, onset, _ = state.best[label.column].tolist()
     first_row, length = int(window.index.searchsorted(onset)), len(window)
     if length - first_row < ESTABLISHED_TICKS:
         return state._replace(formation=online.suspend(state.formation)), belief

@@ -123,20 +123,22 @@ def _segment_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
     if not fit.leaves_constraints_unnamed or fit.share is not None:
         return fit
     others = tuple(other for other in STATES if other is not fit.contact and segment.known_map.allows(other))
-    p_restricted = max(fit.p_restricted, ambiguity.p_restricted(True, window, segment.model.tick_s))
+    moved_s = segment.model.tick_s * float(window.motion_ratio.sum())
+    p_restricted = max(fit.p_restricted, ambiguity.p_restricted(True, moved_s))
     return replace(fit, inseparable=others, p_restricted=p_restricted)
 
 
 def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) -> SegmentFit:
     model, known_map, label = segment.model, segment.known_map, segment.contact
-    freedom = ambiguity.freedom_of(label, window, older=False)
+    motion = ambiguity.motion_since(window, int(window.index[0]))
+    freedom, moved_s = ambiguity.freedom_of(label, motion), model.tick_s * motion.moved_ticks
     rivals = ambiguity.CompetingEvidence(
         np.array([*(f.log_likelihood.max(initial=-np.inf) for f in fits), 0.0]),
         np.array([*(f.rms.min(initial=np.inf) for f in fits), 1.0]),
     )
     others = ambiguity.indistinguishable(label, rivals, freedom)
     inseparable = tuple(other for other in others if known_map.allows(other))
-    p_restricted, share = ambiguity.p_restricted(freedom.underused, window, model.tick_s), None
+    p_restricted, share = ambiguity.p_restricted(freedom.underused, moved_s), None
     curved, none_fits = np.zeros(1), False
     if label is Contact.FREE:
         curved = curved_probabilities(segment.window, scales_of(model), known_map)
@@ -162,7 +164,7 @@ def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
     alike = tuple(filter(known_map.allows, ambiguity.alike_in_formation(label, rivals)))
     if formation.further and alike and share is None:
         inseparable = tuple(state for state in STATES if state in {*inseparable, *alike})
-        p_restricted = ambiguity.p_restricted(True, window, model.tick_s)
+        p_restricted = ambiguity.p_restricted(True, moved_s)
     estimate = element_estimate(fitted, contact, scales, window, information)
     shown = where.geometry, inseparable, p_restricted, np.zeros(1), share, formation
     return SegmentFit(label, *shown, estimate=estimate)

@@ -67,8 +67,9 @@ class FilterState(NamedTuple):
     """The latest ticks by which the hypotheses have been updated."""
     residual: Array = _constant(np.full(len(CONTACT_MODELS), np.nan))
     """(6,) whitened residual of each contact, see ``Belief``."""
-    best_rows: NDArray[np.int64] = _constant(np.full(len(CONTACT_MODELS), -1))
-    """(6,) row of the best hypothesis in each bank; -1 for an empty one."""
+    best: NDArray[np.int64] = _constant(np.full((len(CONTACT_MODELS), 3), -1))
+    """(6, 3) of the best hypothesis in each bank its row, its onset, and the time of that (ns); -1 for an
+    empty one."""
     ticks: int = 0
     """Number of ticks so far."""
     next_hypothesis_id: int = 0
@@ -114,8 +115,11 @@ class FilterState(NamedTuple):
         """The pair of the map that touches now, if the label is a contact that has been added to it."""
         if self.label is None or self.label is Contact.FREE:
             return None
-        row = int(self.best_rows[self.label.column])
-        return self.map.pairs.get(int(self.banks[self.label.column].rows["onset"][row]))
+        return self.map.pairs.get(int(self.best[self.label.column, 1]))
+
+    def onset_of(self, label: Contact) -> int:
+        """The tick in which a label has begun."""
+        return self.free_since if label is Contact.FREE else int(self.best[label.column, 1])
 
 
 def start(model: Model, lag_s: float = 0.0, known_map: Map = EMPTY_MAP) -> FilterState:

@@ -27,14 +27,15 @@ struct Ticks {
 
     const double* before_newest() const { return count > 1 ? newest_pose() - entries : before; }
 
-    // Reference: `Window.latest_motion_ratio`.
-    double motion_ratio() const {
+    // Reference: `Window.motion_ratio`.
+    double motion_ratio(int w) const {
         const auto share = [&](int i) {
-            const double free = excess[2 * (count - 1) + i];
-            return free / (free + noise(count - 1, i));
+            const double free = excess[2 * w + i];
+            return free / (free + noise(w, i));
         };
         return std::max(share(0), share(1));
     }
+    double motion_ratio() const { return motion_ratio(count - 1); }
 };
 
 constexpr int T = 9, U = 12,

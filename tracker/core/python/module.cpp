@@ -1,4 +1,6 @@
 // The Python module `contact_tracker.hypotheses.compiled.kernels`, documented in kernels.pyi.
+#include "evidence/competing.hpp"
+#include "evidence/directions.hpp"
 #include "evidence/information.hpp"
 #include "evidence/proximity.hpp"
 #include "python/numpy_views.hpp"
@@ -178,6 +180,10 @@ PYBIND11_MODULE(kernels, module) {
     py::class_<BirthLimits>(module, "BirthLimits").def(py::init<double, double, double, int>());
     module.def("weigh_births", &weigh_births);
     module.def("information_terms", &information_of);
+    module.def("competing_evidence", &competing_evidence);
+    module.def("motion_since", [](const TickArrays& window, std::int64_t onset) {
+        return motion_since(window.ticks(), onset);
+    });
     module.def("descend", &descend_of);
     module.def("equations", &equations_at);
     parts::add(module.def_submodule("parts"));

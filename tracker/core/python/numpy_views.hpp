@@ -77,13 +77,18 @@ struct TickArrays {
 
     // The ticks for a contact, which adds `beyond` to their noise variance.
     Ticks ticks(const Model& model, const Two& beyond = {}) const {
+        return ticks(model.kind.body_in_1, beyond);
+    }
+
+    // The same with poses of the body in the world, or of the world in the body.
+    Ticks ticks(bool of_body = true, const Two& beyond = {}) const {
         return {number.data(),
-                (model.kind.body_in_1 ? pose : inverse).data(),
+                (of_body ? pose : inverse).data(),
                 variance.data(),
                 excess.data(),
                 displacement_variance.data(),
                 position_anisotropy ? position_anisotropy->data() : nullptr,
-                before ? before->data() + (model.kind.body_in_1 ? 0 : Ticks::entries) : nullptr,
+                before ? before->data() + (of_body ? 0 : Ticks::entries) : nullptr,
                 static_cast<int>(number.shape(0)),
                 beyond};
     }

@@ -84,7 +84,7 @@ inline py::tuple keep_best(const Model& model, const Floats& words, const Floats
         model.kind, Bank(model.kind, growing.own(), growing.onsets()), now, best, margin, growing);
     const auto [own, since] = growing.left();
     return py::make_tuple(Ints(left.rows.size(), left.rows.data()), own, since, left.log_weight,
-                          left.residual, left.leader);
+                          left.residual, left.leader[0]);
 }
 
 inline py::tuple relax(const Model& model, const Floats& moments) {

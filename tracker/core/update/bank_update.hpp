@@ -56,11 +56,11 @@ private:
 };
 
 // A contact's hypotheses after a tick: the `rows` of its table that are kept, the log of the sum of their
-// weights, their residual, and the best one (-1 if there is none).
+// weights, their residual, and the row of the best one, its onset, and the time of that (-1 without any).
 struct KeptHypotheses {
     std::vector<std::int64_t> rows;
     double log_weight, residual;
-    std::int64_t leader;
+    std::array<std::int64_t, 3> leader;
 };
 
 // Prune: move the rows kept to the front of the tables, with weights relative to `best`.
@@ -71,7 +71,7 @@ inline KeptHypotheses keep_best(const Kind& kind, const Bank& bank, std::int64_t
     const std::vector<std::int64_t> rows = rows_to_keep(kind, bank, now, best, margin);
     const int count = static_cast<int>(rows.size());
     double top = -std::numeric_limits<double>::infinity(), sum = 0.0;
-    std::int64_t leader = -1;
+    int leader = -1;
     int begun = 0;
     for (int i = 0, before = -1; i < count; ++i) {
         const int b = static_cast<int>(rows[i]), onset = bank.window_of(b);
@@ -89,7 +89,11 @@ inline KeptHypotheses keep_best(const Kind& kind, const Bank& bank, std::int64_t
     for (int i = 0; i < count; ++i) sum += std::exp(log_weight_of(kind.where, bank.own.row(i)) - top);
     growing.keep(count, begun);
     const Bank kept(kind, growing.own(), growing.onsets());
-    return {rows, rows.empty() ? top : top + std::log(sum), residual_of(kind, kept), leader};
+    std::array<std::int64_t, 3> first{-1, -1, -1};
+    if (leader >= 0)
+        first = {leader, whole(kept[leader].own, kind.where.onset),
+                 whole(kept[leader].since, kind.since.onset_ns)};
+    return {rows, rows.empty() ? top : top + std::log(sum), residual_of(kind, kept), first};
 }
 
 // Reference: the arguments of `bank_update.update_banks`. `assumed` are the births of each contact.
@@ -187,14 +191,14 @@ inline BankUpdate update_banks(const std::vector<const Model*>& models, std::vec
         for (int b = 0; b < one.bank.count(); ++b)
             best = std::max(best, log_weight_of(one.model.kind.where, one.bank[b].own));
     }
-    BankUpdate updated{{}, entry, Floats(states), Floats(states - 1), Ints(states - 1)};
+    BankUpdate updated{{}, entry, Floats(states), Floats(states - 1), Ints({states - 1, py::ssize_t(3)})};
     for (std::size_t i = 0; i < contacts; ++i) {
         ContactTask& one = all[i];  // without a search, a poor hypothesis may only have lost its minimum
         const double least = one.directions ? margin : std::numeric_limits<double>::infinity();
         updated.left.push_back(keep_best(one.model.kind, one.bank, input.onset, best, least, growing[i]));
         updated.log_left.mutable_at(i) = updated.left[i].log_weight;
         updated.residual.mutable_at(i) = updated.left[i].residual;
-        updated.leaders.mutable_at(i) = updated.left[i].leader;
+        std::copy_n(updated.left[i].leader.data(), 3, updated.leaders.mutable_data(i, 0));
     }
     updated.log_left.mutable_at(contacts) = entry.at(contacts) - best;
     number += 1;  // of free motion

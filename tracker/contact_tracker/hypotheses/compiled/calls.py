@@ -12,10 +12,13 @@ from contact_tracker.hypotheses.compiled import kernels
 from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.hypotheses.global_search import drawn
 from contact_tracker.hypotheses.schedule import burn_in_ticks
+from contact_tracker.motion import window as motion
 from contact_tracker.motion.window import Window
 
 information_terms = kernels.information_terms
 weigh_births = kernels.weigh_births
+competing_evidence = kernels.competing_evidence
+motion_since = kernels.motion_since
 descend = kernels.descend
 equations = kernels.equations
 
@@ -108,11 +111,13 @@ def _settings() -> dict[str, object]:
         *("FIRST_STEPS", "RECOVERY_STEPS", "FOLLOWED_STARTS", "SEARCH_REFITS", "UNTHINNED_TICKS", "ROUNDS"),
     )
     fits = ("FIRST_DAMPING", "LEAST_SHARE", "LEAST_CURVATURE", "TOLERANCE")
+    moving = ("USED", "LEVER_M", "ONE_AXIS", "STRIDE_TICKS")
     shared = ("LEAST_DAMPING", "MOST_DAMPING", "DAMPING_DECREASE", "DAMPING_INCREASE")
     return {
         **{name.lower(): getattr(schedule, name) for name in names},
         **{name.lower(): getattr(gauss_newton, name) for name in fits},
         **{name.lower(): getattr(linalg, name) for name in shared},
+        **{name.lower(): getattr(motion, name) for name in moving},
         "sine_sq_floor": edge_edge.SINE_SQ_FLOOR,
         "tiny": edge_edge.TINY,
         "edge_ridge": edge_edge.RIDGE,

@@ -112,6 +112,10 @@ def weigh_births(
 def information_terms(
     model: Model, words: Numbers, onsets: Numbers, variance: Numbers
 ) -> tuple[Numbers, Numbers, Numbers, Numbers]: ...
+def competing_evidence(
+    models: Sequence[Model], words: Sequence[Numbers], label: int, onset: int, slack: int
+) -> tuple[Numbers, Numbers]: ...
+def motion_since(window: Ticks, onset: int) -> tuple[int, float]: ...
 def descend(
     model: Model,
     matrices: Numbers,
