@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from contact_motions import touching, x_of
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.formations.conditional import ConditionalMotion, Problem, moments
+from contact_tracker.formations.conditional import ConditionalMotion, Problem, constraints_of_two, moments
 from contact_tracker.formations.further import KnownContact
 from contact_tracker.geometry.elements import Origins
 from contact_tracker.hypotheses import gauss_newton, global_search, observability, refinement
@@ -348,6 +348,16 @@ def test_descents_to_further_contacts_agree(model, steps, rel):
     np.testing.assert_allclose(kernel, numpy, atol=rel)
     assert np.all(one.cost(kernel) <= one.cost(starts))
     assert np.any(one.cost(kernel) < one.cost(starts))
+
+
+@each_model
+@pytest.mark.parametrize("apart", [0.0, 1e-3, 0.2])
+def test_numbers_of_constraints_agree(model, apart):
+    """Of the same elements, of such that differ by less than counts, and of others."""
+    window, anchors, x = gappy_window(model, np.random.default_rng(3))
+    other = model.family.normalise(x + apart * np.random.default_rng(4).normal(size=x.shape), anchors)
+    numpy, kernel = both(constraints_of_two, model, np.array([x, other]), window)
+    assert kernel == numpy
 
 
 def assert_same_columns(numpy, kernel, names, rel):

@@ -108,19 +108,20 @@ class Tracker:
         if isinstance(poses, Pose):
             if not is_valid(poses, self.last_ns):
                 require_valid(Poses.collect([poses]), self.last_ns)
-            self.inspect_added(BATCH_POSES)
+            if self.many >= BATCH_POSES:
+                self.inspect_added()
             self.last_ns = poses.stamp_ns
             self.uninspected.append(poses)
             self.many += 1
-            if self.many < BATCH_POSES and self.filters.can_wait(poses.stamp_ns):  # most poses
-                self.filters.prepare()
+            if self.many < BATCH_POSES and self.filters.waits(poses.stamp_ns):  # most poses
                 return []
             return self._update_filters(detail)
         beliefs = list[Belief]()
         if len(poses):
             require_valid(poses, self.last_ns)
         while len(poses):
-            self.inspect_added(BATCH_POSES)
+            if self.many >= BATCH_POSES:
+                self.inspect_added()
             room = BATCH_POSES - self.many
             some, poses = poses[:room], poses[room:]
             self.last_ns = int(some.stamp_ns[-1])
@@ -156,9 +157,9 @@ class Tracker:
         possible = self.filters.known_map.allowed
         return [replace(one, probability=mixed_with_uniform(one.probability, possible)) for one in beliefs]
 
-    def inspect_added(self, least: int = 1) -> None:
-        """Inspect the poses that were added, which the filters have, if there are at least so many."""
-        if self.many >= least:
+    def inspect_added(self) -> None:
+        """Inspect the poses that were added, which the filters have, if there are any."""
+        if self.many:
             poses = Poses.join(self.uninspected)
             self.inspect_poses(poses)
             self.check("conventions", poses)

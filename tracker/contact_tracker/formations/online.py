@@ -8,15 +8,14 @@ from collections.abc import Iterator, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.formations.conditional import (
     ConditionalMotion,
     Presence,
     Run,
+    constraints_of_two,
     count_constraints,
-    perturbed,
 )
 from contact_tracker.formations.further import (
     MAX_FURTHER,
@@ -35,9 +34,8 @@ from contact_tracker.formations.further import (
 )
 from contact_tracker.geometry.elements import ContactGeometry
 from contact_tracker.hypotheses.evidence import DECISIVE
+from contact_tracker.motion.window import Window
 from contact_tracker.states import Contact
-
-Array = NDArray[np.float64]
 
 WINDOW_TICKS: Final = 150
 """Further contacts are evaluated over this many of the latest ticks."""
@@ -99,15 +97,30 @@ class FormationState(NamedTuple):
 EMPTY_FORMATION: Final = FormationState()
 
 
+def with_first(
+    state: FormationState, first: KnownContact, window: Window, moved_ticks: float
+) -> FormationState:
+    """The state with this first contact in the newest tick of the window, ``moved_ticks`` of motion later.
+
+    If it constrains that tick otherwise than the one before, known contacts become remembered elements.
+    """
+    before, model, since = state.first, first.model, state.ticks_since_search + moved_ticks
+    if before is None or (
+        before.contact is first.contact
+        and constraints_of_two(model, np.array([before.x, first.x]), window) == first.contact.codimension
+    ):
+        return state._replace(first=first, ticks_since_search=since)
+    known = [before, *(one.elements for one in state.tracked), *state.remembered]
+    return FormationState(
+        first, remembered=tuple(known[:MAX_REMEMBERED]), search_interval=0.0, ticks_since_search=moved_ticks
+    )
+
+
 def advance(state: FormationState, ticks: FormationTicks, first: KnownContact) -> FormationState:
-    """The state after the newest of ``ticks``, in all of which the ``first`` contact holds."""
-    window = ticks.window
-    state = _with_first(state, first, perturbed(window.zeta[-1:]))
-    state = state._replace(ticks_since_search=state.ticks_since_search + float(window.motion_ratio[-1]))
+    """The state ``with_first`` after the newest of ``ticks``, in all of which that contact holds; the same if
+    no further one is tracked or searched for."""
     searches = bool(state.queue) or state.ticks_since_search >= state.search_interval
-    if not state.tracked and not searches:
-        return state
-    motion = ConditionalMotion.of(window, ticks.scales).keeping(first.c)
+    motion = ConditionalMotion.of(ticks.window, ticks.scales).keeping(first.c)
     before, tracked = state.tracked, []
     for one in before:
         now, runs = _evaluated(one, ticks, motion)
@@ -144,18 +157,6 @@ def suspend(state: FormationState) -> FormationState:
     """The state while no first contact is established: none is present, and the search is dropped."""
     tracked = tuple(one._replace(is_present=False) for one in state.tracked)
     return state._replace(tracked=tracked, queue=(), proposals=(), is_open=False, reclassified=-1)
-
-
-def _with_first(state: FormationState, first: KnownContact, newest: Array) -> FormationState:
-    """The state for this first contact; if it constrains the ``newest`` tick (1, 6, 25) otherwise than the
-    one before, known contacts become remembered elements."""
-    before, codimension = state.first, first.contact.codimension
-    if before is None or (
-        before.contact is first.contact and count_constraints(newest, [before.c, first.c]) == codimension
-    ):
-        return state._replace(first=first)
-    known = [before, *(one.elements for one in state.tracked), *state.remembered]
-    return FormationState(first, remembered=tuple(known[:MAX_REMEMBERED]), search_interval=0.0)
 
 
 def _evaluated(

@@ -40,17 +40,20 @@ _QUADRATIC: Final = (0.5 * (_MATRIX + _MATRIX.swapaxes(0, 1))).reshape(16, 9)
 
 def product(first: Array, second: Array) -> Array:
     """Quaternions (..., 4) of the rotation ``second`` followed by ``first``."""
-    return np.asarray(_pairs(first, second) @ _PRODUCT_ROWS)
+    pairs = first[..., :, None] * second[..., None, :]
+    return np.asarray(pairs.reshape(*pairs.shape[:-2], 16) @ _PRODUCT_ROWS)
 
 
 def between(first: Array, second: Array) -> Array:
     """Quaternions (..., 4) of the rotation, in the axes of ``first``, that leads from it to ``second``."""
-    return np.asarray(_pairs(first, second) @ _BETWEEN_ROWS)
+    pairs = first[..., :, None] * second[..., None, :]
+    return np.asarray(pairs.reshape(*pairs.shape[:-2], 16) @ _BETWEEN_ROWS)
 
 
 def matrices(quat: Array) -> Array:
     """Rotation matrices (..., 3, 3); quaternions of any norm but zero."""
-    rows = _pairs(quat, quat) @ _MATRIX_ROWS / np.einsum("...i,...i", quat, quat)[..., None]
+    pairs = (quat[..., :, None] * quat[..., None, :]).reshape(*quat.shape[:-1], 16)
+    rows = pairs @ _MATRIX_ROWS / np.einsum("...i,...i", quat, quat)[..., None]
     return np.asarray(rows.reshape(*quat.shape[:-1], 3, 3))
 
 
@@ -76,9 +79,3 @@ def nearest(matrix: Array) -> Array:
     (Davenport's q-method).
     """
     return linalg.eigenvectors((_QUADRATIC @ matrix.ravel()).reshape(4, 4))[1][:, 3]
-
-
-def _pairs(first: Array, second: Array) -> Array:
-    """All products of one component of each (..., 16)."""
-    pairs = first[..., :, None] * second[..., None, :]
-    return np.asarray(pairs.reshape(*pairs.shape[:-2], 16))

@@ -25,14 +25,12 @@ def log_sum_exp(values: Array, axis: int = -1) -> Array:
 
 def birth_log_weights(log_left: Array, log_transition: Array) -> Array:
     """Log birth weight (states,) of each state, from the log weights with which states are left."""
-    return log_sum_exp(log_left[:, None] + log_transition, axis=0)
+    return np.asarray(np.logaddexp.reduce(log_left[:, None] + log_transition, axis=0))
 
 
 def inherited_past(past: Array, log_left: Array, log_transition: Array) -> Array:
     """Past (N, L, N) of births in each state, from the pasts ``past`` (N, L, N) of the states that are
     left."""
-    if not past.shape[1]:
-        return past
     log_weight = log_left[:, None] + log_transition
     weight = np.exp(log_weight - log_weight.max(axis=0))
     return np.asarray(np.einsum("ij,ils->jls", weight / weight.sum(axis=0), past))

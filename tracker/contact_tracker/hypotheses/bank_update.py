@@ -4,7 +4,8 @@ Birth, refit, evidence, search, pruning.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple, Self
+from operator import attrgetter
+from typing import Final, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +46,10 @@ from contact_tracker.motion.window import Window
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 Index = NDArray[np.int64]
+
+
+_TABLES: Final = attrgetter("words", "onsets.words")
+_BIRTHS: Final = attrgetter("rows.words", "is_given")
 
 
 class LiveHypotheses(NamedTuple):
@@ -112,9 +117,9 @@ def update_banks(
     # per contact the words kept, and of the old rows followed by the born ones the rows that these are
     kept, kept_rows, weighed = kernels.update(
         calls.models(scales.reach_m),
-        [(bank.words, bank.onsets.words) for bank in banks],
-        [(begins.rows.words, begins.is_given) for begins in tick_input.proposals],
-        tick_input.turn,
+        [*map(_TABLES, banks)],
+        [*map(_BIRTHS, tick_input.proposals)],
+        tick_input.window.zeta[-1, R].reshape(3, 3),
         tick_input.onset,
         tick_input.onset_ns,
         tick_input.number,

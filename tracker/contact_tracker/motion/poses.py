@@ -132,10 +132,16 @@ class Poses:
         return np.asarray(same, bool)
 
     def differ_from(self, before: "Poses") -> NDArray[np.bool_]:
-        """(N,) whether each pose differs from the one before it, the first from ``before`` (one or none)."""
-        if not before.stamp_ns.size:
-            return np.append(True, ~self.repeats)
-        return ~Poses.join([before, self]).repeats
+        """(N,) whether each pose differs from the one before it, the first from the last of ``before``, if
+        there is one."""
+        differs = np.ones(self.stamp_ns.size, np.bool_)
+        differs[1:] = (self.position_m[1:] != self.position_m[:-1]).any(axis=1)
+        if before.stamp_ns.size:
+            differs[0] = (self.position_m[0] != before.position_m[-1]).any()
+        if not differs.all():
+            differs[1:] |= (self.quat_xyzw[1:] != self.quat_xyzw[:-1]).any(axis=1)
+            differs[0] |= not before.stamp_ns.size or (self.quat_xyzw[0] != before.quat_xyzw[-1]).any()
+        return differs
 
     @property
     def fresh(self) -> "Poses":

@@ -59,8 +59,8 @@ class StreamState(NamedTuple):
     """Data of the noise estimate."""
     free_motion: FreeMotion | None
     """None if the next tick does not follow the last one."""
-    last_frame: Poses
-    """The last frame, if there is one."""
+    last_frames: Poses
+    """Those of the last tick, if there are any."""
 
 
 def empty_tick(last: Tick, start_ns: int, stamp_ns: int, is_rest: bool = False) -> Tick:
@@ -85,9 +85,9 @@ def _average_tick(
         frames = frames[new] if new.any() else frames[:1]
     sigma_sq = np.array([before.sigma_position_m, before.sigma_rotation_rad]) ** 2
     good = _plausible(frames, stream.free_motion, origins.world_m, sigma_sq, model)
-    outliers, some = Outliers.at(frames.stamp_ns[~good]), frames
-    if outliers.total:
-        some = frames[good]
+    outliers, some = NO_OUTLIERS, frames
+    if not good.all():
+        outliers, some = Outliers.at(frames.stamp_ns[~good]), frames[good]
     buffer, estimate = stream.noise_buffer, before
     if model.noise.estimated:
         prior = model.noise.sigma_position_m, model.noise.sigma_rotation_rad
@@ -124,7 +124,7 @@ def with_excess(motion: FreeMotion | None, tick: Tick, model: Model) -> tuple[Fr
         assumed = model.motion.initial_autocorrelation
         return None if tick.is_rest else free_motion.begin(turn, position_m, tick.mean_ns, assumed), tick
     white = white_variances(tick.noise, np.array(float(tick.count)), model)
-    variance = innovation_variances(white, model)
+    variance = innovation_variances(white, model) if model.correlation else white
     # half of the variance of the step from a tick to the next while the object rests
     rest = white + 0.5 * (1.0 - model.correlation**2) * np.array(model.noise.wander_variance)
     motion, excess = free_motion.advance(
@@ -135,16 +135,14 @@ def with_excess(motion: FreeMotion | None, tick: Tick, model: Model) -> tuple[Fr
 
 def tick_variances(estimate: NoiseEstimate, count: Array, model: Model) -> Array:
     """Noise variances (..., 2) per axis (m^2, rad^2) of the means of ticks with ``count`` (...) frames."""
-    return innovation_variances(white_variances(estimate, count, model), model)
+    white = white_variances(estimate, count, model)
+    return innovation_variances(white, model) if model.correlation else white
 
 
 def innovation_variances(white: Array, model: Model) -> Array:
     """The variances (..., 2) of ticks with ``white`` noise and errors that are correlated between ticks: of
     their innovation, ``correlation`` times the tick before subtracted."""
-    rho = model.correlation
-    if not rho:
-        return white
-    wander = np.array(model.noise.wander_variance)
+    rho, wander = model.correlation, np.array(model.noise.wander_variance)
     return np.asarray(white * (1.0 + rho**2) + wander * (1.0 - rho**2))
 
 
@@ -193,11 +191,12 @@ def _plausible(
         allowed_sq = sigma_sq + spread
     elif count >= NEIGHBOURS:
         off = _off(frames, frames.position_m[0], frames.quat_xyzw[0])
-        step_sq = np.median(_distance_sq(off[1:] - off[:-1]), axis=0)
+        step_sq = np.median(np.square(off[1:] - off[:-1]).reshape(-1, 2, 3).sum(axis=2), axis=0)
         off, allowed_sq = off - _local_median(off), np.maximum(sigma_sq, step_sq)
     else:
         return everything
-    good = (_distance_sq(off) < model.noise.outlier_sigmas**2 * allowed_sq).all(axis=1)
+    distance_sq = (off * off).reshape(-1, 2, 3).sum(axis=2)
+    good = (distance_sq < model.noise.outlier_sigmas**2 * allowed_sq).all(axis=1)
     return np.asarray(good if good.any() else everything)
 
 
@@ -205,11 +204,6 @@ def _off(frames: Poses, position_m: Array, quat_xyzw: Array) -> Array:
     """Differences (N, 6) of frames from one or N poses: position, and rotation vector in the body's axes."""
     turn = rotation_vectors(between(quat_xyzw, frames.quat_xyzw))
     return np.concatenate([frames.position_m - position_m, turn], axis=1)
-
-
-def _distance_sq(off: Array) -> Array:
-    """Squared lengths (N, 2) of both halves of the rows (N, 6)."""
-    return np.asarray((off * off).reshape(-1, 2, 3).sum(axis=2))
 
 
 def _local_median(rows: Array) -> Array:
@@ -303,7 +297,7 @@ class TickGrid:
             return []
         if has_frames:
             assert self.begin_ns is not None
-            closed = self.close()
+            closed, self.frames = [self._close(self.frames)], NO_POSES
             self.begin_ns, self.number = self.begin_ns + self.model.tick_ns, self.number + 1
             return closed
         return self._pass_to(until_ns, self._has_closed_early)
@@ -322,15 +316,17 @@ class TickGrid:
         """Close the current tick, which has these poses."""
         assert self.origins is not None
         assert self.stream is not None
-        frames, stream, is_rest = frames.of_point(self.body_m), self.stream, self._has_closed_early
+        stream, is_rest = self.stream, self._has_closed_early
+        if self.body_m.any():
+            frames = frames.of_point(self.body_m)
         if is_rest:
             stream = stream._replace(free_motion=None)
-        new = frames.differ_from(stream.last_frame)
+        new = frames.differ_from(stream.last_frames)
         if self.last is not None and not new.any() and _is_stuck(frames, stream, self.model):
             tick = empty_tick(self.last, int(frames.stamp_ns[0]), int(frames.stamp_ns[-1]), is_rest)
         else:
             stream, tick = _average_tick(stream, frames, new, self.origins, self.model, is_rest)
-        self.stream, self.last = stream._replace(last_frame=frames[-1:]), tick
+        self.stream, self.last = stream._replace(last_frames=frames), tick
         return tick
 
     @property

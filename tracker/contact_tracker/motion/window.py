@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cache, cached_property, lru_cache
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -76,11 +76,6 @@ class Window:
         apart[:1] = 0.0 if self.before is None else pose[:1] - self.before[_POSE]
         apart[1:][self.index[1:] - self.index[:-1] != 1] = 0.0
         return _per_axis(apart)
-
-    @property
-    def before_lifts(self) -> Array | None:
-        """zeta and the lift of the inverse (2, 25) of the tick before the first."""
-        return None if self.before is None else np.array([self.before, lift_of_inverse(self.before[None])[0]])
 
     @property
     def before_newest(self) -> Array | None:
@@ -265,6 +260,7 @@ def at_rest(window: Window, tick_s: float) -> Bools:
     return resting
 
 
+@cache
 def rest_ticks(tick_s: float) -> int:
     """Number of ticks of the shortest rest."""
     return max(round(REST_S / tick_s), NOW_TICKS + 1)

@@ -7,7 +7,9 @@ surface, which is none of the six contacts (T42).
 
 from collections.abc import Sequence
 from functools import lru_cache
+from itertools import compress
 from math import exp
+from operator import attrgetter
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -65,6 +67,9 @@ LEAST_MOTION_TICKS: Final = 10.0
 free motion is not tested for one degree of freedom."""
 
 
+_WORDS: Final = attrgetter("words")
+
+
 class CompetingEvidence(NamedTuple):
     """How well each state explains one span.
 
@@ -105,11 +110,12 @@ def indistinguishable(label: Contact, rivals: CompetingEvidence, freedom: Freedo
     or a screw: then all states.
     """
     if freedom.one_direction:
-        return tuple([state for state in STATES if state is not label])
+        return STATES[: label.column] + STATES[label.column + 1 :]
     close = rivals.evidence > rivals.evidence[label.column] - DECISIVE
     if freedom.underused:
         close = CONTAINS[close | rivals.fit_like(label)].any(axis=0)
-    return tuple([STATES[column] for column in close.nonzero()[0] if column != label.column])
+    close[label.column] = False
+    return tuple(compress(STATES, close.tolist()))
 
 
 def alike_in_formation(label: Contact, rivals: CompetingEvidence) -> tuple[Contact, ...]:
@@ -370,10 +376,8 @@ def competing_evidence(banks: Sequence[Bank], label: Contact, onset: int, now: i
         return competing_evidence_reference(banks, label, onset, now)
     from contact_tracker.hypotheses.compiled import calls
 
-    words = [bank.words for bank in banks]
-    return CompetingEvidence(
-        *calls.competing_evidence(calls.models(1.0), words, label.column, onset, same_span(now - onset))
-    )
+    words, slack = [*map(_WORDS, banks)], same_span(now - onset)
+    return CompetingEvidence(*calls.competing_evidence(calls.models(1.0), words, label.column, onset, slack))
 
 
 def competing_evidence_reference(

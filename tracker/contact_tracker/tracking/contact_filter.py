@@ -7,7 +7,8 @@ Also the forward pass with it over the ticks of a recording.
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple, Self
+from operator import attrgetter
+from typing import Final, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,7 +79,9 @@ def predict_transitions(
     else:
         birth_weight = state.log_state_weight + log_odds
         birth_weight = birth_weight - hmm.log_sum_exp(birth_weight) if state.knows_elements else birth_weight
-    past = hmm.inherited_past(state.lag_history, state.log_state_weight, transition)
+    past = state.lag_history
+    if past.size:
+        past = hmm.inherited_past(past, state.log_state_weight, transition)
     return TickInput(
         proposals,
         cached,
@@ -153,7 +156,7 @@ class ContactFilter:
     def prepare(self) -> None:
         """Propose the births of the next tick by a map that has changed, before a pose waits for them."""
         state = self.state
-        if state.ticks and state.cached_proposals.map is not state.map:
+        if state.ticks:
             cached = _proposals(state, Frame.around(state.origins, state.window.zeta[-1, T]))
             prepare_weights(cached.proposals)
             self.state = state._replace(cached_proposals=cached)
@@ -179,6 +182,9 @@ class ContactFilter:
         motion, own = with_excess(self.state.free_motion, tick, self.state.model)
         self.state = self.state._replace(free_motion=motion)
         return own
+
+
+_BORN: Final = attrgetter("is_given")
 
 
 def begun(state: FilterState, tick: Tick) -> FilterState:
@@ -244,21 +250,21 @@ def weighed(
     if past.size:
         banks, free = _with_longer_histories(banks), hmm.grown_past(past[FREE], FREE)
         past = np.array([*(hmm.mixed_past(b.lag_history, b.log_weight) for b in banks), free])
-    was_free = state.label is Contact.FREE
+    was_free, outliers = state.label is Contact.FREE, state.outliers
+    if tick.outliers.total:
+        outliers = outliers.joined(tick.outliers)
     return state._replace(
         window=change.window,
         cached_proposals=change.cached_proposals,
         ticks=state.ticks + 1,
-        next_hypothesis_id=state.next_hypothesis_id
-        + sum(map(len, [one.rows.words for one in change.proposals]))
-        + 1,
+        next_hypothesis_id=state.next_hypothesis_id + sum(map(len, map(_BORN, change.proposals))) + 1,
         deferred_exposure=0.0,
         banks=tuple(banks),
         log_state_weight=weights.log_state_weight,
         residual=weights.residual,
         best=weights.best,
         live_hypotheses=weights.live_hypotheses,
-        outliers=state.outliers.joined(tick.outliers),
+        outliers=outliers,
         free_since=state.free_since if was_free else state.ticks,
         free_since_ns=state.free_since_ns if was_free else tick.start_ns,
         hazard_exposure=change.hazard_exposure,

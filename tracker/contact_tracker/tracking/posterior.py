@@ -39,9 +39,8 @@ def read_posterior(
     Of filters side by side, one ``tests_curvature``: whether free motion is on a curved surface.
     """
     probability = label_posterior(state)
-    label, onset_ns = STATES[int(np.argmax(probability))], state.free_since_ns
-    if label is not Contact.FREE:
-        onset_ns = int(state.best[label.column, 2])
+    label = STATES[int(probability.argmax())]
+    onset_ns = state.free_since_ns if label is Contact.FREE else int(state.best[label.column, 2])
     where = label_fit(state, label) if detail >= Detail.GEOMETRY else None
     shared = belief = Belief(tick.stamp_ns, label, probability, onset_ns, where, state.residual)
     state = state._replace(label=label)
@@ -107,7 +106,8 @@ def lagged_belief(state: FilterState, row: int) -> Belief:
 
 def label_posterior(state: FilterState) -> Array:
     """The posterior (7,) of the states, the most probable of which is the label."""
-    return ambiguity.tempered(state_shares(state), state.model.certainty.posterior_power)
+    power = state_shares(state) ** state.model.certainty.posterior_power
+    return np.asarray(power / power.sum())
 
 
 def state_shares(state: FilterState) -> Array:
@@ -115,13 +115,14 @@ def state_shares(state: FilterState) -> Array:
     divided between them and the first that does not."""
     weight = np.exp(state.log_state_weight - state.log_state_weight.max())
     by_chance = list[Contact]()
-    for column in np.argsort(-weight):
-        label = STATES[int(column)]
+    for column in (-weight).argsort().tolist():
+        label = STATES[column]
         if not may_agree_by_chance(state, label):
             break
         by_chance.append(label)
-    shared = ambiguity.shared_with(weight, label, by_chance)
-    return np.asarray(shared / shared.sum())
+    if by_chance:
+        weight = ambiguity.shared_with(weight, label, by_chance)
+    return np.asarray(weight / weight.sum())
 
 
 def may_agree_by_chance(state: FilterState, label: Contact) -> bool:
@@ -148,6 +149,8 @@ def share_among_indistinguishable(state: FilterState, belief: Belief) -> Belief:
     if label is Contact.FREE and state.curved.probability > 0.5:
         others, p_restricted = CONTACTS, max(p_restricted, state.curved.probability)
     inseparable, possible = tuple(filter(state.known_map.allows, others)), state.known_map.allowed
+    if not inseparable and not p_restricted:
+        return belief
     probability = ambiguity.redistribute(belief.probability, label, inseparable, p_restricted, possible)
     return replace(belief, probability=probability, inseparable=inseparable, p_restricted=p_restricted)
 
@@ -219,17 +222,20 @@ def follow_formation(state: FilterState, belief: Belief, tick: Tick) -> tuple[Fi
     least = STILL_ESTABLISHED if tracked and any(one.is_present for one in tracked) else ESTABLISHED
     if label is Contact.FREE or belief.probability[label.column] < least:
         return state._replace(formation=online.suspend(state.formation)), belief
-    bank, window = state.banks[label.column], state.window
-    row, onset, _ = state.best[label.column].tolist()
-    first_row, length = int(window.index.searchsorted(onset)), len(window)
+    window, (row, onset, _) = state.window, state.best[label.column].tolist()
+    first_row, length = int(window.index.searchsorted(onset)), window.index.size
     if length - first_row < ESTABLISHED_TICKS:
         return state._replace(formation=online.suspend(state.formation)), belief
-    some = window.cut(max(first_row, length - online.WINDOW_TICKS), None)
-    some = some.with_error(state.model.noise.extra_contact_variance[label.column])
-    leave_per_s, origins = state.model.transitions.leave_per_s, state.origins
-    ticks = FormationTicks(some, state.scales, leave_per_s, origins, state.known_map, state.model.systematic)
-    first = KnownContact(label, bank.x[row])
-    formation = online.advance(state.formation, ticks, first)
+    first = KnownContact(label, state.banks[label.column].rows["x"][row].copy())
+    beyond, excess = state.model.noise.extra_contact_variance[label.column], window.innovation_excess[-1]
+    moved_ticks = float((excess / (excess + window.variance[-1] + beyond)).max(initial=0.0))
+    formation = online.with_first(state.formation, first, window, moved_ticks)
+    if formation.tracked or formation.queue or formation.ticks_since_search >= formation.search_interval:
+        some = window.cut(max(first_row, length - online.WINDOW_TICKS), None).with_error(beyond)
+        rate, known_map = state.model.transitions.leave_per_s, state.known_map
+        errors = state.model.systematic
+        ticks = FormationTicks(some, state.scales, rate, state.origins, known_map, errors)
+        formation = online.advance(formation, ticks, first)
     state = state._replace(formation=formation)
     if formation.tracked:
         belief = open_beside(state, replace(belief, further=_reported(state, belief, tick)))

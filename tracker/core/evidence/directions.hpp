@@ -69,7 +69,8 @@ inline void twist_power(const Ticks& ticks, int first, Square<directions>& power
 }
 
 // Eigenvalues, ascending, of a matrix with rows and columns times `factor`.
-inline std::array<double, directions> rising(const Square<directions>& of, const double (&factor)[directions]) {
+inline std::array<double, directions> rising(const Square<directions>& of,
+                                             const double (&factor)[directions]) {
     Square<directions> scaled, axes;
     for (int i = 0; i < directions; ++i)
         for (int j = 0; j < directions; ++j) scaled[i][j] = of[i][j] * factor[i] * factor[j];
@@ -95,7 +96,8 @@ inline int used_directions(const Ticks& ticks, int first) {
     return is_one ? 1 : static_cast<int>(used);
 }
 
-// Number of directions used since the tick `onset`, and the motion (ticks). Reference: `ambiguity.motion_since`.
+// Number of directions used since the tick `onset`, and the motion (ticks). Reference:
+// `ambiguity.motion_since`.
 inline std::pair<int, double> motion_since(const Ticks& ticks, std::int64_t onset) {
     const auto first =
         static_cast<int>(std::lower_bound(ticks.number, ticks.number + ticks.count, onset) - ticks.number);

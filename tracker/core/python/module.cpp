@@ -3,6 +3,7 @@
 #include "evidence/directions.hpp"
 #include "evidence/information.hpp"
 #include "evidence/proximity.hpp"
+#include "formations/constraints.hpp"
 #include "python/numpy_views.hpp"
 #include "python/read_settings.hpp"
 #include "python/test_bindings.hpp"
@@ -184,6 +185,7 @@ PYBIND11_MODULE(kernels, module) {
     module.def("motion_since", [](const TickArrays& window, std::int64_t onset) {
         return motion_since(window.ticks(), onset);
     });
+    module.def("count_constraints", &count_constraints);
     module.def("descend", &descend_of);
     module.def("equations", &equations_at);
     parts::add(module.def_submodule("parts"));

@@ -13,12 +13,14 @@ from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.hypotheses.global_search import drawn
 from contact_tracker.hypotheses.schedule import burn_in_ticks
 from contact_tracker.motion import window as motion
+from contact_tracker.motion.lifted_pose import lift_of_inverse
 from contact_tracker.motion.window import Window
 
 information_terms = kernels.information_terms
 weigh_births = kernels.weigh_births
 competing_evidence = kernels.competing_evidence
 motion_since = kernels.motion_since
+count_constraints = kernels.count_constraints
 descend = kernels.descend
 equations = kernels.equations
 
@@ -59,6 +61,7 @@ def models(reach_m: float) -> list[kernels.Model]:
 @lru_cache(maxsize=32)  # of a tick and of the one before, for each of the filters side by side
 def ticks_of(window: Window) -> kernels.Ticks:
     """The kernels' form of a window."""
+    before = window.before
     return kernels.Ticks(
         window.index,
         window.zeta,
@@ -67,7 +70,7 @@ def ticks_of(window: Window) -> kernels.Ticks:
         window.innovation_excess,
         window.displacement_variance,
         window.position_anisotropy,
-        window.before_lifts,
+        None if before is None else np.array([before, lift_of_inverse(before[None])[0]]),
     )
 
 
