@@ -10,7 +10,7 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from math import sqrt
-from operator import sub
+from operator import attrgetter, sub
 from typing import Any, Final, NamedTuple, Self
 
 import numpy as np
@@ -406,7 +406,7 @@ class FilterBank:
     def copied(self) -> Self:
         """A copy that is updated without a change of this one; what does not change in place is shared."""
         other = type(self)(**vars(self))  # faster than ``copy``
-        other.filters = [ContactFilter(one.state) for one in self.filters]
+        other.filters = [*map(ContactFilter, map(attrgetter("state"), self.filters))]
         other.grid = None if self.grid is None else TickGrid(**vars(self.grid))
         return other
 

@@ -104,7 +104,8 @@ def with_first(
 
     If it constrains that tick otherwise than the one before, known contacts become remembered elements.
     """
-    before, model, since = state.first, first.model, state.ticks_since_search + moved_ticks
+    before, model = state.first, CONTACT_MODELS[first.contact.column]
+    since = state.ticks_since_search + moved_ticks
     if before is None or (
         before.contact is first.contact
         and constraints_of_two(model, np.array([before.x, first.x]), window) == first.contact.codimension

@@ -20,7 +20,7 @@ from typing import Final
 import numpy as np
 
 from contact_tracker.geometry.rotation import between, product, rotation_vectors
-from contact_tracker.motion.poses import NEAR_M, STEPS_KEPT, Array, Pose, Step, reach, step_between
+from contact_tracker.motion.poses import NEAR_M, NEAR_TURN, STEPS_KEPT, Array, Pose, Step, reach, step_between
 
 JUMP: Final = 3.0
 """A jump is longer than this many usual steps."""
@@ -89,7 +89,7 @@ class ExcursionFilter:
             self._last = pose
             return (pose,)
         step = step_between(before, pose)
-        if step.is_near and not self._held:  # the usual case; no jump, whatever is usual
+        if step.distance_m <= NEAR_M and step.turn <= NEAR_TURN and not self._held:  # as usual: no jump
             return self._pass_on(pose, step)
         furthest, periods = self._furthest(), max(elapsed_ns / max(period_ns, 1), 1.0)
         is_jump = step.distance_m > periods * furthest.distance_m or step.turn > periods * furthest.turn
@@ -274,7 +274,7 @@ class DefaultPoseFilter:
         last = self._kept[-1]
         if last[1:] != pose[1:]:
             step = step_between(last, pose)
-            if not step.is_near and self._is_default(pose):
+            if (step.distance_m > NEAR_M or step.turn > NEAR_TURN) and self._is_default(pose):
                 self._counts["default_pose"] += 1
                 self._dropped += 1
                 return False

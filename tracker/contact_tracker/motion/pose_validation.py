@@ -546,12 +546,12 @@ class PoseGate:
         return (x / norm, y / norm, z / norm, w / norm)
 
     def _pass_on(self, ordered: Iterable[Ordered]) -> Sequence[Pose]:
-        return [
-            self._continuous(kept)
-            for arrived, continues in ordered
-            for pose in self._defaults.admit(arrived, continues)
-            for kept in self._excursions.admit(pose, continues, self._order.period_ns)
-        ]
+        passed = list[Pose]()
+        for arrived, continues in ordered:
+            for pose in self._defaults.admit(arrived, continues):
+                kept = self._excursions.admit(pose, continues, self._order.period_ns)
+                passed += map(self._continuous, kept)
+        return passed
 
     def _continuous(self, pose: Pose) -> Pose:
         """The pose with the sign of its quaternion that is nearer to the last."""

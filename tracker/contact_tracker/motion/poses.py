@@ -190,10 +190,6 @@ class Step(NamedTuple):
     distance_m: float
     turn: float
 
-    @property
-    def is_near(self) -> bool:
-        return self.distance_m <= NEAR_M and self.turn <= NEAR_TURN
-
 
 def reach(steps: Collection[Step], times: float, quantile: float) -> Step:
     """How far a pose may be from the last one: ``times`` the usual step, at least near."""

@@ -122,11 +122,12 @@ def advance(
     if not buffer.is_due(many):
         return NoiseBuffer(buffer.differences, parts, many), estimate
     joined = Poses.join(parts).fresh
-    if not buffer.is_due(len(joined)):
-        return NoiseBuffer(buffer.differences, (joined,), len(joined)), estimate
+    many = joined.stamp_ns.size
+    if not buffer.is_due(many):
+        return NoiseBuffer(buffer.differences, (joined,), many), estimate
     differences = np.concatenate([buffer.differences, _third_differences(joined)], axis=1)[:, -MEMORY:]
-    left = joined[max((len(joined) - ORDER + 1) // STRIDE, 0) * STRIDE :]
-    return NoiseBuffer(differences, (left,), len(left)), _estimate(estimate, differences, prior)
+    left = joined[max((many - ORDER + 1) // STRIDE, 0) * STRIDE :]
+    return NoiseBuffer(differences, (left,), left.stamp_ns.size), _estimate(estimate, differences, prior)
 
 
 def _estimate(estimate: NoiseEstimate, differences: Array, prior: tuple[float, float]) -> NoiseEstimate:
@@ -185,7 +186,7 @@ def independent_point(poses: Poses) -> Array:
 
 def _third_differences(frames: Poses) -> Array:
     """Columns (15, n) of ``NoiseBuffer.differences``."""
-    if len(frames) <= ORDER:
+    if frames.stamp_ns.size <= ORDER:
         return EMPTY_BUFFER.differences
     quat, position, interval = frames.quat_xyzw, frames.position_m, np.diff(frames.stamp_ns)
     turns = rotation_vectors(between(quat[:-1], quat[1:]))
@@ -232,8 +233,9 @@ def _shape(rows: Array, start: Array, steps: int = 1) -> Array:
         length_sq = _distance_sq(rows, shape)
         weight = np.divide(1.0, length_sq, out=np.zeros_like(length_sq), where=length_sq > TINY)
         scatter = (rows * weight[..., None, :]) @ rows.swapaxes(-1, -2)
-        shape = scatter * (size * count / np.maximum(_trace(scatter), TINY)) + ball
-    return np.asarray(shape * (size / _trace(shape)))
+        whole = scatter.trace(axis1=-2, axis2=-1)[..., None, None]
+        shape = scatter * (size * count / np.maximum(whole, TINY)) + ball
+    return np.asarray(shape * (size / shape.trace(axis1=-2, axis2=-1)[..., None, None]))
 
 
 def _size_sq(rows: Array, shape: Array) -> Array:
@@ -244,7 +246,3 @@ def _size_sq(rows: Array, shape: Array) -> Array:
 
 def _distance_sq(rows: Array, shape: Array) -> Array:
     return np.asarray(np.einsum("...in,...in->...n", np.linalg.inv(shape) @ rows, rows))
-
-
-def _trace(matrix: Array) -> Array:
-    return np.asarray(matrix.trace(axis1=-2, axis2=-1))[..., None, None]
