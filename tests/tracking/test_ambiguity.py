@@ -44,8 +44,8 @@ seeds = st.integers(0, 2**32 - 1)
 
 
 def indistinguishable(label, competing, window, older):
-    motion = ambiguity.motion_since(window, int(window.index[0]) - older)
-    return ambiguity.indistinguishable(label, competing, ambiguity.freedom_of(label, motion))
+    freedom = ambiguity.freedom_of(label, window, int(window.index[0]) - older)
+    return ambiguity.indistinguishable(label, competing, freedom)
 
 
 def ticks(rotation, position, seed=0, variance=(SIGMA_M**2, SIGMA_RAD**2)):

@@ -260,11 +260,7 @@ DOUBT: Final = 0.5
 """Weight of the uniform distribution while the stream is in doubt."""
 
 
-def mixture(
-    beliefs: Sequence[Belief],
-    log_weight: Array,
-    known_map: Map = EMPTY_MAP,
-) -> Belief:
+def mixture(beliefs: Sequence[Belief], log_weight: Array, known_map: Map = EMPTY_MAP) -> Belief:
     """The belief of K trackers by their ``log_weight`` (K,): the mean posterior, and the label of a tracker
     that is most probable in it. States that are more probable in the mean, but that no tracker names, are
     indistinguishable from it and share their probability with it.

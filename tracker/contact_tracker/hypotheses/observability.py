@@ -371,7 +371,7 @@ class FittedContact:
     variance: Array
     rotation: Array
     origins: Origins
-    systematic: Array | float
+    systematic: Array
     pair: NamedPair | None
     information: Array | None
 
@@ -403,7 +403,7 @@ def fitted_contact(
     ``window`` has the ticks and their noise, ``errors`` are those that are not noise; the rest as in
     ``FittedContact``.
     """
-    one, systematic = bank.single(row), 0.0
+    one, systematic = bank.single(row), np.zeros(())
     if errors.are_given:
         systematic = systematic_covariance(
             one, model, window, scales.reach_m, errors, is_refined=information is not None

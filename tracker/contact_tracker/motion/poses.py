@@ -123,17 +123,9 @@ class Poses:
         """Batches of a few seconds."""
         return (self[first : first + BATCH] for first in range(0, len(self), BATCH))
 
-    @property
-    def repeats(self) -> NDArray[np.bool_]:
-        """(N - 1,) whether each pose but the first repeats the one before, bit for bit."""
-        same = (self.position_m[1:] == self.position_m[:-1]).all(axis=1)
-        if same.any():
-            same &= (self.quat_xyzw[1:] == self.quat_xyzw[:-1]).all(axis=1)
-        return np.asarray(same, bool)
-
     def differ_from(self, before: "Poses") -> NDArray[np.bool_]:
-        """(N,) whether each pose differs from the one before it, the first from the last of ``before``, if
-        there is one."""
+        """(N,) whether each pose differs, in a bit, from the one before it; the first from the last of
+        ``before``, if there is one."""
         differs = np.ones(self.stamp_ns.size, np.bool_)
         differs[1:] = (self.position_m[1:] != self.position_m[:-1]).any(axis=1)
         if before.stamp_ns.size:
@@ -146,8 +138,8 @@ class Poses:
     @property
     def fresh(self) -> "Poses":
         """The poses that do not repeat the one before."""
-        repeats = self.repeats
-        return self[np.append(True, ~repeats)] if repeats.any() else self
+        differs = self.differ_from(NO_POSES)
+        return self if differs.all() else self[differs]
 
     @property
     def rotation(self) -> Array:

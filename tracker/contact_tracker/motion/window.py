@@ -138,11 +138,6 @@ class Window:
         )
         return moved_on
 
-    def with_cached(self, inverse: Array, displacement_variance: Array) -> "Window":
-        """The same window with ``inverse`` and ``displacement_variance`` computed already."""
-        vars(self).update(inverse=inverse, displacement_variance=displacement_variance)
-        return self
-
     def expired_by(self, after: "Window") -> "Window":
         """The oldest tick, if it is not in the window ``after`` any more, a tick later."""
         return self.cut(0, max(self.index.size + 1 - after.index.size, 0))
@@ -176,9 +171,9 @@ class Window:
         """The window with noise variances (m^2, rad^2) increased by ``beyond`` in all ticks."""
         if not any(beyond):
             return self
-        return replace(self, variance=self.variance + beyond).with_cached(
-            self.inverse, self.displacement_variance
-        )
+        noisier = replace(self, variance=self.variance + beyond)
+        vars(noisier).update(inverse=self.inverse, displacement_variance=self.displacement_variance)
+        return noisier
 
     @classmethod
     def join(cls, parts: Sequence["Window"]) -> "Window":

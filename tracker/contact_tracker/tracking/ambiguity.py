@@ -84,21 +84,13 @@ class CompetingEvidence(NamedTuple):
         return np.asarray(self.rms < SAME_FIT_RATIO * max(1.0, self.rms[label.column]))
 
 
-class MotionSince(NamedTuple):
-    """The motion since an onset: how many directions it uses, for how many ticks the object has moved, and
-    whether there were ticks before those of the window."""
-
-    used: int
-    moved_ticks: float
-    older: bool
-
-
 class Freedom(NamedTuple):
-    """Whether the motion does not use all freedom that its label leaves, and whether it has only one degree
-    of freedom."""
+    """Whether the motion does not use all freedom that its label leaves, whether it has only one degree of
+    freedom, and for how many ticks the object has moved."""
 
     underused: bool
     one_direction: bool
+    moved_ticks: float = 0.0
 
 
 def indistinguishable(label: Contact, rivals: CompetingEvidence, freedom: Freedom) -> tuple[Contact, ...]:
@@ -133,25 +125,25 @@ def alike_in_formation(label: Contact, rivals: CompetingEvidence) -> tuple[Conta
     )
 
 
-def motion_since(window: Window, onset: int) -> MotionSince:
-    """The motion in the ticks of the window since tick ``onset``."""
-    older = onset < window.index[0]
+def motion_since(window: Window, onset: int) -> tuple[int, float]:
+    """How many directions the motion since tick ``onset`` uses, and for how many ticks the object moved."""
     if not compiled.in_use():
         since = window.since(onset)
-        return MotionSince(used_directions(since), float(since.motion_ratio.sum()), older)
+        return used_directions(since), float(since.motion_ratio.sum())
     from contact_tracker.hypotheses.compiled import calls
 
-    return MotionSince(*calls.motion_since(calls.ticks_of(window), onset), older)
+    return calls.motion_since(calls.ticks_of(window), onset)
 
 
-def freedom_of(label: Contact, motion: MotionSince) -> Freedom:
+def freedom_of(label: Contact, window: Window, onset: int) -> Freedom:
     """How far the motion since the onset uses the freedom that ``label`` leaves. Free motion also begins in
     one direction."""
-    is_short = motion.moved_ticks < LEAST_MOTION_TICKS
-    if motion.older and is_short:
-        return Freedom(False, False)
-    one = motion.used == 1 and not (label is Contact.FREE and is_short)
-    return Freedom(motion.used < DIRECTIONS - label.codimension, one)
+    used, moved_ticks = motion_since(window, onset)
+    is_short = moved_ticks < LEAST_MOTION_TICKS
+    if is_short and onset < window.index[0]:
+        return Freedom(False, False, moved_ticks)
+    one = used == 1 and not (label is Contact.FREE and is_short)
+    return Freedom(used < DIRECTIONS - label.codimension, one, moved_ticks)
 
 
 def tempered(probability: Array, exponent: float) -> Array:

@@ -14,7 +14,6 @@ from contact_tracker.hypotheses.observability import FittedContact, element_esti
 from contact_tracker.map.association import MAP_INSERTION_PROBABILITY, Sighting
 from contact_tracker.map.pairs import named_pairs
 from contact_tracker.motion.tick_averaging import Tick
-from contact_tracker.motion.window import DIRECTIONS
 from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking import ambiguity
 from contact_tracker.tracking.ambiguity import NO_CURVED_MOTION, update_curved_motion
@@ -135,17 +134,18 @@ def may_agree_by_chance(state: FilterState, label: Contact) -> bool:
     row, onset, _ = state.best[label.column].tolist()
     if state.banks[label.column].rows["prior_index"][row] or onset < state.window.index[0]:
         return False
-    return ambiguity.motion_since(state.window, onset).used < DIRECTIONS - label.codimension
+    return ambiguity.freedom_of(label, state.window, onset).underused
 
 
 def share_among_indistinguishable(state: FilterState, belief: Belief) -> Belief:
     """The belief in which states that the motion does not distinguish from the label share its
     probability."""
     label = belief.contact
-    rivals, motion = _since_onset(state, label)
-    freedom = ambiguity.freedom_of(label, motion)
+    onset = state.onset_of(label)
+    rivals = ambiguity.competing_evidence(state.banks, label, onset, state.ticks - 1)
+    freedom = ambiguity.freedom_of(label, state.window, onset)
     others = ambiguity.indistinguishable(label, rivals, freedom)
-    p_restricted = ambiguity.p_restricted(freedom.underused, state.model.tick_s * motion.moved_ticks)
+    p_restricted = ambiguity.p_restricted(freedom.underused, state.model.tick_s * freedom.moved_ticks)
     if label is Contact.FREE and state.curved.probability > 0.5:
         others, p_restricted = CONTACTS, max(p_restricted, state.curved.probability)
     inseparable, possible = tuple(filter(state.known_map.allows, others)), state.known_map.allowed
@@ -161,22 +161,15 @@ def open_beside(state: FilterState, belief: Belief) -> Belief:
     label, known_map = belief.contact, state.known_map
     if not belief.further:
         return belief
-    rivals, motion = _since_onset(state, label)
+    onset = state.onset_of(label)
+    rivals = ambiguity.competing_evidence(state.banks, label, onset, state.ticks - 1)
     alike = set(filter(known_map.allows, ambiguity.alike_in_formation(label, rivals)))
     if not alike:
         return belief
     others = tuple(one for one in STATES if one in alike | {*belief.inseparable})
-    p_restricted = ambiguity.p_restricted(True, state.model.tick_s * motion.moved_ticks)
+    moved_s = state.model.tick_s * ambiguity.motion_since(state.window, onset)[1]
+    p_restricted = ambiguity.p_restricted(True, moved_s)
     return replace(belief, inseparable=others, p_restricted=p_restricted)
-
-
-def _since_onset(
-    state: FilterState, label: Contact
-) -> tuple[ambiguity.CompetingEvidence, ambiguity.MotionSince]:
-    """How well each state explains the ticks since the onset of the label, and the motion in them."""
-    onset = state.onset_of(label)
-    rivals = ambiguity.competing_evidence(state.banks, label, onset, state.ticks - 1)
-    return rivals, ambiguity.motion_since(state.window, onset)
 
 
 def with_rest(state: FilterState, belief: Belief, is_in_rest: bool) -> tuple[FilterState, Belief]:

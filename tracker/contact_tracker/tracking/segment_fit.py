@@ -130,8 +130,8 @@ def _segment_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
 
 def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) -> SegmentFit:
     model, known_map, label = segment.model, segment.known_map, segment.contact
-    motion = ambiguity.motion_since(window, int(window.index[0]))
-    freedom, moved_s = ambiguity.freedom_of(label, motion), model.tick_s * motion.moved_ticks
+    freedom = ambiguity.freedom_of(label, window, int(window.index[0]))
+    moved_s = model.tick_s * freedom.moved_ticks
     rivals = ambiguity.CompetingEvidence(
         np.array([*(f.log_likelihood.max(initial=-np.inf) for f in fits), 0.0]),
         np.array([*(f.rms.min(initial=np.inf) for f in fits), 1.0]),
