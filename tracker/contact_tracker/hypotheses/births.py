@@ -242,16 +242,12 @@ class TickInput(NamedTuple):
     log_birth_weight: Array
     """(7,) log birth weights."""
 
-    @property
-    def turn(self) -> Array:
-        """(3, 3) orientation of the body."""
-        return np.asarray(self.window.zeta[-1, R].reshape(3, 3))
-
     def birth(self, column: int) -> Birth:
         """The births of one contact."""
         number = self.number + sum(begins.count for begins in self.proposals[:column])
         own = float(self.log_birth_weight[column]), self.lag_history[column]
-        return Birth(self.proposals[column], self.onset, self.onset_ns, number, *own, self.turn)
+        turn = self.window.zeta[-1, R].reshape(3, 3)
+        return Birth(self.proposals[column], self.onset, self.onset_ns, number, *own, turn)
 
 
 def propose_births(
@@ -548,7 +544,8 @@ def reweight_transitions(change: Array, stay: Array, log_odds: Array, shown: Arr
     """
     moved = change.copy()
     moved[:, : len(log_odds)] += log_odds - (_SHARED_ROWS * shown).sum(axis=-1)
-    kept = np.where(np.arange(len(STATES)) == FREE, -np.inf, stay)  # free stays by the matrix
+    kept = stay.copy()
+    kept[FREE] = -np.inf  # free stays by the matrix
     before = np.logaddexp(np.logaddexp.reduce(change, axis=1), kept)
     after = np.logaddexp(np.logaddexp.reduce(moved, axis=1), kept)
     return moved - (after - before)[:, None], stay - (after - before)

@@ -72,10 +72,6 @@ def _should_update_map(state: FilterState, belief: Belief) -> bool:
     return belief.stamp_ns >= state.map.due_ns.get(belief.onset_ns, belief.stamp_ns)
 
 
-def _had_begun(belief: Belief, stamp_ns: int) -> bool:
-    return all(one.start_ns <= stamp_ns for one in belief.further)
-
-
 def lagged_belief(state: FilterState, row: int) -> Belief:
     """The belief about the tick of ``recent[row]``, given all data until now."""
     then = state.recent[row]
@@ -89,7 +85,8 @@ def lagged_belief(state: FilterState, row: int) -> Belief:
         same[0] if same else Belief(then.stamp_ns, contact, probability, then.stamp_ns, None, then.residual)
     )
     # from the latest belief whose further contacts had all begun: their constraints are counted
-    further = max((one.further for one in same if _had_begun(one, then.stamp_ns)), key=len, default=())
+    begun = (b.further for b in same if all(one.start_ns <= then.stamp_ns for one in b.further))
+    further = max(begun, key=len, default=())
     others, p_restricted = telling.inseparable, telling.p_restricted
     known_map, is_open = state.known_map, telling.is_open
     probability = ambiguity.reported(probability, contact, others, known_map, p_restricted, is_open)
