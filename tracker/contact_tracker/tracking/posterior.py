@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from scipy.special import expit
 
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.formations import online
-from contact_tracker.formations.further import FormationTicks, KnownContact
+from contact_tracker.explanations import online_contacts
+from contact_tracker.explanations.further_contacts import FormationTicks, KnownContact
 from contact_tracker.geometry.elements import ContactGeometry
 from contact_tracker.hypotheses.births import named
 from contact_tracker.hypotheses.observability import contact_geometry, element_estimate
@@ -60,8 +60,8 @@ def read_posterior(
         belief = shared
     if detail >= Detail.FORMATION:
         state, belief = follow_formation(state, belief, tick)
-    elif state.formation is not online.EMPTY_FORMATION:
-        state = state._replace(formation=online.suspend(state.formation))
+    elif state.formation is not online_contacts.EMPTY_FORMATION:
+        state = state._replace(formation=online_contacts.suspend(state.formation))
     return state, belief
 
 
@@ -223,18 +223,18 @@ def follow_formation(state: FilterState, belief: Belief, tick: Tick) -> tuple[Fi
     tracked = state.formation.tracked
     least = STILL_ESTABLISHED if tracked and any(one.is_present for one in tracked) else ESTABLISHED
     if label is Contact.FREE or belief.probability[label.column] < least:
-        return state._replace(formation=online.suspend(state.formation)), belief
+        return state._replace(formation=online_contacts.suspend(state.formation)), belief
     bank, row = state.banks[label.column], int(state.best_rows[label.column])
     onset, window = int(bank.rows["onset"][row]), state.window
     first_row, length = int(window.index.searchsorted(onset)), len(window)
     if length - first_row < ESTABLISHED_TICKS:
-        return state._replace(formation=online.suspend(state.formation)), belief
-    some = window.cut(max(first_row, length - online.WINDOW_TICKS), None)
+        return state._replace(formation=online_contacts.suspend(state.formation)), belief
+    some = window.cut(max(first_row, length - online_contacts.WINDOW_TICKS), None)
     some = some.with_error(state.model.noise.extra_contact_variance[label.column])
     leave_per_s, origins = state.model.transitions.leave_per_s, state.origins
     ticks = FormationTicks(some, state.scales, leave_per_s, origins, state.known_map, state.model.systematic)
     first = KnownContact(label, bank.x[row])
-    formation = online.advance(state.formation, ticks, first)
+    formation = online_contacts.advance(state.formation, ticks, first)
     state = state._replace(formation=formation)
     if formation.tracked:
         belief = open_beside(state, replace(belief, further=_reported(state, belief, tick)))

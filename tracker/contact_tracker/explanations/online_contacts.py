@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.formations.conditional import (
+from contact_tracker.explanations.conditional_contact import (
     ConditionalMotion,
     Presence,
     Run,
     count_constraints,
     perturbed,
 )
-from contact_tracker.formations.further import (
+from contact_tracker.explanations.further_contacts import (
     MAX_FURTHER,
     SURE_NATS,
     Candidate,
