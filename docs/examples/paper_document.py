@@ -17,9 +17,9 @@ Array = NDArray[np.float64]
 TEXT: Final = """\
 # The paper's experiments
 
-This page repeats both experiments of "Objective Functions of Principal Contact Estimation from Motion Based on the Geometrical Singular Condition". In these,
-S. Ishikawa, S. Shirafuji and J. Ota move a cube of 0.2 m by hand on a desk, measure it by motion capture, and estimate the contact from its motion
-([theory](theory.md#4-the-papers-objective-functions) has their equations and our errata). One
+This page repeats both experiments of S. Ishikawa, S. Shirafuji and J. Ota in "Objective Functions of Principal Contact Estimation from Motion Based on the
+Geometrical Singular Condition": a cube of 0.2 m is moved by hand on a desk and measured by motion capture, and the contact is estimated from its motion
+([theory](theory.md#4-the-papers-objective-functions) has the equations and errata). One
 command writes the page, with its pictures, in a few minutes:
 
 ```bash
