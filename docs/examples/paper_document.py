@@ -19,17 +19,17 @@ TEXT: Final = """\
 
 This page repeats both experiments of S. Ishikawa, S. Shirafuji and J. Ota in "Objective Functions of Principal Contact Estimation from Motion Based on the
 Geometrical Singular Condition": a cube of 0.2 m is moved by hand on a desk and measured by motion capture, and the contact is estimated from its motion
-([theory](theory.md#4-the-papers-objective-functions) has the equations and errata). One
-command writes the page, with its pictures, in a few minutes:
+([theory](theory.md#4-the-papers-objective-functions) has equations and errata). One
+command writes the page and its pictures in a few minutes:
 
 ```bash
 python docs/examples/paper.py
 ```
 
-**Comparison.** The paper's recordings are not published. The recordings here are simulated: the same cube, desk, contacts, durations and rate, motion as by
+**Comparison.** The paper's recordings are not published. Here they are simulated: the same cube, desk, contacts, durations and rate, motion as by
 hand, noise of 0.3 mm and 0.15 deg. The paper's errors also have causes that a simulation does not have (errors of the true geometry,
-rounded edges, compliance of the desk), so the column *paper* is only an order of magnitude. The column *SLSQP* is the paper's
-method on the same poses as the column *tracker*: compare these two.
+rounded edges, compliance of the desk), so the column *paper* is only an order of magnitude. Compare the columns *SLSQP* (the paper's
+method) and *tracker*, which are of the same poses.
 *White* noise is independent from pose to pose. *Filtered* is the same recording after a low-pass of 20 Hz (Butterworth, forward and backward),
 which correlates the noise, as motion-capture software does.
 
