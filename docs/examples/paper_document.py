@@ -29,7 +29,7 @@ python docs/examples/paper.py
 **Comparison.** The paper's recordings are not published. Here they are simulated: the same cube, desk, contacts, durations and rate, motion as by
 hand, noise of 0.3 mm and 0.15 deg. The paper's errors also have causes that a simulation does not have (errors of the true geometry,
 rounded edges, compliance of the desk), so the column *paper* is only an order of magnitude. Compare the columns *SLSQP* (the paper's
-method) and *tracker*, which are of the same poses.
+method) and *tracker*, on the same poses.
 *White* noise is independent from pose to pose. *Filtered* is the same recording after a low-pass of 20 Hz (Butterworth, forward and backward),
 which correlates the noise, as motion-capture software does.
 
