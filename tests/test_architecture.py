@@ -16,27 +16,20 @@ LAB = ROOT / "tracker" / "contact_tracker_lab"
 
 # Data flows down this table: a package imports only from rows above its own, and from itself.
 LAYERS = (
-    ("suggestions",),
-    ("states", "errors", "files"),
-    ("geometry", "config", "hmm"),
-    ("motion", "ground_truth"),
-    ("contacts", "inspection", "wrenches"),
-    ("map", "paper"),
-    ("hypotheses",),
-    ("formations",),
-    ("joints",),
+    ("states", "errors", "files", "suggestions", "version", "geometry", "hmm"),
+    ("config", "contacts"),
+    ("motion", "ground_truth", "map"),
+    ("hypotheses", "inspection", "paper", "wrenches"),
+    ("explanations",),
     ("tracking",),
     ("checks",),
-    ("adaptation",),
     ("tracker",),
     ("segmenting",),
-    ("with_wrenches",),
     ("interrupts",),
     ("recording", "saved_state", "processes"),
     ("trajectory",),
     ("outputs",),
-    ("sequences",),
-    ("viewer",),
+    ("sequences", "viewer", "offline"),
     ("exports",),
     ("batch",),
     ("cli", "api"),
@@ -48,12 +41,12 @@ LAB_LAYERS = (
     ("cli", "physics"),
 )
 """Of the second package, which imports any of the first one; the first one imports none of it."""
-FIRST_EDGE_LAYER = LAYERS.index(("with_wrenches",)) + 1
+FIRST_EDGE_LAYER = LAYERS.index(("segmenting",)) + 1
 CORE = {name for row in LAYERS[:FIRST_EDGE_LAYER] for name in row}
 # Of what comes before the edge: files that users name, and whether kernels are built from the sources
 # beside them.
 READS_FILES = {"config/loading.py", "config/keys.py", "config/__init__.py", "hypotheses/compiled/__init__.py"}
-READS_FILES |= {"hypotheses/compiled/sources.py", "files.py"}
+READS_FILES |= {"hypotheses/compiled/sources.py", "files.py", "suggestions.py"}
 READS_FILES |= {"map/file.py"}
 ALONE = {"hmm"}  # it sees arrays only, and imports nothing of ours
 SINGLE_IMPORTER = {
@@ -139,7 +132,7 @@ def test_data_flows_one_way() -> None:
     for path, name in ((one, name) for one in PARTS for name in imports(one)):
         root, layers = package(path), LAYERS_OF[package(path)]
         assert root == LAB or not name.startswith(LAB.name), f"{ids(path)} imports the lab"
-        if name.startswith(f"{root.name}.") and name != "contact_tracker.__version__":
+        if name.startswith(f"{root.name}."):
             own, other = part(path), name.split(".")[1]
             is_before = other == own or layer(other, layers) < layer(own, layers)
             assert is_before, f"{ids(path)} imports {other}, which comes after it or beside it"

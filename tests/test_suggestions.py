@@ -5,8 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from contact_tracker.files import near_file
-from contact_tracker.suggestions import suggestion
+from contact_tracker.suggestions import near_file, suggestion
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib import pyplot
 from scipy.spatial.transform import Rotation
 
-from contact_tracker.geometry.contact_motion import contact_motion
+from contact_tracker.contacts.contact_motion import contact_motion
 from contact_tracker.geometry.elements import Array, ContactGeometry, Plane, Point
 
 PICTURE: Final = Path(__file__).parents[1] / "images" / "contact_motion.png"

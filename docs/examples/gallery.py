@@ -2,9 +2,9 @@
 
     python docs/examples/gallery.py FOLDER
 
-Which ones, gallery.toml says. Each is looked for in FOLDER and below it by its name, and has to be the one of
-which the page is written; TOML files that its command names are beside it, with any content. One of which
-something is not found is said in a line, and the page says that it was not run.
+gallery.toml lists the recordings. Each is searched in and below FOLDER by its name and its digest; TOML files
+that its command names are beside it, with any content. If a file is absent, a line says so, and the page says
+that the recording was not run.
 """
 
 import hashlib
@@ -99,7 +99,7 @@ def section(number: int, entry: dict[str, Any], folder: Path) -> str:
     result.plot().savefig(DOCS / picture, dpi=60)
     said = FIGURES[entry.get("figure", "contacts")](result)
     shown = f"![{name}: segments, probabilities, and what is known of the elements, over time.]({picture})"
-    return f"{head}{shown}\n\nSaid: {said}.\n\nWhere it is wrong: {entry['wrong']}\n"
+    return f"{head}{shown}\n\nResult: {said}.\n\nWhere it is wrong: {entry['wrong']}\n"
 
 
 def main() -> None:

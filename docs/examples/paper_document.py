@@ -17,19 +17,19 @@ Array = NDArray[np.float64]
 TEXT: Final = """\
 # The paper's experiments
 
-In "Objective Functions of Principal Contact Estimation from Motion Based on the Geometrical Singular Condition", S. Ishikawa, S. Shirafuji and
-J. Ota move a cube of 0.2 m by hand on a desk, measure it by motion capture, and estimate the contact from its motion
-([theory](theory.md#4-the-papers-objective-functions) has their equations and our errata). This page repeats both of their experiments. One
-command writes it, with its pictures, in a few minutes:
+This page repeats both experiments of S. Ishikawa, S. Shirafuji and J. Ota in "Objective Functions of Principal Contact Estimation from Motion Based on the
+Geometrical Singular Condition": a cube of 0.2 m is moved by hand on a desk and measured by motion capture, and the contact is estimated from its motion
+([theory](theory.md#4-the-papers-objective-functions) has equations and errata). One
+command writes the page and its pictures in a few minutes:
 
 ```bash
 python docs/examples/paper.py
 ```
 
-**Comparison.** The paper's recordings are not published. Ours are simulated: the same cube, desk, contacts, durations and rate, motion as by
+**Comparison.** The paper's recordings are not published. Here they are simulated: the same cube, desk, contacts, durations and rate, motion as by
 hand, noise of 0.3 mm and 0.15 deg. The paper's errors also have causes that a simulation does not have (errors of the true geometry,
-rounded edges, compliance of the desk), so the column *paper* is only an order of magnitude. The column *SLSQP* is the paper's
-method on the same poses as the column *tracker*: compare these two.
+rounded edges, compliance of the desk), so the column *paper* is only an order of magnitude. Compare the columns *SLSQP* (the paper's
+method) and *tracker*, on the same poses.
 *White* noise is independent from pose to pose. *Filtered* is the same recording after a low-pass of 20 Hz (Butterworth, forward and backward),
 which correlates the noise, as motion-capture software does.
 
@@ -51,8 +51,8 @@ Fig. 1 shows the contacts: see [f-f](contacts/ff.md), [e-f](contacts/ef.md) and 
 
 ![The cube in four contacts, with the estimated faces, edges and vertices.](images/paper_geometry.png)
 
-As in Fig. 4, the object's element is red, that of the surroundings blue. Most estimates, of SLSQP and of the tracker, differ from the true elements by less
-than the width of a line. Motion does not determine the position of the faces of f-f along their normals: both methods put them through the origin of the body frame.
+As in Fig. 4, the object's element is red, the element of the surroundings blue. Most estimates, of SLSQP and of the tracker, differ from the true elements by less
+than the width of a line. Motion does not determine the position of the faces of f-f along their normals: both methods place them at the origin of the body frame.
 
 Median errors. *Bound* is the median error of an estimator that attains the [Cramér-Rao bound](theory.md#12-how-well-geometry-can-be-known) of
 white noise; no filter lowers it. {labelled}
@@ -71,7 +71,7 @@ With filtered noise:
 
 ![The same with filtered noise.](images/paper_sequence_filtered.png)
 
-(a) and (b) are the paper's Fig. 5: minima of its objectives, each over its maximum, by batched Levenberg-Marquardt, and SLSQP's as dots. (c) and (d) are the
+(a) and (b) are the paper's Fig. 5: minima of its objectives, each over its maximum, by batched Levenberg-Marquardt; dots are the minima of SLSQP. (c) and (d) are the
 tracker's posteriors at the last pose of each window. Dotted lines are the true changes; the first window ends after 2.5 s. {gain}
 
 Medians of the curves over the windows that lie within one contact, and mean probabilities of the same contact at the ends of these windows:

@@ -19,9 +19,9 @@ from contact_tracker.errors import (
     NoPoses,
     UsageError,
 )
+from contact_tracker.explanations.joint_evidence import Joint
+from contact_tracker.explanations.joint_models import JointKind
 from contact_tracker.geometry.elements import Line
-from contact_tracker.joints.evidence import Joint
-from contact_tracker.joints.models import JointKind
 from contact_tracker.motion.pose_validation import PoseGate
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import WRENCH_TYPE, write_recording

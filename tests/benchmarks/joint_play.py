@@ -22,8 +22,8 @@ from scipy.spatial.transform import Rotation
 from scipy.special import expit
 
 from contact_tracker.config.loading import load_model
-from contact_tracker.joints.evidence import find_joint
-from contact_tracker.motion.lifted_pose import R, T, lift
+from contact_tracker.explanations.joint_evidence import find_joint
+from contact_tracker.geometry.lifted_pose import R, T, lift
 from contact_tracker.motion.window import Window
 from contact_tracker.tracking.state import scales_of
 from contact_tracker_lab.benchmark.runner import Table, measured, parser_of, report

@@ -24,10 +24,10 @@ import numpy as np
 
 from contact_tracker import segmenting
 from contact_tracker.config.loading import load_model
+from contact_tracker.explanations.joint_evidence import Joint
+from contact_tracker.explanations.joint_models import JointKind
 from contact_tracker.geometry.elements import ContactGeometry
 from contact_tracker.ground_truth import Truth
-from contact_tracker.joints.evidence import Joint
-from contact_tracker.joints.models import JointKind
 from contact_tracker.motion.pose_validation import gate
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log, read_truth

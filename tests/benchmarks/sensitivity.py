@@ -21,8 +21,8 @@ from pathlib import Path
 from types import CodeType
 from typing import Any, Final, NamedTuple
 
-CORE: Final = ("adaptation", "hmm", "hypotheses", "map", "motion", "tracking")
-"""Packages that decide labels. Joints and further contacts come after these; checks warn."""
+CORE: Final = ("explanations", "hmm", "hypotheses", "map", "motion", "tracking")
+"""Packages that decide labels, and what is reported beside them; checks warn."""
 FACTORS: Final = (0.5, 2.0)
 SHOWN: Final = 0.0005
 """Least change of accuracy that is shown."""

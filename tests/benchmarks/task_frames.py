@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from scipy.linalg import subspace_angles
 
 from contact_tracker import Trajectory, segment
+from contact_tracker.contacts.task_frame import T_world_body, TaskFrame, joint_frame, task_frame
+from contact_tracker.explanations.joint_models import JointKind
 from contact_tracker.geometry.elements import Plane
-from contact_tracker.geometry.task_frame import T_world_body, TaskFrame, joint_frame, task_frame
-from contact_tracker.joints.models import JointKind
 from contact_tracker.states import CONTACTS
 from contact_tracker_lab.benchmark.runner import Table, measured, parser_of, report
 from contact_tracker_lab.evaluation.tables import number

@@ -11,7 +11,7 @@ from contact_motions import touching
 from contact_tracker.config.loading import limits, load_model
 from contact_tracker.config.parameters import Model, TransitionCounts
 from contact_tracker.errors import UsageError
-from contact_tracker.motion.lifted_pose import lift
+from contact_tracker.geometry.lifted_pose import lift
 from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS, Contact
 from contact_tracker_lab.calibration.parameters import (

@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 from contact_motions import elements_of, touching, x_of
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.contacts import family as layout
+from contact_tracker.geometry import lifted_pose
 from contact_tracker.geometry.elements import Line, Plane, Point
-from contact_tracker.motion import lifted_pose
 from contact_tracker.paper import direct, motion
 from contact_tracker.states import CONTACTS, Contact
 

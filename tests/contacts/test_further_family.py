@@ -5,12 +5,12 @@ from scipy.spatial.transform import Rotation
 
 from contact_tracker.contacts import ContactModel
 from contact_tracker.contacts.family import Form, Measurement, outer
+from contact_tracker.geometry import lifted_pose
 from contact_tracker.geometry.elements import Plane, Point
 from contact_tracker.hypotheses.bank_update import fit_window
 from contact_tracker.hypotheses.births import with_prior
 from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.map.pairs import PairPrior
-from contact_tracker.motion import lifted_pose
 from contact_tracker.motion.window import Window
 from contact_tracker.states import Contact
 

@@ -38,14 +38,14 @@ from contact_tracker.exports.saved_result import RESULT
 from contact_tracker.geometry.elements import ContactGeometry, Line, Plane, Point, Unobserved, flat
 from contact_tracker.motion.poses import Poses
 from contact_tracker.outputs.outcome import Outcome
+from contact_tracker.outputs.parts import Part
+from contact_tracker.outputs.scene import EMPTY
 from contact_tracker.paper import window_curves
 from contact_tracker.recording import write_recording
 from contact_tracker.saved_state import save
 from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking.belief import FurtherContact, Segment
 from contact_tracker.tracking.segmentation import Segmentation
-from contact_tracker.viewer.parts import Part
-from contact_tracker.viewer.scene import EMPTY
 from forged_states import forge
 from mcap_logs import Topic, poses_topic, write_log
 from short_recordings import EDGE_TO_EDGES, FACE_TO_EDGE, recorded

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from contact_tracker.geometry.contact_motion import (
+from contact_tracker.contacts.contact_motion import (
     STICK_SLIP,
     ContactMotion,
     _marginal_covariances,

@@ -10,6 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from contact_motions import touching, x_of
 from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.contacts.task_frame import TaskFrame, contact_frame, task_frame
+from contact_tracker.explanations.joint_evidence import Joint
+from contact_tracker.explanations.joint_models import JointKind
 from contact_tracker.geometry.elements import (
     ContactGeometry,
     Element,
@@ -19,10 +22,7 @@ from contact_tracker.geometry.elements import (
     numbers,
     of_numbers,
 )
-from contact_tracker.geometry.task_frame import TaskFrame, contact_frame, task_frame
-from contact_tracker.joints.evidence import Joint
-from contact_tracker.joints.models import JointKind
-from contact_tracker.motion.lifted_pose import lift
+from contact_tracker.geometry.lifted_pose import lift
 from contact_tracker.states import CONTACTS, Contact
 
 STEP = 1e-5

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from contact_tracker.hypotheses.curved_contact import (
+from contact_tracker.explanations.curved_contact import (
     CURVED_CONTACTS,
     curved_evidence,
     line_at_line,
@@ -14,7 +14,7 @@ from contact_tracker.hypotheses.curved_contact import (
     point_at_point,
     rim_on_plane,
 )
-from contact_tracker.motion import lifted_pose
+from contact_tracker.geometry import lifted_pose
 from contact_tracker.motion.window import Window
 from contact_tracker.tracking.state import scales_of
 from restricted_motions import MOTIONS

@@ -6,8 +6,8 @@ from scipy.spatial.transform import Rotation
 
 from contact_motions import elements_of, touching
 from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.geometry import lifted_pose
 from contact_tracker.hypotheses.gauss_newton import Prior, minimise
-from contact_tracker.motion import lifted_pose
 from contact_tracker.paper import direct, matrix, minimise_slsqp, motion
 from contact_tracker.states import Contact
 from cost_of_geometry import every_cost

@@ -11,9 +11,15 @@ from scipy.spatial.transform import Rotation
 
 from contact_motions import touching, x_of
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.formations.conditional import ConditionalMotion, Problem, constraints_of_two, moments
-from contact_tracker.formations.further import KnownContact
+from contact_tracker.explanations.conditional_contact import (
+    ConditionalMotion,
+    Problem,
+    constraints_of_two,
+    moments,
+)
+from contact_tracker.explanations.further_contacts import KnownContact
 from contact_tracker.geometry.elements import Origins
+from contact_tracker.geometry.lifted_pose import lift
 from contact_tracker.hypotheses import gauss_newton, global_search, observability, refinement
 from contact_tracker.hypotheses.bank import blank
 from contact_tracker.hypotheses.births import propose_births, weigh_births
@@ -23,7 +29,6 @@ from contact_tracker.hypotheses.global_search import prune, residual
 from contact_tracker.hypotheses.schedule import FAR_NATS, burn_in_ticks
 from contact_tracker.map.file import map_from
 from contact_tracker.map.pairs import Frame
-from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.motion.poses import batches
 from contact_tracker.motion.window import Window
 from contact_tracker.states import STATES, Contact

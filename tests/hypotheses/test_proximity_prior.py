@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from contact_tracker.config.loading import load_model
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.geometry.elements import Origins
+from contact_tracker.geometry.lifted_pose import lift
 from contact_tracker.hmm import log_sum_exp
 from contact_tracker.hypotheses.births import (
     FREE,
@@ -22,7 +23,6 @@ from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.map.file import map_from
 from contact_tracker.map.map import EMPTY_MAP
 from contact_tracker.map.pairs import Frame, named_pairs
-from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS, STATES, Contact

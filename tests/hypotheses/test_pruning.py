@@ -13,6 +13,7 @@ import pruning
 from contact_tracker.config.loading import load_model
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.geometry.elements import Origins
+from contact_tracker.geometry.lifted_pose import lift
 from contact_tracker.hypotheses import compiled, global_search
 from contact_tracker.hypotheses.bank import blank
 from contact_tracker.hypotheses.bank_update import fit_window
@@ -31,7 +32,6 @@ from contact_tracker.hypotheses.schedule import (
 )
 from contact_tracker.map.file import map_from
 from contact_tracker.map.pairs import Frame
-from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.window import Window
 from contact_tracker.recording import open_log

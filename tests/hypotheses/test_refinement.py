@@ -13,6 +13,7 @@ from scipy.stats import chi2
 from contact_tracker.config.loading import load_model
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.geometry.elements import Plane
+from contact_tracker.geometry.lifted_pose import lift
 from contact_tracker.hypotheses.bank_update import fit_window
 from contact_tracker.hypotheses.observability import MOST_TICKS, added_covariance, representatives
 from contact_tracker.hypotheses.refinement import (
@@ -22,7 +23,6 @@ from contact_tracker.hypotheses.refinement import (
     refine,
     whiten_ar1,
 )
-from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS, Contact
 from contact_tracker.tracking.state import scales_of

@@ -21,12 +21,12 @@ from contact_tracker.geometry.elements import (
     canonical,
     numbers,
 )
+from contact_tracker.geometry.lifted_pose import lift
 from contact_tracker.hypotheses.bank import blank
 from contact_tracker.hypotheses.births import Birth, add, propose_births
 from contact_tracker.map.elements import is_same_element
 from contact_tracker.map.map import EMPTY_MAP, Accuracy, Map, NamedElement, Up, known_to
 from contact_tracker.map.pairs import UNLISTED, Frame, PairPrior, named_pairs, pair_priors
-from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.states import CONTACTS, Contact
 from contact_tracker_lab.simulate import Scenario, simulate
 from contact_tracker_lab.simulate.scenarios import Phase

@@ -11,13 +11,13 @@ from scipy.spatial.transform import Rotation
 from test_map import BOTTOM, CORNER, EDGE, OTHER_CORNER, REACH_M, SHELF, TABLE, seen, unshared
 
 import contact_tracker as ct
-from contact_tracker.adaptation.filter_bank import map_use
 from contact_tracker.errors import KnowledgeError
 from contact_tracker.geometry.elements import Origins
 from contact_tracker.map.elements import LearnedElements, MapElement
 from contact_tracker.map.file import learned_text, map_from
 from contact_tracker.map.world_map import MOST_LEARNED, GrowingMap
 from contact_tracker.states import Contact
+from contact_tracker.tracking.filter_bank import map_use
 from short_recordings import FACE_TO_EDGE, recorded, true_contacts
 
 ORIGIN_M = np.array([100.0, -20.0, 3.0])

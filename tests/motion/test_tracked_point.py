@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import contact_tracker as ct
-from contact_tracker.adaptation.filter_bank import RATIO_POSES
 from contact_tracker.geometry.elements import shifted
 from contact_tracker.motion.poses import NO_POSES, Poses
 from contact_tracker.motion.sensor_noise import independent_point
+from contact_tracker.tracking.filter_bank import RATIO_POSES
 from short_recordings import FACE_TO_EDGE, recorded
 
 Array = NDArray[np.float64]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from contact_tracker.motion.lifted_pose import lift
+from contact_tracker.geometry.lifted_pose import lift
 from contact_tracker.motion.window import Window, at_rest, newest_rest, rest_ticks
 
 SIGMA_M, SIGMA_RAD = 1e-3, 1e-2

@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from contact_tracker.adaptation.filter_bank import Report
 from contact_tracker.config.loading import load_model
 from contact_tracker.contacts import face_face
 from contact_tracker.errors import printable
+from contact_tracker.explanations.joint_evidence import Joint
+from contact_tracker.explanations.joint_models import JointKind
 from contact_tracker.exports.formats import json_line, open_text
 from contact_tracker.exports.summary_html import table_html
 from contact_tracker.files import whole_file
@@ -24,12 +25,11 @@ from contact_tracker.geometry.elements import (
     canonical,
     shifted,
 )
-from contact_tracker.joints.evidence import Joint
-from contact_tracker.joints.models import JointKind
 from contact_tracker.outputs.adaptation import noise_text
 from contact_tracker.outputs.text import change_lines, describe, status_text, table
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Belief, FurtherContact, Segment
+from contact_tracker.tracking.filter_bank import Report
 
 ORIGIN_NS = 1_700_000_000_123_456_789
 EDGE = Line(np.array([1.0, 0.0, 0.0]), np.array([0.0, -0.05, 0.1]), np.diag([0, 1e-4, 4e-4, 0, 1e-6, 9e-6]))

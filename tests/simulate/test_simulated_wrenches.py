@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from contact_tracker.config.loading import load_model
 from contact_tracker.geometry.elements import Line
+from contact_tracker.offline import wrench_evidence
 from contact_tracker.recording import open_log, read_wrenches, write_recording
 from contact_tracker.segmenting import OfflineTracker
 from contact_tracker.states import CONTACTS, Contact
 from contact_tracker.tracking.segmentation import Segmentation
-from contact_tracker.with_wrenches import wrench_evidence
 from contact_tracker_lab.evaluation.evaluate import evaluate
 from contact_tracker_lab.simulate import Phase, Scenario, Simulated, named_scenario, simulate
 from contact_tracker_lab.simulate import wrench as simulated_wrench

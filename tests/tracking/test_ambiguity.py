@@ -17,12 +17,12 @@ from contact_motions import touching
 from contact_tracker.config.parameters import SystematicErrors
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.exports.formats import json_line, open_text
+from contact_tracker.geometry import lifted_pose
 from contact_tracker.geometry.elements import ContactGeometry, Line, Origins, Plane, Point, Unobserved
 from contact_tracker.hypotheses import observability, refit
 from contact_tracker.hypotheses.bank import blank
 from contact_tracker.hypotheses.bank_update import fit_window
 from contact_tracker.hypotheses.observability import fitted_contact
-from contact_tracker.motion import lifted_pose
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.window import Window, used_directions
 from contact_tracker.outputs.text import describe, table

@@ -7,8 +7,8 @@ from test_formation_reports import finished_with
 
 from contact_tracker.config.loading import load_model
 from contact_tracker.geometry.elements import ContactGeometry, Line, Origins, Plane
+from contact_tracker.geometry.lifted_pose import lift
 from contact_tracker.map.map import EMPTY_MAP, Map
-from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.motion.window import Window
 from contact_tracker.states import Contact
 from contact_tracker.tracking.ambiguity import FLUSH_RAD

@@ -8,11 +8,11 @@ import pytest
 from numpy.typing import NDArray
 
 from contact_tracker.config.loading import load_model
-from contact_tracker.formations.conditional import Run
-from contact_tracker.formations.further import Formation, Further, KnownContact
+from contact_tracker.explanations.conditional_contact import Run
+from contact_tracker.explanations.further_contacts import Formation, Further, KnownContact
 from contact_tracker.geometry.elements import ContactGeometry, Origins, Plane, Point
+from contact_tracker.geometry.lifted_pose import lift
 from contact_tracker.map.map import EMPTY_MAP
-from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.motion.window import Window
 from contact_tracker.outputs.text import SAME_NS, Changes
 from contact_tracker.states import STATES, Contact

@@ -10,7 +10,7 @@ import contact_tracker
 from command_line import run
 from contact_tracker.config.loading import load_model
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.motion.lifted_pose import T
+from contact_tracker.geometry.lifted_pose import T
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.window import LEVER_M
 from contact_tracker.states import Contact

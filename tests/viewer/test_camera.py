@@ -7,7 +7,7 @@ import pytest
 
 from contact_tracker.geometry.elements import ContactGeometry, Plane, Point
 from contact_tracker.motion.poses import Poses
-from contact_tracker.viewer.scene import UNKNOWN_EXTENT, UP, Extent, Upward, draw
+from contact_tracker.outputs.scene import UNKNOWN_EXTENT, UP, Extent, Upward, draw
 
 X, Y, Z = np.eye(3)
 CUBE_M = np.array([[x, y, z] for x in (-0.1, 0.1) for y in (-0.1, 0.1) for z in (-0.1, 0.1)])

@@ -11,15 +11,16 @@ from mcap_protobuf.decoder import DecoderFactory
 from rerun.chunk import RrdReader
 
 from contact_tracker.api import Result
+from contact_tracker.explanations.joint_evidence import Joint
+from contact_tracker.explanations.joint_models import JointKind
 from contact_tracker.exports.formats import write_outcome
 from contact_tracker.geometry.elements import ContactGeometry, Line, Plane, Point
-from contact_tracker.joints.evidence import Joint
-from contact_tracker.joints.models import JointKind
 from contact_tracker.map.elements import LearnedElements, MapElement
 from contact_tracker.map.file import map_from
 from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion.poses import Poses
 from contact_tracker.outputs.outcome import Outcome
+from contact_tracker.outputs.parts import MOST_KEPT, KnownParts, known_parts
 from contact_tracker.outputs.text import segment_rows
 from contact_tracker.recording import MAP_TOPIC
 from contact_tracker.states import CONTACTS, Contact
@@ -27,7 +28,6 @@ from contact_tracker.tracking.belief import Belief, Segment
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.trajectory import Trajectory
 from contact_tracker.viewer import canvas
-from contact_tracker.viewer.parts import MOST_KEPT, KnownParts, known_parts
 from contact_tracker.viewer.sinks import to_file
 from contact_tracker.viewer.views import LiveViewer, write_rrd
 

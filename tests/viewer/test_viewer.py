@@ -16,12 +16,14 @@ from hypothesis import strategies as st
 from rerun.chunk import Chunk, RrdReader
 
 from contact_tracker.cli.main import run
+from contact_tracker.contacts.contact_motion import ContactMotion
 from contact_tracker.errors import NoPoses
-from contact_tracker.geometry.contact_motion import ContactMotion
 from contact_tracker.geometry.elements import ContactGeometry, Line, Plane, Point
 from contact_tracker.ground_truth import Truth
 from contact_tracker.motion.poses import Poses
+from contact_tracker.outputs import scene
 from contact_tracker.outputs.outcome import Outcome
+from contact_tracker.outputs.scene import OBJECT, UNKNOWN_EXTENT, draw, hull
 from contact_tracker.outputs.text import COLOUR
 from contact_tracker.recording import write_recording
 from contact_tracker.states import CONTACTS, STATES, Contact
@@ -29,8 +31,7 @@ from contact_tracker.tracking.belief import Belief, FurtherContact, Segment
 from contact_tracker.tracking.informative_motion import InformativeMotion
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker.trajectory import Trajectory, vertices_from_metadata
-from contact_tracker.viewer import canvas, scene, sinks
-from contact_tracker.viewer.scene import OBJECT, UNKNOWN_EXTENT, draw, hull
+from contact_tracker.viewer import canvas, sinks
 from contact_tracker.viewer.sinks import to_file
 from contact_tracker.viewer.views import LiveViewer, begin, write_rrd
 from mcap_logs import smooth_poses

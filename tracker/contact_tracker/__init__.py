@@ -14,10 +14,9 @@ if TYPE_CHECKING:
     from contact_tracker.states import Contact
     from contact_tracker.tracking.belief import Belief, Segment
     from contact_tracker.trajectory import Trajectory, read
+    from contact_tracker.version import __version__
     from contact_tracker.wrenches.wrenches import Wrenches
     from contact_tracker_lab.evaluation.report import evaluate
-
-__version__ = "0.1.0"
 
 __all__ = [
     "Belief",
@@ -49,6 +48,7 @@ _NAMES = {
     "contact_tracker.states": ("Contact",),
     "contact_tracker.tracking.belief": ("Belief", "Segment"),
     "contact_tracker.trajectory": ("Trajectory", "read"),
+    "contact_tracker.version": ("__version__",),
     "contact_tracker.wrenches.wrenches": ("Wrenches",),
     "contact_tracker_lab.evaluation.report": ("evaluate",),
 }

@@ -27,7 +27,7 @@ except ValueError:  # this is not the main thread
 def main() -> int:
     """Run the command line and return its exit code."""
     try:
-        from contact_tracker import interrupts
+        import contact_tracker.interrupts as interrupts
 
         if _signal.getsignal(_signal.SIGINT) is _end_at_once:
             _signal.signal(_signal.SIGINT, _signal.default_int_handler)

@@ -9,18 +9,13 @@ import re
 import stat
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from itertools import islice
 from pathlib import Path
 from typing import Any, Final
-
-from contact_tracker.suggestions import closest
 
 TEMPORARY: Final = ".contact-tracker-"
 """What the names of temporary files begin with."""
 _NO_LINK: Final = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
 MOST_PARTS: Final = 64
-_MOST_FILES: Final = 10_000
-"""Most files of a folder that are looked at for a similar name."""
 _KEY_PART: Final = r"""(?:[A-Za-z0-9_-]+|"[^"\n]*"|'[^'\n]*')"""
 _BLANK: Final = r"[ \t]*+"  # possessive: no backtracking, so that the search takes linear time
 _LONG_KEY: Final = re.compile(
@@ -156,35 +151,3 @@ def _finish(temporary: Path, descriptor: int, replaced: os.stat_result | None) -
 
 def _open_at_once(path: str, flags: int) -> int:
     return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
-
-
-def near_file(path: str | os.PathLike[str]) -> str:
-    """``; did you mean FILE?`` for a path at which nothing is, if there is a file of a similar name in its
-    folder, or in a folder of a similar name; else empty."""
-    folder, name = os.path.split(os.fspath(path))
-    try:
-        if name and not os.path.lexists(path):
-            near = _near(folder, name)
-            if near is None and folder and not os.path.isdir(folder):
-                other = _near(*os.path.split(folder))
-                near = None if other is None else os.path.join(other, name)
-            return f"; did you mean {near}?" if near is not None and os.path.exists(near) else ""
-    except (OSError, ValueError):  # the folder cannot be read, or the name is none
-        pass
-    return ""
-
-
-def _near(folder: str, name: str) -> str | None:
-    """The file or folder of a similar name, by the stems of those of the same suffix first: a common suffix
-    does not make names alike."""
-    if not os.path.isdir(folder or os.curdir):
-        return None
-    with os.scandir(folder or os.curdir) as entries:
-        names = sorted(one.name for one in islice(entries, _MOST_FILES) if not one.name.startswith("."))
-    stem, suffix = os.path.splitext(name)
-    same = {os.path.splitext(one)[0]: one for one in names if os.path.splitext(one)[1] == suffix}
-    others = {os.path.splitext(one)[0]: one for one in names}
-    for stems in (same, others):
-        if (near := stem if stem in stems else closest(stem, stems)) is not None:
-            return os.path.join(folder, stems[near])
-    return None

@@ -18,7 +18,6 @@ from typing import Any, Final, NamedTuple, get_args, get_type_hints
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker import __version__
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.errors import ContactTrackerError, StateError
 from contact_tracker.files import read_regular, whole_file
@@ -28,6 +27,7 @@ from contact_tracker.motion.pose_validation import Ordered, PoseGate, StampOrder
 from contact_tracker.motion.poses import Step
 from contact_tracker.tracker import Tracker
 from contact_tracker.tracking.segmentation import BELIEF
+from contact_tracker.version import __version__
 
 FORMAT: Final = 3
 LARGEST_BYTES: Final = 512 * 2**20

@@ -8,13 +8,6 @@ from typing import Final
 
 import numpy as np
 
-from contact_tracker.adaptation.filter_bank import (
-    Report,
-    map_findings,
-    map_use,
-    mixed_with_uniform,
-    period_for_all_s,
-)
 from contact_tracker.checks.map_use import FaceNameDelay
 from contact_tracker.config.parameters import Model
 from contact_tracker.geometry.elements import Array
@@ -27,6 +20,13 @@ from contact_tracker.states import STATES, Contact
 from contact_tracker.tracker import BATCH_POSES, Tracker
 from contact_tracker.tracking.belief import Belief, Detail, Segment
 from contact_tracker.tracking.contact_filter import ContactFilter, ticks_of
+from contact_tracker.tracking.filter_bank import (
+    Report,
+    map_findings,
+    map_use,
+    mixed_with_uniform,
+    period_for_all_s,
+)
 from contact_tracker.tracking.map_passes import with_map
 from contact_tracker.tracking.offline_smoother import PassRecord, Segmenter, pieces
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation

@@ -5,7 +5,6 @@ from dataclasses import dataclass, field, replace
 from operator import is_not
 from typing import Final, Self
 
-from contact_tracker.adaptation.filter_bank import FilterBank, Report, mixed_with_uniform, report_of
 from contact_tracker.checks.check import Stream
 from contact_tracker.checks.checks import INSPECTED, Checks
 from contact_tracker.config.parameters import Model
@@ -15,6 +14,7 @@ from contact_tracker.motion.free_motion import kalman_prediction
 from contact_tracker.motion.pose_validation import Arrival, is_valid, require_valid
 from contact_tracker.motion.poses import AS_GIVEN, Outliers, Pose, Poses, ReadAs
 from contact_tracker.tracking.belief import Belief, Detail, Segment
+from contact_tracker.tracking.filter_bank import FilterBank, Report, mixed_with_uniform, report_of
 from contact_tracker.tracking.state import FilterState
 
 BATCH_POSES: Final = 50

@@ -11,6 +11,7 @@ import numpy as np
 
 from contact_tracker.api.learned_map import Known, Map, map_of
 from contact_tracker.config.parameters import Model
+from contact_tracker.contacts.task_frame import T_world_body, TaskFrame, task_frame
 from contact_tracker.errors import OutputError, StateError, UnreadableRecording, UsageError, extra, printable
 from contact_tracker.exports.columns import TABLES, Columns, Rows, to_pandas
 from contact_tracker.exports.formats import (
@@ -22,13 +23,13 @@ from contact_tracker.exports.formats import (
     write_outcome,
 )
 from contact_tracker.exports.summary_html import counts_html, table_html, warnings_html
-from contact_tracker.geometry.task_frame import T_world_body, TaskFrame, task_frame
 from contact_tracker.ground_truth import Truth
 from contact_tracker.map.map import Map as KnownMap
-from contact_tracker.outputs.outcome import Outcome, segmented
+from contact_tracker.offline import RecordedEvidence, evidence_as_given, evidence_of, segmented
+from contact_tracker.outputs.outcome import Outcome
+from contact_tracker.outputs.parts import Part, known_parts
 from contact_tracker.outputs.text import counted, table
 from contact_tracker.recording import parts_of, read_labels, read_wrenches
-from contact_tracker.recording.wrenches import RecordedEvidence, evidence_as_given, evidence_of
 from contact_tracker.sequences.graph import ContactGraph
 from contact_tracker.sequences.plan import Plan
 from contact_tracker.tracking.belief import Segment
@@ -45,7 +46,6 @@ from contact_tracker.trajectory.arguments import (
     warn_of,
 )
 from contact_tracker.trajectory.arrays import cells_of, is_table, moment_ns
-from contact_tracker.viewer.parts import Part, known_parts
 from contact_tracker.wrenches.wrenches import Wrenches
 
 if TYPE_CHECKING:

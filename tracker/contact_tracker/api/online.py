@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Final, Self, SupportsIndex
 
-from contact_tracker import tracker
+import contact_tracker.tracker as tracker
 from contact_tracker.api.learned_map import Known, Map, map_of
 from contact_tracker.errors import InvalidPose, OutputError, StateError
 from contact_tracker.motion.pose_validation import PoseGate, remark_on_loss, remarks_on

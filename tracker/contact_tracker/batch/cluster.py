@@ -7,9 +7,9 @@ from typing import Final
 
 from distributed import Client, KilledWorker
 
-from contact_tracker import __version__
 from contact_tracker.errors import ContactTrackerError, UsageError
 from contact_tracker.processes import Jobs, answered
+from contact_tracker.version import __version__
 
 _CONNECT_S: Final = 15
 _LEAST: Final = 64
@@ -44,9 +44,7 @@ def dask_cluster(address: str) -> Iterator[Jobs]:
 
 
 def _version() -> str:
-    from contact_tracker import __version__ as there
-
-    return there
+    return __version__
 
 
 def _check_versions(client: Client, address: str) -> None:

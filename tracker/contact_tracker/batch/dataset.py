@@ -18,7 +18,7 @@ from itertools import chain
 from pathlib import Path
 from typing import IO, Any, Final, NamedTuple, Self
 
-from contact_tracker import errors
+import contact_tracker.errors as errors
 from contact_tracker.batch.finding import Found
 from contact_tracker.batch.segmenting import (
     SUMMARY_COLUMNS,

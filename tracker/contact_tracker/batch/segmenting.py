@@ -11,7 +11,7 @@ from functools import cached_property
 from pathlib import Path, PurePosixPath
 from typing import Any, Final, NamedTuple
 
-from contact_tracker import __version__, errors
+import contact_tracker.errors as errors
 from contact_tracker.batch import remote
 from contact_tracker.batch.finding import read_content, signature_of
 from contact_tracker.config.parameters import Model
@@ -27,13 +27,14 @@ from contact_tracker.exports.columns import PROBABILITIES, TABLES, Kind, Rows
 from contact_tracker.exports.parquet import open_parquet
 from contact_tracker.files import whole_file
 from contact_tracker.map.map import Map
+from contact_tracker.offline import recorded_evidence
 from contact_tracker.outputs.adaptation import report_json
 from contact_tracker.outputs.text import is_open
 from contact_tracker.recording import PoseLog, open_log
-from contact_tracker.recording.wrenches import recorded_evidence
 from contact_tracker.saved_state import fingerprint
 from contact_tracker.segmenting import OfflineTracker
 from contact_tracker.tracking.belief import Detail, Segment
+from contact_tracker.version import __version__
 
 Row = dict[str, Any]
 """Values by the names of ``SUMMARY_COLUMNS``."""

@@ -11,7 +11,7 @@ from contact_tracker.cli import arguments
 from contact_tracker.cli.terminal import progress, say, take_over_warnings, warn
 from contact_tracker.errors import DAMAGED, DONE, INPUT, UnreadableRecording, UsageError, extra
 from contact_tracker.exports.formats import check_output, require_library
-from contact_tracker.files import near_file
+from contact_tracker.suggestions import near_file
 
 if TYPE_CHECKING:
     from contact_tracker.processes import Jobs

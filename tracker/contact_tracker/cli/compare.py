@@ -68,7 +68,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _segmented(args: argparse.Namespace, log: str, model: "Model", known_map: "Map") -> "tuple[Outcome, int]":
     from contact_tracker.cli.source import Source
-    from contact_tracker.outputs.outcome import segmented
+    from contact_tracker.offline import segmented
 
     source = Source(arguments.open_poses(args, log), log, args)
     trajectory = source.trajectory()

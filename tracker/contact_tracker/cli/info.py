@@ -11,8 +11,8 @@ from contact_tracker.errors import DAMAGED, DONE, NoPoses, UsageError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from contact_tracker.adaptation.filter_bank import Report
     from contact_tracker.recording import PoseSource, SourceSummary
+    from contact_tracker.tracking.filter_bank import Report
 
 HELP: Final = "which poses are in a recording, and how good they are"
 DESCRIPTION: Final = """\

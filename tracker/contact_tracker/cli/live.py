@@ -10,8 +10,8 @@ from contact_tracker.cli import arguments
 from contact_tracker.cli.terminal import StatusLine, say
 from contact_tracker.errors import DIFFERENT, DONE, INTERRUPTED, UsageError
 from contact_tracker.exports.formats import TICKS, check_output, require_library
-from contact_tracker.files import near_file
 from contact_tracker.interrupts import SIGNALS, deferred
+from contact_tracker.suggestions import near_file
 
 if TYPE_CHECKING:
     from contact_tracker.cli.source import Source

@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib import import_module
 from typing import Any, Final, NoReturn
 
-from contact_tracker import __version__, viewer
+import contact_tracker.viewer as viewer
 from contact_tracker.cli import batch, compare, info, live, segment, view
 from contact_tracker.cli.arguments import set_table
 from contact_tracker.cli.terminal import QUIET, USUAL, VERBOSE, fail, set_verbosity, show, take_over_warnings
@@ -30,6 +30,7 @@ from contact_tracker.errors import (
 )
 from contact_tracker.interrupts import end_in_order, exit_code_of
 from contact_tracker.suggestions import suggestion
+from contact_tracker.version import __version__
 
 _ENDING: Final = ("SIGTERM", "SIGHUP")
 _SIGNALLED: Final = "".join(f", {code} by {name}" for name in _ENDING if (code := exit_code_of(name)))

@@ -188,7 +188,7 @@ def _segment(
     """Segment one recording; ``before`` are the warnings so far."""
     from contact_tracker.cli.source import Source
     from contact_tracker.exports.formats import write_outcome, write_pieces
-    from contact_tracker.outputs.outcome import segmented
+    from contact_tracker.offline import segmented
     from contact_tracker.outputs.text import table
     from contact_tracker.segmenting import OfflineTracker
     from contact_tracker.tracking.belief import Detail

@@ -26,7 +26,7 @@ from contact_tracker.tracker import Tracker
 from contact_tracker.trajectory import Trajectory
 
 if TYPE_CHECKING:
-    from contact_tracker.adaptation.filter_bank import Report
+    from contact_tracker.tracking.filter_bank import Report
 
 _LONGEST_SLEEP_S: Final = 0.1
 """Longest sleep at a time (s) between looks at whether the stream has to end."""

@@ -77,7 +77,7 @@ def _view(
     log: str, args: argparse.Namespace, model: "Model", known_map: "Map", open_view: "Callable[[str], Draw]"
 ) -> int:
     from contact_tracker.cli.source import Source
-    from contact_tracker.outputs.outcome import segmented
+    from contact_tracker.offline import segmented
     from contact_tracker.recording import read_truth
 
     source = Source(arguments.open_poses(args, log), log, args)

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.errors import KeyFault, KnowledgeError
-from contact_tracker.files import near_file, parse_toml, read_regular
-from contact_tracker.suggestions import closest, suggestion
+from contact_tracker.files import parse_toml, read_regular
+from contact_tracker.suggestions import closest, near_file, suggestion
 
 Array = NDArray[np.float64]
 

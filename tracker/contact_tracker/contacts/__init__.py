@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from contact_tracker.contacts import face_face
 from contact_tracker.contacts.family import Array, Family, Frames, Measurement
+from contact_tracker.geometry import lifted_pose
 from contact_tracker.geometry.elements import ContactGeometry
-from contact_tracker.motion import lifted_pose
-from contact_tracker.motion.lifted_pose import lift_of_inverse
+from contact_tracker.geometry.lifted_pose import lift_of_inverse
 from contact_tracker.states import CONTACTS, Contact
 
 __all__ = ["CONTACT_MODELS", "ContactModel"]

@@ -23,9 +23,9 @@ from contact_tracker.contacts.family import (
     outer_derivative_second,
     smallest_directions,
 )
+from contact_tracker.geometry import lifted_pose
 from contact_tracker.geometry.elements import Element, Line
 from contact_tracker.geometry.linalg import cross, dot, sphere_tangent
-from contact_tracker.motion import lifted_pose
 
 D1: Final = slice(0, 3)
 Q1: Final = slice(3, 6)

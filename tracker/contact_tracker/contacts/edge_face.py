@@ -21,9 +21,9 @@ from contact_tracker.contacts.family import (
     outer_derivative_first,
     outer_derivative_second,
 )
+from contact_tracker.geometry import lifted_pose
 from contact_tracker.geometry.elements import Element, Line, Plane
 from contact_tracker.geometry.linalg import EYE, ONE, dot, sphere_tangent, unit
-from contact_tracker.motion import lifted_pose
 
 D: Final = slice(0, 3)
 Q: Final = slice(3, 6)

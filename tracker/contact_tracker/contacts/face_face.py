@@ -18,9 +18,9 @@ from contact_tracker.contacts.family import (
     outer,
     outer_derivative_first,
 )
+from contact_tracker.geometry import lifted_pose
 from contact_tracker.geometry.elements import Element, Plane
 from contact_tracker.geometry.linalg import EYE, ONE, sphere_tangent, unit
-from contact_tracker.motion import lifted_pose
 
 BOTH: Final = slice(0, 6)
 M: Final = slice(0, 3)

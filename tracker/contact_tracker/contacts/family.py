@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.geometry.elements import Element
+from contact_tracker.geometry.lifted_pose import TXR, R, T, U
 from contact_tracker.geometry.linalg import EYE, dot, unit
-from contact_tracker.motion.lifted_pose import TXR, R, T, U
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

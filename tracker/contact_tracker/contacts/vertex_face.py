@@ -18,9 +18,9 @@ from contact_tracker.contacts.family import (
     outer_derivative_second,
     smallest_directions,
 )
+from contact_tracker.geometry import lifted_pose
 from contact_tracker.geometry.elements import Element, Plane, Point
 from contact_tracker.geometry.linalg import EYE, ONE, dot, sphere_tangent, unit
-from contact_tracker.motion import lifted_pose
 
 Q: Final = slice(0, 3)
 N: Final = slice(3, 6)

@@ -6,11 +6,11 @@ from collections.abc import Callable, Iterable
 from itertools import chain
 from typing import TYPE_CHECKING, Any, Final, Literal
 
+from contact_tracker.contacts.contact_motion import MEANS, ContactMotion
+from contact_tracker.contacts.task_frame import TaskFrame
 from contact_tracker.errors import extra
-from contact_tracker.geometry.contact_motion import MEANS, ContactMotion
+from contact_tracker.explanations.joint_evidence import Joint
 from contact_tracker.geometry.elements import ContactGeometry, Element, Point, flat
-from contact_tracker.geometry.task_frame import TaskFrame
-from contact_tracker.joints.evidence import Joint
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Belief, Segment
 

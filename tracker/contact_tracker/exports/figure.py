@@ -25,12 +25,12 @@ from contact_tracker.errors import printable
 from contact_tracker.geometry.elements import Array, flat
 from contact_tracker.ground_truth import Truth
 from contact_tracker.outputs.outcome import Outcome
+from contact_tracker.outputs.parts import SIDES, Part, known_parts
+from contact_tracker.outputs.scene import UP
 from contact_tracker.outputs.text import COLOUR, Colour, joint_name
 from contact_tracker.paper.window_curves import WindowCurves, curves
 from contact_tracker.states import CONTACTS, STATES
 from contact_tracker.tracking.belief import FurtherContact, Segment
-from contact_tracker.viewer.parts import SIDES, Part, known_parts
-from contact_tracker.viewer.scene import UP
 
 NAME_SIZE: Final = 9.0
 """Of the names in the ribbons (points)."""

@@ -12,10 +12,12 @@ from typing import Any, Final
 from foxglove import messages as fox
 from scipy.spatial.transform import Rotation
 
+from contact_tracker.contacts.task_frame import T_world_body, contact_frame
 from contact_tracker.errors import UsageError
 from contact_tracker.geometry.elements import Array
-from contact_tracker.geometry.task_frame import T_world_body, contact_frame
 from contact_tracker.outputs.outcome import Outcome
+from contact_tracker.outputs.parts import SIDES, KnownParts, Part
+from contact_tracker.outputs.scene import GREY, OBJECT, Drawing, Extent, Mesh, Upward, draw_all, poses_within
 from contact_tracker.outputs.text import COLOUR, Colour
 from contact_tracker.recording import (
     BELIEF_TOPIC,
@@ -29,8 +31,6 @@ from contact_tracker.recording import (
 )
 from contact_tracker.states import STATES
 from contact_tracker.tracking.belief import Segment, SegmentPart
-from contact_tracker.viewer.parts import SIDES, KnownParts, Part
-from contact_tracker.viewer.scene import GREY, OBJECT, Drawing, Extent, Mesh, Upward, draw_all, poses_within
 
 WORLD: Final = "world"
 BODY: Final = "object"

@@ -13,18 +13,14 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
-from contact_tracker import __version__
 from contact_tracker.errors import printable
 from contact_tracker.exports.figure import figure_svg
 from contact_tracker.exports.summary_html import counts_html, table_html, warnings_html
 from contact_tracker.geometry.elements import Array, ContactGeometry
 from contact_tracker.motion.poses import Poses
 from contact_tracker.outputs.outcome import Outcome
-from contact_tracker.outputs.text import COLOUR, Colour, counted, describe
-from contact_tracker.states import STATES
-from contact_tracker.tracking.belief import Segment
-from contact_tracker.viewer.parts import SIDES, KnownParts, Part
-from contact_tracker.viewer.scene import (
+from contact_tracker.outputs.parts import SIDES, KnownParts, Part
+from contact_tracker.outputs.scene import (
     EMPTY,
     GREY,
     UP,
@@ -35,6 +31,10 @@ from contact_tracker.viewer.scene import (
     draw_all,
     poses_within,
 )
+from contact_tracker.outputs.text import COLOUR, Colour, counted, describe
+from contact_tracker.states import STATES
+from contact_tracker.tracking.belief import Segment
+from contact_tracker.version import __version__
 
 _ABOUT_GEOMETRY: Final = (
     "<h2>Geometry, in the world frame</h2><p>Turn it with the mouse, move it with shift, zoom with the "

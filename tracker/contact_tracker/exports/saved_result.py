@@ -7,9 +7,9 @@ from contact_tracker.errors import ContactTrackerError, StateError
 from contact_tracker.exports.columns import TABLES
 from contact_tracker.motion.pose_validation import require_valid
 from contact_tracker.outputs.outcome import Outcome
+from contact_tracker.outputs.parts import known_parts
 from contact_tracker.outputs.text import table
 from contact_tracker.saved_state import Kind, classes_in, content_of, load
-from contact_tracker.viewer.parts import known_parts
 
 RESULT: Final = Kind("contact-tracker result", classes_in(Outcome), outlives_version=True)
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.config.parameters import Model
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
+from contact_tracker.geometry.lifted_pose import R
 from contact_tracker.hypotheses import compiled
 from contact_tracker.hypotheses.bank import Bank, Onsets, blank
 from contact_tracker.hypotheses.births import (
@@ -40,7 +41,6 @@ from contact_tracker.hypotheses.refit import (
     refit_in_windows,
 )
 from contact_tracker.hypotheses.schedule import REST_WEIGHT
-from contact_tracker.motion.lifted_pose import R
 from contact_tracker.motion.window import Window
 
 Array = NDArray[np.float64]

@@ -13,7 +13,7 @@ from typing import Final, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker import hmm
+import contact_tracker.hmm as hmm
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.contacts.family import directions
 from contact_tracker.geometry.elements import (
@@ -23,6 +23,7 @@ from contact_tracker.geometry.elements import (
     Plane,
     canonical,
 )
+from contact_tracker.geometry.lifted_pose import R
 from contact_tracker.hypotheses import compiled
 from contact_tracker.hypotheses.bank import Bank, blank
 from contact_tracker.hypotheses.evidence import EvidenceParameters, residual_noise
@@ -40,7 +41,6 @@ from contact_tracker.map.pairs import (
     pair_priors,
 )
 from contact_tracker.map.world_map import GrowingMap
-from contact_tracker.motion.lifted_pose import R
 from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS, STATES, Contact
 

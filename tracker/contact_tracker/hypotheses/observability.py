@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from contact_tracker.config.parameters import SystematicErrors
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.contacts.family import directions
-from contact_tracker.geometry import linalg
+from contact_tracker.geometry import lifted_pose, linalg
 from contact_tracker.geometry.elements import (
     ContactGeometry,
     Element,
@@ -26,6 +26,7 @@ from contact_tracker.geometry.elements import (
     by_foot,
     shifted,
 )
+from contact_tracker.geometry.lifted_pose import R, T
 from contact_tracker.geometry.linalg import cross
 from contact_tracker.hypotheses import compiled, gauss_newton, refit
 from contact_tracker.hypotheses.bank import Bank
@@ -36,8 +37,6 @@ from contact_tracker.hypotheses.schedule import REST_WEIGHT
 from contact_tracker.map.association import ElementEstimate
 from contact_tracker.map.elements import LOOSE_M, LOOSE_RAD
 from contact_tracker.map.pairs import NamedPair
-from contact_tracker.motion import lifted_pose
-from contact_tracker.motion.lifted_pose import R, T
 from contact_tracker.motion.window import Window
 from contact_tracker.states import Contact
 

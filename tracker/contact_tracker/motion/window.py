@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from contact_tracker.config.parameters import Model
 from contact_tracker.geometry import linalg
+from contact_tracker.geometry.lifted_pose import R, T, lift_of_inverse
 from contact_tracker.geometry.linalg import EYE
 from contact_tracker.motion.free_motion import NOW_TICKS, REST_VARIANCE_RATIO
-from contact_tracker.motion.lifted_pose import R, T, lift_of_inverse
 from contact_tracker.motion.tick_averaging import Tick, tick_anisotropy, tick_variances
 
 Array = NDArray[np.float64]

@@ -6,12 +6,12 @@ from collections.abc import Iterable, Iterator, Mapping
 from itertools import islice
 from typing import Any, Final
 
-from contact_tracker.adaptation.filter_bank import Report
 from contact_tracker.errors import printable
 from contact_tracker.inspection.stream_checks import STILL
 from contact_tracker.motion.pose_validation import remarks_on
 from contact_tracker.motion.sensor_noise import estimate_noise
 from contact_tracker.recording import WRENCH_TYPE, PoseSource, RecordingSummary, SourceSummary
+from contact_tracker.tracking.filter_bank import Report
 
 _NUMBERS: Final = re.compile(r"\d[\d.,]*(?:e[-+]?\d+)?")
 

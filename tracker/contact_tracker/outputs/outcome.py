@@ -1,13 +1,10 @@
 """A recording with its segmentation: what all outputs are made from, by the command line and from Python."""
 
 import os
-from collections.abc import Callable, Iterable, Mapping
-from concurrent.futures import Executor
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 
-from contact_tracker.adaptation.filter_bank import Report
-from contact_tracker.config.parameters import Model
 from contact_tracker.errors import NoTruth, UnreadableRecording
 from contact_tracker.ground_truth import Truth
 from contact_tracker.map.map import EMPTY_MAP, Map
@@ -15,11 +12,10 @@ from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion.pose_validation import counts_text
 from contact_tracker.outputs.adaptation import noise_text, warnings
 from contact_tracker.recording import read_truth
-from contact_tracker.segmenting import OfflineTracker
-from contact_tracker.tracking.belief import Detail, Segment
+from contact_tracker.tracking.belief import Segment
+from contact_tracker.tracking.filter_bank import Report
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker.trajectory import Trajectory
-from contact_tracker.wrenches.contact_evidence import WrenchEvidence
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,20 +111,3 @@ class Outcome:
             with suppress(NoTruth, UnreadableRecording):  # nothing that is drawn needs it
                 return read_truth(self.log)
         return self.labels
-
-
-def segmented(
-    trajectory: Trajectory,
-    model: Model,
-    known_map: Map = EMPTY_MAP,
-    wrenches: WrenchEvidence | None = None,
-    executor: Executor | None = None,
-    progress: Callable[[int], None] | None = None,
-    notes: Iterable[str] = (),
-    detail: Detail = Detail.SHARED,
-) -> Outcome:
-    """Segment a trajectory; the parameters are those of ``OfflineTracker`` and ``Outcome``."""
-    tracker = OfflineTracker(model, known_map, executor, wrenches, trajectory.read_as)
-    found = Segmentation.join(list(tracker.pieces(trajectory, progress, detail)))
-    has_wrenches = wrenches is not None
-    return Outcome(trajectory, found, tracker.report, tuple(notes), has_wrenches, known_map, tracker.map)

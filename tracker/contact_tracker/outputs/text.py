@@ -12,9 +12,9 @@ from typing import Final
 
 import numpy as np
 
+from contact_tracker.explanations.joint_evidence import Joint
+from contact_tracker.explanations.joint_models import JointKind
 from contact_tracker.geometry.elements import Array, ContactGeometry, Element, Line, Plane, Point, Unobserved
-from contact_tracker.joints.evidence import Joint
-from contact_tracker.joints.models import JointKind
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Belief, FurtherContact, Segment
 

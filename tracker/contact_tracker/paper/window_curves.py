@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
-from contact_tracker.motion.lifted_pose import lift
+from contact_tracker.geometry.lifted_pose import lift
 from contact_tracker.motion.poses import Poses
 from contact_tracker.paper.batched import Batch, form, minimise_batched, random_starts, rows
 from contact_tracker.paper.objectives import motion

@@ -12,7 +12,6 @@ from mcap.records import Attachment, Metadata
 from contact_tracker.config.quantities import NAMED_NS
 from contact_tracker.config.table_reading import AS_NAMED, TableReading
 from contact_tracker.errors import ChoiceError, NoTruth, printable
-from contact_tracker.files import near_file
 from contact_tracker.ground_truth import UNSCORED, CoarseLabel, Truth, TruthInterval
 from contact_tracker.recording.bytestream import is_regular
 from contact_tracker.recording.decoding import Undecodable
@@ -22,7 +21,7 @@ from contact_tracker.recording.mcap_file import summary_of
 from contact_tracker.recording.reading import Reading, is_table_file, parts_of
 from contact_tracker.recording.tables import exact_ns, stamp_of_date
 from contact_tracker.states import CONTACTS, Contact
-from contact_tracker.suggestions import suggestion
+from contact_tracker.suggestions import near_file, suggestion
 
 TRUTH_ATTACHMENT: Final = "truth.json"
 TRUTH_TOPIC: Final = "/contact/truth"

@@ -12,7 +12,6 @@ from mcap.summary import Summary
 
 from contact_tracker.config.table_reading import AS_NAMED, NO_TABLE, TableReading
 from contact_tracker.errors import AmbiguousSource, ChoiceError, UnreadableRecording
-from contact_tracker.files import near_file
 from contact_tracker.recording.bytestream import (
     ZSTD_MAGIC,
     ByteStream,
@@ -25,6 +24,7 @@ from contact_tracker.recording.decoding import MessageDecoder
 from contact_tracker.recording.items import Channel, Item, in_log_order
 from contact_tracker.recording.mcap_file import MAGIC, Entry, RecordLoop, summary_of
 from contact_tracker.recording.tables import has_poses, is_table, read_table, refuse_other_formats
+from contact_tracker.suggestions import near_file
 
 STDIN: Final = "-"
 _PATTERN: Final = "; it looks like a pattern: if it is in quotes, leave these out; if not, no file matches it"

@@ -1,7 +1,7 @@
 """Wrenches on the object, from messages of geometry_msgs/msg/WrenchStamped, and what they say."""
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from heapq import merge
 from itertools import chain
@@ -10,14 +10,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.config.parameters import Model
 from contact_tracker.errors import ChoiceError, InputError
-from contact_tracker.map.map import Map
 from contact_tracker.motion.poses import BATCH, Pose, Poses
 from contact_tracker.recording.decoding import LoggedPose, Undecodable, is_readable
 from contact_tracker.recording.definitions import canonical
 from contact_tracker.recording.items import Channel, PoseSource, RawMessage
-from contact_tracker.recording.log import PoseLog
 from contact_tracker.recording.reading import Reading
 from contact_tracker.recording.sources import Logged, may_be_step, poses_by_source, take_prefix
 from contact_tracker.recording.transforms import (
@@ -31,8 +28,6 @@ from contact_tracker.recording.transforms import (
     is_transform,
 )
 from contact_tracker.suggestions import suggestion
-from contact_tracker.with_wrenches import NoLoad, mass_doubt, wrench_evidence
-from contact_tracker.wrenches.contact_evidence import WrenchEvidence
 from contact_tracker.wrenches.wrenches import Wrenches, about_body, about_parent
 
 _WRENCH: Final = "the wrench "
@@ -238,70 +233,3 @@ def _nothing(path: str, topic: str, channels: dict[str, Channel]) -> ChoiceError
     if canonical(there.type) != WRENCH_TYPE or not is_readable(there):
         return ChoiceError(f"{path}: {topic} is {there.type or 'of no type'}; only {WRENCH_TYPE} is read")
     return InputError(f"{path}: no message on {topic} can be used")
-
-
-RecordedEvidence = tuple[WrenchEvidence | None, str, tuple[str, ...]]
-"""What wrenches say, None if they are not usable; one line with the load, empty if there is none or it is a
-warning; and lines of warnings, where wrenches, some of them or the mass that was given are not used."""
-
-
-def recorded_evidence(
-    path: str,
-    topic: str,
-    log: PoseLog,
-    model: Model,
-    known_map: Map,
-    mass_kg: float | None = None,
-    progress: Callable[[int], None] | None = None,
-) -> RecordedEvidence:
-    """What the wrenches on ``topic`` say; nothing of a recording without poses.
-
-    Parameters
-    ----------
-    log : the poses of the same recording, all of which are read here.
-    mass_kg : of the object, where it is known.
-    progress : called now and then with the number of poses read so far.
-
-    Raises
-    ------
-    ChoiceError
-        The topic is not there or cannot be used.
-    """
-    poses = Poses.join(list(log.batches()))
-    if not len(poses):
-        return None, "", ()
-    found = read_wrenches(path, topic, log.source, poses, log.stamping.by_log_time)
-    return evidence_of(found, topic, poses, model, known_map, mass_kg, progress)
-
-
-def evidence_of(
-    found: WrenchLog,
-    name: str,
-    poses: Poses,
-    model: Model,
-    known_map: Map,
-    mass_kg: float | None = None,
-    progress: Callable[[int], None] | None = None,
-) -> RecordedEvidence:
-    """What wrenches say that were read as ``found`` and that messages call ``name``; otherwise as
-    ``recorded_evidence``."""
-    noted = f"; {found.noted}" if found.noted else ""
-    try:
-        evidence, load = wrench_evidence(poses, found.wrenches, model, known_map, mass_kg, progress)
-    except NoLoad as reason:
-        return None, "", (f"{name} is not used: {reason}{noted}",)
-    text = (
-        f"{len(found.wrenches)} wrenches {found.taken}{noted}; "
-        f"the hand carries {load.mass_kg:.3f} kg, by {load.ticks:.0f} ticks of free motion"
-    )
-    warnings = filter(None, (noted and text, mass_doubt(load, mass_kg)))
-    return evidence, "" if noted else text, tuple(warnings)
-
-
-def evidence_as_given(
-    wrenches: Wrenches, name: str, poses: Poses, model: Model, known_map: Map, mass_kg: float | None = None
-) -> RecordedEvidence:
-    """What wrenches about the body's origin, in its axes, say; otherwise as ``evidence_of``."""
-    valid = wrenches.valid
-    found = WrenchLog(valid, len(wrenches) - len(valid), 0, 0, "", "as given")
-    return evidence_of(found, name, poses, model, known_map, mass_kg)

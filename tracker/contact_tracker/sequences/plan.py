@@ -14,7 +14,6 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker import __version__
 from contact_tracker.config.keys import Keys
 from contact_tracker.errors import KnowledgeError, UsageError
 from contact_tracker.map.file import read_table
@@ -24,6 +23,7 @@ from contact_tracker.sequences.steps import LEAST_PROBABILITY, steps_of
 from contact_tracker.states import STATES, Contact, states_from
 from contact_tracker.tracking.belief import Belief
 from contact_tracker.trajectory.arguments import path_from
+from contact_tracker.version import __version__
 
 Array = NDArray[np.float64]
 

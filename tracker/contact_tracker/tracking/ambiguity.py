@@ -15,16 +15,16 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker.explanations.curved_contact import curved_evidence, fit_curved
 from contact_tracker.geometry.elements import ContactGeometry, Plane
+from contact_tracker.geometry.lifted_pose import R
 from contact_tracker.hypotheses import compiled
 from contact_tracker.hypotheses.bank import Bank
-from contact_tracker.hypotheses.curved_contact import curved_evidence, fit_curved
 from contact_tracker.hypotheses.evidence import DECISIVE, SAME_FIT_RATIO, EvidenceParameters
 from contact_tracker.hypotheses.global_search import best_of
 from contact_tracker.hypotheses.schedule import FAR_NATS
 from contact_tracker.map.map import Map
 from contact_tracker.motion.free_motion import NOW_TICKS
-from contact_tracker.motion.lifted_pose import R
 from contact_tracker.motion.window import DIRECTIONS, Window, used_directions
 from contact_tracker.states import CONTACTS, STATES, Contact
 

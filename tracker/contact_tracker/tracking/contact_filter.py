@@ -13,9 +13,10 @@ from typing import Final, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker import hmm
+import contact_tracker.hmm as hmm
 from contact_tracker.config.parameters import Model
 from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.geometry.lifted_pose import T
 from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.bank_update import TickWeights, marginalise_expired_ticks, update_banks
 from contact_tracker.hypotheses.births import (
@@ -30,7 +31,6 @@ from contact_tracker.hypotheses.births import (
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.map.pairs import Frame
 from contact_tracker.motion.free_motion import NO_EXCESS
-from contact_tracker.motion.lifted_pose import T
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.tick_averaging import ORIGIN_M, Tick, TickGrid, with_excess
 from contact_tracker.motion.window import NO_REST, NewestRest, Window, advance_window, newest_rest, rest_ticks

@@ -21,11 +21,11 @@ from numpy.typing import NDArray
 from scipy.linalg import null_space
 
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
+from contact_tracker.geometry.lifted_pose import R, T, lift
 from contact_tracker.geometry.rotation import from_rotation_vectors, matrices
 from contact_tracker.hypotheses.evidence import DECISIVE
 from contact_tracker.hypotheses.gauss_newton import per_metre
 from contact_tracker.hypotheses.observability import information_spectrum, perturbed_rows
-from contact_tracker.motion.lifted_pose import R, T, lift
 from contact_tracker.motion.window import LEVER_M, LEVERS_M, STRIDE_TICKS, twist_power
 from contact_tracker.states import Contact
 from contact_tracker.tracking import ambiguity

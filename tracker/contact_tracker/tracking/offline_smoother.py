@@ -13,7 +13,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker import hmm
+import contact_tracker.hmm as hmm
 from contact_tracker.config.parameters import Model
 from contact_tracker.hypotheses.bank_update import LiveHypotheses
 from contact_tracker.map.association import MAP_INSERTION_PROBABILITY, Sighting

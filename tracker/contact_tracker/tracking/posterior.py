@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from scipy.special import expit
 
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.formations import online
-from contact_tracker.formations.further import FormationTicks, KnownContact
+from contact_tracker.explanations import online_contacts
+from contact_tracker.explanations.further_contacts import FormationTicks, KnownContact
 from contact_tracker.hypotheses.observability import FittedContact, element_estimate, fitted_contact
 from contact_tracker.map.association import MAP_INSERTION_PROBABILITY, Sighting
 from contact_tracker.map.pairs import named_pairs
@@ -56,8 +56,8 @@ def read_posterior(
         belief = shared
     if detail >= Detail.FORMATION:
         state, belief = follow_formation(state, belief, tick)
-    elif state.formation is not online.EMPTY_FORMATION:
-        state = state._replace(formation=online.suspend(state.formation))
+    elif state.formation is not online_contacts.EMPTY_FORMATION:
+        state = state._replace(formation=online_contacts.suspend(state.formation))
     return state, belief
 
 
@@ -211,21 +211,21 @@ def follow_formation(state: FilterState, belief: Belief, tick: Tick) -> tuple[Fi
     tracked = state.formation.tracked
     least = STILL_ESTABLISHED if tracked and any(one.is_present for one in tracked) else ESTABLISHED
     if label is Contact.FREE or belief.probability[label.column] < least:
-        return state._replace(formation=online.suspend(state.formation)), belief
+        return state._replace(formation=online_contacts.suspend(state.formation)), belief
     window, (row, onset, _) = state.window, state.best[label.column].tolist()
     first_row, length = int(window.index.searchsorted(onset)), window.index.size
     if length - first_row < ESTABLISHED_TICKS:
-        return state._replace(formation=online.suspend(state.formation)), belief
+        return state._replace(formation=online_contacts.suspend(state.formation)), belief
     first = KnownContact(label, state.banks[label.column].rows["x"][row].copy())
     beyond, excess = state.model.noise.extra_contact_variance[label.column], window.innovation_excess[-1]
     moved_ticks = float((excess / (excess + window.variance[-1] + beyond)).max(initial=0.0))
-    formation = online.with_first(state.formation, first, window, moved_ticks)
+    formation = online_contacts.with_first(state.formation, first, window, moved_ticks)
     if formation.tracked or formation.queue or formation.ticks_since_search >= formation.search_interval:
-        some = window.cut(max(first_row, length - online.WINDOW_TICKS), None).with_error(beyond)
+        some = window.cut(max(first_row, length - online_contacts.WINDOW_TICKS), None).with_error(beyond)
         rate, known_map = state.model.transitions.leave_per_s, state.known_map
         errors = state.model.systematic
         ticks = FormationTicks(some, state.scales, rate, state.origins, known_map, errors)
-        formation = online.advance(formation, ticks, first)
+        formation = online_contacts.advance(formation, ticks, first)
     state = state._replace(formation=formation)
     if formation.tracked:
         belief = open_beside(state, replace(belief, further=_reported(state, belief, tick)))

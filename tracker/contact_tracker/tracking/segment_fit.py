@@ -12,7 +12,9 @@ from scipy.special import expit
 
 from contact_tracker.config.parameters import Model
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
-from contact_tracker.formations.further import (
+from contact_tracker.contacts.contact_motion import ContactMotion, contact_motion
+from contact_tracker.contacts.task_frame import TaskFrame, task_frame
+from contact_tracker.explanations.further_contacts import (
     NO_FORMATION,
     Formation,
     FormationTicks,
@@ -20,21 +22,19 @@ from contact_tracker.formations.further import (
     Ranks,
     find_formation,
 )
-from contact_tracker.geometry.contact_motion import ContactMotion, contact_motion
+from contact_tracker.explanations.joint_evidence import Joint, find_joint, joint_of
 from contact_tracker.geometry.elements import ContactGeometry, Origins, pack, shifted
-from contact_tracker.geometry.task_frame import TaskFrame, task_frame
+from contact_tracker.geometry.lifted_pose import R, T
 from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.bank_update import fit_windows
 from contact_tracker.hypotheses.births import propose_births, propose_measured
 from contact_tracker.hypotheses.observability import element_estimate, fitted_contact
 from contact_tracker.hypotheses.refinement import refine
-from contact_tracker.joints.evidence import Joint, find_joint, joint_of
 from contact_tracker.map.association import ElementEstimate
 from contact_tracker.map.elements import is_same_element
 from contact_tracker.map.map import Map
 from contact_tracker.map.pairs import Frame, named_pairs
 from contact_tracker.motion.free_motion import NOW_TICKS
-from contact_tracker.motion.lifted_pose import R, T
 from contact_tracker.motion.window import Window
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking import ambiguity

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.config.parameters import Model
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.formations.online import EMPTY_FORMATION, FormationState
+from contact_tracker.explanations.online_contacts import EMPTY_FORMATION, FormationState
 from contact_tracker.geometry.elements import Origins
 from contact_tracker.hmm import log_sum_exp
 from contact_tracker.hypotheses.bank import Bank, blank

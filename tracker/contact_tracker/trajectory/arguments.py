@@ -15,9 +15,9 @@ from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import Model
 from contact_tracker.config.quantities import deviations, plausible
 from contact_tracker.errors import ContactTrackerError, ContactTrackerWarning, UsageError, printable
-from contact_tracker.files import near_file
 from contact_tracker.motion.pose_validation import counts_text
 from contact_tracker.motion.poses import NO_OUTLIERS, Outliers, real_number
+from contact_tracker.suggestions import near_file
 
 ModelLike = str | os.PathLike[str] | Model
 Deviations = str | tuple[float, float] | None

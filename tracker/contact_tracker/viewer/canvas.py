@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 
 from contact_tracker.geometry.elements import Array, ContactGeometry
 from contact_tracker.motion.poses import Pose, Poses
+from contact_tracker.outputs.parts import Part
+from contact_tracker.outputs.scene import EMPTY, GREY, OBJECT, Drawing, Eye, Mesh, circle, joined
 from contact_tracker.outputs.text import COLOUR, COLOURS, OPEN_OFFSET, Colour, alternatives, describe
 from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking.belief import FurtherContact
 from contact_tracker.tracking.informative_motion import InformativeMotion
-from contact_tracker.viewer.parts import Part
-from contact_tracker.viewer.scene import EMPTY, GREY, OBJECT, Drawing, Eye, Mesh, circle, joined
 
 Stamps = NDArray[np.int64]
 

@@ -19,6 +19,8 @@ from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.outputs.outcome import Outcome
+from contact_tracker.outputs.parts import KnownParts
+from contact_tracker.outputs.scene import UNKNOWN_EXTENT, Drawing, Upward, draw, poses_within
 from contact_tracker.outputs.text import Changes, is_settled, joint_name
 from contact_tracker.paper.window_curves import curves
 from contact_tracker.states import Contact
@@ -26,8 +28,6 @@ from contact_tracker.tracking.belief import Belief, FurtherContact, Segment, Seg
 from contact_tracker.tracking.informative_motion import InformativeMotion
 from contact_tracker.viewer import canvas
 from contact_tracker.viewer.canvas import Canvas, Stamps, caption, event, further_event
-from contact_tracker.viewer.parts import KnownParts
-from contact_tracker.viewer.scene import UNKNOWN_EXTENT, Drawing, Upward, draw, poses_within
 from contact_tracker.viewer.sinks import Sink, close, to_file, to_viewer
 
 if TYPE_CHECKING:

@@ -21,7 +21,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker import hmm
+import contact_tracker.hmm as hmm
 from contact_tracker.config.parameters import Model
 from contact_tracker.motion.poses import Poses
 from contact_tracker.paper.window_curves import curves

@@ -10,12 +10,12 @@ from itertools import count, starmap
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from contact_tracker import __version__
 from contact_tracker.cli import arguments
 from contact_tracker.cli.terminal import progress, say, show, take_over_warnings, warn
 from contact_tracker.config import preset_names
 from contact_tracker.errors import DAMAGED, DONE, UsageError
 from contact_tracker.exports.formats import check_output
+from contact_tracker.version import __version__
 
 if TYPE_CHECKING:
     from contact_tracker_lab.calibration.calibrate import Calibration, Source

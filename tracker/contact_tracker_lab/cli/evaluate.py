@@ -61,7 +61,7 @@ def _evaluate(
     name: str, args: argparse.Namespace, model: "Model", known_map: "Map"
 ) -> "tuple[Evaluation, bool]":
     from contact_tracker.motion.poses import Poses
-    from contact_tracker.outputs.outcome import segmented
+    from contact_tracker.offline import segmented
     from contact_tracker.recording import need_truth
     from contact_tracker.tracking.belief import Detail
     from contact_tracker.trajectory import Trajectory

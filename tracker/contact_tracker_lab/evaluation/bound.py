@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from contact_tracker.contacts import ContactModel
 from contact_tracker.geometry.elements import ContactGeometry, Plane, numbers
-from contact_tracker.motion.lifted_pose import lift
+from contact_tracker.geometry.lifted_pose import lift
 from contact_tracker.motion.poses import Poses
 from contact_tracker.states import Contact
 from contact_tracker_lab.evaluation.geometry_errors import error_at, places

@@ -13,10 +13,10 @@ from scipy.spatial.transform import Rotation
 
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.errors import UsageError
-from contact_tracker.formations.conditional import coefficients
+from contact_tracker.explanations.conditional_contact import coefficients
 from contact_tracker.geometry.elements import ContactGeometry, Plane
+from contact_tracker.geometry.lifted_pose import lift, perturbations
 from contact_tracker.geometry.polyhedron import Feature, Polyhedron, unit
-from contact_tracker.motion.lifted_pose import lift, perturbations
 from contact_tracker.states import Contact
 from contact_tracker_lab.simulate.motion import band_limited, smooth_step, within
 from contact_tracker_lab.simulate.plan import Rigid

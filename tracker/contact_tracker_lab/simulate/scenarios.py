@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.errors import UsageError
+from contact_tracker.explanations.joint_models import JointKind
 from contact_tracker.geometry.polyhedron import Polyhedron, convex
-from contact_tracker.joints.models import JointKind
 from contact_tracker.states import STATES, Contact
 
 Array = NDArray[np.float64]

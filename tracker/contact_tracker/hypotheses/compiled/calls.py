@@ -6,6 +6,7 @@ import numpy as np
 
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel, edge_edge, vertex_face
 from contact_tracker.geometry import linalg
+from contact_tracker.geometry.lifted_pose import lift_of_inverse
 from contact_tracker.hypotheses import gauss_newton, schedule
 from contact_tracker.hypotheses.bank import Bank, Onsets, layout
 from contact_tracker.hypotheses.compiled import kernels
@@ -13,7 +14,6 @@ from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.hypotheses.global_search import drawn
 from contact_tracker.hypotheses.schedule import burn_in_ticks
 from contact_tracker.motion import window as motion
-from contact_tracker.motion.lifted_pose import lift_of_inverse
 from contact_tracker.motion.window import Window
 
 information_terms = kernels.information_terms

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from contact_motions import touching, x_of
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.formations.conditional import (
+from contact_tracker.explanations.conditional_contact import (
     AT_FIRST,
     MIN_RATIO,
     RELAXED,
@@ -21,8 +21,8 @@ from contact_tracker.formations.conditional import (
     most_probable,
     relaxed_ratio,
 )
+from contact_tracker.geometry.lifted_pose import lift
 from contact_tracker.hypotheses.evidence import EvidenceParameters, log_ratio
-from contact_tracker.motion.lifted_pose import lift
 from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS, Contact
 

@@ -12,9 +12,9 @@ from typing import Final, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker.geometry.lifted_pose import R, T
 from contact_tracker.geometry.linalg import cross_matrix, sphere_tangent
 from contact_tracker.geometry.rotation import from_rotation_vectors, matrices
-from contact_tracker.motion.lifted_pose import R, T
 
 Array = NDArray[np.float64]
 

@@ -15,11 +15,11 @@ from scipy.spatial.transform import Rotation
 from contact_tracker import segmenting
 from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import SystematicErrors
+from contact_tracker.explanations.joint_evidence import FittedJoint, Joint, find_joint, joint_of
+from contact_tracker.explanations.joint_models import JOINT_MODELS, PITCH, JointFrames, JointKind, JointModel
 from contact_tracker.exports.formats import json_line, open_text
 from contact_tracker.geometry.elements import Line, Origins, Point
-from contact_tracker.joints.evidence import FittedJoint, Joint, find_joint, joint_of
-from contact_tracker.joints.models import JOINT_MODELS, PITCH, JointFrames, JointKind, JointModel
-from contact_tracker.motion.lifted_pose import T, lift
+from contact_tracker.geometry.lifted_pose import T, lift
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.window import Window
 from contact_tracker.outputs.text import table

@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 import as_values
 from contact_tracker import segmenting
 from contact_tracker.config.loading import load_model
+from contact_tracker.explanations.further_contacts import named_by
 from contact_tracker.exports.formats import json_line
-from contact_tracker.formations.further import named_by
 from contact_tracker.geometry.elements import ContactGeometry, Element, Plane, Point
 from contact_tracker.ground_truth import Truth, TruthInterval
 from contact_tracker.map.map import Accuracy, Map, NamedElement, known_to

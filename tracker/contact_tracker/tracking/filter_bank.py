@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 
 from contact_tracker.config.parameters import Model, Motion
 from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.geometry.lifted_pose import R, T
 from contact_tracker.inspection.stream_checks import Finding
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion.free_motion import NO_EXCESS, NOW_TICKS, can_be_compared
-from contact_tracker.motion.lifted_pose import R, T
 from contact_tracker.motion.poses import NO_OUTLIERS, NO_POSES, Outliers, Poses
 from contact_tracker.motion.sensor_noise import SLOW_PERIOD_S, begin, estimate_noise, independent_point
 from contact_tracker.motion.tick_averaging import ORIGIN_M, Tick, TickGrid, tick_variances, white_variances

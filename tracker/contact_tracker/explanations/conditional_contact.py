@@ -17,14 +17,13 @@ from numpy.typing import NDArray
 
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.contacts.family import turns
-from contact_tracker.geometry import linalg
+from contact_tracker.geometry import lifted_pose, linalg
+from contact_tracker.geometry.lifted_pose import R, T
 from contact_tracker.geometry.linalg import adapted, unit
 from contact_tracker.hypotheses import compiled, gauss_newton
 from contact_tracker.hypotheses.evidence import EvidenceParameters, weak_prior
 from contact_tracker.hypotheses.gauss_newton import Prior
 from contact_tracker.hypotheses.global_search import directions
-from contact_tracker.motion import lifted_pose
-from contact_tracker.motion.lifted_pose import R, T
 from contact_tracker.motion.window import LEVERS_M, Window
 from contact_tracker.states import Contact
 

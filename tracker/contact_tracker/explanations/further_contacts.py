@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.config.parameters import SystematicErrors
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
-from contact_tracker.formations.conditional import (
+from contact_tracker.explanations.conditional_contact import (
     MIN_RATIO,
     RELAXED,
     TINY,
@@ -25,6 +25,7 @@ from contact_tracker.formations.conditional import (
     search,
 )
 from contact_tracker.geometry.elements import ContactGeometry, Element, Origins, canonical, opposite
+from contact_tracker.geometry.lifted_pose import T
 from contact_tracker.hypotheses import refinement
 from contact_tracker.hypotheses.bank import blank
 from contact_tracker.hypotheses.evidence import (
@@ -38,7 +39,6 @@ from contact_tracker.hypotheses.observability import fitted_contact
 from contact_tracker.hypotheses.refit import accumulate_window
 from contact_tracker.map.elements import is_same_element
 from contact_tracker.map.map import EMPTY_MAP, Map, NamedElement
-from contact_tracker.motion.lifted_pose import T
 from contact_tracker.motion.window import DIRECTIONS, Window, used_directions
 from contact_tracker.states import CONTACTS, Contact
 

@@ -16,9 +16,9 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker.geometry.lifted_pose import R, T
 from contact_tracker.geometry.linalg import adapted, dot
 from contact_tracker.hypotheses.evidence import EvidenceParameters
-from contact_tracker.motion.lifted_pose import R, T
 from contact_tracker.motion.window import Window
 
 Array = NDArray[np.float64]

@@ -8,15 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.config.parameters import SystematicErrors
-from contact_tracker.formations.conditional import ConditionalMotion
-from contact_tracker.formations.further import SURE_NATS, KnownContact, elements_complexity
-from contact_tracker.geometry.elements import Element, Line, Origins, Point, by_foot, shifted
-from contact_tracker.geometry.linalg import adapted
-from contact_tracker.geometry.task_frame import TaskFrame, joint_frame
-from contact_tracker.hypotheses.evidence import EvidenceParameters
-from contact_tracker.hypotheses.observability import added_covariance, representatives
-from contact_tracker.joints.misfit import JITTER, MOST_PLAY, course_functions, misfit_log_likelihood
-from contact_tracker.joints.models import (
+from contact_tracker.contacts.task_frame import TaskFrame, joint_frame
+from contact_tracker.explanations.conditional_contact import ConditionalMotion
+from contact_tracker.explanations.further_contacts import SURE_NATS, KnownContact, elements_complexity
+from contact_tracker.explanations.joint_misfit import (
+    JITTER,
+    MOST_PLAY,
+    course_functions,
+    misfit_log_likelihood,
+)
+from contact_tracker.explanations.joint_models import (
     BODY_POINT,
     BODY_TURN,
     CYLINDER,
@@ -30,7 +31,11 @@ from contact_tracker.joints.models import (
     JointModel,
     Residual,
 )
-from contact_tracker.motion.lifted_pose import NOISE_OF_PERTURBATION
+from contact_tracker.geometry.elements import Element, Line, Origins, Point, by_foot, shifted
+from contact_tracker.geometry.lifted_pose import NOISE_OF_PERTURBATION
+from contact_tracker.geometry.linalg import adapted
+from contact_tracker.hypotheses.evidence import EvidenceParameters
+from contact_tracker.hypotheses.observability import added_covariance, representatives
 from contact_tracker.motion.window import Window, used_directions
 
 Array = NDArray[np.float64]

@@ -27,9 +27,7 @@ from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion.poses import Poses
 from contact_tracker.outputs.outcome import Outcome
-from contact_tracker.outputs.text import joint_name
-from contact_tracker.tracking.belief import Segment
-from contact_tracker.viewer.scene import (
+from contact_tracker.outputs.scene import (
     EMPTY,
     FEW,
     LARGEST_M,
@@ -44,6 +42,8 @@ from contact_tracker.viewer.scene import (
     poses_within,
     rod,
 )
+from contact_tracker.outputs.text import joint_name
+from contact_tracker.tracking.belief import Segment
 
 SIDES: Final = ("object", "surroundings")
 MOST_POSES: Final = 40

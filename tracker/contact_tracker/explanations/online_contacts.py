@@ -10,14 +10,14 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.formations.conditional import (
+from contact_tracker.explanations.conditional_contact import (
     ConditionalMotion,
     Presence,
     Run,
     constraints_of_two,
     count_constraints,
 )
-from contact_tracker.formations.further import (
+from contact_tracker.explanations.further_contacts import (
     MAX_FURTHER,
     SURE_NATS,
     Candidate,

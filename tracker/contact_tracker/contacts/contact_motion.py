@@ -17,10 +17,10 @@ from scipy.linalg import cho_solve_banded, cholesky_banded
 from scipy.optimize import minimize_scalar
 from scipy.special import chdtrc, chdtri
 
+from contact_tracker.contacts.task_frame import PARALLEL
 from contact_tracker.geometry.elements import Array, ContactGeometry, Element, Line, Plane, Point
 from contact_tracker.geometry.linalg import cross, cross_matrix, dot, sphere_tangent
 from contact_tracker.geometry.rotation import between, matrices, rotation_vectors
-from contact_tracker.geometry.task_frame import PARALLEL
 
 SIGNIFICANCE: Final = 0.01
 """Probability that a segment at rest is said to move in one of the ways, over all of its ticks."""
