@@ -89,12 +89,10 @@ def report_json(report: Report) -> dict[str, Any]:
 
 
 def _deviations(sigma: tuple[float, float]) -> str:
-    return f"{_two_figures(1e3 * sigma[0])} mm {_two_figures(math.degrees(sigma[1]))} deg"
-
-
-def _two_figures(value: float) -> str:
-    """Two significant digits, without an exponent."""
-    return f"{value:.0f}" if value >= 10.0 else f"{value:.2g}" if value >= 1e-4 else "0"
+    """In mm and degrees, with two significant digits and without an exponent."""
+    values = 1e3 * sigma[0], math.degrees(sigma[1])
+    mm, deg = (f"{one:.0f}" if one >= 10.0 else f"{one:.2g}" if one >= 1e-4 else "0" for one in values)
+    return f"{mm} mm {deg} deg"
 
 
 Reports = Mapping[PoseSource, Report | None]
