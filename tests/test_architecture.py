@@ -58,7 +58,7 @@ SINGLE_IMPORTER = {
     "filterpy": "motion/free_motion.py",
     "foxglove": "exports/foxglove_scene.py",
     "matplotlib": ("exports/figure.py", "exports/sequence_figures.py"),
-    "pandas": ("exports/columns.py", "api/offline.py", "api/comparing.py"),
+    "pandas": ("exports/columns.py", "api/offline.py"),
     "pyarrow": (
         "exports/parquet.py",
         "recording/binary_tables.py",

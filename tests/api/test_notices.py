@@ -87,9 +87,7 @@ def recorded_warnings() -> Iterator[list[warnings.WarningMessage]]:
 
 
 @pytest.mark.parametrize("faulty", FAULTY, ids=lambda make: make.__name__)
-def test_python_warns_of_what_the_command_warns_of(
-    faulty: Callable[[Path], tuple[Path, dict[str, str]]], tmp_path: Path
-) -> None:
+def test_python_warns_of_what_the_command_warns_of(faulty, tmp_path) -> None:
     path, options = faulty(tmp_path)
     expected = on_the_command_line("segment", path, options)
     assert expected
@@ -110,7 +108,7 @@ def plain(text: str) -> str:
     return re.sub(r"[\d.e+-]+", "", text)
 
 
-def test_a_tracker_warns_of_what_live_warns_of_and_once(tmp_path: Path) -> None:
+def test_a_tracker_warns_of_what_live_warns_of_and_once(tmp_path) -> None:
     """Of a unit and of times with few digits, although the state is saved and loaded in between."""
     smooth = smooth_poses(2 * MANY)
     coarse_ns = smooth.stamp_ns // 20_000_000 * 20_000_000
@@ -131,7 +129,7 @@ def test_a_tracker_warns_of_what_live_warns_of_and_once(tmp_path: Path) -> None:
     assert {one.filename for one in shown} == {__file__}
 
 
-def test_the_same_fault_of_another_recording_is_told_again(tmp_path: Path) -> None:
+def test_the_same_fault_of_another_recording_is_told_again(tmp_path) -> None:
     path, _ = with_coarse_times(tmp_path)
     with recorded_warnings() as shown:
         for _ in range(3):
@@ -139,9 +137,7 @@ def test_the_same_fault_of_another_recording_is_told_again(tmp_path: Path) -> No
     assert len(shown) == 3 * len({str(one.message) for one in shown})
 
 
-def test_counts_are_logged_and_the_program_decides_whether_they_are_shown(
-    caplog: pytest.LogCaptureFixture,
-) -> None:
+def test_counts_are_logged_and_the_program_decides_whether_they_are_shown(caplog) -> None:
     poses = smooth_poses(200)
     places = poses.position_m.copy()
     places[::50] = np.nan

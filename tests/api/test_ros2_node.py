@@ -7,8 +7,6 @@ from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
-import pytest
-
 from contact_tracker.states import STATES
 from short_recordings import FACE_TO_EDGE, recorded
 
@@ -34,43 +32,32 @@ class Node:
         return SimpleNamespace(warning=self.warned.append)
 
 
-class PoseStamped(SimpleNamespace):
-    pass
-
-
-class String(SimpleNamespace):
-    pass
-
-
 MODULES = {
     "rclpy": {},
     "rclpy.node": {"Node": Node},
     "rclpy.qos": {"qos_profile_sensor_data": object()},
     "geometry_msgs": {},
-    "geometry_msgs.msg": {"PoseStamped": PoseStamped},
+    "geometry_msgs.msg": {"PoseStamped": SimpleNamespace},
     "std_msgs": {},
-    "std_msgs.msg": {"String": String},
+    "std_msgs.msg": {"String": SimpleNamespace},
 }
 
 
-def message(stamp_ns: int, position_m: Any, quat_xyzw: Any) -> PoseStamped:
-    sec, nanosec = divmod(stamp_ns, 1_000_000_000)
-    return PoseStamped(
-        header=SimpleNamespace(stamp=SimpleNamespace(sec=sec, nanosec=nanosec), frame_id="world"),
-        pose=SimpleNamespace(
-            position=SimpleNamespace(**dict(zip("xyz", position_m, strict=True))),
-            orientation=SimpleNamespace(**dict(zip("xyzw", quat_xyzw, strict=True))),
-        ),
-    )
+def message(stamp_ns: int, position_m: Any, quat_xyzw: Any) -> SimpleNamespace:
+    stamp = SimpleNamespace(**dict(zip(("sec", "nanosec"), divmod(stamp_ns, 1_000_000_000), strict=True)))
+    position = SimpleNamespace(**dict(zip("xyz", position_m, strict=True)))
+    orientation = SimpleNamespace(**dict(zip("xyzw", quat_xyzw, strict=True)))
+    pose = SimpleNamespace(position=position, orientation=orientation)
+    return SimpleNamespace(header=SimpleNamespace(stamp=stamp, frame_id="world"), pose=pose)
 
 
-def test_poses_that_come_in_become_beliefs(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_poses_that_come_in_become_beliefs(monkeypatch) -> None:
     for name, contents in MODULES.items():
         vars(module := ModuleType(name)).update(contents)
         monkeypatch.setitem(sys.modules, name, module)
     node = runpy.run_path(str(NODE))["ContactNode"]()
     ((topic, (kind, take_in)),) = node.subscribed.items()
-    assert (topic, kind) == ("/mocap/cube", PoseStamped)
+    assert (topic, kind) == ("/mocap/cube", SimpleNamespace)
     poses = list(recorded(FACE_TO_EDGE).poses[::2])
     for pose in poses:
         take_in(message(*pose))

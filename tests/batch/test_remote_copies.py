@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any, ClassVar, Self
+from unittest.mock import Mock
 
 import pytest
 from fsspec import AbstractFileSystem
@@ -16,20 +17,11 @@ from contact_tracker.batch.remote import copy_folder
 from contact_tracker.errors import UnreadableRecording
 
 
-class StoreWithOddNames:
-    """A remote store, in which a key leads out of its folder."""
-
-    def find(self, path: str, detail: bool) -> dict[str, dict[str, int]]:
-        assert detail
-        return {f"{path}/part.mcap": {}, f"{path}/../../out.mcap": {}}
-
-    def get_file(self, name: str, target: str, callback: Any) -> None:
-        Path(target).write_text(name)
-
-
-def test_names_of_a_store_stay_in_the_folder(tmp_path: Path) -> None:
+def test_names_of_a_store_stay_in_the_folder(tmp_path) -> None:
+    store = Mock(get_file=lambda name, target, callback: Path(target).write_text(name))
+    store.find.return_value = {"bucket/bag/part.mcap": {}, "bucket/bag/../../out.mcap": {}}
     with pytest.raises(OSError, match="leads out of the folder"):
-        copy_folder(StoreWithOddNames(), "bucket/bag", str(tmp_path / "a" / "b"))
+        copy_folder(store, "bucket/bag", str(tmp_path / "a" / "b"))
     assert not list(tmp_path.glob("*.mcap"))
 
 
@@ -75,36 +67,27 @@ class Store(AbstractFileSystem):
 
 
 @pytest.mark.parametrize(
-    ("store", "name"),
+    ("store", "name", "limit", "words"),
     [
-        (Store(), "log.mcap"),
-        (Store(10), "log.mcap"),
-        (Store(10), "bag/"),
-        (Store(10**15), "log.mcap"),
-        (Store(0, EndlessFile(0)), "bag/"),
+        (Store(), "log.mcap", "MOST_BYTES", "longer than"),
+        (Store(10), "log.mcap", "MOST_BYTES", "longer than"),
+        (Store(10), "bag/", "MOST_BYTES", "longer than"),
+        (Store(10**15), "log.mcap", "MOST_BYTES", "longer than"),
+        (Store(0, EndlessFile(0)), "bag/", "MOST_BYTES", "longer than"),
+        (Store(10), "log.mcap", "_LEFT_BYTES", "no room"),
     ],
-    ids=["size not said", "size wrong", "folder", "too long", "empty files"],
+    ids=["size not said", "size wrong", "folder", "too long", "empty files", "full disk"],
 )
-def test_copies_of_recordings_in_stores_have_a_size_limit(
-    store: Store, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_copies_of_recordings_in_stores_have_a_size_limit_and_leave_free_space(
+    store, name, limit, words, tmp_path, monkeypatch
 ) -> None:
+    free = shutil.disk_usage(tmp_path).free
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     monkeypatch.setattr(remote, "_opened", lambda *_: (store, name))
-    monkeypatch.setattr(remote, "MOST_BYTES", 20 * 2**20)
-    with pytest.raises(UnreadableRecording, match="longer than"), remote.local_copy(f"endless://{name}"):
+    monkeypatch.setattr(remote, limit, {"MOST_BYTES": 20 * 2**20, "_LEFT_BYTES": free - 8 * 2**20}[limit])
+    with pytest.raises(UnreadableRecording, match=words), remote.local_copy(f"endless://{name}"):
         pass
     assert store.file.read_bytes <= 40 * 2**20
-    assert not list(tmp_path.iterdir())
-
-
-def test_copies_of_recordings_in_stores_leave_free_space(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    monkeypatch.setattr(remote, "_opened", lambda *_: (Store(10), "log.mcap"))
-    monkeypatch.setattr(remote, "_LEFT_BYTES", shutil.disk_usage(tmp_path).free - 8 * 2**20)
-    with pytest.raises(UnreadableRecording, match="no room"), remote.local_copy("endless://log.mcap"):
-        pass
     assert not list(tmp_path.iterdir())
 
 
@@ -160,7 +143,7 @@ def address() -> Iterator[str]:
 
 
 @pytest.mark.parametrize("folder", ["logs", "logs/"])
-def test_nothing_outside_of_a_folder_on_the_web_is_read(address: str, folder: str) -> None:
+def test_nothing_outside_of_a_folder_on_the_web_is_read(address, folder) -> None:
     files = remote.files_in(f"{address}/{folder}")
     assert {name.removeprefix(address) for name in files} == {f"/logs/{name}.mcap" for name in "ade"}
     for name in ("a", "e"):

@@ -67,7 +67,7 @@ def followed(plan, *steps):
         [("f-f", 3.3), ("free", 1.5), ("f-f", 3.0)],
     ],
 )
-def test_a_stream_on_the_plan_is_followed(plan: Plan, steps) -> None:
+def test_a_stream_on_the_plan_is_followed(plan, steps) -> None:
     found, follower = followed(plan, *steps)
     assert not follower.has_left
     assert max(one.p_left for one in found) < 0.9
@@ -79,7 +79,7 @@ def test_a_stream_on_the_plan_is_followed(plan: Plan, steps) -> None:
 
 @pytest.mark.parametrize("duration_sd", [0.05, 0.25])
 @pytest.mark.parametrize("tick_s", [0.1, 2.0])
-def test_time_passes_as_planned_whatever_the_ticks(duration_sd: float, tick_s: float) -> None:
+def test_time_passes_as_planned_whatever_the_ticks(duration_sd, tick_s) -> None:
     """Also with steps that are short beside the deviation, and over gaps."""
     short = [PlannedStep((Contact(name),), 1.0) for name in ("f-f", "e-f", "free", "v-f")]
     follower = PlanFollower(Plan((*short, PlannedStep(STATES)), duration_sd))
@@ -90,7 +90,7 @@ def test_time_passes_as_planned_whatever_the_ticks(duration_sd: float, tick_s: f
     for more in range(1, round(4.0 / tick_s) + 1):
         stamp_ns = round((tick + more) * tick_s * 1e9)
         found = follower.update(Belief(stamp_ns, Contact.FREE, flat, 0, None, flat))
-    assert found.step == 5
+    assert (found.step, follower.has_left) == (5, False)
 
 
 def test_parts_of_one_contact_are_one_step_that_has_to_come(monkeypatch) -> None:
@@ -114,22 +114,14 @@ def test_parts_of_one_contact_are_one_step_that_has_to_come(monkeypatch) -> None
         ([("f-f", 0.6), ("free", 3.0)], 0.6),  # it is too short
     ],
 )
-def test_leaving_the_plan_is_said_once(plan: Plan, steps, since_s) -> None:
+def test_leaving_the_plan_is_said_once(plan, steps, since_s) -> None:
     found, follower = followed(plan, *steps)
     (tick,) = (number for number, one in enumerate(found) if one.leaves)
     assert since_s < (tick + 1) * 0.1 <= since_s + 4.0
     assert follower.has_left
 
 
-def test_a_follower_that_knows_nothing_has_left_nothing(plan: Plan) -> None:
-    follower = PlanFollower(plan)
-    flat = (Belief(k * TICK_NS, Contact.FREE, np.full(7, 1 / 7), 0, None, np.zeros(6)) for k in range(40))
-    found = [follower.update(one) for one in flat]
-    assert max(one.p_left for one in found) < 0.9
-    assert all(0.0 <= one.probability <= 1.0 for one in found)
-
-
-def test_a_plan_is_the_same_after_its_file(plan: Plan, tmp_path) -> None:
+def test_a_plan_is_the_same_after_its_file(plan, tmp_path) -> None:
     (tmp_path / "again.toml").write_text(plan.toml, encoding="utf-8")
     assert Plan.read(str(tmp_path / "again.toml")) == plan
     assert [one.name for one in plan.steps] == ["f-f", "e-f|v-f", "free", "f-f"]

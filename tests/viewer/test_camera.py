@@ -7,7 +7,7 @@ import pytest
 
 from contact_tracker.geometry.elements import ContactGeometry, Plane, Point
 from contact_tracker.motion.poses import Poses
-from contact_tracker.outputs.scene import UNKNOWN_EXTENT, UP, Extent, Upward, draw
+from contact_tracker.outputs.scene import UNKNOWN_EXTENT, Extent, Upward, draw
 
 X, Y, Z = np.eye(3)
 CUBE_M = np.array([[x, y, z] for x in (-0.1, 0.1) for y in (-0.1, 0.1) for z in (-0.1, 0.1)])
@@ -25,15 +25,8 @@ def touch(upward: Upward, plane: Plane, poses: Poses, lasted_ns: int) -> bool:
     return upward.add(ContactGeometry(Point(np.zeros(3)), plane), poses, lasted_ns)
 
 
-def test_without_contact_z_is_up_and_the_eye_is_above_beside_the_object() -> None:
-    position_m, up = Upward(UNKNOWN_EXTENT).eye(0.1)
-    assert np.array_equal(up, UP)
-    assert position_m[2] == pytest.approx(0.22)
-    assert np.linalg.norm(position_m[:2]) == pytest.approx(0.39)
-
-
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_up_is_away_from_the_plane_whichever_way_its_normal_points(sign: float) -> None:
+def test_up_is_away_from_the_plane_whichever_way_its_normal_points(sign) -> None:
     upward = Upward(UNKNOWN_EXTENT)
     assert touch(upward, Plane(sign * X, 0.0), at([[-0.5, 0.0, 0.0]]), 1_000), "the direction changes"
     assert upward.direction == pytest.approx(-X)

@@ -21,6 +21,7 @@ from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion.poses import Poses
 from contact_tracker.outputs.outcome import Outcome
 from contact_tracker.outputs.parts import MOST_KEPT, KnownParts, known_parts
+from contact_tracker.outputs.scene import hull
 from contact_tracker.outputs.text import segment_rows
 from contact_tracker.recording import MAP_TOPIC
 from contact_tracker.states import CONTACTS, Contact
@@ -29,7 +30,7 @@ from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.trajectory import Trajectory
 from contact_tracker.viewer import canvas
 from contact_tracker.viewer.sinks import to_file
-from contact_tracker.viewer.views import LiveViewer, write_rrd
+from contact_tracker.viewer.views import LiveViewer
 
 Z = np.array([0.0, 0.0, 1.0])
 KNOWLEDGE = map_from(
@@ -53,9 +54,8 @@ def poses() -> Poses:
     position_m = np.zeros((300, 3))
     position_m[:200, 0], position_m[200:, 0], position_m[200:, 2] = along, 1.0, up
     position_m[:, 2] += 0.05
-    return Poses(
-        10_000_000 * np.arange(300, dtype=np.int64), position_m, np.tile([0.0, 0.0, 0.0, 1.0], (300, 1))
-    )
+    stamp_ns = 10_000_000 * np.arange(300, dtype=np.int64)
+    return Poses(stamp_ns, position_m, np.tile([0.0, 0.0, 0.0, 1.0], (300, 1)))
 
 
 @pytest.fixture(scope="module")
@@ -68,9 +68,7 @@ def world() -> GrowingMap:
     return GrowingMap(0.3).with_prior(LearnedElements(elements, dict.fromkeys(elements, 3), 1e8 * np.eye(6)))
 
 
-def test_bodies_are_whole_and_a_listed_face_is_the_patch_that_was_touched(
-    poses: Poses, tmp_path: Path
-) -> None:
+def test_bodies_are_whole_and_a_listed_face_is_the_patch_that_was_touched(poses, tmp_path) -> None:
     segment = Segment(int(poses.stamp_ns[0]), int(poses.stamp_ns[199]), Contact.VF, 0.9, ON_TABLE)
     outcome = Outcome(Trajectory(poses), Segmentation((segment,)), known_map=KNOWLEDGE)
     parts = {(one.side, one.name): one for one in known_parts(outcome)}
@@ -80,6 +78,7 @@ def test_bodies_are_whole_and_a_listed_face_is_the_patch_that_was_touched(
         ((1, "shelf"), [2.0, 0.0, 0.0], [0.4, 0.4, 0.2]),
     ):
         vertices = parts[key].mesh.vertices
+        assert hull(vertices * [0.0, 1.0, 1.0]) is None, "flat"
         np.testing.assert_allclose(np.ptp(vertices, axis=0), size, atol=1e-6)
         np.testing.assert_allclose(parts[key].label_m, middle, atol=1e-6)
         assert len(parts[key].outline) == 12
@@ -97,14 +96,14 @@ def test_bodies_are_whole_and_a_listed_face_is_the_patch_that_was_touched(
     np.testing.assert_allclose(sizes, 0.2 * np.linalg.norm([0.1, 0.05, 0.05]))  # by the box that is known
 
 
-def test_elements_of_a_map_are_drawn_where_they_are(poses: Poses, world: GrowingMap) -> None:
+def test_elements_of_a_map_are_drawn_where_they_are(poses, world) -> None:
     vertex, face = known_parts(Outcome(Trajectory(poses), Segmentation(), touched=world))
     assert [(vertex.side, vertex.name), (face.side, face.name)] == [(0, "vertex 1"), (1, "face 2")]
     np.testing.assert_allclose(vertex.label_m, VERTEX_M)
     np.testing.assert_allclose(face.outline[0][:, 2], 0.5, atol=1e-9)
 
 
-def test_joints_are_drawn_in_all_outputs(poses: Poses, tmp_path: Path) -> None:
+def test_joints_are_drawn_in_all_outputs(poses, tmp_path) -> None:
     """The axis of a hinge, and the centre of a ball joint, under the name in a table of segments."""
     pytest.importorskip("matplotlib").use("Agg")
     middle_m, far_m = np.array([0.5, 0.2, 0.0]), np.array([0.0, 9.0, 0.0])
@@ -137,7 +136,7 @@ def test_joints_are_drawn_in_all_outputs(poses: Poses, tmp_path: Path) -> None:
     with (tmp_path / "out.mcap").open("rb") as file:
         ((_, _, scene),) = make_reader(file).iter_messages(topics=[MAP_TOPIC])
     assert all(f'"label":"{name}"' in page and f"object {name}".encode() in scene.data for name in names)
-    write_rrd(tmp_path / "out.rrd", result)
+    write_outcome(result, tmp_path / "out.rrd")
     static, _ = static_and_first(tmp_path / "out.rrd", f"{canvas.KNOWN[0]}/names", "Points3D:labels")
     assert static[-1] == 3
 
@@ -158,16 +157,16 @@ def static_and_first(path: Path, entity: str, component: str) -> tuple[list[int]
     return static, sorted(later)
 
 
-def test_a_file_has_everything_at_all_times(tmp_path: Path, poses: Poses, world: GrowingMap) -> None:
+def test_a_file_has_everything_at_all_times(tmp_path, poses, world) -> None:
     path = tmp_path / "known.rrd"
-    write_rrd(path, Outcome(Trajectory(poses), Segmentation(), known_map=KNOWLEDGE, touched=world))
+    write_outcome(Outcome(Trajectory(poses), Segmentation(), known_map=KNOWLEDGE, touched=world), path)
     static, later = static_and_first(path, f"{canvas.KNOWN[0]}/names", "Points3D:labels")
     assert (static[-1], later) == (2, [])  # the box, and the vertex of the map
     static, later = static_and_first(path, f"{canvas.KNOWN[1]}/outline", "LineStrips3D:strips")
     assert (static[-1], later) == (12 + 2, [])
 
 
-def test_live_elements_appear_as_they_become_known(tmp_path: Path, poses: Poses, world: GrowingMap) -> None:
+def test_live_elements_appear_as_they_become_known(tmp_path, poses, world) -> None:
     path, probability = tmp_path / "live.rrd", np.full(7, 1.0 / 7.0)
     with LiveViewer(None, to_file(path)) as view:
         for number, pose in enumerate(poses):

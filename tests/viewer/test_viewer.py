@@ -18,12 +18,13 @@ from rerun.chunk import Chunk, RrdReader
 from contact_tracker.cli.main import run
 from contact_tracker.contacts.contact_motion import ContactMotion
 from contact_tracker.errors import NoPoses
+from contact_tracker.exports.formats import write_outcome
 from contact_tracker.geometry.elements import ContactGeometry, Line, Plane, Point
 from contact_tracker.ground_truth import Truth
 from contact_tracker.motion.poses import Poses
 from contact_tracker.outputs import scene
 from contact_tracker.outputs.outcome import Outcome
-from contact_tracker.outputs.scene import OBJECT, UNKNOWN_EXTENT, draw, hull
+from contact_tracker.outputs.scene import OBJECT, UNKNOWN_EXTENT, draw
 from contact_tracker.outputs.text import COLOUR
 from contact_tracker.recording import write_recording
 from contact_tracker.states import CONTACTS, STATES, Contact
@@ -33,7 +34,7 @@ from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker.trajectory import Trajectory, vertices_from_metadata
 from contact_tracker.viewer import canvas, sinks
 from contact_tracker.viewer.sinks import to_file
-from contact_tracker.viewer.views import LiveViewer, begin, write_rrd
+from contact_tracker.viewer.views import LiveViewer, begin
 from mcap_logs import smooth_poses
 
 ORIGIN_NS = 1_700_000_000_000_000_000
@@ -53,6 +54,7 @@ GEOMETRY = {
 MESHES = canvas.touching()[:4]
 PHASES = ((Contact.FF, 0, 30), (Contact.FREE, 30, 60), (Contact.EF, 60, 90), (Contact.VF, 90, 120))
 STARTS_NS = [ORIGIN_NS + first * TICK_NS for _, first, _ in PHASES]
+TRUTH = Truth.from_changes(STARTS_NS, ["f-f", "?", "e-f", "e-f"], ORIGIN_NS + TICKS * TICK_NS)
 
 
 @pytest.fixture(autouse=True)
@@ -88,12 +90,7 @@ def segmentation() -> Segmentation:
 
 
 @pytest.fixture(scope="module")
-def truth() -> Truth:
-    return Truth.from_changes(STARTS_NS, ["f-f", "?", "e-f", "e-f"], ORIGIN_NS + TICKS * TICK_NS)
-
-
-@pytest.fixture(scope="module")
-def sparse(poses: Poses) -> Poses:
+def sparse(poses) -> Poses:
     """Too few for the curves of the paper's objectives."""
     return poses[::5]
 
@@ -103,19 +100,14 @@ def outcome(poses: Poses, segmentation: Segmentation, truth: Truth | None = None
 
 
 @pytest.fixture(scope="module")
-def written(
-    tmp_path_factory: pytest.TempPathFactory,
-    poses: Poses,
-    segmentation: Segmentation,
-    truth: Truth,
-) -> Path:
+def written(tmp_path_factory, poses, segmentation) -> Path:
     path = tmp_path_factory.mktemp("viewer") / "all.rrd"
-    write_rrd(path, outcome(poses, segmentation, truth, vertices_m=CUBE_M))
+    write_outcome(outcome(poses, segmentation, TRUTH, vertices_m=CUBE_M), path)
     return path
 
 
 @pytest.fixture(scope="module")
-def streamed(tmp_path_factory: pytest.TempPathFactory, poses: Poses, segmentation: Segmentation) -> Path:
+def streamed(tmp_path_factory, poses, segmentation) -> Path:
     path = tmp_path_factory.mktemp("viewer") / "live.rrd"
     play(path, poses, segmentation.filtered)
     return path
@@ -144,7 +136,7 @@ def total(path: Path, entity: str) -> int:
     return sum(chunk.num_rows for chunk in chunks(path, entity))
 
 
-def test_every_view_has_its_rows(written: Path) -> None:
+def test_every_view_has_its_rows(written) -> None:
     expected = {
         canvas.BODY: POSES,
         canvas.TRAIL: TICKS,
@@ -160,7 +152,7 @@ def test_every_view_has_its_rows(written: Path) -> None:
     assert {entity: total(written, entity) for entity in expected} == expected
 
 
-def test_poses_are_columns_on_both_timelines(written: Path, poses: Poses) -> None:
+def test_poses_are_columns_on_both_timelines(written, poses) -> None:
     parts = chunks(written, canvas.BODY)
     assert max(c.num_rows for c in parts) == 1000
     batch = parts[0].to_record_batch()
@@ -172,7 +164,7 @@ def test_poses_are_columns_on_both_timelines(written: Path, poses: Poses) -> Non
     assert np.allclose([value[0] for _, value in translation], poses.position_m, atol=1e-6)
 
 
-def test_geometry_appears_with_its_segment_and_is_cleared_after_it(written: Path) -> None:
+def test_geometry_appears_with_its_segment_and_is_cleared_after_it(written) -> None:
     for entity in MESHES:
         counts = [(t, len(v)) for t, v in rows(written, entity, "Mesh3D:vertex_positions")]
         assert [t + ORIGIN_NS for t, _ in counts] == STARTS_NS
@@ -186,28 +178,20 @@ def test_geometry_appears_with_its_segment_and_is_cleared_after_it(written: Path
     assert unknown == [], "a plane without covariance has no uncertainty to draw"
 
 
-def test_drawings_fade_with_probability_and_only_surroundings_have_the_contacts_colour(
-    written: Path,
-) -> None:
+def test_drawings_fade_with_probability_and_only_surroundings_have_the_contacts_colour(written) -> None:
     for number, (entity, opacity) in enumerate(zip(MESHES, canvas.OPACITY, strict=True)):
         factors = rows(written, entity, "Mesh3D:albedo_factor")
         assert len(factors) == TICKS + len(PHASES)
-        values = [value[0] for _, value in factors]
-        is_sheet = [number == 2 and value >> 8 != colour_of(Contact.FREE) for value in values]
-        assert [value & 0xFF for value in values] == [
+        rgba = [tuple(value[0].to_bytes(4)) for _, value in factors]
+        is_sheet = [number == 2 and one[:3] != COLOUR[Contact.FREE] for one in rgba]
+        assert [one[3] for one in rgba] == [
             round(255 * opacity * 0.8 * (canvas.SHEET if sheet else 1.0)) for sheet in is_sheet
         ]
-        shown = {value >> 8 for value in values}
-        of_contacts = {colour_of(contact) for contact, _, _ in PHASES}
-        assert shown == ({(OBJECT[0] << 16) + (OBJECT[1] << 8) + OBJECT[2]} if number < 2 else of_contacts)
+        of_contacts = {COLOUR[contact] for contact, _, _ in PHASES}
+        assert {one[:3] for one in rgba} == ({OBJECT} if number < 2 else of_contacts)
 
 
-def colour_of(contact: Contact) -> int:
-    red, green, blue = COLOUR[contact]
-    return (red << 16) + (green << 8) + blue
-
-
-def test_states_change_where_they_should(written: Path) -> None:
+def test_states_change_where_they_should(written) -> None:
     smoothed = rows(written, canvas.SMOOTHED, "StateChange:state")
     assert [(t + ORIGIN_NS, v) for t, v in smoothed] == [
         (start, [contact.value]) for start, (contact, _, _) in zip(STARTS_NS, PHASES, strict=True)
@@ -217,7 +201,7 @@ def test_states_change_where_they_should(written: Path) -> None:
     assert configured.column("StateConfiguration:values").to_pylist() == [[s.value for s in STATES]]
 
 
-def test_posteriors_and_minima_are_whole_and_nan_stays_nan(written: Path, segmentation: Segmentation) -> None:
+def test_posteriors_and_minima_are_whole_and_nan_stays_nan(written, segmentation) -> None:
     probability = np.array([v for _, v in rows(written, canvas.P_SMOOTHED, "Scalars:scalars")])
     assert np.array_equal(probability, [b.probability for b in segmentation.beliefs])
     residual = np.array([v for _, v in rows(written, canvas.RESIDUAL, "Scalars:scalars")])
@@ -226,7 +210,7 @@ def test_posteriors_and_minima_are_whole_and_nan_stays_nan(written: Path, segmen
     assert np.array_equal(residual, expected, equal_nan=True)
 
 
-def test_events_have_time_probability_and_geometry(written: Path) -> None:
+def test_events_have_time_probability_and_geometry(written) -> None:
     texts = [value[0] for _, value in rows(written, canvas.EVENTS, "TextLog:text")]
     assert "3.00 s" in texts[1]
     assert "edge along" in texts[2]
@@ -235,7 +219,7 @@ def test_events_have_time_probability_and_geometry(written: Path) -> None:
 
 
 def test_the_slip_at_the_touching_point_is_drawn_with_its_noise_and_gaps(
-    tmp_path: Path, poses: Poses, segmentation: Segmentation
+    tmp_path, poses, segmentation
 ) -> None:
     stamps = segmentation.beliefs.stamp_ns[:9]
     ones, slip = np.ones(len(stamps)), np.outer(np.arange(len(stamps)), [0.6, 0.8, 0.0])
@@ -244,40 +228,32 @@ def test_the_slip_at_the_touching_point_is_drawn_with_its_noise_and_gaps(
     first, *others = segmentation.segments
     moving = replace(segmentation, segments=(replace(first, motion=motion), *others))
     path = tmp_path / "slip.rrd"
-    write_rrd(path, outcome(poses, moving))
+    write_outcome(outcome(poses, moving), path)
     drawn = np.array([value for _, value in rows(path, canvas.MOTION, "Scalars:scalars")])
     np.testing.assert_allclose(drawn[:-1, 0], np.arange(len(stamps)), atol=1e-12)
     np.testing.assert_allclose(drawn[:-1, 1], 0.3)
     assert np.isnan(drawn[-1]).all()
 
 
-def test_the_blueprint_is_in_the_file(written: Path) -> None:
+def test_the_blueprint_is_in_the_file(written) -> None:
     reader = RrdReader(written)
     (recording,), (_, blueprint) = reader.recordings(), reader.blueprints()
     assert blueprint.application_id == recording.application_id == canvas.APPLICATION
-    batches = [c.to_record_batch() for c in reader.stream(store=blueprint).to_chunks()]
-    classes = [
-        value[0]
-        for batch in batches
-        if "ViewBlueprint:class_identifier" in batch.schema.names
-        for value in batch.column("ViewBlueprint:class_identifier").to_pylist()
-    ]
+    classes = [value for (value,) in column(reader, reader.blueprints()[0], "ViewBlueprint:class_identifier")]
     assert sorted(classes) == ["3D", "StateTimeline", "TextDocument", "TextLog", *["TimeSeries"] * 5]
 
 
-def test_without_truth_curves_and_hull_the_rest_is_there(
-    tmp_path: Path, poses: Poses, segmentation: Segmentation
-) -> None:
+def test_without_truth_curves_and_hull_the_rest_is_there(tmp_path, poses, segmentation) -> None:
     path = tmp_path / "less.rrd"
-    write_rrd(path, outcome(poses[:499], segmentation))
+    write_outcome(outcome(poses[:499], segmentation), path)
     assert total(path, canvas.TRUTH) == total(path, canvas.PAPER) == 0
     assert total(path, canvas.BODY) == 499
     assert not any(chunks(path, entity, static=True) for entity in canvas.KNOWN)
     one = Segmentation(segmentation.segments[:1], segmentation.beliefs[:1], segmentation.filtered[:1])
-    write_rrd(tmp_path / "one.rrd", outcome(poses[:1], one))
+    write_outcome(outcome(poses[:1], one), tmp_path / "one.rrd")
     assert total(tmp_path / "one.rrd", canvas.BODY) == 1
     with pytest.raises(NoPoses):
-        write_rrd(tmp_path / "none.rrd", outcome(poses[:0], segmentation, origin_ns=ORIGIN_NS))
+        write_outcome(outcome(poses[:0], segmentation, origin_ns=ORIGIN_NS), tmp_path / "none.rrd")
     assert not (tmp_path / "none.rrd").exists()
 
 
@@ -291,7 +267,7 @@ def play(path: Path, poses: Poses, beliefs: tuple[Belief, ...]) -> None:
                 view.belief(due.pop(0))
 
 
-def test_what_to_move_next_is_drawn_live(tmp_path: Path, poses: Poses) -> None:
+def test_what_to_move_next_is_drawn_live(tmp_path, poses) -> None:
     """A turn as its axis and the arc about it, until there is nothing to suggest."""
     pair, turn = (Contact.EF, Contact.VF), np.array([0.0, 0.25, 0.0])
     motion = InformativeMotion(*pair, turn, turn, *np.array([[0.1, 0.2, 0.3]] * 2), *np.zeros((2, 3)), 9.0)
@@ -310,12 +286,10 @@ def test_what_to_move_next_is_drawn_live(tmp_path: Path, poses: Poses) -> None:
     assert np.arccos(cosine) == pytest.approx(0.25, abs=1e-3)
 
 
-def test_indistinguishable_contacts_are_shown(
-    tmp_path: Path, sparse: Poses, segmentation: Segmentation
-) -> None:
+def test_indistinguishable_contacts_are_shown(tmp_path, sparse, segmentation) -> None:
     first, *rest = segmentation.segments
     unsure = replace(segmentation, segments=(replace(first, inseparable=(Contact.VF, Contact.FREE)), *rest))
-    write_rrd(tmp_path / "some.rrd", outcome(sparse, unsure))
+    write_outcome(outcome(sparse, unsure), tmp_path / "some.rrd")
     beliefs = [replace(b, inseparable=(Contact.VF,)) if i < 10 else b for i, b in enumerate(unsure.filtered)]
     play(tmp_path / "live.rrd", sparse, tuple(beliefs))
     lane = [v for _, v in rows(tmp_path / "some.rrd", canvas.INSEPARABLE, "StateChange:state")]
@@ -330,27 +304,15 @@ def test_indistinguishable_contacts_are_shown(
     assert captions[9:11] == ["f-f  0.80 or v-f", "f-f  0.80"]
 
 
-def test_a_part_of_a_recording_keeps_its_time_and_cuts_the_truth(
-    tmp_path: Path, poses: Poses, segmentation: Segmentation, truth: Truth
-) -> None:
-    """From 4 s to 8 s: the first change of the truth in it is at its beginning, and none is after its end."""
-    part = Segmentation(segmentation.segments[1:3], segmentation.beliefs[30:90], segmentation.filtered[30:90])
-    path = tmp_path / "part.rrd"
-    write_rrd(path, outcome(poses[800:1600], part, truth, origin_ns=ORIGIN_NS))
-    body = [t for t, _ in rows(path, canvas.BODY, "Transform3D:translation")]
-    assert (body[0], body[-1]) == (4_000_000_000, 7_995_000_000)
-    shown = rows(path, canvas.TRUTH, "StateChange:state")
-    assert shown == [(4_000_000_000, [""]), (6_000_000_000, ["e-f"])]
-    live = tmp_path / "live.rrd"
-    with LiveViewer(CUBE_M, to_file(live), lambda: ORIGIN_NS) as view:
-        for pose in poses[800:1600]:
+def test_a_live_part_of_a_recording_keeps_its_time(tmp_path, sparse) -> None:
+    path = tmp_path / "live.rrd"
+    with LiveViewer(CUBE_M, to_file(path), lambda: ORIGIN_NS) as view:
+        for pose in sparse[160:]:
             view.pose(pose)
-    assert rows(live, canvas.BODY, "Transform3D:translation")[0][0] == 4_000_000_000
+    assert rows(path, canvas.BODY, "Transform3D:translation")[0][0] == 4_000_000_000
 
 
-def test_a_recording_beside_others_has_its_name_and_the_list_open(
-    tmp_path: Path, sparse: Poses, segmentation: Segmentation
-) -> None:
+def test_a_recording_beside_others_has_its_name_and_the_list_open(tmp_path, sparse, segmentation) -> None:
     panels = []
     for several in (False, True):
         path = tmp_path / f"{several}.rrd"
@@ -363,9 +325,8 @@ def test_a_recording_beside_others_has_its_name_and_the_list_open(
 
 
 def column(reader: RrdReader, store: Any, name: str, entity: str | None = None) -> list[Any]:
-    batches = [
-        c.to_record_batch() for c in reader.stream(store=store).to_chunks() if entity in (None, c.entity_path)
-    ]
+    chunks = reader.stream(store=store).to_chunks()
+    batches = [one.to_record_batch() for one in chunks if entity in (None, one.entity_path)]
     return [value for b in batches if name in b.schema.names for value in b.column(name).to_pylist()]
 
 
@@ -384,13 +345,13 @@ def with_a_wall(segmentation: Segmentation) -> Segmentation:
 
 @pytest.mark.parametrize("live", [False, True])
 def test_a_further_contact_has_its_lane_its_label_and_its_meshes(
-    tmp_path: Path, sparse: Poses, segmentation: Segmentation, live: bool
+    tmp_path, sparse, segmentation, live
 ) -> None:
     path = tmp_path / "two.rrd"
     if live:
         play(path, sparse, with_a_wall(segmentation).filtered)
     else:
-        write_rrd(path, outcome(sparse, with_a_wall(segmentation), vertices_m=CUBE_M))
+        write_outcome(outcome(sparse, with_a_wall(segmentation), vertices_m=CUBE_M), path)
     lane = [value for _, value in rows(path, canvas.further_lane(1), "StateChange:state")]
     assert [value[0] for value in lane if value] == [*([] if live else [""]), "v-f", "", "v-f", ""]
     second = canvas.touching(1)
@@ -404,7 +365,7 @@ def test_a_further_contact_has_its_lane_its_label_and_its_meshes(
     assert len({n for n in first if n}) <= 2, "no wall beside what the label is about"
 
 
-def test_live_and_offline_views_agree(streamed: Path) -> None:
+def test_live_and_offline_views_agree(streamed) -> None:
     assert total(streamed, canvas.BODY) == POSES // 2, "200 Hz are shown at 100 Hz"
     for entity in (canvas.TRAIL, canvas.P_FILTERED, canvas.RESIDUAL):
         assert total(streamed, entity) == TICKS
@@ -414,7 +375,7 @@ def test_live_and_offline_views_agree(streamed: Path) -> None:
     assert all(before[-1] == after[0] for before, after in pairwise(strips)), "the trail is unbroken"
 
 
-def test_live_geometry_follows_twice_a_second_and_ends_with_its_contact(streamed: Path) -> None:
+def test_live_geometry_follows_twice_a_second_and_ends_with_its_contact(streamed) -> None:
     drawn = rows(streamed, MESHES[2], "Mesh3D:vertex_positions")
     for contact, first, last in PHASES:
         first_ns, last_ns = ((tick + 1) * TICK_NS - 5_000_000 for tick in (first, last))
@@ -422,74 +383,44 @@ def test_live_geometry_follows_twice_a_second_and_ends_with_its_contact(streamed
         assert within == [(first_ns + 5 * i * TICK_NS, contact is not Contact.FREE) for i in range(6)]
 
 
-def unit(values: list[float]) -> np.ndarray:
-    return np.array(values) / np.linalg.norm(values)
-
-
-def spread(size: int, seed: int) -> np.ndarray:
-    root = 1e-3 * np.random.default_rng(seed).normal(size=(size, size))
-    return root @ root.T
-
-
-DIRECTIONS = (
-    st.lists(st.floats(-1.0, 1.0), min_size=3, max_size=3).filter(lambda v: np.linalg.norm(v) > 0.1).map(unit)
+@settings(max_examples=60, deadline=None)
+@given(
+    kind=st.sampled_from((Plane, Line, Point)),
+    vector=st.lists(st.floats(-1.0, 1.0), min_size=3, max_size=3).filter(lambda v: np.linalg.norm(v) > 0.1),
+    seed=st.integers(0, 2**32 - 1),
 )
-SEEDS = st.integers(0, 2**32 - 1)
-
-
-@settings(max_examples=20, deadline=None)
-@given(normal=DIRECTIONS, seed=SEEDS)
-def test_the_bowls_about_a_plane_are_at_two_standard_deviations(normal: np.ndarray, seed: int) -> None:
-    plane = Plane(normal, 0.3, spread(4, seed))
-    mesh = scene.uncertainty(plane, 0.3 * normal, 5.0)
-    height = mesh.vertices @ normal - 0.3
-    foot = mesh.vertices - height[:, None] * normal
-    lifted = np.column_stack([foot, -np.ones(len(foot))])
-    sd = np.sqrt(np.einsum("ni,ij,nj->n", lifted, plane.covariance, lifted))
-    assert np.allclose(np.abs(height), 2.0 * sd, rtol=1e-3, atol=1e-6)
-
-
-@settings(max_examples=20, deadline=None)
-@given(direction=DIRECTIONS, seed=SEEDS)
-def test_the_tube_about_a_line_is_at_two_standard_deviations(direction: np.ndarray, seed: int) -> None:
-    line = Line(direction, np.array([0.1, -0.2, 0.3]), spread(6, seed))
-    mesh = scene.uncertainty(line, line.point_m, 1.0)
-    offset = mesh.vertices.astype(float) - line.point_m
-    along = offset @ direction
-    sideways = offset - along[:, None] * direction
-    basis = np.linalg.svd(direction[None])[2][1:]
-    for station, off in zip(along, sideways, strict=True):
-        jacobian = basis @ np.hstack([station * np.eye(3), np.eye(3)])
-        inverse = np.linalg.inv(jacobian @ line.covariance @ jacobian.T)
-        assert (basis @ off) @ inverse @ (basis @ off) == pytest.approx(4.0, rel=0.05)
-
-
-@settings(max_examples=20, deadline=None)
-@given(seed=SEEDS)
-def test_the_ellipsoid_about_a_point_is_at_two_standard_deviations(seed: int) -> None:
-    point = Point(np.array([0.1, -0.2, 0.3]), spread(3, seed) + 1e-8 * np.eye(3))
-    offset = scene.uncertainty(point, point.point_m, 1.0).vertices - point.point_m
-    distance = np.einsum("ni,ij,nj->n", offset, np.linalg.inv(point.covariance), offset)
-    assert np.allclose(distance, 4.0, rtol=0.05)
+def test_uncertainty_is_drawn_at_two_standard_deviations(kind: type, vector: list[float], seed: int) -> None:
+    """As bowls about a plane, a tube about a line, and an ellipsoid about a point."""
+    axis, place_m = np.array(vector) / np.linalg.norm(vector), np.array([0.1, -0.2, 0.3])
+    size = {Plane: 4, Line: 6, Point: 3}[kind]
+    root = 1e-3 * np.random.default_rng(seed).normal(size=(size, size))
+    covariance, basis = root @ root.T + 1e-8 * np.eye(size), np.linalg.svd(axis[None])[2][1:]
+    known = {Plane: (axis, axis @ place_m), Line: (axis, place_m), Point: (place_m,)}[kind]
+    mesh = scene.uncertainty(kind(*known, covariance), place_m, 1.0)
+    assert len(mesh.vertices)
+    for offset_m in mesh.vertices.astype(float) - place_m:
+        if kind is Plane:
+            off_m, foot_m = np.array([offset_m @ axis]), place_m + offset_m - (offset_m @ axis) * axis
+            jacobian = np.append(foot_m, -1.0)[None]
+        elif kind is Line:
+            off_m, jacobian = basis @ offset_m, basis @ np.hstack([offset_m @ axis * np.eye(3), np.eye(3)])
+        else:
+            off_m, jacobian = offset_m, np.eye(3)
+        inverse = np.linalg.inv(jacobian @ covariance @ jacobian.T)
+        assert off_m @ inverse @ off_m == pytest.approx(4.0, rel=0.05)
 
 
 def test_unbounded_uncertainty_is_drawn_no_larger_than_the_element() -> None:
     centre = np.zeros(3)
-    for element in (
-        Plane(Z, 0.0, 1e6 * np.eye(4)),
-        Line(X, centre, 1e6 * np.eye(6)),
-        Point(centre, 1e6 * np.eye(3)),
-    ):
+    wide = [1e6 * np.eye(size) for size in (4, 6, 3)]
+    for element in (Plane(Z, 0.0, wide[0]), Line(X, centre, wide[1]), Point(centre, wide[2])):
         mesh = scene.uncertainty(element, centre, 0.1)
         assert 0.09 < np.abs(mesh.vertices).max() < 0.11
 
 
 def test_what_is_unknown_or_not_finite_draws_nothing() -> None:
-    for element in (
-        Plane(Z, 0.0),
-        Point(np.zeros(3), np.full((3, 3), np.nan)),
-        Line(X, np.zeros(3), np.full((6, 6), np.inf)),
-    ):
+    zeros, nans = np.zeros(3), np.full((6, 6), np.nan)
+    for element in (Plane(Z, 0.0), Point(zeros, nans[:3, :3]), Line(X, zeros, np.full((6, 6), np.inf))):
         assert scene.uncertainty(element, np.zeros(3), 0.1) is scene.EMPTY
     nowhere = np.full(3, np.nan)
     for element in (Point(nowhere), Line(X, nowhere), Plane(Z, np.nan)):
@@ -510,7 +441,7 @@ def test_the_object_is_round_and_the_surroundings_square() -> None:
         assert counts[1] == 4
 
 
-def test_planes_are_drawn_where_the_contact_took_place(poses: Poses) -> None:
+def test_planes_are_drawn_where_the_contact_took_place(poses) -> None:
     vertex = Point(np.array([0.5, 0.0, 0.2]))
     far_floor = Plane(Z, 0.2)
     drawing = draw(ContactGeometry(vertex, far_floor), poses, UNKNOWN_EXTENT)
@@ -518,14 +449,6 @@ def test_planes_are_drawn_where_the_contact_took_place(poses: Poses) -> None:
     assert np.allclose(disc[:, 2], 0.2)
     assert np.linalg.norm(drawing.label_m - [0.65, 0.0, 0.2]) > 0.1, "its name does not hide what touches"
     assert disc[:, 0].min() < 0.5 < 0.8 < disc[:, 0].max(), "it covers the way from 0.5 to 0.8 m"
-
-
-def test_a_cube_has_twelve_edges() -> None:
-    _, edges, extent = hull(CUBE_M)
-    assert len(edges) == 12
-    assert np.allclose(np.linalg.norm(edges[:, 1] - edges[:, 0], axis=1), 0.2)
-    assert extent.centre_m == pytest.approx([0.0, 0.0, 0.1])
-    assert hull(CUBE_M[:4, :] * [0.0, 1.0, 1.0]) is None
 
 
 def test_vertices_come_from_any_metadata_record_and_invalid_ones_are_ignored() -> None:
@@ -540,7 +463,7 @@ def test_vertices_come_from_any_metadata_record_and_invalid_ones_are_ignored() -
 
 
 @pytest.fixture(scope="module")
-def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def log(tmp_path_factory) -> Path:
     """A log of 4 s; the true contact changes after 2 s."""
     poses = smooth_poses(400, 100.0)
     first, last = int(poses.stamp_ns[0]), int(poses.stamp_ns[-1])
@@ -550,7 +473,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_a_part_has_the_times_of_the_whole(log: Path, tmp_path: Path) -> None:
+def test_a_part_has_the_times_of_the_whole(log, tmp_path) -> None:
     part, begin = tmp_path / "part.rrd", tmp_path / "begin.rrd"
     assert run(["view", str(log), "--start", "1", "--duration", "2", "--save", str(part), "-q"]) == 0
     states = "StateChange:state"
@@ -561,7 +484,7 @@ def test_a_part_has_the_times_of_the_whole(log: Path, tmp_path: Path) -> None:
 
 
 def test_several_are_shown_and_an_unusable_one_is_named_or_none_in_a_file(
-    log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    log, tmp_path, monkeypatch, capsys
 ) -> None:
     shown = list[Path]()
 

@@ -1,8 +1,7 @@
 """The public functions and classes, which ``contact_tracker`` exports."""
 
-from contact_tracker.api.comparing import Comparison, compare
 from contact_tracker.api.learned_map import Map
-from contact_tracker.api.offline import Result, segment
+from contact_tracker.api.offline import Comparison, Result, compare, segment
 from contact_tracker.api.online import Tracker
 from contact_tracker.sequences.plan import Plan, PlanFollower
 from contact_tracker.trajectory import Trajectory, read

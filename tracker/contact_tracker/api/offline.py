@@ -1,4 +1,4 @@
-"""Segmentation of a whole trajectory."""
+"""Segmentation of a whole trajectory, and two takes of one task compared."""
 
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -13,16 +13,9 @@ from contact_tracker.api.learned_map import Known, Map, map_of
 from contact_tracker.config.parameters import Model
 from contact_tracker.contacts.task_frame import T_world_body, TaskFrame, task_frame
 from contact_tracker.errors import OutputError, StateError, UnreadableRecording, UsageError, extra, printable
-from contact_tracker.exports.columns import TABLES, Columns, Rows, to_pandas
-from contact_tracker.exports.formats import (
-    ROWS,
-    SUFFIXES,
-    check_output,
-    require_library,
-    rows_of,
-    write_outcome,
-)
-from contact_tracker.exports.summary_html import counts_html, table_html, warnings_html
+from contact_tracker.exports import formats
+from contact_tracker.exports.columns import COLUMNS, Columns, Kind, Rows, columns_of, to_pandas
+from contact_tracker.exports.formats import FIGURES, ROWS, SUFFIXES
 from contact_tracker.ground_truth import Truth
 from contact_tracker.map.map import Map as KnownMap
 from contact_tracker.offline import RecordedEvidence, evidence_as_given, evidence_of, segmented
@@ -30,6 +23,8 @@ from contact_tracker.outputs.outcome import Outcome
 from contact_tracker.outputs.parts import Part, known_parts
 from contact_tracker.outputs.text import counted, table
 from contact_tracker.recording import parts_of, read_labels, read_wrenches
+from contact_tracker.sequences import comparison
+from contact_tracker.sequences.comparison import TOLERANCE, compare_outcomes
 from contact_tracker.sequences.graph import ContactGraph
 from contact_tracker.sequences.plan import Plan
 from contact_tracker.tracking.belief import Segment
@@ -142,10 +137,8 @@ class Result(Outcome):
 
         Raises
         ------
-        UsageError
-            The existing file is a recording, or an input of this result.
-        OutputError
-            The file cannot be written.
+        UsageError : the existing file is a recording, or an input of this result.
+        OutputError : the file cannot be written.
         """
         self._write(path, overwrite, ".parquet")
 
@@ -178,9 +171,8 @@ class Result(Outcome):
 
         Raises
         ------
-        StateError
-            The file cannot be read, is no result, is damaged, or was saved by a version whose results have
-            other parts.
+        StateError : the file cannot be read, is no result, is damaged, or was saved by a version whose
+            results have other parts.
         """
         from contact_tracker.exports.saved_result import read_result
 
@@ -245,16 +237,14 @@ class Result(Outcome):
         return f"<Result of {self.trajectory!r}: {', '.join(counts)}>"
 
     def _repr_html_(self) -> str:
-        from contact_tracker.exports.figure import figure_svg
+        from contact_tracker.exports.report_html import summary_html
 
-        shown = figure_svg(self) + table_html(self.segments, self.origin_ns)
-        return f"{warnings_html(self.warnings)}{shown}{counts_html(self.noted)}"
+        return summary_html(self)
 
-    def _columns(self, rows: Rows) -> tuple[Columns, Any]:
+    def _columns(self, rows: Rows) -> tuple[Columns, dict[str, Kind]]:
         if rows not in ROWS:  # of a tuple, as the argument need not have a hash
             raise UsageError(f"rows are {' or '.join(map(repr, ROWS))}, not {rows!r}")
-        kinds, columns_of = TABLES[rows]
-        return columns_of(self.beliefs if rows == "ticks" else self.segments), kinds
+        return columns_of(rows, self.beliefs if rows == "ticks" else self.segments), COLUMNS[rows]
 
     def _write(
         self, name: str | os.PathLike[str], overwrite: bool, *suffixes: str, rows: Rows | None = None
@@ -263,17 +253,11 @@ class Result(Outcome):
         with errors_as(OutputError, str(path)):
             if path.suffix.lower() not in suffixes:
                 raise UsageError(f"cannot write {path}: its name must end in {' or '.join(suffixes)}")
-            if path.suffix.lower() in SUFFIXES or rows is not None:
-                rows_of(path, rows)
+            formats.rows_of(path, rows)
             read = () if self.log is None else parts_of(self.log)
-            check = check_output(path, overwrite, read, "overwrite=True")
-            if path.suffix.lower() == ".rrd":
-                from contact_tracker.viewer.views import write_rrd
-
-                write_rrd(path, self, check)
-                return
-            require_library(path)
-            write_outcome(self, path, rows, check)
+            check = formats.check_output(path, overwrite, read, "overwrite=True")
+            formats.require_library(path)
+            formats.write_outcome(self, path, rows, check)
 
 
 def segment(
@@ -306,15 +290,13 @@ def segment(
 
     Raises
     ------
-    InputError
-        The trajectory cannot be used.
-    UsageError
-        An argument, the model or the map is invalid.
+    InputError : the trajectory cannot be used.
+    UsageError : an argument, the model or the map is invalid.
 
     Warns
     -----
-    ContactTrackerWarning
-        What ``contact-tracker segment`` warns of, once for this result; ``Result.warnings`` has it all.
+    ContactTrackerWarning : what ``contact-tracker segment`` warns of, once for this result;
+        ``Result.warnings`` has it all.
     """
     if mass_kg is not None:
         if wrench is None:
@@ -325,7 +307,15 @@ def segment(
     given = model_from(model, noise, accuracy)
     notes = list[str]()
     known_map = map_of(known, notes.append, states)
-    poses = _trajectory_of(trajectory)
+    if isinstance(trajectory, Trajectory):
+        poses = trajectory
+    elif isinstance(trajectory, str | os.PathLike):
+        poses = read(trajectory)
+    elif is_table(trajectory):
+        poses = Trajectory.from_dataframe(trajectory)
+    else:
+        kind = type(trajectory).__name__
+        raise UsageError(f"a trajectory is a Trajectory, the path of a recording or a DataFrame, not {kind}")
     evidence = None
     if wrench is not None:
         evidence, load, warnings = _evidence_of(wrench, poses, given, known_map, mass_kg)
@@ -374,13 +364,56 @@ def _evidence_of(
     return evidence_of(found, given, poses, model, known_map, mass_kg)
 
 
-def _trajectory_of(given: Any) -> Trajectory:
-    if isinstance(given, Trajectory):
-        return given
-    if isinstance(given, str | os.PathLike):
-        return read(given)
-    if is_table(given):
-        return Trajectory.from_dataframe(given)
-    raise UsageError(
-        f"a trajectory is a Trajectory, the path of a recording or a DataFrame, not {type(given).__name__}"
-    )
+class Comparison(comparison.Comparison):
+    """Two takes, step by step, with what Python makes of them."""
+
+    def to_pandas(self) -> "pandas.DataFrame":
+        """A DataFrame of pandas with a row per step (docs/assembly.md); raises MissingExtra."""
+        return to_pandas(self.columns, {**comparison.COLUMNS})
+
+    def plot(self) -> "Figure":
+        """A figure of matplotlib: both takes, with the alignment between them."""
+        from contact_tracker.exports.sequence_figures import draw_comparison
+
+        return draw_comparison(self)
+
+    def save(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
+        """Write a CSV with a row per step, or the figure, by the suffix.
+
+        Raises
+        ------
+        UsageError : another suffix, or the existing file is a recording or one of the takes.
+        OutputError : the file cannot be written.
+        """
+        from contact_tracker.exports.sequence_figures import write_comparison
+
+        name = Path(path_from(path))
+        with errors_as(OutputError, str(name)):
+            if name.suffix.lower() not in (".csv", *FIGURES):
+                raise UsageError(f"cannot write {name}: its name must end in .csv, {', '.join(FIGURES)}")
+            read = [part for take in self.takes if take.log is not None for part in parts_of(take.log)]
+            write_comparison(self, name, formats.check_output(name, overwrite, read, "overwrite=True"))
+
+
+def compare(first: Any, second: Any, tolerance: float = TOLERANCE) -> Comparison:
+    """Align two takes of one task by contacts and places, as ``contact-tracker compare`` does.
+
+    Parameters
+    ----------
+    first, second : results of ``segment``, or what it takes; of one object in one place.
+    tolerance : share of the longer duration by which a step may differ.
+
+    Raises
+    ------
+    InputError : a trajectory cannot be used.
+    UsageError : an argument is invalid, or there are too many segments.
+
+    Warns
+    -----
+    ContactTrackerWarning : places are not compared, as nothing that touched is where it was.
+    """
+    tolerance = number_from(tolerance, "tolerance", "between 0 and 1", lambda share: 0.0 < share < 1.0)
+    one, other = (take if isinstance(take, Result) else segment(take) for take in (first, second))
+    found = compare_outcomes(one, other, tolerance)
+    warn_of(found.notes)
+    return Comparison(**vars(found))

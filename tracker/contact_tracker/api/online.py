@@ -40,13 +40,12 @@ class Tracker:
 
     Raises
     ------
-    UsageError
-        An argument is invalid.
+    UsageError : an argument is invalid.
 
     Warns
     -----
-    ContactTrackerWarning
-        The map is doubtful; in ``update`` and ``finish``, the poses are. Of each stream, once.
+    ContactTrackerWarning : the map is doubtful; in ``update`` and ``finish``, the poses are. Of each stream,
+        once.
     """
 
     def __init__(
@@ -87,8 +86,7 @@ class Tracker:
 
         Raises
         ------
-        InvalidPose
-            The stamp is not an integer, or there are not three and four numbers.
+        InvalidPose : the stamp is not an integer, or there are not three and four numbers.
         """
         pose = _pose(stamp_ns, position_m, quat_xyzw)
         self._given += 1
@@ -151,8 +149,8 @@ class Tracker:
 
         Raises
         ------
-        StateError
-            The file cannot be read, is not a tracker's state, is damaged, or was saved by another version.
+        StateError : the file cannot be read, is not a tracker's state, is damaged, or was saved by another
+            version.
         """
         name = path_from(path)
         with errors_as(StateError, name):

@@ -23,10 +23,8 @@ def dask_cluster(address: str) -> Iterator[Jobs]:
 
     Raises
     ------
-    UsageError
-        There is no scheduler, or a worker has another version of this package or none.
-    ContactTrackerError
-        The scheduler ends before the work is done.
+    UsageError : there is no scheduler, or a worker has another version of this package or none.
+    ContactTrackerError : the scheduler ends before the work is done.
     """
     try:
         client = Client(address, timeout=_CONNECT_S, set_as_default=False)
@@ -34,7 +32,15 @@ def dask_cluster(address: str) -> Iterator[Jobs]:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise UsageError(f"no Dask scheduler answers at {address}: {reason}") from error
     with client:
-        _check_versions(client, address)
+        try:
+            versions = set(client.run(_version).values())
+        except Exception as error:
+            reason = " ".join(str(error).split())
+            raise UsageError(f"a worker of {address} cannot import contact_tracker: {reason}") from error
+        if others := versions - {__version__}:
+            raise UsageError(
+                f"a worker of {address} has contact-tracker {others.pop()}, this is {__version__}"
+            )
         pool, most = client.get_executor(pure=False), max(_LEAST, _AHEAD * sum(client.nthreads().values()))
         try:
             yield lambda function, jobs: answered(pool, function, iter(jobs), most, KilledWorker)
@@ -45,13 +51,3 @@ def dask_cluster(address: str) -> Iterator[Jobs]:
 
 def _version() -> str:
     return __version__
-
-
-def _check_versions(client: Client, address: str) -> None:
-    try:
-        found = set(client.run(_version).values())
-    except Exception as error:
-        reason = " ".join(str(error).split())
-        raise UsageError(f"a worker of {address} cannot import contact_tracker: {reason}") from error
-    if others := found - {__version__}:
-        raise UsageError(f"a worker of {address} has contact-tracker {others.pop()}, this is {__version__}")

@@ -19,19 +19,9 @@ from pathlib import Path
 from typing import IO, Any, Final, NamedTuple, Self
 
 import contact_tracker.errors as errors
+from contact_tracker.batch import remote, segmenting
 from contact_tracker.batch.finding import Found
-from contact_tracker.batch.segmenting import (
-    SUMMARY_COLUMNS,
-    Answer,
-    Known,
-    Row,
-    Settings,
-    failure,
-    file_of,
-    require_no_link,
-    segment_recording,
-    shown,
-)
+from contact_tracker.batch.segmenting import SUMMARY_COLUMNS, Answer, Known, Row, Settings, shown
 from contact_tracker.errors import StateError, UsageError
 from contact_tracker.exports.columns import Kind
 from contact_tracker.exports.parquet import read_rows, require_kind, write_merged
@@ -85,14 +75,14 @@ class Dataset:
         entry = self._entries.get(key)
         if entry is None or entry.content_hash is None or entry.settings_hash != settings.settings_hash:
             return None
-        has_segments = entry.segments_bytes is not None
-        if has_segments and settings.with_ticks and entry.ticks_bytes is None:
-            return None
-        ticks_bytes = entry.ticks_bytes if settings.with_ticks else None
-        for kind, size in (("segments", entry.segments_bytes), ("ticks", ticks_bytes)):
-            with suppress(OSError):
-                if size is None or (self.folder / kind / file_of(name)).stat().st_size == size:
-                    continue
+        sizes = {"segments": entry.segments_bytes}
+        if settings.with_ticks:
+            sizes["ticks"] = entry.ticks_bytes
+        try:
+            files = {kind: self.folder / kind / segmenting.file_of(name) for kind in sizes}
+            if entry.segments_bytes is not None and sizes != {k: f.stat().st_size for k, f in files.items()}:
+                return None
+        except OSError:
             return None
         return self._signatures.get(key, ""), entry.content_hash
 
@@ -162,16 +152,13 @@ def open_dataset(folder: Path) -> Iterator[Dataset]:
 
     Raises
     ------
-    UsageError
-        The folder has other content, or another process writes it.
-    StateError
-        A file of the dataset is damaged.
-    OSError
-        The dataset cannot be written.
+    UsageError : the folder has other content, or another process writes it.
+    StateError : a file of the dataset is damaged.
+    OSError : the dataset cannot be written.
     """
     _check(folder)
     for name in OWN_FILES:
-        require_no_link(folder, name)
+        segmenting.require_no_link(folder, name)
     folder.mkdir(exist_ok=True)
     if not (folder / _MARK).exists():
         with whole_file(folder / _MARK) as temporary:
@@ -258,22 +245,18 @@ class Batch:
         return self.done + self.unchanged
 
     def run(self, recordings: Iterable[Found], workers: Callable[[], AbstractContextManager[Jobs]]) -> Self:
-        """Make or keep the row of each of the ``recordings``; ``workers`` are opened if needed.
-
-        Raises
-        ------
-        ContactTrackerError, OSError
-            The dataset cannot be written, or there are no workers. Answers until then are kept.
-        """
+        """Make or keep the row of each of the ``recordings``; ``workers`` are opened if needed. Raises
+        ContactTrackerError without workers, OSError if the dataset cannot be written; answers are kept."""
         jobs = self._jobs(recordings)
         first = next(jobs, None)
         if first is None:
             return self
         with workers() as call:
-            for (name, *_), answer in call(segment_recording, chain([first], jobs)):
+            for (name, *_), answer in call(segmenting.segment_recording, chain([first], jobs)):
                 if answer is None:
                     error = f"{name}: {_GIVEN_UP}"
-                    answer = Answer(name, "", failure(name, self.settings, errors.KILLED, error, None))
+                    row = segmenting.failure(name, self.settings, errors.KILLED, error, None)
+                    answer = Answer(name, "", row)
                 self._take(answer)
         return self
 
@@ -284,8 +267,8 @@ class Batch:
             known = self.dataset.known(found.name, self.settings)
             if known is not None and self.looks_at_content:
                 known = "", known[1]
-            if found.is_missing:
-                self._take(segment_recording(found.name, known, self.settings, folder))
+            if not found.signature and not remote.is_remote(found.name):  # there is no readable file
+                self._take(segmenting.segment_recording(found.name, known, self.settings, folder))
             elif known is not None and found.signature and known[0] == found.signature:
                 self._count(found.name, None)
             else:
@@ -299,15 +282,14 @@ class Batch:
         """Count a recording with a ``new`` row, or an unchanged one, and report what is wrong with it."""
         code = self.dataset.exit_code(name)
         is_damaged = code == errors.DAMAGED
-        is_bad = not is_damaged and code != errors.DONE
         self.done += new is not None
         self.unchanged += new is None
         self.damaged += is_damaged
-        self.bad += is_bad
-        if new is None and (is_bad or is_damaged):
+        self.bad += code not in (errors.DONE, errors.DAMAGED)
+        if code != errors.DONE and new is None:
             column = "damage" if is_damaged else "error"
             self.report(f"{shown(name)}: as before: see the column {column} of the summary")
-        elif new is not None and (is_bad or is_damaged):
+        elif code != errors.DONE and new is not None:
             self.report(new["error"] or f"{new['recording']}: {new['damage']}")
         lines = [] if new is None else (new["warnings"] or "").splitlines()
         self.warned += bool(lines)

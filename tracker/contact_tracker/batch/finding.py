@@ -5,6 +5,7 @@ import os
 import shlex
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from glob import escape, glob
+from itertools import chain
 from typing import Final, NamedTuple
 
 from contact_tracker.batch import remote
@@ -27,11 +28,6 @@ class Found(NamedTuple):
     signature: str
     within: str | None = None
 
-    @property
-    def is_missing(self) -> bool:
-        """Whether there is no readable file."""
-        return not self.signature and not remote.is_remote(self.name)
-
 
 def missing_among(names: Iterable[str]) -> list[str]:
     """The local names at which there is neither a file nor a folder; of URLs the store is asked later."""
@@ -43,12 +39,8 @@ def matching(name: str) -> tuple[list[str], list[str]]:
     by name, and the other files; ``name`` itself if it is none, or no file matches, with the tables beside
     the recordings in a folder.
 
-    A folder with a ``metadata.yaml`` that matches stands for the files in it.
-
-    Raises
-    ------
-    UnreadableRecording
-        None of what matches may be a recording.
+    A folder with a ``metadata.yaml`` that matches stands for the files in it. Raises UnreadableRecording if
+    none of what matches may be a recording.
     """
     if remote.is_remote(name):
         return [name], []
@@ -85,27 +77,17 @@ def find(names: Iterable[str]) -> Iterator[Found]:
     """Each recording once, with folders replaced by the recordings in them, by name.
 
     A folder with a ``metadata.yaml`` is one recording. Missing ones are included; their result is that they
-    cannot be read.
-
-    Raises
-    ------
-    UnreadableRecording
-        A folder without recordings.
-    UsageError
-        Two URLs differ only in their query, which is not stored.
-    MissingExtra
-        The library for a store is not installed.
+    cannot be read. Raises UnreadableRecording for a folder without recordings, UsageError where two URLs
+    differ only in their query, and MissingExtra.
     """
     found_before = dict[str, str]()
-    for name in names:
-        for found in _found(name):
-            before = found_before.setdefault(remote.shown(found.name), found.name)
-            if before is found.name:
-                yield found
-            elif before != found.name:
-                raise UsageError(
-                    f"two URLs differ only after {remote.shown(before)}, which is not stored: take one"
-                )
+    for found in chain.from_iterable(map(_found, names)):
+        shown = remote.shown(found.name)
+        before = found_before.setdefault(shown, found.name)
+        if before is found.name:
+            yield found
+        elif before != found.name:
+            raise UsageError(f"two URLs differ only after {shown}, which is not stored: take one")
 
 
 def _found(name: str) -> Iterator[Found]:
@@ -122,13 +104,7 @@ def _found(name: str) -> Iterator[Found]:
 
 
 def recordings_in(name: str) -> list[str]:
-    """The recordings of a local file or folder, by name.
-
-    Raises
-    ------
-    UnreadableRecording
-        A folder without recordings.
-    """
+    """The recordings of a local file or folder, by name; raises UnreadableRecording if it has none."""
     if not os.path.isdir(name) or os.path.exists(os.path.join(name, _METADATA)):
         return [name]
     return list(_require_recordings(name, _files_in(name)))
@@ -193,15 +169,8 @@ def signature_of(name: str) -> str:
 
 
 def read_content(name: str) -> tuple[str, int]:
-    """A hash of a recording's files (BLAKE2b, 32 hexadecimal digits), and their size in bytes.
-
-    Raises
-    ------
-    UnreadableRecording
-        It does not exist, or one of its files is not a regular file.
-    OSError
-        A file cannot be read.
-    """
+    """A hash of a recording's files (BLAKE2b, 32 hexadecimal digits), and their size in bytes. Raises
+    OSError, or UnreadableRecording if one of its files is missing or not a regular file."""
     found, size = hashlib.blake2b(digest_size=16), 0
     for path in files_of(name):
         descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))

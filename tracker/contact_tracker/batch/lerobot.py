@@ -54,8 +54,6 @@ _ERRORS: Final = (pyarrow.ArrowException, OSError, ValueError, KeyError)
 
 _Labels = tuple[NDArray[np.int64], NDArray[np.float32]]
 """What is written of the frames of an episode: numbers of ``NAMES`` (N,), and probabilities (N, 7)."""
-_Force = tuple[str, float | None]
-"""Which entries are the wrench, and the mass (kg) of the object, if known."""
 
 
 @dataclass(frozen=True)
@@ -87,10 +85,8 @@ class LeRobot:
 
         Raises
         ------
-        UnreadableRecording
-            It is no data set of a known version.
-        UsageError
-            An argument of the reading is invalid.
+        UnreadableRecording : it is no data set of a known version.
+        UsageError : an argument of the reading is invalid.
         """
         path = Path(folder)
         try:
@@ -129,10 +125,8 @@ class LeRobot:
 
         Raises
         ------
-        UsageError
-            There is no such episode, or it is not known which entries are the pose.
-        InputError
-            A file cannot be read, or has no usable pose.
+        UsageError : there is no such episode, or it is not known which entries are the pose.
+        InputError : a file cannot be read, or has no usable pose.
         """
         return self._trajectory(episode, self._file(episode))
 
@@ -147,10 +141,8 @@ class LeRobot:
 
         Raises
         ------
-        UsageError
-            There is no such episode, or no six such entries.
-        UnreadableRecording
-            A file cannot be read.
+        UsageError : there is no such episode, or no six such entries.
+        UnreadableRecording : a file cannot be read.
         """
         return self._wrenches(episode, self._file(episode), entries)
 
@@ -165,7 +157,11 @@ class LeRobot:
         there, parts = self._observations(), [_WRENCH.fullmatch(part) for part in entries.split(",")]
         if not all(match and match[1] in there for match in parts):
             raise UsageError(f"{self.folder}: a wrench is in {', '.join(there) or 'none'}, not in {entries}")
-        found = [(match[1], _span(match)) for match in parts if match]
+        found = [
+            (match[1], slice(int(match[2]), int(match[3])) if match[2] else slice(None))
+            for match in parts
+            if match
+        ]
         many = sum(len(range(self.info["features"][name]["shape"][0])[span]) for name, span in found)
         if many != 6:
             raise UsageError(
@@ -188,12 +184,9 @@ class LeRobot:
         try:
             return np.array(frames[feature].to_pylist(), float).reshape(len(frames), -1)
         except (TypeError, ValueError) as error:
-            fault = (
-                "has missing values"
-                if frames[feature].null_count
-                else "has not as many numbers in each frame"
-            )
-            raise UnreadableRecording(f"{self.folder}: {feature} {fault}") from error
+            missing = bool(frames[feature].null_count)
+            fault = "missing values" if missing else "not as many numbers in each frame"
+            raise UnreadableRecording(f"{self.folder}: {feature} has {fault}") from error
 
     def _trajectory(self, episode: int, file: str) -> Trajectory:
         """The poses of an episode in a file."""
@@ -204,17 +197,10 @@ class LeRobot:
             values = self._numbers(frames, feature)
             names = _entries(feature, self.info["features"][feature], values.shape[1], is_by_number)
             table |= dict(zip(names, values.T, strict=True))
-        how = self.reading
+        how = {name: getattr(self.reading, name) for name in ("unit", "euler", "rotation_vector", "matrix")}
         try:
-            poses = Trajectory.from_dataframe(
-                table,
-                unit=how.unit,
-                time_unit="s",
-                euler=how.euler,
-                rotation_vector=how.rotation_vector,
-                matrix=how.matrix,
-                columns=dict(how.columns) or None,
-            )
+            columns = dict(self.reading.columns) or None
+            poses = Trajectory.from_dataframe(table, time_unit="s", columns=columns, **how)
         except UsageError as error:
             entries = ", ".join(table)
             raise UsageError(
@@ -268,19 +254,15 @@ class LeRobot:
 
         Raises
         ------
-        UsageError
-            The folder is there already, or inside of the data set; or there is no such wrench.
-        UnreadableRecording
-            There are no frames, or a file of frames or statistics cannot be read.
-        OSError
-            It cannot be written.
+        UsageError : the folder is there already, or inside of the data set; or there is no such wrench.
+        UnreadableRecording : there are no frames, or a file of frames or statistics cannot be read.
+        OSError : it cannot be written.
         """
         target = Path(os.path.abspath(out))
         if target.exists() or Path(os.path.abspath(self.folder)) in target.parents:
             raise UsageError(f"cannot write {out}: a copy of a data set is a new folder beside it")
         bad, used = 0, model_from(model, None, None)
-        force = None if wrench is None else (wrench, mass_kg)
-        jobs = [(self, number, file, used, known_map, force) for number, file in self.episodes()]
+        jobs = [(self, number, file, used, known_map, wrench, mass_kg) for number, file in self.episodes()]
         if not jobs:
             raise UnreadableRecording(f"{self.folder}: there are no frames")
         if wrench is not None:
@@ -291,7 +273,12 @@ class LeRobot:
             for path in self.folder.rglob("*"):
                 if path.is_symlink() and path.is_dir():
                     raise UsageError(f"{path} is a link to a folder, of which no copy is made: remove it")
-            shutil.copytree(self.folder, copy, ignore=self._frames_among)
+            written = {str(self.folder / file) for file in self.files}
+            shutil.copytree(
+                self.folder,
+                copy,
+                ignore=lambda where, names: [one for one in names if os.path.join(where, one) in written],
+            )
             labels = dict[str, dict[int, _Labels]]()
             for (_, number, file, *_), (of_episode, is_bad, lines) in zip(jobs, results, strict=True):
                 bad += is_bad
@@ -310,19 +297,14 @@ class LeRobot:
             copy.rename(target)
         return bad
 
-    def _frames_among(self, where: str, names: list[str]) -> list[str]:
-        """Of the names in a folder, the files of frames."""
-        return [name for name in names if Path(where, name).relative_to(self.folder).as_posix() in self.files]
-
     def _write_meta(self, copy: Path) -> None:
         features = dict(self.info["features"])
         features[SUBTASK] = {"dtype": "int64", "shape": [1], "names": None}
         features[PROBABILITY] = {"dtype": "float32", "shape": [len(STATES)], "names": list(STATES)}
         text = json.dumps({**self.info, "features": features}, indent=4)
         (copy / INFO).write_text(text + "\n", encoding="utf-8")
-        numbers = range(len(NAMES))
         if str(self.info["codebase_version"]).startswith("v2"):
-            rows = (json.dumps({SUBTASK: k, "subtask": NAMES[k]}) for k in numbers)
+            rows = (json.dumps({SUBTASK: k, "subtask": name}) for k, name in enumerate(NAMES))
             (copy / "meta" / "subtasks.jsonl").write_text("\n".join(rows) + "\n", encoding="utf-8")
             return
         kinds = {SUBTASK: ("int64", "int64"), "subtask": ("unicode", "object")}
@@ -331,7 +313,7 @@ class LeRobot:
             for name, (kind, type) in kinds.items()
         ]
         index = {"index_columns": ["subtask"], "column_indexes": [], "columns": described}
-        table = pyarrow.table({SUBTASK: pyarrow.array(numbers, pyarrow.int64()), "subtask": NAMES})
+        table = pyarrow.table({SUBTASK: pyarrow.array(range(len(NAMES)), pyarrow.int64()), "subtask": NAMES})
         table = table.replace_schema_metadata({"pandas": json.dumps(index)})  # LeRobot looks names up in it
         write_table(table, copy / "meta" / "subtasks.parquet")
 
@@ -363,39 +345,32 @@ def _entries(feature: str, description: Mapping[str, Any], count: int, is_by_num
     return [f"{feature}.{name}{i if often[name] > 1 else ''}" for i, name in enumerate(names)]
 
 
-def _span(match: re.Match[str]) -> slice:
-    """Which numbers of a feature a match of ``_WRENCH`` names; all without any."""
-    return slice(int(match[2]), int(match[3])) if match[2] else slice(None)
-
-
 def _stamp_ns(frames: Any) -> NDArray[np.int64]:
     time_s: NDArray[np.float64] = frames["timestamp"].to_numpy().astype(float)
     return np.rint(1e9 * time_s).astype(np.int64)
 
 
 def _labels_of(
-    job: tuple[LeRobot, int, str, Model, Map, _Force | None],
+    job: tuple[LeRobot, int, str, Model, Map, str | None, float | None],
 ) -> tuple[_Labels, bool, tuple[str, ...]]:
     """The contacts of the frames of an episode, whether it cannot be used, and lines to report."""
-    data, episode, file, model, known_map, force = job
+    data, episode, file, model, known_map, wrench, mass_kg = job
     stamp_ns = _stamp_ns(data._frames(episode, file))
     unknown = np.full(len(stamp_ns), NAMES.index("unknown"))
     uniform = np.full((len(stamp_ns), len(STATES)), 1.0 / len(STATES), np.float32)
     evidence, lines = None, tuple[str, ...]()
     try:
         trajectory = data._trajectory(episode, file)
-        if force is not None:
-            wrenches = data._wrenches(episode, file, force[0])
-            given = evidence_as_given(wrenches, force[0], trajectory.poses, model, known_map, force[1])
+        if wrench is not None:
+            wrenches = data._wrenches(episode, file, wrench)
+            given = evidence_as_given(wrenches, wrench, trajectory.poses, model, known_map, mass_kg)
             evidence, _, lines = given
         outcome = segmented(trajectory, model, known_map, evidence)
     except ContactTrackerError as error:
         return (unknown, uniform), True, (str(error),)
     segments = outcome.segments
     starts = np.array([segment.start_ns for segment in segments])
-    names = np.array(
-        [NAMES.index("open" if segment.inseparable else segment.contact) for segment in segments]
-    )
+    names = np.array([NAMES.index("open" if one.inseparable else one.contact) for one in segments])
     number = np.maximum(np.searchsorted(starts, stamp_ns, side="right") - 1, 0)
     tick = np.minimum(np.searchsorted(outcome.beliefs.stamp_ns, stamp_ns), len(outcome.beliefs) - 1)
     return (names[number], outcome.beliefs.probability[tick].astype(np.float32)), False, lines

@@ -64,14 +64,8 @@ def shown(name: str) -> str:
 def files_in(url: str) -> Mapping[str, str] | None:
     """The URLs of all files in a folder with their signatures; None if ``url`` is a file.
 
-    A URL that ends in ``/`` is a folder, one with a suffix is a file; otherwise the store is asked.
-
-    Raises
-    ------
-    MissingExtra
-        A library is not installed.
-    UnreadableRecording
-        The folder cannot be listed.
+    A URL that ends in ``/`` is a folder, one with a suffix is a file; otherwise the store is asked. Raises
+    MissingExtra, or UnreadableRecording if the folder cannot be listed.
     """
     filesystem, path, is_folder = _looked_up(url, None)
     with _store_errors(url):
@@ -81,14 +75,8 @@ def files_in(url: str) -> Mapping[str, str] | None:
 def signature_of(url: str, within: str | None = None) -> str:
     """Size and version of a file, or of all in a folder, by the store; empty if it has none.
 
-    Parameters
-    ----------
-    within : the folder in which it was found; None for a URL that was named, whose redirects are followed.
-
-    Raises
-    ------
-    UnreadableRecording
-        It does not exist or cannot be reached.
+    ``within`` is the folder in which it was found; None for a URL that was named, whose redirects are
+    followed. Raises UnreadableRecording if it does not exist or cannot be reached.
     """
     filesystem, path, is_folder = _looked_up(url, within)
     with _store_errors(url):
@@ -111,13 +99,8 @@ def joined(signatures: Iterable[str]) -> str:
 
 @contextmanager
 def local_copy(url: str, within: str | None = None) -> Iterator[str]:
-    """A local copy, removed at the end of the context; ``within`` as of ``signature_of``.
-
-    Raises
-    ------
-    UnreadableRecording
-        It cannot be copied, is larger than ``MOST_BYTES``, or the disk is full.
-    """
+    """A local copy, removed at the end of the context; ``within`` as of ``signature_of``. Raises
+    UnreadableRecording if it cannot be copied, is larger than ``MOST_BYTES``, or the disk is full."""
     filesystem, path, is_folder = _looked_up(url, within)
     with tempfile.TemporaryDirectory(prefix="contact-tracker-") as folder:
         target = os.path.join(folder, posixpath.basename(without_secrets(url).rstrip("/")) or "recording")
@@ -188,14 +171,12 @@ def _files_in(filesystem: Any, path: str) -> dict[str, str]:
 def _require_inside(url: str, folder: str) -> None:
     """Raise ``_LeadsOut`` for a URL that is neither ``folder`` nor below it; https may stand for http."""
     there, base = urlsplit(url), urlsplit(folder)
-    ports = [one.port or _PORTS.get(one.scheme) for one in (there, base)]
-    if (base.scheme, there.scheme) == ("http", "https") and ports == [443, 80]:
-        ports = []
-    elif there.scheme != base.scheme:
-        ports = [0, 1]
+    origins = [(one.scheme, one.hostname, one.port or _PORTS.get(one.scheme)) for one in (base, there)]
+    if origins[0][::2] == ("http", 80):
+        origins.append(("https", base.hostname, 443))
     begin = base.path.rstrip("/") + "/"
-    is_inside = there.path in (begin, begin[:-1]) or _is_below(there.path.rstrip("/"), begin)
-    if there.hostname != base.hostname or len(set(ports)) > 1 or not is_inside:
+    is_below = there.path in (begin, begin[:-1]) or _is_below(there.path.rstrip("/"), begin)
+    if origins[1] not in (origins[0], *origins[2:]) or not is_below:
         raise _LeadsOut(f"{without_secrets(url)} is not in the folder {without_secrets(folder)}")
 
 

@@ -4,6 +4,7 @@
 import errno
 import json
 import os
+import traceback
 from collections.abc import Iterable
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -16,14 +17,8 @@ from contact_tracker.batch import remote
 from contact_tracker.batch.finding import read_content, signature_of
 from contact_tracker.config.parameters import Model
 from contact_tracker.config.table_reading import AS_NAMED, TableReading
-from contact_tracker.errors import (
-    ContactTrackerError,
-    InputError,
-    MissingExtra,
-    UnreadableRecording,
-    printable,
-)
-from contact_tracker.exports.columns import PROBABILITIES, TABLES, Kind, Rows
+from contact_tracker.errors import ContactTrackerError, MissingExtra, UnreadableRecording, printable
+from contact_tracker.exports.columns import COLUMNS, PROBABILITIES, Kind, Rows, columns_of
 from contact_tracker.exports.parquet import open_parquet
 from contact_tracker.files import whole_file
 from contact_tracker.map.map import Map
@@ -158,8 +153,8 @@ def failure(name: str, settings: Settings, exit_code: int, error: str, content_h
     ``content_hash`` is None if another run with the same content and settings may succeed.
     """
     text = printable(remote.without_secrets(error))
-    found = {"exit_code": exit_code, "error": text, "content_hash": content_hash}
-    return base(name, settings) | found
+    row = base(name, settings)
+    return row | {"exit_code": exit_code, "error": text, "content_hash": content_hash}
 
 
 Known = tuple[str, str]
@@ -180,16 +175,8 @@ def segment_recording(
     """Write the segments of a recording into the dataset in ``folder``, unless it is unchanged (``known``).
 
     The result depends on the recording's content, its name and the settings alone. Errors of a recording are
-    reported in its row, not raised.
-
-    Parameters
-    ----------
-    within : the remote folder in which it was found, as of ``remote.signature_of``.
-
-    Raises
-    ------
-    OSError
-        The dataset cannot be written.
+    reported in its row, not raised; OSError is if the dataset cannot be written. ``within`` is as of
+    ``remote.signature_of``.
     """
     try:
         signature = _signature_of(name, within)
@@ -214,7 +201,7 @@ def _signature_of(name: str, within: str | None) -> str:
 
 
 def _code(error: ContactTrackerError) -> int:
-    return errors.INPUT if isinstance(error, InputError) else errors.USAGE
+    return errors.INPUT if isinstance(error, errors.InputError) else errors.USAGE
 
 
 def _answer(
@@ -238,7 +225,8 @@ def _answer(
     except OSError:
         raise
     except Exception as error:
-        place = _innermost(error)
+        frame = traceback.extract_tb(error.__traceback__)[-1]
+        place = f"{os.path.basename(frame.filename)}:{frame.lineno}"
         text = f"this should not happen, please report it: {type(error).__name__}: {error} ({place})"
         code, is_lasting = errors.UNEXPECTED, True
     shown = remote.shown(name)
@@ -250,46 +238,42 @@ def _answer(
 
 def _segmented(name: str, path: str, settings: Settings, folder: Path) -> Row:
     """Write the files; returns the row."""
-    log, evidence, unused = _open(path, settings), None, tuple[str, ...]()
+    model, known_map, evidence, unused = settings.model, settings.known_map, None, tuple[str, ...]()
     if settings.wrench is not None:
         topic, mass_kg = settings.wrench
         poses = _open(path, settings)
-        found = recorded_evidence(path, topic, poses, settings.model, settings.known_map, mass_kg)
-        evidence, _, unused = found
-    tracker = OfflineTracker(
-        settings.model, settings.known_map, wrenches=evidence, read_as=log.source.read_as
-    )
+        evidence, _, unused = recorded_evidence(path, topic, poses, model, known_map, mass_kg)
+    log = _open(path, settings)
+    tracker = OfflineTracker(model, known_map, wrenches=evidence, read_as=log.source.read_as)
     cells, ticks, file, recording = dict(NO_SEGMENTS), 0, file_of(name), shown(name)
     targets: list[Rows] = ["segments", "ticks"] if settings.with_ticks else ["segments"]
     with ExitStack() as stack:
-        appends = []
+        appends = {}
         for rows in targets:
             target = folder / rows / file
             require_no_link(folder, f"{rows}/{file}")
             target.parent.mkdir(parents=True, exist_ok=True)
             temporary = stack.enter_context(whole_file(target))
-            columns: dict[str, Kind] = {"recording": "text", **TABLES[rows][0]}
-            appends.append(stack.enter_context(open_parquet(columns, temporary, rows == "segments")))
+            columns: dict[str, Kind] = {"recording": "text", **COLUMNS[rows]}
+            appends[rows] = stack.enter_context(open_parquet(columns, temporary, rows == "segments"))
         for piece in tracker.pieces(log, None, Detail.WEIGHTS):
             count(piece.segments, cells)
             ticks += len(piece.beliefs)
-            for rows, append in zip(targets, appends, strict=True):
+            for rows, append in appends.items():
                 entries: Any = piece.beliefs if rows == "ticks" else piece.segments
-                append({"recording": [recording] * len(entries), **TABLES[rows][1](entries)})
+                append({"recording": [recording] * len(entries), **columns_of(rows, entries)})
         if not log.valid:
             raise log.no_poses(name)
     if not settings.with_ticks:
         _remove(folder, file, "ticks")
-    adapted = tracker.report
-    notes = [*filter(None, [log.note]), *log.remarks, *unused]
     noted = {**log.counts, "outlier": tracker.outliers.total}
-    report = {} if adapted is None else report_json(adapted)
-    notes += report.get("warnings", [])
+    report = {} if tracker.report is None else report_json(tracker.report)
+    notes = [*filter(None, [log.note]), *log.remarks, *unused, *report.pop("warnings", [])]
     return {
         **base(name, settings),
         "ticks": ticks,
         **cells,
-        **{name: cell for name, cell in report.items() if name in SUMMARY_COLUMNS and name != "warnings"},
+        **{name: cell for name, cell in report.items() if name in SUMMARY_COLUMNS},
         "exit_code": errors.DONE if log.damage is None else errors.DAMAGED,
         "damage": log.damage,
         "warnings": "\n".join(notes) or None,
@@ -324,11 +308,3 @@ def _remove(folder: Path, file: str, *kinds: str) -> None:
     for kind in kinds:
         require_no_link(folder, f"{kind}/{file}")
         (folder / kind / file).unlink(missing_ok=True)
-
-
-def _innermost(error: Exception) -> str:
-    """The file and line where an error was raised."""
-    step = error.__traceback__
-    while step is not None and step.tb_next is not None:
-        step = step.tb_next
-    return "" if step is None else f"{os.path.basename(step.tb_frame.f_code.co_filename)}:{step.tb_lineno}"

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 from contact_tracker.cli import arguments
 from contact_tracker.cli.terminal import progress, say
 from contact_tracker.errors import DONE, UsageError
-from contact_tracker.exports.formats import check_output
+from contact_tracker.exports.formats import check_output, write_outcome
 
 if TYPE_CHECKING:
     from contact_tracker.config.parameters import Model
@@ -59,10 +59,10 @@ def _opener(
 ) -> "Iterator[Callable[[str], Draw]]":
     """The function that opens a view of a recording by its name, in a file, a window or a browser."""
     from contact_tracker.viewer.sinks import to_viewer, web_viewer
-    from contact_tracker.viewer.views import begin, write_rrd
+    from contact_tracker.viewer.views import begin
 
     if args.save is not None:
-        yield lambda _: partial(write_rrd, args.save, check=check)
+        yield lambda _: lambda outcome: write_outcome(outcome, args.save, check=check)
     elif args.web:
         with web_viewer() as (url, sink, wait):
             say(f"open {url} in a browser on this machine; Ctrl-C ends it")

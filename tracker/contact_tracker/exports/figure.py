@@ -23,15 +23,15 @@ from scipy.spatial.transform import Rotation
 
 from contact_tracker.errors import printable
 from contact_tracker.geometry.elements import Array, flat
-from contact_tracker.ground_truth import Truth
 from contact_tracker.outputs.outcome import Outcome
 from contact_tracker.outputs.parts import SIDES, Part, known_parts
 from contact_tracker.outputs.scene import UP
-from contact_tracker.outputs.text import COLOUR, Colour, joint_name
-from contact_tracker.paper.window_curves import WindowCurves, curves
+from contact_tracker.outputs.text import COLOUR, joint_name
+from contact_tracker.paper.window_curves import curves
 from contact_tracker.states import CONTACTS, STATES
-from contact_tracker.tracking.belief import FurtherContact, Segment
+from contact_tracker.tracking.belief import Segment
 
+SHADE: Final = {state: tuple(part / 255.0 for part in rgb) for state, rgb in COLOUR.items()}
 NAME_SIZE: Final = 9.0
 """Of the names in the ribbons (points)."""
 _LEAST_SIZE: Final = 5.0
@@ -81,24 +81,27 @@ _TRUTH: Final = (1.22, 1.32)
 def draw_figure(outcome: Outcome, with_curves: bool = False) -> Figure:
     """The segments and their probabilities on one axes, below them the paper's objective functions over
     windows, if asked for, and what is known of the object and its surroundings."""
-    curves, parts = _curves(outcome) if with_curves else None, known_parts(outcome)
-    height = 1.0 + _ROW * (1 if curves is None else 2)
+    window_curves, parts = curves(outcome.trajectory.poses) if with_curves else None, known_parts(outcome)
+    plots = 1 if window_curves is None or not len(window_curves.stamp_ns) else 2
+    height = 1.0 + _ROW * plots
     figure = pyplot.figure(figsize=(10.0, height + _MAP * bool(parts)), layout="constrained")
-    if doubts := [
-        f"warning: {fill(printable(text), _NOTE_WIDTH, break_on_hyphens=False)}" for text in outcome.doubts
-    ]:
-        figure.suptitle("\n".join(doubts), fontsize=_PART_SIZE, color="darkred")
+    doubts = [fill(printable(text), _NOTE_WIDTH, break_on_hyphens=False) for text in outcome.doubts]
+    if doubts:
+        text = "\n".join(f"warning: {doubt}" for doubt in doubts)
+        figure.suptitle(text, fontsize=_PART_SIZE, color="darkred")
     over_time: FigureBase = figure
     if parts:
         over_time, below_it = figure.subfigures(2, 1, squeeze=False, height_ratios=(height, _MAP))[:, 0]
         up = None if outcome.known_map.up is None else outcome.known_map.up.direction
         _draw_parts(below_it, parts, outcome.origin_ns, up)
-    first, *below = over_time.subplots(1 if curves is None else 2, 1, sharex=True, squeeze=False)[:, 0]
+    first, *below = over_time.subplots(plots, 1, sharex=True, squeeze=False)[:, 0]
     draw_on(first, outcome)
-    if curves is not None:
-        _draw_curves(below[0], curves, outcome.origin_ns)
-        below[0].set_xlabel("time (s)")
+    if below and window_curves is not None:  # like the paper's Fig. 5, each value at the end of its window
         first.set_xlabel("")
+        seconds = (window_curves.stamp_ns - outcome.origin_ns) * 1e-9
+        for contact, curve in zip(CONTACTS, window_curves.normalised.T, strict=True):
+            below[0].plot(seconds, curve, color=SHADE[contact], label=contact.value)
+        below[0].set(xlabel="time (s)", ylabel="objective / its maximum", ylim=(0.0, 1.02))
     if "inline" in get_backend():  # a notebook shows what is returned, and what pyplot keeps
         pyplot.close(figure)
     return figure
@@ -123,22 +126,34 @@ def draw_on(axes: Axes, outcome: Outcome) -> None:
             whole = f"{segment.contact.value} {joint_name(segment.joint)}"
             names = [whole, whole.rpartition(" ")[0]]  # also without the probability
         draw_segment(axes, segment, start_s, duration_s, _RIBBON, *names)
-        contacts = list(map(_contact, segment.further))
-        numbers = {contact: i for i, contact in enumerate(dict.fromkeys(contacts))}
+        runs = [  # those of one contact are in one lane
+            (one.contact, str(flat(one.geometry.object)), str(flat(one.geometry.environment)))
+            for one in segment.further
+        ]
+        numbers = {run: i for i, run in enumerate(dict.fromkeys(runs))}
         lane_height = min(_LANE, (high - low) / max(1, len(numbers)))
-        for one, contact in zip(segment.further, contacts, strict=True):
+        for one, run in zip(segment.further, runs, strict=True):
             first_s = (max(one.start_ns, segment.start_ns) - origin_ns) * 1e-9
-            last_s = (
-                min(segment.end_ns if one.end_ns is None else one.end_ns, segment.end_ns) - origin_ns
-            ) * 1e-9
-            lane = low + numbers[contact] * lane_height, lane_height
-            colour = fraction(COLOUR[one.contact])
-            axes.broken_barh([(first_s, last_s - first_s)], lane, facecolor=colour, edgecolor="white")
+            end_ns = segment.end_ns if one.end_ns is None else min(one.end_ns, segment.end_ns)
+            lane = low + numbers[run] * lane_height, lane_height
+            axes.broken_barh(
+                [(first_s, (end_ns - origin_ns) * 1e-9 - first_s)], lane, fc=SHADE[one.contact], ec="white"
+            )
     for state, share in zip(STATES, np.transpose(beliefs.probability), strict=True):
-        axes.plot(seconds, share, color=fraction(COLOUR[state]), label=state.value)
+        axes.plot(seconds, share, color=SHADE[state], label=state.value)
     axes.set_yticks(np.linspace(0.0, 1.0, 6))
     if truth is not None and is_labelled:
-        _draw_truth(axes, truth.between(*beliefs.stamp_ns[[0, -1]].tolist()), origin_ns)
+        for interval in truth.between(*beliefs.stamp_ns[[0, -1]].tolist()).intervals:
+            start_s = (interval.start_ns - origin_ns) * 1e-9
+            duration_s = (interval.end_ns - interval.start_ns) * 1e-9
+            shade = "white" if interval.contact is None else SHADE[interval.contact]
+            name = interval.contact if interval.coarse is None else interval.coarse.name
+            if name is not None:
+                bar = {"facecolor": shade, "edgecolor": "grey", "linewidth": 0.5}
+                _draw_bar(axes, start_s, duration_s, _TRUTH, (name,), "none", **bar)
+        for name, ribbon in (("truth", _TRUTH), ("labels", _RIBBON)):
+            style: dict[str, Any] = {"ha": "right", "va": "center", "fontsize": NAME_SIZE}
+            axes.text(-0.01, 0.5 * sum(ribbon), name, transform=axes.get_yaxis_transform(), **style)
     handles, _ = axes.get_legend_handles_labels()
     if any(one.inseparable for one in segments):
         handles.append(open_patch())
@@ -151,59 +166,24 @@ def draw_segment(
     """A bar in the colour of the contact, the paler the less probable that is, hatched where others fit as
     well, with the first of the names that fits, or that of the contact."""
     share = 0.25 + 0.75 * segment.probability
-    colour = tuple(1.0 - share * (1.0 - part) for part in fraction(COLOUR[segment.contact]))
-    axes.broken_barh(
-        [(start_s, duration_s)],
-        (ribbon[0], ribbon[1] - ribbon[0]),
-        facecolor=colour,
-        edgecolor="white",
-        hatch="///" if segment.inseparable else None,
-        linewidth=0.0,
-    )
-    write_name(axes, start_s, duration_s, ribbon, *names, segment.contact.value, background=colour)
+    colour = tuple(1.0 - share * (1.0 - part) for part in SHADE[segment.contact])
+    hatch = "///" if segment.inseparable else None
+    bar = {"facecolor": colour, "edgecolor": "white", "linewidth": 0.0, "hatch": hatch}
+    _draw_bar(axes, start_s, duration_s, ribbon, (*names, segment.contact.value), colour, **bar)
 
 
-def _contact(one: FurtherContact) -> tuple[str, ...]:
-    """What the runs of a further contact have in common."""
-    return one.contact, str(flat(one.geometry.object)), str(flat(one.geometry.environment))
-
-
-def _curves(outcome: Outcome) -> WindowCurves | None:
-    found = curves(outcome.trajectory.poses)
-    return found if len(found.stamp_ns) else None
-
-
-def _draw_truth(axes: Axes, truth: Truth, origin_ns: int) -> None:
-    low, high = _TRUTH
-    for one in truth.intervals:
-        name = None if one.coarse is None else one.coarse.name
-        if one.contact is None and name is None:
-            continue
-        start_s, duration_s = (one.start_ns - origin_ns) * 1e-9, (one.end_ns - one.start_ns) * 1e-9
-        axes.broken_barh(
-            [(start_s, duration_s)],
-            (low, high - low),
-            facecolor="white" if one.contact is None else fraction(COLOUR[one.contact]),
-            edgecolor="grey",
-            linewidth=0.5,
-        )
-        write_name(axes, start_s, duration_s, _TRUTH, name or str(one.contact))
-    for name, (low, high) in (("truth", _TRUTH), ("labels", _RIBBON)):
-        place = -0.01, 0.5 * (low + high)
-        transform = axes.get_yaxis_transform()
-        axes.text(*place, name, transform=transform, ha="right", va="center", fontsize=NAME_SIZE)
-
-
-def write_name(
+def _draw_bar(
     axes: Axes,
     start_s: float,
     duration_s: float,
     ribbon: tuple[float, float],
-    *names: str,
-    background: Any = "none",
+    names: Sequence[str],
+    background: Any,
+    **style: Any,
 ) -> None:
-    """Write the first of the names that fits in its span, or the last one upright; nothing where that does
-    not fit either. Where a colour is the ``background``, no hatching goes through the name."""
+    """A bar with the first of the names that fits in it, or the last one upright; nothing where that does not
+    fit either. Where a colour is the ``background``, no hatching goes through the name."""
+    axes.broken_barh([(start_s, duration_s)], (ribbon[0], ribbon[1] - ribbon[0]), **style)
     size = axes.get_window_extent()
     points = 72.0 / axes.get_figure(root=True).dpi  # type: ignore[union-attr]
     (first_s, last_s), (bottom, top) = axes.get_xlim(), axes.get_ylim()
@@ -258,7 +238,13 @@ def _draw_parts(figure: FigureBase, parts: Sequence[Part], origin_ns: int, up: A
                 ]
                 shown = ", ".join(spans[:_SPANS]) + (", ..." if len(spans) > _SPANS else "")
                 axes.plot([], [], color=colour, label=f"{part.name}: {shown} s")
-        points = np.concatenate([strip for part in own for strip in (*part.outline, _about(part))])
+        places = [strip for part in own for strip in (part.label_m[None], *part.outline)]
+        places += [
+            part.label_m + _ABOUT_VERTEX * (part.mesh.vertices - part.label_m)
+            for part in own
+            if not part.outline  # the corners of a vertex
+        ]
+        points = np.concatenate(places)
         low, high = points.min(axis=0), points.max(axis=0)
         half = max(0.5 * float((high - low).max()), 1e-3)
         for axis, middle in zip("xyz", 0.5 * (low + high), strict=True):
@@ -278,21 +264,13 @@ def _draw_parts(figure: FigureBase, parts: Sequence[Part], origin_ns: int, up: A
         _write_names(axes, own)
 
 
-def _about(part: Part) -> Array:
-    """Points (N, 3) within which a part is seen: its label, and of a vertex the corners of a larger one."""
-    corners = part.mesh.vertices[: 0 if part.outline else None]
-    return np.concatenate([part.label_m[None], part.label_m + _ABOUT_VERTEX * (corners - part.label_m)])
-
-
 def _view_of(parts: Sequence[Part], up: Array = UP) -> tuple[float, float, float]:
     """The view (elevation, azimuth and roll, degrees) with the unit vector ``up`` (3,) upward in which the
     part most foreshortened is least so, or an axis that is seen end-on."""
     angles = np.radians(_VIEWS)
     level = np.cos(angles[:, 0])
-    towards = np.stack(
-        [level * np.cos(angles[:, 1]), level * np.sin(angles[:, 1]), np.sin(angles[:, 0])], axis=1
-    )
-    towards = Rotation.align_vectors(up[None], UP[None])[0].apply(towards)
+    x, y, z = level * np.cos(angles[:, 1]), level * np.sin(angles[:, 1]), np.sin(angles[:, 0])
+    towards = Rotation.align_vectors(up[None], UP[None])[0].apply(np.stack([x, y, z], axis=1))
     of_axes = np.linalg.norm(np.cross(towards[:, None], np.eye(3)), axis=2).min(axis=1)
     shares = np.where(of_axes > _END_ON, 1.0, of_axes)
     for part in parts:
@@ -357,16 +335,3 @@ def figure_svg(outcome: Outcome) -> str:
         figure.savefig(text, format="svg", metadata={"Date": None})
     pyplot.close(figure)
     return text.getvalue()[text.getvalue().index("<svg") :]
-
-
-def _draw_curves(axes: Axes, curves: WindowCurves, origin_ns: int) -> None:
-    """Draw the curves like the paper's Fig. 5, each value at the end of its window."""
-    seconds = (curves.stamp_ns - origin_ns) * 1e-9
-    for contact, curve in zip(CONTACTS, curves.normalised.T, strict=True):
-        axes.plot(seconds, curve, color=fraction(COLOUR[contact]), label=contact.value)
-    axes.set(ylabel="objective / its maximum", ylim=(0.0, 1.02))
-
-
-def fraction(colour: Colour) -> tuple[float, float, float]:
-    red, green, blue = colour
-    return red / 255.0, green / 255.0, blue / 255.0

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from importlib import import_module
-from itertools import count
+from itertools import chain, count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, TextIO
 
@@ -30,8 +30,8 @@ class Format(NamedTuple):
     """An output with an entry per tick or segment, or of a whole recording in memory.
 
     ``rows`` are those that it can have an entry of, the usual ones first; none for a whole recording. That is
-    written by the function ``write`` of a ``module`` of this package, which may need a library of an
-    ``extra`` for the ``purpose``.
+    written by the function ``write`` of a ``module``, which may need a library of an ``extra`` for the
+    ``purpose``.
     """
 
     rows: "tuple[Rows, ...]" = ()
@@ -46,16 +46,18 @@ FORMATS: Final = {
     ".csv": Format(("segments", "ticks")),
     ".jsonl": Format(("ticks", "segments")),
     ".parquet": Format(("ticks", "segments")),
-    ".mcap": Format((), "foxglove_scene", "write_mcap", "foxglove", "an MCAP file for Foxglove"),
-    ".html": Format((), "report_html", "write_report"),
-    **dict.fromkeys(FIGURES, Format((), "figure", "write_figure")),
+    ".mcap": Format((), "exports.foxglove_scene", "write_mcap", "foxglove", "an MCAP file for Foxglove"),
+    ".html": Format((), "exports.report_html", "write_report"),
+    **dict.fromkeys(FIGURES, Format((), "exports.figure", "write_figure")),
     ".srt": Format(("segments",)),
     ".tex": Format(("segments",)),
-    ".toml": Format((), "sequence_files", "write_plan"),
-    ".graphml": Format((), "sequence_files", "write_graph"),
-    ".contacts": Format((), "saved_result", "write_result"),
+    ".toml": Format((), "sequences.plan", "write_plan"),
+    ".graphml": Format((), "sequences.graph", "write_graph"),
+    ".contacts": Format((), "exports.saved_result", "write_result"),
+    ".rrd": Format((), "viewer.views", "write_rrd"),
 }
-SUFFIXES: Final = tuple(FORMATS)
+SUFFIXES: Final = tuple(suffix for suffix in FORMATS if suffix != ".rrd")
+"""Of what ``segment`` writes; ``view`` writes the recording of rerun."""
 TICKS: Final = tuple(suffix for suffix, one in FORMATS.items() if "ticks" in one.rows)
 ROWS: Final = ("ticks", "segments")
 
@@ -63,8 +65,7 @@ ROWS: Final = ("ticks", "segments")
 def rows_of(path: Path, asked: str | None = None) -> "Rows | None":
     """What the output of this name has an entry per, the ``asked`` rows or the usual ones; None if it is of a
     whole recording. Raises UsageError if it cannot have those that are asked for."""
-    known = FORMATS.get(path.suffix.lower())
-    rows = () if known is None else known.rows  # a recording of rerun is none of these
+    rows = FORMATS[path.suffix.lower()].rows
     if asked is None:
         return rows[0] if rows else None
     for one in rows:
@@ -78,10 +79,10 @@ def rows_of(path: Path, asked: str | None = None) -> "Rows | None":
 
 def require_library(path: Path) -> None:
     """Raise MissingExtra, before any work, if a library for writing ``path`` is not installed."""
-    one = FORMATS.get(path.suffix.lower())
-    if one is not None and one.extra:
+    one = FORMATS[path.suffix.lower()]
+    if one.extra:
         with extra(one.extra, one.purpose):
-            import_module(f"contact_tracker.exports.{one.module}")
+            import_module(f"contact_tracker.{one.module}")
 
 
 @contextmanager
@@ -96,8 +97,20 @@ def open_rows(
     """
     with whole_file(path, check) as temporary:
         if path.suffix.lower() == ".parquet":
-            with _parquet(temporary, rows) as append:
-                yield append
+            from contact_tracker.exports.columns import COLUMNS, columns_of
+            from contact_tracker.exports.parquet import open_parquet
+
+            with open_parquet(COLUMNS[rows], temporary) as write:
+                waiting = list[Any]()
+
+                def append_together(entries: Iterable[Any]) -> None:
+                    waiting.extend(entries)
+                    if len(waiting) >= _TOGETHER:
+                        write(columns_of(rows, waiting))
+                        waiting.clear()
+
+                yield append_together
+                write(columns_of(rows, waiting))
             return
         with (
             open(temporary, "w", encoding="utf-8", newline="") as file,
@@ -135,7 +148,7 @@ def write_outcome(
         return
     require_library(path)
     one = FORMATS[path.suffix.lower()]
-    write = getattr(import_module(f"contact_tracker.exports.{one.module}"), one.write)
+    write = getattr(import_module(f"contact_tracker.{one.module}"), one.write)
     with whole_file(path, check) as temporary:
         write(outcome, temporary, path.suffix.lower())
 
@@ -143,25 +156,6 @@ def write_outcome(
 def json_line(entry: "Belief | Segment", more: Mapping[str, object] | None = None) -> str:
     """One belief or segment, with ``more`` keys, as one JSON object, without newline."""
     return json.dumps({**entry.to_json(), **(more or {})}, allow_nan=False)
-
-
-@contextmanager
-def _parquet(path: Path, rows: "Rows") -> Iterator[Append]:
-    from contact_tracker.exports.columns import TABLES
-    from contact_tracker.exports.parquet import open_parquet
-
-    kinds, columns_of = TABLES[rows]
-    with open_parquet(kinds, path) as append:
-        waiting = list[Any]()
-
-        def write(entries: Iterable[Any]) -> None:
-            waiting.extend(entries)
-            if len(waiting) >= _TOGETHER:
-                append(columns_of(waiting))
-                waiting.clear()
-
-        yield write
-        append(columns_of(waiting))
 
 
 @contextmanager
@@ -186,8 +180,7 @@ def open_text(suffix: str, file: TextIO, rows: "Rows", origin_ns: Callable[[], i
             case ".jsonl":
                 file.writelines(f"{json_line(one)}\n" for one in entries)
             case ".tex":
-                rows_of_table = (row for one in entries for row in segment_rows(one, origin_ns()))
-                for *figures, where in rows_of_table:
+                for *figures, where in chain.from_iterable(segment_rows(one, origin_ns()) for one in entries):
                     file.write(" & ".join([*figures, f"{_tex(where)} \\\\\n"]))
             case ".srt":
                 for segment in entries:
@@ -226,22 +219,18 @@ def _tex(text: str) -> str:
 def _subtitle(segment: "Segment", part: "SegmentPart", origin_ns: int) -> str:
     start_ms = max(part.start_ns - origin_ns, 0) // 1_000_000
     end_ms = max((part.end_ns - origin_ns) // 1_000_000, start_ms + 1)
+    times = [
+        f"{ms // 3_600_000:02d}:{ms // 60_000 % 60:02d}:{ms // 1000 % 60:02d},{ms % 1000:03d}"
+        for ms in (start_ms, end_ms)
+    ]
     others = f" or {', '.join(segment.inseparable)}" if segment.inseparable else ""
-    names = [printable(name) if name else "?" for name in segment.touching]
-    named = " on ".join(names) if any(segment.touching) else ""
-    lines = [f"{segment.contact.value} ({segment.probability:.2f}){others}", named]
+    lines = [" --> ".join(times), f"{segment.contact.value} ({segment.probability:.2f}){others}"]
+    if any(segment.touching):
+        lines.append(" on ".join(printable(name) if name else "?" for name in segment.touching))
     lines += [f"+ {one.contact.value} ({one.probability:.2f})" for one in part.further]
     if segment.joint is not None:
         lines.append(f"= {segment.joint.kind.value} ({segment.joint.probability:.2f})")
-    text = "\n".join(filter(None, lines))
-    return f"{_subtitle_time(start_ms)} --> {_subtitle_time(end_ms)}\n{text}"
-
-
-def _subtitle_time(total_ms: int) -> str:
-    seconds, ms = divmod(total_ms, 1000)
-    minutes, second = divmod(seconds, 60)
-    hours, minute = divmod(minutes, 60)
-    return f"{hours:02d}:{minute:02d}:{second:02d},{ms:03d}"
+    return "\n".join(lines)
 
 
 def check_output(
@@ -252,18 +241,13 @@ def check_output(
     written: Iterable[Path | None] = (),
 ) -> Callable[[], None]:
     """Refuse an output that is one of the files ``read`` or of the other outputs ``written``, under any name,
-    or that would replace a recording.
+    or that would replace a recording: raises UsageError.
 
     The message contains ``how`` to overwrite a recording after all.
 
     Returns
     -------
     The same check for ``whole_file``, as files may be renamed and linked in the meantime.
-
-    Raises
-    ------
-    UsageError
-        The message says what to do instead.
     """
     names = {
         **{str(one): "another output," for one in written if one is not None},
@@ -272,6 +256,8 @@ def check_output(
     before = {name: _status(name) for name in names}
 
     def check() -> None:
+        from contact_tracker.recording import may_be_recording
+
         if path is None:
             return
         there, real = _status(str(path)), os.path.realpath(path)
@@ -281,7 +267,14 @@ def check_output(
             if is_same or any(there and one and os.path.samestat(there, one) for one in states):
                 shown = "standard input" if name == "-" else name
                 raise UsageError(f"cannot write {path}: it is {what} {shown}; name another file")
-        if there and not overwrite and (reason := _why_kept(path)):
+        if not there or overwrite:
+            return
+        try:
+            reason = "it is a recording" if may_be_recording(str(path)) else None
+        except (OSError, UnreadableRecording, MissingExtra) as error:
+            why = getattr(error, "strerror", None) or error
+            reason = f"it may be a recording, but cannot be read ({why})"
+        if reason is not None:
             raise UsageError(f"cannot write {path}: {reason}; {how} replaces it")
 
     check()
@@ -293,12 +286,3 @@ def _status(name: str) -> os.stat_result | None:
     with suppress(OSError, ValueError):
         return os.fstat(sys.stdin.fileno()) if name == "-" else os.stat(name)
     return None
-
-
-def _why_kept(path: Path) -> str | None:
-    from contact_tracker.recording import may_be_recording
-
-    try:
-        return "it is a recording" if may_be_recording(str(path)) else None
-    except (OSError, UnreadableRecording, MissingExtra) as error:
-        return f"it may be a recording, but cannot be read ({getattr(error, 'strerror', None) or error})"

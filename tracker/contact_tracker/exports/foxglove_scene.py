@@ -4,6 +4,7 @@ The messages are those of foxglove-sdk (extra ``foxglove``).
 """
 
 import json
+from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from heapq import merge
 from pathlib import Path
@@ -12,25 +13,16 @@ from typing import Any, Final
 from foxglove import messages as fox
 from scipy.spatial.transform import Rotation
 
+import contact_tracker.recording as recording
 from contact_tracker.contacts.task_frame import T_world_body, contact_frame
 from contact_tracker.errors import UsageError
 from contact_tracker.geometry.elements import Array
 from contact_tracker.outputs.outcome import Outcome
 from contact_tracker.outputs.parts import SIDES, KnownParts, Part
-from contact_tracker.outputs.scene import GREY, OBJECT, Drawing, Extent, Mesh, Upward, draw_all, poses_within
+from contact_tracker.outputs.scene import GREY, OBJECT, Extent, Mesh, Upward, draw_all, poses_within
 from contact_tracker.outputs.text import COLOUR, Colour
-from contact_tracker.recording import (
-    BELIEF_TOPIC,
-    FRAMES_TOPIC,
-    MAP_TOPIC,
-    SCENE_TOPIC,
-    TASK_TOPIC,
-    Channel,
-    RawMessage,
-    write_beside,
-)
+from contact_tracker.recording import Channel, RawMessage, write_beside
 from contact_tracker.states import STATES
-from contact_tracker.tracking.belief import Segment, SegmentPart
 
 WORLD: Final = "world"
 BODY: Final = "object"
@@ -48,17 +40,8 @@ _TEXT_SIZE: Final = 0.2
 
 
 def write_mcap(outcome: Outcome, path: Path, _: str = ".mcap") -> None:
-    """Write a copy of the recording with beliefs, frames and scene added, at the log times of its poses.
-
-    Of a recording that cannot be read again only these are written.
-
-    Raises
-    ------
-    UsageError
-        A stamp is outside of 0 to 2^32 s.
-    OSError
-        The file cannot be written.
-    """
+    """Write a copy of the recording with beliefs, frames and scene added, at the log times of its poses; if
+    it cannot be read again, only these. Raises UsageError for stamps outside of 0 to 2^32 s."""
     poses, log_offset_ns = outcome.trajectory.poses, outcome.trajectory.log_offset_ns
     if len(poses) and not 0 <= poses.stamp_ns[0] + min(log_offset_ns, 0) <= poses.stamp_ns[-1] < _RANGE_NS:
         raise UsageError("stamps of an MCAP file for Foxglove lie between 0 and 2^32 s")
@@ -80,11 +63,11 @@ def _beliefs(outcome: Outcome) -> Iterator[RawMessage]:
     text, number, integer, item = ({"type": one} for one in ("string", "number", "integer", "object"))
     texts, numbers, items = ({"type": "array", "items": one} for one in (text, number, item))
     points = dict.fromkeys(("axis", "point_m", "axis_sd", "point_sd_m"), numbers)
-    element = _object({"type": text, "name": text, **points, "unobserved": text})
+    element = {**item, "properties": {"type": text, "name": text, **points, "unobserved": text}}
     properties = {
         "stamp_ns": integer,
         "contact": text,
-        "probability": _object({state.value: number for state in STATES}),
+        "probability": {**item, "properties": {state.value: number for state in STATES}},
         "onset_ns": integer,
         "inseparable": texts,
         "geometry": item,
@@ -95,34 +78,31 @@ def _beliefs(outcome: Outcome) -> Iterator[RawMessage]:
         "object": element,
         "environment": element,
     }
-    encoded = json.dumps(_object(properties)).encode()
-    channel = Channel(BELIEF_TOPIC, "json", "contact_tracker.Belief", "jsonschema", encoded)
+    schema = json.dumps({**item, "properties": properties}).encode()
+    channel = Channel(recording.BELIEF_TOPIC, "json", "contact_tracker.Belief", "jsonschema", schema)
     for belief in outcome.beliefs:
         yield RawMessage(channel, belief.stamp_ns, json.dumps(belief.to_json(), allow_nan=False).encode())
-
-
-def _object(properties: dict[str, Any]) -> dict[str, Any]:
-    """The schema of a JSON object."""
-    return {"type": "object", "properties": properties}
 
 
 def _frames(outcome: Outcome, frames: tuple[str, ...]) -> Iterator[RawMessage]:
     """The body in the world, and on a topic of its own the task frame where there is one: of the joint, or of
     the labelled contact."""
-    channels = _channel(FRAMES_TOPIC, fox.FrameTransforms), _channel(TASK_TOPIC, fox.FrameTransforms)
-    joints = [None if one.joint is None else one.joint.task_frame.T_world_task for one in outcome.segments]
-    next_ns, segments = None, iter(zip(outcome.segments, joints, strict=True))
-    segment, of_joint = next(segments, (None, None))
+    channels = (
+        _channel(recording.FRAMES_TOPIC, fox.FrameTransforms),
+        _channel(recording.TASK_TOPIC, fox.FrameTransforms),
+    )
+    segments, next_ns = outcome.segments, None
+    starts_ns = [one.start_ns for one in segments]
+    joints = [None if one.joint is None else one.joint.task_frame.T_world_task for one in segments]
     for stamp_ns, position_m, quat_xyzw in outcome.trajectory:
         if next_ns is not None and stamp_ns < next_ns:
             continue
         next_ns = stamp_ns + _FRAME_NS
         yield _transform(channels[0], stamp_ns, frames, position_m, quat_xyzw)
-        while segment is not None and segment.end_ns < stamp_ns:
-            segment, of_joint = next(segments, (None, None))
-        if segment is None or stamp_ns < segment.start_ns:
+        number = bisect_right(starts_ns, stamp_ns) - 1
+        if number < 0 or segments[number].end_ns < stamp_ns:
             continue
-        task = of_joint
+        segment, task = segments[number], joints[number]
         if task is None and segment.geometry is not None:
             task = contact_frame(segment.contact, segment.geometry, T_world_body(position_m, quat_xyzw))
         if task is not None:
@@ -137,7 +117,7 @@ def _transform(
         timestamp=_timestamp(stamp_ns),
         parent_frame_id=frames[0],
         child_frame_id=frames[1],
-        translation=_vector(position_m),
+        translation=_xyz(fox.Vector3, position_m),
         rotation=fox.Quaternion(**dict(zip("xyzw", map(float, quat_xyzw), strict=True))),
     )
     return RawMessage(channel, stamp_ns, fox.FrameTransforms(transforms=[transform]).encode())
@@ -145,7 +125,7 @@ def _transform(
 
 def _scene(outcome: Outcome, frames: tuple[str, ...], extent: Extent) -> Iterator[RawMessage]:
     """The scene from each change on; each message replaces the previous one."""
-    channel, poses = _channel(SCENE_TOPIC, fox.SceneUpdate), outcome.trajectory.poses
+    channel, poses = _channel(recording.SCENE_TOPIC, fox.SceneUpdate), outcome.trajectory.poses
     up = Upward.of(outcome.segments, poses, extent).direction
     for segment in outcome.segments:
         for part in segment.parts:
@@ -153,40 +133,32 @@ def _scene(outcome: Outcome, frames: tuple[str, ...], extent: Extent) -> Iterato
                 timestamp=_timestamp(part.start_ns), type=fox.SceneEntityDeletionType.All
             )
             drawing = draw_all(part.geometries, poses_within(poses, part.start_ns, part.end_ns), extent, up)
-            entities = [] if drawing is None else _entities(segment, part, drawing, frames, extent)
+            entities = []
+            if drawing is not None:
+                colour = COLOUR[segment.contact]
+                styles = (OBJECT, _OPAQUE), (OBJECT, _PALE), (colour, _OPAQUE), (colour, _PALE)
+                shapes = [_triangles(one, *style) for one, style in zip(drawing.meshes, styles, strict=True)]
+                kinds = " + ".join((segment.contact, *(one.contact for one in part.further)))
+                named = " on ".join(name for name in segment.touching if name) or kinds
+                text = _text(drawing.label_m, _TEXT_SIZE * extent.radius_m, colour, named)
+                labels = {"contact": segment.contact.value, "probability": f"{segment.probability:.3f}"}
+                entities = [
+                    fox.SceneEntity(
+                        timestamp=_timestamp(part.start_ns),
+                        frame_id=frame,
+                        id=name,
+                        frame_locked=True,
+                        metadata=[fox.KeyValuePair(key=key, value=value) for key, value in labels.items()],
+                        triangles=triangles,
+                        texts=texts,
+                    )
+                    for name, frame, triangles, texts in (
+                        ("object element", frames[1], shapes[0] + shapes[1], []),
+                        ("environment element", frames[0], shapes[2] + shapes[3], [text]),
+                    )
+                ]
             update = fox.SceneUpdate(deletions=[deletion], entities=entities)
             yield RawMessage(channel, part.start_ns, update.encode())
-
-
-def _entities(
-    segment: Segment, part: SegmentPart, drawing: Drawing, frames: tuple[str, ...], extent: Extent
-) -> list[fox.SceneEntity]:
-    """The object's element, and that of the surroundings with its name."""
-    colour = COLOUR[segment.contact]
-    colours, opacities = (OBJECT, OBJECT, colour, colour), (_OPAQUE, _PALE) * 2
-    shapes = [_triangles(*one) for one in zip(drawing.meshes, colours, opacities, strict=True)]
-    kinds = " + ".join((segment.contact, *(one.contact for one in part.further)))
-    named = " on ".join(name for name in segment.touching if name) or kinds
-    text = _text(drawing.label_m, _TEXT_SIZE * extent.radius_m, colour, named)
-    world, body = frames
-    return [
-        fox.SceneEntity(
-            timestamp=_timestamp(part.start_ns),
-            frame_id=frame,
-            id=name,
-            frame_locked=True,
-            metadata=[
-                fox.KeyValuePair(key="contact", value=segment.contact.value),
-                fox.KeyValuePair(key="probability", value=f"{segment.probability:.3f}"),
-            ],
-            triangles=triangles,
-            texts=texts,
-        )
-        for name, frame, triangles, texts in (
-            ("object element", body, shapes[0] + shapes[1], []),
-            ("environment element", world, shapes[2] + shapes[3], [text]),
-        )
-    ]
 
 
 def _known(
@@ -205,12 +177,22 @@ def _known(
             id=f"{number} {SIDES[one.side]} {one.name}",
             frame_locked=True,
             triangles=_triangles(one.mesh, _KNOWN[one.side], _PALE),
-            lines=[_line(strip, _KNOWN[one.side]) for strip in one.outline],
+            lines=[
+                fox.LinePrimitive(
+                    pose=_ORIGIN,
+                    type=fox.LinePrimitiveLineType.LineStrip,
+                    thickness=_LINE_PX,
+                    scale_invariant=True,
+                    points=[_xyz(fox.Point3, place_m) for place_m in strip],
+                    color=_rgba(_KNOWN[one.side], 1.0),
+                )
+                for strip in one.outline
+            ],
             texts=[_text(one.label_m, size_m, _KNOWN[one.side], one.name)],
         )
         for number, one in enumerate(parts)
     ]
-    channel = _channel(MAP_TOPIC, fox.SceneUpdate)
+    channel = _channel(recording.MAP_TOPIC, fox.SceneUpdate)
     yield RawMessage(channel, stamp_ns, fox.SceneUpdate(entities=entities).encode())
 
 
@@ -218,27 +200,19 @@ def _triangles(mesh: Mesh, colour: Colour, opacity: float) -> list[fox.TriangleL
     """The triangles of a mesh, if it has any."""
     if not len(mesh.triangles):
         return []
-    points, indices = [*map(_point, mesh.vertices)], mesh.triangles.ravel().tolist()
+    points, indices = (
+        [_xyz(fox.Point3, place_m) for place_m in mesh.vertices],
+        mesh.triangles.ravel().tolist(),
+    )
     shape = fox.TriangleListPrimitive(
         pose=_ORIGIN, points=points, color=_rgba(colour, opacity), indices=indices
     )
     return [shape]
 
 
-def _line(strip: Array, colour: Colour) -> fox.LinePrimitive:
-    return fox.LinePrimitive(
-        pose=_ORIGIN,
-        type=fox.LinePrimitiveLineType.LineStrip,
-        thickness=_LINE_PX,
-        scale_invariant=True,
-        points=[_point(place_m) for place_m in strip],
-        color=_rgba(colour, 1.0),
-    )
-
-
 def _text(place_m: Array, size_m: float, colour: Colour, text: str) -> fox.TextPrimitive:
     return fox.TextPrimitive(
-        pose=fox.Pose(position=_vector(place_m), orientation=fox.Quaternion(w=1.0)),
+        pose=fox.Pose(position=_xyz(fox.Vector3, place_m), orientation=fox.Quaternion(w=1.0)),
         billboard=True,
         font_size=size_m,
         color=_rgba(colour, 1.0),
@@ -246,14 +220,9 @@ def _text(place_m: Array, size_m: float, colour: Colour, text: str) -> fox.TextP
     )
 
 
-def _point(place_m: Any) -> fox.Point3:
-    x, y, z = map(float, place_m)
-    return fox.Point3(x=x, y=y, z=z)
-
-
-def _vector(place_m: Any) -> fox.Vector3:
-    x, y, z = map(float, place_m)
-    return fox.Vector3(x=x, y=y, z=z)
+def _xyz(kind: Any, place_m: Any) -> Any:
+    """A ``Point3`` or ``Vector3``."""
+    return kind(**dict(zip("xyz", map(float, place_m), strict=True)))
 
 
 def _rgba(colour: Colour, opacity: float) -> fox.Color:

@@ -50,13 +50,7 @@ def require_kind(kind: Kind, value: Any) -> None:
 
 
 def read_rows(path: Path, kinds: Mapping[str, Kind]) -> Iterator[tuple[Any, ...]]:
-    """The rows of some columns, in file order.
-
-    Raises
-    ------
-    StateError
-        The file is damaged, or a column is missing or of another kind.
-    """
+    """The rows of some columns, in file order; raises StateError if it is damaged or has other columns."""
     names = list(kinds)
     with _damage_of(path), ParquetFile(path) as file:
         missing = set(names) - set(file.schema_arrow.names)
@@ -73,13 +67,7 @@ def write_merged(
     kinds: dict[str, Kind], before: Path, rows: Sequence[dict[str, Any]], key: str, path: Path
 ) -> None:
     """Write to ``path`` the rows of the file ``before``, if it exists, updated with ``rows`` of the same
-    ``key`` and sorted by it. Equal rows make equal files.
-
-    Raises
-    ------
-    StateError
-        The file ``before`` is damaged, or has other columns.
-    """
+    ``key`` and sorted by it. Equal rows make equal files. Raises StateError as ``read_rows`` does."""
     schema = _schema(kinds)
     table = pyarrow.Table.from_pylist(list(rows), schema=schema)
     if before.exists():

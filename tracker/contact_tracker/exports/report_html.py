@@ -15,23 +15,13 @@ from numpy.typing import ArrayLike, DTypeLike
 
 from contact_tracker.errors import printable
 from contact_tracker.exports.figure import figure_svg
-from contact_tracker.exports.summary_html import counts_html, table_html, warnings_html
-from contact_tracker.geometry.elements import Array, ContactGeometry
+from contact_tracker.geometry.elements import Array
 from contact_tracker.motion.poses import Poses
+from contact_tracker.outputs import scene
 from contact_tracker.outputs.outcome import Outcome
 from contact_tracker.outputs.parts import SIDES, KnownParts, Part
-from contact_tracker.outputs.scene import (
-    EMPTY,
-    GREY,
-    UP,
-    Drawing,
-    Extent,
-    Mesh,
-    Upward,
-    draw_all,
-    poses_within,
-)
-from contact_tracker.outputs.text import COLOUR, Colour, counted, describe
+from contact_tracker.outputs.scene import GREY, Drawing, Extent, Mesh
+from contact_tracker.outputs.text import COLOUR, Colour, counted, describe, segment_rows
 from contact_tracker.states import STATES
 from contact_tracker.tracking.belief import Segment
 from contact_tracker.version import __version__
@@ -64,6 +54,9 @@ _STYLE: Final = (
     "ul{list-style:none;margin:0;padding:0;font-size:12px;overflow:auto;cursor:pointer}"
     "li{border-left:14px solid;padding-left:6px;margin-bottom:4px}.picked{background:#fff0b8}"
 )
+MOST_ROWS: Final = 200
+_BANNER: Final = "border-left:4px solid #e08000;margin:3px 0;padding:2px 8px"
+_CELL: Final = "padding:2px 10px 2px 0;text-align:left;vertical-align:top"
 _BREAK: Final = np.full((1, 3), np.nan)
 Shape = dict[str, Any]
 """Of a picture in 3D: a surface, lines, and a label, shown and hidden together with all of its name."""
@@ -86,7 +79,7 @@ def write_report(outcome: Outcome, path: Path, _: str = ".html") -> None:
         file.write(f"<h2>Labels and probabilities</h2>{figure_svg(outcome)}")
         file.write(_ABOUT_GEOMETRY + _geometry(outcome, parts, known.object_extent))
         if any(one.side == 0 for one in parts):
-            file.write(_ABOUT_OBJECT + _picture(_known(parts, 0, segments), _ABOVE_OBJECT, UP, 420))
+            file.write(_ABOUT_OBJECT + _picture(_known(parts, 0, segments), _ABOVE_OBJECT, scene.UP, 420))
         file.write(f"<h2>Segments</h2>{table_html(segments, outcome.origin_ns)}<script>linkRows()</script>")
         file.write(f"<p>Made by contact-tracker {escape(__version__)}.</p></body></html>\n")
 
@@ -104,16 +97,31 @@ def _picture(shapes: Iterable[Shape], eye: ArrayLike, up: ArrayLike, height_px: 
 def _geometry(outcome: Outcome, parts: Sequence[Part], extent: Extent) -> str:
     """The path of the body's origin, and the elements of the longest segments where they touched."""
     poses, segments = outcome.trajectory.poses, outcome.segments
-    shapes, upward = [*_path(outcome), *_known(parts, 1, segments)], Upward.of(segments, poses, extent)
+    shapes, upward = [*_path(outcome), *_known(parts, 1, segments)], scene.Upward.of(segments, poses, extent)
     in_contact = [segment for segment in segments if segment.geometry is not None]
     longest = sorted(in_contact, key=lambda s: s.start_ns - s.end_ns)[:MOST_DRAWN]
-    shown = [segment for segment in longest if _is_determined(segment)][:MOST_SHOWN]
+    shown = [
+        segment
+        for segment in longest  # of which the motion has determined the geometry
+        if segment.geometry is not None
+        and segment.probability >= _PROBABLE
+        and len(segment.geometry.object.unobserved) < _UNOBSERVED
+        and len(segment.geometry.environment.unobserved) < _UNOBSERVED
+    ][:MOST_SHOWN]
     for number, segment in enumerate(segments):
         if segment in longest and segment.geometry is not None:
-            within = poses_within(poses, segment.start_ns, segment.end_ns)
-            drawing = draw_all(_touching(segment, within), within, extent, upward.direction)
+            within = scene.poses_within(poses, segment.start_ns, segment.end_ns)
+            middle_ns, held = int(within.stamp_ns[len(within) // 2]), segment.parts
+            touching = next((one for one in held if one.start_ns <= middle_ns <= one.end_ns), held[0])
+            drawing = scene.draw_all(touching.geometries, within, extent, upward.direction)
             assert drawing is not None
-            common = _named(segment, outcome.origin_ns, segment in shown) | {"segments": [number]}
+            start_s = (segment.start_ns - outcome.origin_ns) * 1e-9
+            common = {
+                "name": f"{segment.contact.value} from {start_s:.1f} s",
+                "text": printable(describe(segment.geometry, segment.inseparable)),
+                "shown": segment in shown,
+                "segments": [number],
+            }
             shapes += _elements(common, COLOUR[segment.contact], within, drawing, parts)
     return _picture(shapes, *upward.eye(extent.radius_m), 620)
 
@@ -134,13 +142,6 @@ def _known(parts: Sequence[Part], side: int, segments: Sequence[Segment]) -> Ite
             yield _shape(title, GREY, part.mesh, 0.3, part.outline, **label)
 
 
-def _touching(segment: Segment, within: Poses) -> tuple[ContactGeometry, ...]:
-    """The touching elements in the middle of a segment."""
-    at_ns = int(within.stamp_ns[len(within) // 2])
-    parts = segment.parts
-    return next((one for one in parts if one.start_ns <= at_ns <= one.end_ns), parts[0]).geometries
-
-
 def _path(outcome: Outcome) -> Iterator[Shape]:
     """A line per state, with breaks where others hold."""
     poses, segments = outcome.trajectory.poses, outcome.segments
@@ -153,15 +154,6 @@ def _path(outcome: Outcome) -> Iterator[Shape]:
         if is_here.any():
             place = np.where(is_here[:, None], poses.position_m, np.nan)
             yield _shape(f"path in {state.value}", COLOUR[state], strips=[place], width=2.5)
-
-
-def _named(segment: Segment, origin_ns: int, shown: bool) -> Shape:
-    assert segment.geometry is not None
-    return {
-        "name": f"{segment.contact.value} from {(segment.start_ns - origin_ns) * 1e-9:.1f} s",
-        "text": printable(describe(segment.geometry, segment.inseparable)),
-        "shown": shown,
-    }
 
 
 def _elements(
@@ -181,16 +173,10 @@ def _elements(
     yield _shape(strips=strips, colour=GREY, **common)
 
 
-def _is_determined(segment: Segment) -> bool:
-    """Whether the motion has determined the contact's geometry."""
-    pair = (segment.geometry.object, segment.geometry.environment) if segment.geometry else ()
-    return segment.probability >= _PROBABLE and all(len(one.unobserved) < _UNOBSERVED for one in pair)
-
-
 def _shape(
     name: str,
     colour: Colour,
-    mesh: Mesh = EMPTY,
+    mesh: Mesh = scene.EMPTY,
     opacity: float = 1.0,
     strips: Iterable[Array] = (),
     **more: Any,
@@ -215,3 +201,34 @@ def _shape(
 
 def _base64(values: ArrayLike, kind: DTypeLike) -> str:
     return b64encode(np.asarray(values, kind).tobytes()).decode()
+
+
+def table_html(segments: Sequence[Segment], origin_ns: int) -> str:
+    """A row per segment, up to ``MOST_ROWS``, and per further contact, with the segment's number; times in
+    seconds after ``origin_ns``."""
+    titles = ("start s", "end s", "contact", "p", "the object's element on the surroundings'")
+    head = "".join(f'<th style="{_CELL}">{escape(title)}</th>' for title in titles)
+    rows = list[str]()
+    for number, segment in enumerate(segments[:MOST_ROWS]):
+        for texts in segment_rows(segment, origin_ns):
+            cells = "".join(f'<td style="{_CELL}">{escape(printable(text))}</td>' for text in texts)
+            rows.append(f'<tr data-segments="{number}">{cells}</tr>')
+    more = len(segments) - MOST_ROWS
+    note = f"<p>and {counted(more, 'more segment')}</p>" if more > 0 else ""
+    return f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>{note}"
+
+
+def counts_html(noted: str) -> str:
+    """Counts of dropped and repaired poses, as ``counts_text`` has them."""
+    return f"<p>noted: {escape(noted)}</p>" if noted else ""
+
+
+def warnings_html(warnings: Sequence[str]) -> str:
+    """A paragraph for each warning."""
+    return "".join(f'<p style="{_BANNER}"><b>warning:</b> {escape(printable(text))}</p>' for text in warnings)
+
+
+def summary_html(outcome: Outcome) -> str:
+    """What a notebook shows of a result."""
+    shown = figure_svg(outcome) + table_html(outcome.segments, outcome.origin_ns)
+    return f"{warnings_html(outcome.warnings)}{shown}{counts_html(outcome.noted)}"

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from contact_tracker.errors import ContactTrackerError, StateError
-from contact_tracker.exports.columns import TABLES
+from contact_tracker.exports.columns import columns_of
 from contact_tracker.motion.pose_validation import require_valid
 from contact_tracker.outputs.outcome import Outcome
 from contact_tracker.outputs.parts import known_parts
@@ -20,13 +20,8 @@ def write_result(outcome: Outcome, path: Path, _: str) -> None:
 
 
 def read_result(path: Path) -> Outcome:
-    """The result in a file; no code in it is run.
-
-    Raises
-    ------
-    StateError
-        The file is no result, is damaged, or was saved by a version whose results have other parts.
-    """
+    """The result in a file; no code in it is run. Raises StateError if the file is no result, is damaged, or
+    was saved by a version whose results have other parts."""
     found = load(path, RESULT)
     try:
         _use(found)
@@ -43,8 +38,7 @@ def _use(outcome: Any) -> None:
     if not isinstance(outcome, Outcome):
         raise TypeError("it is another value")
     require_valid(outcome.trajectory.poses, None)
-    for entries, (_, columns_of) in zip((outcome.beliefs, outcome.segments), TABLES.values(), strict=True):
-        columns_of(entries)
+    columns_of("ticks", outcome.beliefs), columns_of("segments", outcome.segments)
     texts = (*outcome.warnings, outcome.noise, outcome.trajectory.name, outcome.log or "")
     " ".join((*texts, *table(outcome.segments, outcome.origin_ns, outcome.with_wrenches)))
     known_parts(outcome), outcome.counts, [*outcome.segmentation.filtered]

@@ -7,34 +7,26 @@ from pathlib import Path
 from typing import Any, Final
 
 from matplotlib import pyplot
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import FancyArrowPatch, Patch, Polygon
+from matplotlib.patches import Patch, Polygon
 
 from contact_tracker.errors import printable
-from contact_tracker.exports.figure import (
-    NAME_SIZE,
-    PLAIN_TEXT,
-    draw_segment,
-    fraction,
-    open_patch,
-    save_figure,
-)
+from contact_tracker.exports import figure as figures
+from contact_tracker.exports.figure import PLAIN_TEXT, SHADE, save_figure
 from contact_tracker.files import accept_any, whole_file
 from contact_tracker.outputs.outcome import Outcome
-from contact_tracker.outputs.text import COLOUR
-from contact_tracker.sequences.comparison import ComparedStep, Comparison, Verdict
+from contact_tracker.sequences.comparison import Comparison, Verdict
 from contact_tracker.sequences.graph import ContactGraph
 from contact_tracker.sequences.steps import steps_of
 
 _BAND: Final = {
-    Verdict.SAME: ("0.85", ""),
-    Verdict.OPEN: ("0.95", ""),
-    Verdict.LONGER: ("gold", ""),
-    Verdict.SHORTER: ("gold", ""),
-    Verdict.ELSEWHERE: ("orchid", ""),
-    Verdict.MISSING: ("tomato", "xx"),
-    Verdict.NEW: ("tomato", "xx"),
+    Verdict.SAME: "0.85",
+    Verdict.OPEN: "0.95",
+    Verdict.LONGER: "gold",
+    Verdict.SHORTER: "gold",
+    Verdict.ELSEWHERE: "orchid",
+    Verdict.MISSING: "tomato",
+    Verdict.NEW: "tomato",
 }
 _RIBBONS: Final = ((1.0, 1.25), (0.0, 0.25))
 """Heights of the first and of the second take."""
@@ -48,40 +40,30 @@ def draw_comparison(comparison: Comparison) -> Figure:
     axes.set(xlim=(0.0, max(steps[-1].end_s for steps in takes)), ylim=(-0.02, 1.27), xlabel="time (s)")
     for steps, ribbon in zip(takes, _RIBBONS, strict=True):
         for one in steps:
-            draw_segment(axes, one.segment, one.start_s, one.end_s - one.start_s, ribbon)
-    for step in comparison.steps:
-        _draw_step(axes, step)
+            figures.draw_segment(axes, one.segment, one.start_s, one.end_s - one.start_s, ribbon)
+    top, bottom = _RIBBONS[0][0], _RIBBONS[1][1]
+    for step in comparison.steps:  # one in a single take has a triangle
+        upper = [(step.first[0].start_s, top), (step.first[-1].end_s, top)] if step.first else []
+        lower = [(step.second[-1].end_s, bottom), (step.second[0].start_s, bottom)] if step.second else []
+        ends = upper or lower
+        middle = 0.5 * (ends[0][0] + ends[1][0]), 0.5 * (top + bottom)
+        corners = [*(upper or [middle]), *(lower or [middle])]
+        axes.add_patch(Polygon(corners, closed=True, **_style(step.verdict)))
     shown = dict.fromkeys(one.verdict for one in comparison.steps)
     handles = [Patch(**_style(verdict), label=f"step {verdict.value}") for verdict in shown]
     if any(one.is_open for steps in takes for one in steps):
-        handles.append(open_patch())
+        handles.append(figures.open_patch())
     axes.legend(handles=handles, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
-    names = [
-        f"{letter}: {printable(one.trajectory.name)}"
-        for letter, one in zip("AB", comparison.takes, strict=True)
-    ]
-    axes.set_title("\n".join(names), loc="left", fontsize=NAME_SIZE)
+    first, second = (printable(one.trajectory.name) for one in comparison.takes)
+    axes.set_title(f"A: {first}\nB: {second}", loc="left", fontsize=figures.NAME_SIZE)
     axes.set_yticks([sum(ribbon) / 2.0 for ribbon in _RIBBONS], ["A", "B"])
-    for side in ("top", "right", "left"):
-        axes.spines[side].set_visible(False)
+    axes.spines[["top", "right", "left"]].set_visible(False)
     return figure
 
 
-def _draw_step(axes: Axes, one: ComparedStep) -> None:
-    """The band of a step; of one in a single take a triangle."""
-    top, bottom = _RIBBONS[0][0], _RIBBONS[1][1]
-    upper = [(one.first[0].start_s, top), (one.first[-1].end_s, top)] if one.first else []
-    lower = [(one.second[-1].end_s, bottom), (one.second[0].start_s, bottom)] if one.second else []
-    if not (upper and lower):
-        ends = upper or lower
-        middle_s = 0.5 * (ends[0][0] + ends[1][0])
-        (lower if upper else upper).append((middle_s, 0.5 * (top + bottom)))
-    axes.add_patch(Polygon([*upper, *lower], closed=True, **_style(one.verdict)))
-
-
 def _style(verdict: Verdict) -> dict[str, Any]:
-    colour, hatch = _BAND[verdict]
-    return {"facecolor": colour, "hatch": hatch, "edgecolor": "grey", "linewidth": 0.3}
+    hatch = "xx" if verdict in (Verdict.MISSING, Verdict.NEW) else ""
+    return {"facecolor": _BAND[verdict], "hatch": hatch, "edgecolor": "grey", "linewidth": 0.3}
 
 
 @PLAIN_TEXT
@@ -92,25 +74,16 @@ def draw_graph(graph: ContactGraph) -> Figure:
     angles = [pi / 2.0 - 2.0 * pi * k / max(count, 1) for k in range(count)]
     places = [(cos(a), sin(a)) for a in angles]
     for (before, after), times in graph.edges.items():
-        arrow = FancyArrowPatch(
-            places[before],
-            places[after],
-            connectionstyle="arc3,rad=0.15",
-            arrowstyle="-|>",
-            mutation_scale=14,
-            shrinkA=34,
-            shrinkB=34,
-            linewidth=0.7 + 0.6 * len(times),
-            color="0.45",
-        )
-        axes.add_patch(arrow)
+        line = {"linewidth": 0.7 + 0.6 * len(times), "color": "0.45", "connectionstyle": "arc3,rad=0.15"}
+        arrow = {"arrowstyle": "-|>", "mutation_scale": 14, "shrinkA": 34, "shrinkB": 34, **line}
+        axes.annotate("", places[after], places[before], arrowprops=arrow)
         if len(times) > 1:
             (x, y), (u, v) = places[before], places[after]
             # the arc's middle is to the right of the straight line
             middle = 0.5 * (x + u) + 0.075 * (v - y), 0.5 * (y + v) - 0.075 * (u - x)
             axes.text(*middle, str(len(times)), fontsize=8, ha="center", va="center", backgroundcolor="white")
     for node, (x, y) in zip(graph.nodes, places, strict=True):
-        axes.scatter([x], [y], s=3200, color=fraction(COLOUR[node.contact]), edgecolor="white", zorder=2)
+        axes.scatter([x], [y], s=3200, color=SHADE[node.contact], edgecolor="white", zorder=2)
         text = "\n".join(filter(None, (node.name, *node.elements, f"{node.total_s:.1f} s")))
         axes.text(x, y, text, ha="center", va="center", fontsize=7, zorder=3)
     axes.set(xlim=(-1.3, 1.3), ylim=(-1.3, 1.3), aspect="equal")

@@ -59,16 +59,16 @@ def _vertex_on(edge: Line, covariance: Array, _: Array) -> Point:
 
 def _edge_through(vertex: Point, covariance: Array, _: Array) -> Line:
     """The direction is unknown, see ``known_entries`` of ``map.pairs``."""
-    whole = np.zeros((6, 6))
-    whole[3:, 3:] = covariance
-    return Line(np.zeros(3), vertex.point_m, whole)
+    full = np.zeros((6, 6))
+    full[3:, 3:] = covariance
+    return Line(np.zeros(3), vertex.point_m, full)
 
 
 def _edge_in(face: Plane, covariance: Array, near_m: Array) -> Line:
     across, tilt, height = _face_covariances(face, covariance)
-    whole = np.zeros((6, 6))
-    whole[:3, :3], whole[3:, 3:] = across + tilt, ANYWHERE_M**2 * across + height
-    return Line(np.zeros(3), nearest(face, near_m), whole)
+    full = np.zeros((6, 6))
+    full[:3, :3], full[3:, 3:] = across + tilt, ANYWHERE_M**2 * across + height
+    return Line(np.zeros(3), nearest(face, near_m), full)
 
 
 def _vertex_in(face: Plane, covariance: Array, near_m: Array) -> Point:
@@ -80,11 +80,11 @@ def _face_covariances(face: Plane, covariance: Array) -> tuple[Array, Array, Arr
     """The projection onto a face, and the covariances along its normal of directions in the face and of
     positions on it near the contact, each (3, 3)."""
     out = np.outer(face.normal, face.normal)
-    turns, both = covariance[:3, :3], covariance[:3, 3]
+    turns, turn_offset = covariance[:3, :3], covariance[:3, 3]
     tilt = 0.5 * float(turns.trace())
     across, explained = np.eye(3) - out, 0.0
     if tilt > 0.0:  # the added terms are in directions in which the normal cannot change, and have no effect
-        explained = float(both @ np.linalg.solve(turns + tilt * (out + _FLAT * across), both))
+        explained = float(turn_offset @ np.linalg.solve(turns + tilt * (out + _FLAT * across), turn_offset))
     residual = covariance[3, 3] - explained
     return across, tilt * out, (max(float(residual), 0.0) + tilt * (0.5 * LENGTH_M) ** 2) * out
 
@@ -103,9 +103,9 @@ def _face_through(place_m: Array, normal: Array, shift: float) -> Plane:
     """A face with an unknown normal of covariance ``normal`` (3, 3), through ``place_m`` up to the variance
     ``shift``."""
     jacobian = np.concatenate([np.eye(3), place_m[None]])
-    whole = jacobian @ normal @ jacobian.T
-    whole[3, 3] += shift
-    return Plane(np.zeros(3), 0.0, whole)
+    full = jacobian @ normal @ jacobian.T
+    full[3, 3] += shift
+    return Plane(np.zeros(3), 0.0, full)
 
 
 _INCIDENT: Final[dict[tuple[type[Element], str], Callable[..., Element]]] = {
@@ -222,15 +222,15 @@ class Sighting:
 
     def linearised(self, pair: MapPair) -> tuple[Array, Array]:
         """Residual (P,) of the estimate if this pair touched, and its derivative by their coordinates."""
-        one = self.estimate
-        x, derivative = stacked(one.model, pair, one.anchors, self._senses(pair), self._turned)
-        return self._onto_tangent @ (x - one.x), self._onto_tangent @ derivative
+        estimate = self.estimate
+        x, derivative = stacked(estimate.model, pair, estimate.anchors, self._senses(pair), self._turned)
+        return self._onto_tangent @ (x - estimate.x), self._onto_tangent @ derivative
 
     def _senses(self, pair: MapPair) -> Array:
-        own = self.own_pair
+        estimates = self.own_pair
         senses = [
-            1.0 if one.direction @ mine.direction >= 0.0 else -1.0
-            for one, mine in zip(pair, own, strict=True)
+            1.0 if element.direction @ estimated.direction >= 0.0 else -1.0
+            for element, estimated in zip(pair, estimates, strict=True)
         ]
         return np.array(senses if self.estimate.model.body_in_1 else senses[::-1])
 
@@ -282,17 +282,17 @@ class MapView:
         """
         elements, slots, end = dict(self.elements), dict(self.slots), len(self.covariance)
         by_known, free = [np.eye(end)], [np.zeros((end, end))]
-        for (side, number), one in self.elements.items():
-            if one.kind == "v":
+        for (side, number), element in self.elements.items():
+            if element.kind == "v":
                 continue
-            foot_m, by_free = one.foot
-            along = np.outer(one.direction, one.direction)
+            foot_m, by_free = element.foot
+            along = np.outer(element.direction, element.direction)
             elements[side, ~number], slots[side, ~number] = MapElement.of(Point(foot_m)), slice(end, end + 3)
             by_known.append(np.zeros((3, len(self.covariance))))
             by_known[-1][:, self.slots[side, number]] = by_free
-            rows, across = self.slots[side, number], sphere_tangent(one.direction)
+            rows, across = self.slots[side, number], sphere_tangent(element.direction)
             turns = self.covariance[rows, rows][:2, :2]  # they move what is away from the foot
-            if one.kind == "e":
+            if element.kind == "e":
                 free.append(reach_m**2 * (along + across @ turns @ across.T))
             else:
                 free.append(reach_m**2 * (EYE - along + turns.trace() * along))
@@ -311,33 +311,35 @@ class MapView:
 
     def side(self, side: int, kind: str, near_m: Array) -> Side:
         """The elements of a side and kind, edges with their points nearest to ``near_m`` (3,)."""
-        asked = side, kind, *near_m.tolist()
-        if asked not in self.sides:
+        query = side, kind, *near_m.tolist()
+        if query not in self.sides:
             keys, log_p = zip(*self.choices(side, kind), strict=True)
-            known = [key for key in keys if key is not None]
+            known_keys = [key for key in keys if key is not None]
             nothing = np.zeros((WIDTHS[kind], TURNS[kind] + SHIFTS[kind]))
-            by_free = [nothing, *(self.elements[key].parameters(near_m)[1] for key in known)]
+            by_free = [nothing, *(self.elements[key].parameters(near_m)[1] for key in known_keys)]
             rows = np.array([self.rows(key, nothing.shape[1]) for key in keys])
-            elements = [None, *(self.element(key, kind, near_m) for key in known)]
-            self.sides[asked] = Side([*keys], np.array(log_p), elements, np.array(by_free), rows)
-        return self.sides[asked]
+            elements = [None, *(self.element(key, kind, near_m) for key in known_keys)]
+            self.sides[query] = Side([*keys], np.array(log_p), elements, np.array(by_free), rows)
+        return self.sides[query]
 
     def element(self, key: Key, kind: str, near_m: Array) -> Element:
         """An element as it differs from one touch to the next, an edge by its point nearest to ``near_m``
         (3,); of another ``kind``, one that is incident with it there."""
-        asked = key, kind, *near_m.tolist()
-        if asked not in self.asked:
-            one, rows = self.elements[key], self.slots[key]
-            covariance = self.covariance[rows, rows] + np.diag(loose_variance(one.kind))
-            known = one.with_covariance(covariance, near_m if one.kind == kind else None)
-            self.asked[asked] = known if one.kind == kind else incident(known, kind, near_m)
-        return self.asked[asked]
+        query = key, kind, *near_m.tolist()
+        if query not in self.asked:
+            element, rows = self.elements[key], self.slots[key]
+            covariance = self.covariance[rows, rows] + np.diag(loose_variance(element.kind))
+            with_covariance = element.with_covariance(covariance, near_m if element.kind == kind else None)
+            self.asked[query] = (
+                with_covariance if element.kind == kind else incident(with_covariance, kind, near_m)
+            )
+        return self.asked[query]
 
-    def cross_covariance(self, ours: Side, i: NDArray[np.int64], theirs: Side, j: NDArray[np.int64]) -> Array:
+    def cross_covariance(self, body: Side, i: NDArray[np.int64], world: Side, j: NDArray[np.int64]) -> Array:
         """Covariances (n, w, w') of the parameters of the i-th elements (n,) of the object with those of the
         j-th (n,) of the environment; zero for new ones."""
-        free = self.covariance[ours.rows[i][:, :, None], theirs.rows[j][:, None]]
-        return ours.by_free[i] @ free @ theirs.by_free[j].swapaxes(1, 2)
+        free = self.covariance[body.rows[i][:, :, None], world.rows[j][:, None]]
+        return body.by_free[i] @ free @ world.by_free[j].swapaxes(1, 2)
 
     def choices(self, side: int, kind: str) -> list[tuple[Key | None, float]]:
         """Elements of a kind, None for a new one, with their log probabilities.
@@ -345,15 +347,15 @@ class MapView:
         Their sum is less than one if no element of the kind is known: contacts with known elements are more
         probable than those with new ones.
         """
-        of_kind = [key for key, one in self.elements.items() if key[0] == side and one.kind == kind]
-        known = [key for key in of_kind if key in self.counts]
+        of_kind = [key for key, element in self.elements.items() if key[0] == side and element.kind == kind]
+        known_keys = [key for key in of_kind if key in self.counts]
         incident = [key for key in of_kind if key not in self.counts]
         log_p_new, of_new = self.log_p_new[side], self.incident_share if incident else 0.0
         chosen: list[tuple[Key | None, float]] = [(None, log_p_new + math.log1p(-of_new))]
         chosen += [(key, log_p_new + math.log(of_new / len(incident))) for key in incident]
-        if known:
-            log_share = math.log(-math.expm1(log_p_new) / sum(self.counts[key] for key in known))
-            chosen += [(key, log_share + math.log(self.counts[key])) for key in known]
+        if known_keys:
+            log_share = math.log(-math.expm1(log_p_new) / sum(self.counts[key] for key in known_keys))
+            chosen += [(key, log_share + math.log(self.counts[key])) for key in known_keys]
         return chosen
 
     def rows(self, key: Key | None, size: int) -> NDArray[np.int64]:
@@ -362,8 +364,8 @@ class MapView:
 
     def joint_covariance(
         self,
-        ours: NDArray[np.int64],
-        theirs: NDArray[np.int64],
+        body_rows: NDArray[np.int64],
+        world_rows: NDArray[np.int64],
         are_known: NDArray[np.bool_],
         of_new: Array,
     ) -> Array:
@@ -371,11 +373,14 @@ class MapView:
 
         Parameters
         ----------
-        ours, theirs : (n, p) and (n, q) rows of the object's and of the environment's elements.
+        body_rows, world_rows : (n, p) and (n, q) rows of the object's and of the environment's elements.
         are_known : (2, n) whether these are of the map.
         of_new : (P,) variance of new elements, which are independent of all others.
         """
-        rows, sizes = np.concatenate([ours, theirs], axis=1), (ours.shape[1], theirs.shape[1])
+        rows, sizes = (
+            np.concatenate([body_rows, world_rows], axis=1),
+            (body_rows.shape[1], world_rows.shape[1]),
+        )
         is_known = np.repeat(are_known.T, sizes, axis=1)
         covariance = self.covariance if self.slots else np.zeros((1, 1))
         within = is_known[:, :, None] & is_known[:, None]
@@ -393,8 +398,8 @@ class MapView:
         ):
             return None
         at_m = np.zeros(3), near_m
-        ours, theirs = (self.element(*one) for one in zip(self.latest, kinds, at_m, strict=True))
-        return ours, theirs
+        body, world = (self.element(*query) for query in zip(self.latest, kinds, at_m, strict=True))
+        return body, world
 
 
 CONCENTRATIONS: Final = np.logspace(-2.0, 1.0, 13)
@@ -419,19 +424,21 @@ def log_probabilities_of_new(
     counts : how many contacts touched each element, by its side and number.
     contacts : how many there were in the whole recording, sure or not; None while the map grows.
     """
-    touched = [[n for (side, _), n in counts.items() if side == one] for one in (0, 1)]
+    touched = [[n for (own_side, _), n in counts.items() if own_side == side] for side in (0, 1)]
     if contacts is not None:
-        ours, theirs = (
+        body_log_p, world_log_p = (
             math.log(a / (max(sum(numbers), contacts) + a))
             for numbers, a in zip(touched, CONCENTRATION, strict=True)
         )
-        return ours, theirs
+        return body_log_p, world_log_p
     a, log_weight = CONCENTRATIONS, np.zeros(len(CONCENTRATIONS))
     for numbers in touched:
         log_weight += len(numbers) * np.log(a) + gammaln(a) - gammaln(a + sum(numbers))
     log_weight -= log_sum_exp(log_weight)
-    ours, theirs = (float(log_sum_exp(log_weight + np.log(a / (sum(numbers) + a)))) for numbers in touched)
-    return ours, theirs
+    body_log_p, world_log_p = (
+        float(log_sum_exp(log_weight + np.log(a / (sum(numbers) + a)))) for numbers in touched
+    )
+    return body_log_p, world_log_p
 
 
 def log_prior_of_new(contacts: int) -> float:
@@ -461,16 +468,14 @@ def log_evidence(
 ) -> Array:
     """Log evidence (I, J) of a sighting if it touched the i-th of the object's choices and the j-th of the
     environment's; None stands for a new element, which is as estimated."""
-    ours, theirs = (
-        _contributions(sighting, view, side, [key for key, _ in choices[side]]) for side in (0, 1)
-    )
+    body, world = (_contributions(sighting, view, side, [key for key, _ in choices[side]]) for side in (0, 1))
     i, j = np.indices((len(choices[0]), len(choices[1]))).reshape(2, -1)
-    residual = ours[0][i] + theirs[0][j]
+    residual = body[0][i] + world[0][j]
     if sighting.has_one_height:  # a new face has the offset that was estimated
         residual[(i == 0) | (j == 0), -1] = 0.0
     new = np.concatenate([prior_variance(kind, reach_m) for kind in sighting.kinds])
-    joint = view.joint_covariance(ours[2][i], theirs[2][j], np.array([i > 0, j > 0]), new)
-    whitened = sighting.root.T @ np.concatenate([ours[1][i], theirs[1][j]], axis=2)
+    joint = view.joint_covariance(body[2][i], world[2][j], np.array([i > 0, j > 0]), new)
+    whitened = sighting.root.T @ np.concatenate([body[1][i], world[1][j]], axis=2)
     ratio = np.eye(residual.shape[-1]) + whitened @ joint @ whitened.swapaxes(1, 2)
     residual = residual @ sighting.root
     misfit = (residual * np.linalg.solve(ratio, residual[..., None])[..., 0]).sum(axis=-1)
@@ -484,13 +489,15 @@ def _contributions(
     """What the choices (I) of one side contribute to a sighting's residual (P,): the difference (I, P) from
     the sighting's own element, the derivative (I, P, p) by the p free coordinates of each, and the rows (I,
     p) of these in the map (any for a new one)."""
-    own = sighting.own_pair
-    columns = slice(own[0].size) if side == 0 else slice(own[0].size, None)
+    estimates = sighting.own_pair
+    columns = slice(estimates[0].size) if side == 0 else slice(estimates[0].size, None)
     offsets, derivatives, rows = [], [], []
     for key in keys:
-        one = own[side] if key is None else view.elements[key]
-        residual, derivative = sighting.linearised((one, own[1]) if side == 0 else (own[0], one))
+        element = estimates[side] if key is None else view.elements[key]
+        residual, derivative = sighting.linearised(
+            (element, estimates[1]) if side == 0 else (estimates[0], element)
+        )
         offsets.append(residual)
         derivatives.append(derivative[:, columns])
-        rows.append(view.rows(key, one.size))
+        rows.append(view.rows(key, element.size))
     return np.array(offsets), np.array(derivatives), np.array(rows)

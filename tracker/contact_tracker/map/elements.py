@@ -151,9 +151,9 @@ def split(model: ContactModel, x: Array) -> tuple[MapElement, MapElement]:
     """The object's and the environment's element of x (S,); the first face of f-f goes through its origin."""
     first, second = kinds_of(model) if model.body_in_1 else kinds_of(model)[::-1]
     form = model.family.FORM
-    one = _element(first, x, form.d1, form.q1, -1)
-    other = _element(second, x, form.d2, form.q2, form.h)
-    return (one, other) if model.body_in_1 else (other, one)
+    element_1 = _element(first, x, form.d1, form.q1, -1)
+    element_2 = _element(second, x, form.d2, form.q2, form.h)
+    return (element_1, element_2) if model.body_in_1 else (element_2, element_1)
 
 
 def _element(kind: str, x: Array, direction: int, point: int, offset: int) -> MapElement:
@@ -179,12 +179,12 @@ def stacked(
     x, derivative = np.zeros(model.family.SIZE), np.zeros((model.family.SIZE, pair[0].size + pair[1].size))
     columns = [slice(0, pair[0].size), slice(pair[0].size, None)][:: 1 if model.body_in_1 else -1]
     places = (form.d1, form.q1), (form.d2, form.q2)
-    for i, (one, (direction, point), column) in enumerate(zip(ordered, places, columns, strict=True)):
-        values, by_free = one.parameters(anchors[3 * i : 3 * i + 3])
-        if one.kind != "v":
+    for i, (element, (direction, point), column) in enumerate(zip(ordered, places, columns, strict=True)):
+        values, by_free = element.parameters(anchors[3 * i : 3 * i + 3])
+        if element.kind != "v":
             x[direction : direction + 3] = senses[i] * values[:3]
             derivative[direction : direction + 3, column] = senses[i] * by_free[:3]
-        if one.kind != "f":
+        if element.kind != "f":
             x[point : point + 3], derivative[point : point + 3, column] = values[-3:], by_free[-3:]
         elif i == 1 or model.family is face_face:
             share = senses[i] * (1.0 if i == 1 else -turned)
@@ -241,12 +241,13 @@ class LearnedElements:
         """The elements with their covariances."""
         covariance, slots = self.covariance(), self.slots
         return {
-            key: one.with_covariance(covariance[slots[key], slots[key]]) for key, one in self.elements.items()
+            key: element.with_covariance(covariance[slots[key], slots[key]])
+            for key, element in self.elements.items()
         }
 
     def weak(self, reach_m: float) -> Array:
         """Variance (P,) of elements that nothing is known of."""
-        variances = [prior_variance(one.kind, reach_m) for one in self.elements.values()]
+        variances = [prior_variance(element.kind, reach_m) for element in self.elements.values()]
         return np.concatenate([np.zeros(0), *variances])
 
     def covariance(self, reach_m: float = ANYWHERE_M) -> Array:
@@ -269,13 +270,13 @@ class LearnedElements:
         """The same in frames in which the present origins are at ``origins``."""
         elements, back = dict(self.elements), np.eye(len(self.information))
         for (side, number), rows in self.slots.items():
-            one, by_m = self.elements[side, number], origins.world_m if side else origins.body_m
-            if one.kind != "f":
-                elements[side, number] = replace(one, place_m=one.place_m + by_m)
+            element, by_m = self.elements[side, number], origins.world_m if side else origins.body_m
+            if element.kind != "f":
+                elements[side, number] = replace(element, place_m=element.place_m + by_m)
                 continue
-            elements[side, number] = replace(one, place_m=one.place_m + one.direction @ by_m)
+            elements[side, number] = replace(element, place_m=element.place_m + element.direction @ by_m)
             # the offset changes with the normal, too
-            back[rows.stop - 1, rows.start : rows.start + 2] = -by_m @ sphere_tangent(one.direction)
+            back[rows.stop - 1, rows.start : rows.start + 2] = -by_m @ sphere_tangent(element.direction)
         return replace(self, elements=elements, information=back.T @ self.information @ back)
 
 
@@ -318,8 +319,8 @@ def mahalanobis(first: Element, second: Element) -> float:
         )  # the change from the better known direction, or place, is nearly linear
     if isinstance(first, Line) and isinstance(second, Line):
         second = _aligned(second, first)
-    one, other = MapElement.of(first), MapElement.of(second)
-    free, off = one.parameters()[1], one.change_to(other)
+    start, end = MapElement.of(first), MapElement.of(second)
+    free, off = start.parameters()[1], start.change_to(end)
     covariance = free.T @ (covariance_of(first) + covariance_of(second)) @ free
     sd = np.sqrt(covariance.diagonal())  # one coordinate may be known much better than another
     return float(np.linalg.norm(whitening(covariance / (sd[:, None] * sd), 0) @ (off / sd)))

@@ -56,13 +56,13 @@ def triangles_of_stl(content: bytes) -> Array:
     """
     begin = _HEADER + 4
     count = int.from_bytes(content[_HEADER:begin], "little")
-    whole = len(content) >= begin and len(content) - begin == count * _RECORD.itemsize
-    if not whole and content.lstrip()[:5].lower() == b"solid":
+    is_whole = len(content) >= begin and len(content) - begin == count * _RECORD.itemsize
+    if not is_whole and content.lstrip()[:5].lower() == b"solid":
         points = _points(_CORNER.findall(content))
         if len(points) % 3:
             raise ValueError("a triangle without three corners")
         return points.reshape(-1, 3, 3)
-    if not whole:
+    if not is_whole:
         raise ValueError("its size is not that of its triangles")
     return np.asarray(np.frombuffer(content, _RECORD, count, begin)["corners"], float)
 
@@ -76,7 +76,7 @@ def triangles_of_obj(content: bytes) -> Array:
     """
     content = content.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ")  # a backslash continues the line
     points = _points(_VERTEX.findall(content))
-    before = [found.start() for found in _VERTEX_LINE.finditer(content)]
+    before = [match.start() for match in _VERTEX_LINE.finditer(content)]
     faces = _FACE.findall(content)
     corners = re.sub(rb"/\S*", b"", b" ".join(faces)).split()  # without indices of textures and normals
     if len(before) != len(points):
@@ -86,7 +86,7 @@ def triangles_of_obj(content: bytes) -> Array:
     sizes = np.fromiter(map(len, map(bytes.split, faces)), np.int64, len(faces))
     numbers = _coordinates(int, np.int64, corners, len(corners))
     if (numbers < 0).any():  # counted backward from the last vertex before the face
-        starts = [found.start() for found in _FACE.finditer(content)]
+        starts = [match.start() for match in _FACE.finditer(content)]
         numbers += np.where(numbers < 0, np.repeat(np.searchsorted(before, starts), sizes) + 1, 0)
     if not ((numbers > 0) & (numbers <= len(points))).all():
         raise ValueError("a face with a vertex that is not there")
@@ -101,11 +101,11 @@ def _fans(sizes: Ints) -> Ints:
     return np.stack([first, first + number + 1, first + number + 2], axis=1)
 
 
-def _points(found: list[tuple[bytes, bytes, bytes]]) -> Array:
+def _points(texts: list[tuple[bytes, bytes, bytes]]) -> Array:
     """Points (n, 3) as written."""
-    if len(found) > 3 * MOST_TRIANGLES:
+    if len(texts) > 3 * MOST_TRIANGLES:
         raise ValueError(f"more than {MOST_TRIANGLES} triangles")
-    return _coordinates(float, np.float64, chain.from_iterable(found), 3 * len(found)).reshape(-1, 3)
+    return _coordinates(float, np.float64, chain.from_iterable(texts), 3 * len(texts)).reshape(-1, 3)
 
 
 def _coordinates(
@@ -215,7 +215,7 @@ def map_from(table: Mapping[str, Any], folder: Path = Path(), note: Note = lambd
     object, object_complete = _elements(object_keys, folder, note)
     environment, environment_complete = _elements(environment_keys, folder, note, solid_is_all=False)
     environment = mark_covered(environment)
-    known = Map(
+    listed_map = Map(
         listed_environment=environment,
         listed_object=object,
         up=up,
@@ -223,15 +223,17 @@ def map_from(table: Mapping[str, Any], folder: Path = Path(), note: Note = lambd
         object_complete=object_complete,
         learned=learned,
     )
-    pairs = {model.contact.value: len(named_pairs(known, model)) for model in CONTACT_MODELS}
-    for of, count, most in (
+    pairs = {model.contact.value: len(named_pairs(listed_map, model)) for model in CONTACT_MODELS}
+    for what, count, limit in (
         *((f" for {contact}", count, MOST_PAIRS_OF_CONTACT) for contact, count in pairs.items()),
         ("", sum(pairs.values()), MOST_PAIRS),
     ):
-        if count > most:
-            few = "list those that may touch"
-            raise KnowledgeError("", f"{count} pairs of elements{of} are too many; {most} are allowed: {few}")
-    return known
+        if count > limit:
+            advice = "list those that may touch"
+            raise KnowledgeError(
+                "", f"{count} pairs of elements{what} are too many; {limit} are allowed: {advice}"
+            )
+    return listed_map
 
 
 def _up(keys: Keys) -> Up:
@@ -245,35 +247,35 @@ def _elements(
     keys: Keys, folder: Path, note: Note, solid_is_all: bool = True
 ) -> tuple[tuple[NamedElement, ...], bool]:
     """The elements of one frame, and whether they are complete."""
-    found, complete, solids = list[NamedElement](), False, 0
+    elements_read, complete, solids = list[NamedElement](), False, 0
     for kind, read in (("plane", _plane), ("line", _line), ("point", _point)):
         for number, row in enumerate(keys.tables(kind), start=1):
-            found.append(read(row, number))
-            _refuse_many(found, keys, kind)
+            elements_read.append(read(row, number))
+            _refuse_many(elements_read, keys, kind)
     for kind in ("box", "mesh"):
         for row in keys.tables(kind):
             elements, complete = (
                 (_box(row, solids), True) if kind == "box" else _mesh(row, solids, folder, note)
             )
-            found += elements
+            elements_read += elements
             solids += 1
-            _refuse_many(found, keys, kind)
+            _refuse_many(elements_read, keys, kind)
     complete = keys.flag("complete", complete and solids == 1 and solid_is_all)
-    if complete and not found:
+    if complete and not elements_read:
         raise keys.wrong("complete", "true, but nothing is listed: it could touch nothing")
     keys.finish()
-    _refuse_same(found, keys)
-    return tuple(found), complete
+    _refuse_same(elements_read, keys)
+    return tuple(elements_read), complete
 
 
-def _refuse_many(found: Sequence[NamedElement], keys: Keys, kind: str) -> None:
-    if len(found) > MOST_ELEMENTS:
-        raise keys.wrong(kind, f"{len(found)} elements are too many; {MOST_ELEMENTS} are allowed")
+def _refuse_many(elements: Sequence[NamedElement], keys: Keys, kind: str) -> None:
+    if len(elements) > MOST_ELEMENTS:
+        raise keys.wrong(kind, f"{len(elements)} elements are too many; {MOST_ELEMENTS} are allowed")
 
 
-def _refuse_same(found: list[NamedElement], keys: Keys) -> None:
-    for name in (known.name for known in found):
-        if sum(known.name == name for known in found) > 1:
+def _refuse_same(elements: list[NamedElement], keys: Keys) -> None:
+    for name in (element.name for element in elements):
+        if sum(element.name == name for element in elements) > 1:
             raise keys.wrong("name", f"{name!r} is there twice")
 
 
@@ -354,8 +356,8 @@ def merged(tables: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
             elif isinstance(value, dict) and isinstance(result[key], dict):
                 result[key] = merged((result[key], value))
             elif isinstance(value, list) and isinstance(result[key], dict | list):
-                before = result[key] if isinstance(result[key], list) else [result[key]]
-                result[key] = [*before, *value]
+                values = result[key] if isinstance(result[key], list) else [result[key]]
+                result[key] = [*values, *value]
             else:
                 raise KnowledgeError(key, "given twice, in the file and on the command line")
     return result
@@ -375,22 +377,22 @@ def learned_text(learned: LearnedElements) -> str:
         f"information = {_numbers(learned.information)}",
     ]
     variance = learned.covariance().diagonal()
-    for (side, number), one in learned.elements.items():
-        own = variance[learned.slots[side, number]]
-        lengths = own if one.kind == "v" else own[2:]
+    for (side, number), element in learned.elements.items():
+        variances = variance[learned.slots[side, number]]
+        lengths = variances if element.kind == "v" else variances[2:]
         lines += [
             "",
             "[[learned.element]]",
-            f'name = "{SIDES[side]} {KINDS[one.kind]} {number}"',
+            f'name = "{SIDES[side]} {KINDS[element.kind]} {number}"',
             f'side = "{SIDES[side]}"',
-            f'kind = "{KINDS[one.kind]}"',
+            f'kind = "{KINDS[element.kind]}"',
             f"touched = {learned.counts[side, number]}",
         ]
-        if one.kind != "v":
-            deg = math.degrees(math.sqrt(max(float(own[:2].max()), 0.0)))
-            lines.append(f"direction = {_numbers(one.direction)}  # to {deg:.2g} deg")
-        name = "offset_m" if one.kind == "f" else "point_m"
-        place = one.place_m[0] if one.kind == "f" else one.place_m
+        if element.kind != "v":
+            deg = math.degrees(math.sqrt(max(float(variances[:2].max()), 0.0)))
+            lines.append(f"direction = {_numbers(element.direction)}  # to {deg:.2g} deg")
+        name = "offset_m" if element.kind == "f" else "point_m"
+        place = element.place_m[0] if element.kind == "f" else element.place_m
         mm = 1e3 * math.sqrt(max(float(lengths.max()), 0.0))
         lines.append(f"{name} = {_numbers(place)}  # to {mm:.2g} mm")
     return "\n".join(lines) + "\n"
@@ -419,18 +421,18 @@ def learned_from(keys: Keys) -> LearnedElements:
             place_m = row.vector("point_m")
         row.finish()
         elements[key] = MapElement(short, direction, place_m)
-    size = sum(one.size for one in elements.values())
+    size = sum(element.size for element in elements.values())
     information = keys.matrix("information", size) if rows else np.zeros((0, 0))
     keys.finish()
     if not rows:
         return NOTHING_LEARNED
-    found = _sound(LearnedElements(elements, counts, information))
+    learned = _sound(LearnedElements(elements, counts, information))
     order = sorted(elements)
-    taken = np.concatenate([np.arange(found.slots[key].start, found.slots[key].stop) for key in order])
+    taken = np.concatenate([np.arange(learned.slots[key].start, learned.slots[key].stop) for key in order])
     return LearnedElements(
         {key: elements[key] for key in order},
         {key: counts[key] for key in order},
-        found.information[np.ix_(taken, taken)],
+        learned.information[np.ix_(taken, taken)],
     )
 
 

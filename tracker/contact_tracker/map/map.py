@@ -82,8 +82,8 @@ class Map:
         return self._elements(self.listed_environment, 1)
 
     def _elements(self, listed: tuple[NamedElement, ...], side: int) -> tuple[Element, ...]:
-        learned = (one for key, one in self.learned.known.items() if key[0] == side)
-        return *(replace(one.element, name=one.name) for one in listed), *learned
+        learned = (element for key, element in self.learned.known.items() if key[0] == side)
+        return *(replace(element.element, name=element.name) for element in listed), *learned
 
     def __len__(self) -> int:
         return len(self.listed_object) + len(self.listed_environment) + len(self.learned.elements)
@@ -115,11 +115,13 @@ class Map:
             (self.listed_object, self.object_complete),
             (self.listed_environment, self.environment_complete),
         )
-        kinds = [{known.kind for known in listed} if complete else set(KINDS) for listed, complete in sides]
+        kinds = [
+            {element.kind for element in listed} if complete else set(KINDS) for listed, complete in sides
+        ]
         return tuple(
-            one
-            for one in CONTACTS
-            if one in self.possible and one.value[0] in kinds[0] and one.value[2] in kinds[1]
+            contact
+            for contact in CONTACTS
+            if contact in self.possible and contact.value[0] in kinds[0] and contact.value[2] in kinds[1]
         )
 
 
@@ -211,17 +213,17 @@ def mark_covered(elements: Sequence[NamedElement]) -> tuple[NamedElement, ...]:
     The plane of such a face is that of the other, with the opposite normal: motion would show either. A face
     that is listed by itself counts as endless.
     """
-    sound = [one for one in elements if not one.is_hull]
+    sound = [element for element in elements if not element.is_hull]
     covered = [
-        (one.solid, one.element)
-        for one in sound
-        if one.solid is not None and isinstance(one.element, Plane) and _is_covered(one, sound)
+        (element.solid, element.element)
+        for element in sound
+        if element.solid is not None and isinstance(element.element, Plane) and _is_covered(element, sound)
     ]
     return tuple(
-        replace(one, is_covered=True)
-        if any(one.solid == solid and _lies_in(one.element, face) for solid, face in covered)
-        else one
-        for one in elements
+        replace(element, is_covered=True)
+        if any(element.solid == solid and _lies_in(element.element, face) for solid, face in covered)
+        else element
+        for element in elements
     )
 
 
@@ -229,26 +231,36 @@ def _is_covered(face: NamedElement, elements: Sequence[NamedElement]) -> bool:
     assert isinstance(face.element, Plane)
     corners_m = np.array([p.point_m for p in _points_of(face.solid, elements) if _lies_in(p, face.element)])
     return any(
-        _covers(other, face.element, corners_m, elements)
-        for other in elements
-        if other.solid is None or other.solid != face.solid
+        _covers(element, face.element, corners_m, elements)
+        for element in elements
+        if element.solid is None or element.solid != face.solid
     )
 
 
-def _covers(other: NamedElement, face: Plane, corners_m: Array, elements: Sequence[NamedElement]) -> bool:
+def _covers(
+    face_element: NamedElement, face: Plane, corners_m: Array, elements: Sequence[NamedElement]
+) -> bool:
     """Whether the ``corners_m`` (C, 3) of a face lie on another, and within it, where its body is known."""
-    if not isinstance(other.element, Plane) or other.element.normal @ face.normal > OPPOSITE:
+    if not isinstance(face_element.element, Plane) or face_element.element.normal @ face.normal > OPPOSITE:
         return False
-    if np.abs(_in_front_m(other.element, corners_m)).max() > GAP_M:
+    if np.abs(_in_front_m(face_element.element, corners_m)).max() > GAP_M:
         return False
-    if other.solid is None:
+    if face_element.solid is None:
         return True
-    sides = [one.element for one in elements if one.solid == other.solid and isinstance(one.element, Plane)]
+    sides = [
+        element.element
+        for element in elements
+        if element.solid == face_element.solid and isinstance(element.element, Plane)
+    ]
     return all(_in_front_m(side, corners_m).max() <= GAP_M for side in sides)
 
 
 def _points_of(solid: int | None, elements: Sequence[NamedElement]) -> list[Point]:
-    return [one.element for one in elements if one.solid == solid and isinstance(one.element, Point)]
+    return [
+        element.element
+        for element in elements
+        if element.solid == solid and isinstance(element.element, Point)
+    ]
 
 
 def _lies_in(element: Element, face: Plane) -> bool:

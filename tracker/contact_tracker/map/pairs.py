@@ -48,13 +48,13 @@ def known_entries(model: ContactModel, mean: Array, information: Array) -> NDArr
 
     A direction is known if its mean is not zero: zero stands for one that is unknown or known in part.
     """
-    known = np.asarray(information.diagonal(axis1=-2, axis2=-1) > 0.0)
+    is_known = np.asarray(information.diagonal(axis1=-2, axis2=-1) > 0.0)
     form = model.family.FORM
-    for first in (form.d1, form.d2):
-        if first >= 0:
-            part = slice(first, first + 3)
-            known[..., part] = mean[..., part].any(axis=-1, keepdims=True)
-    return known
+    for column in (form.d1, form.d2):
+        if column >= 0:
+            part = slice(column, column + 3)
+            is_known[..., part] = mean[..., part].any(axis=-1, keepdims=True)
+    return is_known
 
 
 def pair_priors(model: ContactModel, pairs: Sequence[Pair], cross: Array | None = None) -> PairPrior:
@@ -69,10 +69,10 @@ def pair_priors(model: ContactModel, pairs: Sequence[Pair], cross: Array | None 
     width, size = WIDTHS[kinds[0]], sum(WIDTHS[kind] for kind in kinds)
     mean, variance, points_m = np.zeros((len(pairs), size)), np.ones((len(pairs), size)), list[Array]()
     onto = np.zeros((len(pairs), size, size))
-    for kind, side, own in zip(kinds, sides, (slice(width), slice(width, size)), strict=True):
+    for kind, side, columns in zip(kinds, sides, (slice(width), slice(width, size)), strict=True):
         parts, w = np.array([_part(kind, element) for element in side]), WIDTHS[kind]
-        mean[:, own], variance[:, own] = parts[:, :w], parts[:, -3 - w : -3]
-        onto[:, own, own] = parts[:, w:][:, : w**2].reshape(-1, w, w)
+        mean[:, columns], variance[:, columns] = parts[:, :w], parts[:, -3 - w : -3]
+        onto[:, columns, columns] = parts[:, w:][:, : w**2].reshape(-1, w, w)
         points_m.append(parts[:, -3:])
     linked = np.flatnonzero([] if cross is None else cross.any(axis=(1, 2)))
     joint = variance[linked, :, None] * np.eye(size)
@@ -172,8 +172,8 @@ class NamedPair(NamedTuple):
     @property
     def touching(self) -> tuple[str | None, str | None]:
         """Names of the object's and of the environment's element; None for an unknown one."""
-        ours, theirs = self.object, self.environment
-        return None if ours is None else ours.name, None if theirs is None else theirs.name
+        body, world = self.object, self.environment
+        return None if body is None else body.name, None if world is None else world.name
 
     @property
     def is_certain(self) -> bool:
@@ -185,10 +185,10 @@ class NamedPair(NamedTuple):
 
         Lines get their points nearest to the body, which are least correlated with their directions.
         """
-        ours = None if self.object is None else _placed(self.object.element, frame.body_m, _AT_ORIGIN)
+        body = None if self.object is None else _placed(self.object.element, frame.body_m, _AT_ORIGIN)
         if self.environment is not None:
-            return ours, _placed(self.environment.element, frame.world_m, frame.near_m)
-        return ours, None if self.up is None else _facing(self.up)
+            return body, _placed(self.environment.element, frame.world_m, frame.near_m)
+        return body, None if self.up is None else _facing(self.up)
 
 
 _AT_ORIGIN: Final = (0.0, 0.0, 0.0)
@@ -207,16 +207,18 @@ def _facing(up: Up) -> Element:
 
 
 @lru_cache(maxsize=64)
-def named_pairs(known: Map, model: ContactModel) -> tuple[NamedPair, ...]:
+def named_pairs(known_map: Map, model: ContactModel) -> tuple[NamedPair, ...]:
     """All pairs that a contact may touch by what has names; empty if the map rules the contact out."""
-    if not known.allows(model.contact):
+    if not known_map.allows(model.contact):
         return ()
     kinds = kinds_of(model)
-    up = known.up if kinds[1] == "f" else None
+    up = known_map.up if kinds[1] == "f" else None
     return tuple(
-        NamedPair(ours, theirs, our_share + their_share, up if theirs is None else None)
-        for ours, our_share in _choices(known.listed_object, kinds[0], known.object_complete)
-        for theirs, their_share in _choices(known.listed_environment, kinds[1], known.environment_complete)
+        NamedPair(body, world, body_share + world_share, up if world is None else None)
+        for body, body_share in _choices(known_map.listed_object, kinds[0], known_map.object_complete)
+        for world, world_share in _choices(
+            known_map.listed_environment, kinds[1], known_map.environment_complete
+        )
     )
 
 
@@ -224,13 +226,13 @@ def _choices(
     listed: tuple[NamedElement, ...], kind: str, is_complete: bool
 ) -> list[tuple[NamedElement | None, float]]:
     """Elements of a kind, and None for an unlisted one, with log shares."""
-    own = [element for element in listed if element.kind == kind and not element.is_covered]
-    if not own:
+    of_kind = [element for element in listed if element.kind == kind and not element.is_covered]
+    if not of_kind:
         return [] if is_complete else [(None, 0.0)]
     unlisted = 0.0 if is_complete else UNLISTED
-    share = float(np.log((1.0 - unlisted) / len(own)))
-    others = [(None, float(np.log(unlisted)))] if unlisted else []
-    return [*((element, share) for element in own), *others]
+    share = float(np.log((1.0 - unlisted) / len(of_kind)))
+    unlisted_choice = [(None, float(np.log(unlisted)))] if unlisted else []
+    return [*((element, share) for element in of_kind), *unlisted_choice]
 
 
 class LearnedPairs(NamedTuple):
@@ -251,19 +253,19 @@ def learned_pairs(view: MapView, model: ContactModel, near_m: Array) -> tuple[fl
     same way, which their normals do not say.
     """
     kinds, are_faces = kinds_of(model), model.family is face_face
-    ours, theirs = (view.side(i, kinds[i], place) for i, place in enumerate((np.zeros(3), near_m)))
+    body, world = (view.side(i, kinds[i], place) for i, place in enumerate((np.zeros(3), near_m)))
     index = [
         (i, j, sense)
-        for i, one in enumerate(ours.keys)
-        for j, other in enumerate(theirs.keys)
-        if (i or j) and (one, other) != view.current
+        for i, row in enumerate(body.keys)
+        for j, column in enumerate(world.keys)
+        if (i or j) and (row, column) != view.current
         for sense in ((-1, 1) if are_faces and i and j else (-1,) if are_faces else (1,))
     ]
     i, j, sense = np.array(index, int).reshape(-1, 3).T
-    both = (i > 0) & (j > 0)
-    log_share = ours.log_p[i] + theirs.log_p[j] - (np.log(2.0) * both if are_faces else 0.0)
-    cross = view.cross_covariance(ours, i, theirs, j) * sense[:, None, None]
-    turned = ours.elements, [None if one is None else opposite(one) for one in ours.elements]
-    pairs = [(turned[way < 0][one], theirs.elements[other]) for one, other, way in index]
+    are_known = (i > 0) & (j > 0)
+    log_share = body.log_p[i] + world.log_p[j] - (np.log(2.0) * are_known if are_faces else 0.0)
+    cross = view.cross_covariance(body, i, world, j) * sense[:, None, None]
+    turned = body.elements, [None if face is None else opposite(face) for face in body.elements]
+    pairs = [(turned[way < 0][row], world.elements[column]) for row, column, way in index]
     cross = cross if model.body_in_1 else cross.swapaxes(1, 2)
-    return float(ours.log_p[0] + theirs.log_p[0]), LearnedPairs(pairs, cross, both, log_share)
+    return float(body.log_p[0] + world.log_p[0]), LearnedPairs(pairs, cross, are_known, log_share)

@@ -79,17 +79,17 @@ class GrowingMap:
         prior: LearnedElements | None = None,
     ) -> "GrowingMap":
         """The map of all sightings of a recording: associate greedily, then reconsider each."""
-        by_information = sorted(sightings, key=lambda one: -one.gain(reach_m))[:MOST_SIGHTINGS]
+        by_information = sorted(sightings, key=lambda s: -s.gain(reach_m))[:MOST_SIGHTINGS]
         start = cls(reach_m, contacts=contacts)
         mapper = _Mapper(start if prior is None else start.with_prior(prior))
         for sighting in by_information:
             mapper.insert(sighting)
         for _ in range(MOST_SWEEPS):
-            before = mapper.partition()
-            for sighting in sorted(by_information, key=lambda one: one.first):
+            partition = mapper.partition()
+            for sighting in sorted(by_information, key=lambda s: s.first):
                 mapper.forget(sighting.first)
                 mapper.insert(sighting)
-            if mapper.partition() == before:
+            if mapper.partition() == partition:
                 break
         mapper.solve(SOLVER_ROUNDS)
         return mapper.map
@@ -112,13 +112,13 @@ class GrowingMap:
         often = sorted(view.counts, key=lambda key: (-view.counts[key], key))
         keys = sorted(often[:MOST_LEARNED])
         kept = [view.slots[key] for key in keys]
-        rows = np.concatenate([np.zeros(0, int), *(np.arange(one.start, one.stop) for one in kept)])
-        found = LearnedElements(
+        rows = np.concatenate([np.zeros(0, int), *(np.arange(slot.start, slot.stop) for slot in kept)])
+        learned = LearnedElements(
             {key: view.elements[key] for key in keys},
             {key: view.counts[key] for key in keys},
             np.linalg.inv(view.covariance[np.ix_(rows, rows)]),
         ).without_weak(self.reach_m)
-        return found if self.origins is None else found.shifted(self.origins)
+        return learned if self.origins is None else learned.shifted(self.origins)
 
     def insert(self, sighting: Sighting) -> "GrowingMap":
         """The map with one more sighting, which replaces an earlier one with the same first tick.
@@ -128,10 +128,10 @@ class GrowingMap:
         if not self.prior:
             return self._insert(sighting)
         bare = self._without_prior()
-        own = (sighting.first,)  # an earlier estimate of the same contact
-        odds = log_marginal(sighting, self.without(own), self.reach_m)
-        odds -= log_marginal(sighting, bare.without(own), self.reach_m)
-        kept = {first: one for first, one in self.prior_log_odds.items() if first in self.pairs}
+        own_first = (sighting.first,)  # an earlier estimate of the same contact
+        odds = log_marginal(sighting, self.without(own_first), self.reach_m)
+        odds -= log_marginal(sighting, bare.without(own_first), self.reach_m)
+        kept = {first: value for first, value in self.prior_log_odds.items() if first in self.pairs}
         prior_log_odds = {**kept, sighting.first: odds}
         if sum(prior_log_odds.values()) < -DROPPED_NATS:
             return bare.insert(sighting)
@@ -139,7 +139,7 @@ class GrowingMap:
 
     def _without_prior(self) -> "GrowingMap":
         used = {key for pair in self.pairs.values() for key in pair}
-        elements = {key: one for key, one in self.elements.items() if key in used}
+        elements = {key: element for key, element in self.elements.items() if key in used}
         return replace(
             self, prior=NOTHING_LEARNED, elements=elements, prior_log_odds={}, prior_is_dropped=True
         )
@@ -149,33 +149,36 @@ class GrowingMap:
         if sighting.first in self.pairs:
             mapper.forget(sighting.first)
         elif len(self.sightings) == MOST_SIGHTINGS:
-            mapper.forget(min(self.sightings, key=lambda one: one.gain(self.reach_m)).first)
+            mapper.forget(min(self.sightings, key=lambda s: s.gain(self.reach_m)).first)
         mapper.insert(sighting)
         return mapper.map
 
     def before_onsets(self) -> "GrowingMap":
         """The map for a stream whose ticks are numbered anew."""
-        number = {one.first: i - len(self.sightings) for i, one in enumerate(self.sightings)}
+        number = {sighting.first: i - len(self.sightings) for i, sighting in enumerate(self.sightings)}
         return replace(
             self,
             sightings=tuple(
-                replace(one, first=number[one.first], end=number[one.first]) for one in self.sightings
+                replace(sighting, first=number[sighting.first], end=number[sighting.first])
+                for sighting in self.sightings
             ),
             pairs={number[first]: pair for first, pair in self.pairs.items()},
             prior_log_odds={
-                number[first]: one for first, one in self.prior_log_odds.items() if first in number
+                number[first]: odds for first, odds in self.prior_log_odds.items() if first in number
             },
         )
 
     @property
     def touches(self) -> tuple[tuple[int, int, tuple[Key, Key]], ...]:
         """When which elements touched: start and end stamps, and the keys of both."""
-        return tuple((one.onset_ns, one.stamp_ns, self.pairs[one.first]) for one in self.sightings)
+        return tuple(
+            (sighting.onset_ns, sighting.stamp_ns, self.pairs[sighting.first]) for sighting in self.sightings
+        )
 
     @cached_property
     def due_ns(self) -> dict[int, int]:
         """Time from which each contact in the map is due again, by its onset."""
-        return {one.onset_ns: one.due_ns for one in self.sightings}
+        return {sighting.onset_ns: sighting.due_ns for sighting in self.sightings}
 
     def shown_after(self, tick: int, tick_s: float) -> tuple[int, ...]:
         """The sightings, by their first ticks, that may be of a contact which begins in this tick.
@@ -198,8 +201,8 @@ class GrowingMap:
 
     def without(self, left_out: Iterable[int]) -> MapView:
         """The map without the sightings that begin with these ticks."""
-        some = frozenset(left_out)
-        used = {first: pair for first, pair in self.pairs.items() if first not in some}
+        excluded = frozenset(left_out)
+        used = {first: pair for first, pair in self.pairs.items() if first not in excluded}
         counts = Counter(key for pair in used.values() for key in pair)
         counts.update(self.prior.counts)
         slots = slots_of(self.elements, sorted(counts))
@@ -221,17 +224,19 @@ class GrowingMap:
         information = np.diag(1.0 / np.concatenate([np.zeros(0), *variances]))
         gradient = np.zeros(len(information))
         if self.prior:
-            known = self.prior.elements
-            rows = np.concatenate([np.arange(slots[key].start, slots[key].stop) for key in known])
-            moved = np.concatenate([one.change_to(self.elements[key]) for key, one in known.items()])
+            prior_elements = self.prior.elements
+            rows = np.concatenate([np.arange(slots[key].start, slots[key].stop) for key in prior_elements])
+            moved = np.concatenate(
+                [element.change_to(self.elements[key]) for key, element in prior_elements.items()]
+            )
             information[np.ix_(rows, rows)] += self.prior.information
             gradient[rows] += self.prior.information @ moved
         for sighting in self.sightings:
             if sighting.first not in used:
                 continue
-            ours, theirs = used[sighting.first]
-            residual, derivative = sighting.linearised((self.elements[ours], self.elements[theirs]))
-            rows = np.r_[slots[ours], slots[theirs]]
+            body_key, world_key = used[sighting.first]
+            residual, derivative = sighting.linearised((self.elements[body_key], self.elements[world_key]))
+            rows = np.r_[slots[body_key], slots[world_key]]
             weighted = derivative.T @ sighting.information
             information[np.ix_(rows, rows)] += weighted @ derivative
             gradient[rows] += weighted @ residual
@@ -259,12 +264,12 @@ class _Mapper:
 
     def __init__(self, start: GrowingMap) -> None:
         self._start = start
-        self._sightings = {one.first: one for one in start.sightings}
+        self._sightings = {sighting.first: sighting for sighting in start.sightings}
         self._pairs, self._elements = dict(start.pairs), {**start.prior.elements, **start.elements}
 
     @property
     def map(self) -> GrowingMap:
-        start, sightings = self._start, sorted(self._sightings.values(), key=lambda one: one.first)
+        start, sightings = self._start, sorted(self._sightings.values(), key=lambda sighting: sighting.first)
         return replace(
             start, sightings=tuple(sightings), pairs=dict(self._pairs), elements=dict(self._elements)
         )
@@ -275,7 +280,7 @@ class _Mapper:
         for first, pair in self._pairs.items():
             for key in pair:
                 sharing.setdefault(key, []).append((key[0], first))
-        return {frozenset(one) for one in sharing.values()}
+        return {frozenset(group) for group in sharing.values()}
 
     def forget(self, first: int) -> None:
         """Remove a sighting, and the elements that it alone touched."""
@@ -293,8 +298,8 @@ class _Mapper:
         best = np.unravel_index(log_weight.argmax(), log_weight.shape)
         keys = [side[int(row)][0] for side, row in zip(choices, best, strict=True)]
         pair = [
-            mine if key is None else view.elements[key]
-            for key, mine in zip(keys, sighting.own_pair, strict=True)
+            estimated if key is None else view.elements[key]
+            for key, estimated in zip(keys, sighting.own_pair, strict=True)
         ]
         is_new = keys[0] is None, keys[1] is None
         number = 1 + max((number for _, number in self._elements), default=0)
@@ -312,9 +317,9 @@ class _Mapper:
             information, gradient = self.map.normal_equations(slots, self._pairs)
             change = np.asarray(-np.linalg.solve(information, gradient))
             for key, rows in slots.items():
-                one = self._elements[key]
-                turn = float(np.linalg.norm(change[rows][:2])) if one.kind != "v" else 0.0
+                element = self._elements[key]
+                turn = float(np.linalg.norm(change[rows][:2])) if element.kind != "v" else 0.0
                 share = min(1.0, LONGEST_TURN_RAD / max(turn, CONVERGED))
-                self._elements[key] = one.moved(change[rows] * share)
+                self._elements[key] = element.moved(change[rows] * share)
             if np.abs(change).max(initial=0.0) < CONVERGED:
                 break

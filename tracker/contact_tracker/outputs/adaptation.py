@@ -27,14 +27,27 @@ def not_given(texts: Iterable[str], given: set[str]) -> list[str]:
 
 def noise_text(report: Report) -> str:
     """The noise of a pose and of a tick, and their origin."""
-    if report.model.noise.estimated and not report.is_decided:
-        return _assumed_text(report)
-    given = "" if report.model.noise.estimated else " (as given)"
-    lasting = f", errors that last {_deviations(report.lasting)}" if any(report.lasting) else ""
-    return (
-        f"noise {_deviations(report.noise)} a pose{_point(report)}{given}, {_deviations(report.tick)} a tick"
-        f"{lasting}{_chosen(report)}"
-    )
+    asked, used, lasts = report.model.noise, report.chosen.noise, any(report.lasting)
+    point = " ".join(f"{metres:.2f}" for metres in report.point_m)
+    of_pose = f"noise {_deviations(report.noise)} a pose"
+    of_pose += f" at the point ({point}) m of the body" if any(report.point_m) else ""
+    of_tick, lasting = f"{_deviations(report.tick)} a tick", f"errors that last {_deviations(report.lasting)}"
+    if not asked.estimated:
+        return f"{of_pose} (as given), {of_tick}{f', {lasting}' if lasts else ''}"
+    if not report.is_decided:  # the motion does not show what averaging leaves, so a tick's noise is a prior
+        cut_short = "the part that was looked at does not tell"
+        return (
+            f"{of_pose}; {cut_short if report.is_cut_short else 'too little motion to tell'} what averaging "
+            f"leaves of it: {of_tick}{f' and {lasting}' if lasts else ''} are assumed (--noise sets it)"
+        )
+    origin = ""
+    if used.estimate_share < asked.estimate_share:
+        origin = " (chosen by the evidence; poses differ by motion, too)"
+    elif lasts:
+        origin = " (chosen by the evidence)"
+    elif used.floor_position_m > asked.floor_position_m:
+        origin = " (chosen by the evidence; white noise would leave less)"
+    return f"{of_pose}, {of_tick}{f', {lasting}' if lasts else ''}{origin}"
 
 
 def warnings(report: Report | None) -> Iterator[str]:
@@ -75,43 +88,11 @@ def report_json(report: Report) -> dict[str, Any]:
     }
 
 
-def _assumed_text(report: Report) -> str:
-    """The noise where the motion does not show what averaging leaves of it, so that a tick's is a prior."""
-    lasting = f" and errors that last {_deviations(report.lasting)}" if any(report.lasting) else ""
-    why = "the part that was looked at does not tell" if report.is_cut_short else "too little motion to tell"
-    return (
-        f"noise {_deviations(report.noise)} a pose{_point(report)}; {why} what averaging leaves of it: "
-        f"{_deviations(report.tick)} a tick{lasting} are assumed (--noise sets it)"
-    )
-
-
-def _point(report: Report) -> str:
-    """The point of the body to which the noise belongs, if it is not the origin."""
-    if not any(report.point_m):
-        return ""
-    return f" at the point ({' '.join(f'{metres:.2f}' for metres in report.point_m)}) m of the body"
-
-
-def _chosen(report: Report) -> str:
-    """The origin of a tick's noise, where it is not that of averaged white noise."""
-    if not report.model.noise.estimated:
-        return ""
-    if report.chosen.noise.estimate_share < report.model.noise.estimate_share:
-        return " (chosen by the evidence; poses differ by motion, too)"
-    if any(report.lasting):
-        return " (chosen by the evidence)"
-    if report.chosen.noise.floor_position_m > report.model.noise.floor_position_m:
-        return " (chosen by the evidence; white noise would leave less)"
-    return ""
-
-
 def _deviations(sigma: tuple[float, float]) -> str:
-    return f"{_two_figures(1e3 * sigma[0])} mm {_two_figures(math.degrees(sigma[1]))} deg"
-
-
-def _two_figures(value: float) -> str:
-    """Two significant digits, without an exponent."""
-    return f"{value:.0f}" if value >= 10.0 else f"{value:.2g}" if value >= 1e-4 else "0"
+    """In mm and degrees, with two significant digits and without an exponent."""
+    values = 1e3 * sigma[0], math.degrees(sigma[1])
+    mm, deg = (f"{one:.0f}" if one >= 10.0 else f"{one:.2g}" if one >= 1e-4 else "0" for one in values)
+    return f"{mm} mm {deg} deg"
 
 
 Reports = Mapping[PoseSource, Report | None]

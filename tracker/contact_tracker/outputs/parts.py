@@ -26,22 +26,9 @@ from contact_tracker.map.elements import KINDS, kind_of
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion.poses import Poses
+from contact_tracker.outputs import scene
 from contact_tracker.outputs.outcome import Outcome
-from contact_tracker.outputs.scene import (
-    EMPTY,
-    FEW,
-    LARGEST_M,
-    UNKNOWN_EXTENT,
-    Extent,
-    Mesh,
-    across,
-    circle,
-    hull,
-    patch,
-    point,
-    poses_within,
-    rod,
-)
+from contact_tracker.outputs.scene import UNKNOWN_EXTENT, Extent, Mesh, poses_within
 from contact_tracker.outputs.text import joint_name
 from contact_tracker.tracking.belief import Segment
 
@@ -59,6 +46,10 @@ _RING: Final = np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False)
 _RANK: Final[dict[type[Element], int]] = {Point: 0, Line: 1, Plane: 2}
 
 
+Spans = Sequence[tuple[int, int]]
+"""Times (ns) from when to when something was touched, in order."""
+
+
 class Part(NamedTuple):
     """A known body or element, of the object in the body frame, else in the world frame.
 
@@ -69,7 +60,7 @@ class Part(NamedTuple):
     mesh : its surface.
     outline : closed or open lines (N, 3) about it.
     label_m : (3,) where its name is.
-    touched_ns : from when to when it was touched, in order of time.
+    touched_ns : ``Spans`` in which it was touched.
     """
 
     side: int
@@ -77,7 +68,7 @@ class Part(NamedTuple):
     mesh: Mesh
     outline: tuple[Array, ...]
     label_m: Array
-    touched_ns: tuple[tuple[int, int], ...] = ()
+    touched_ns: Spans = ()
 
 
 class Touch(NamedTuple):
@@ -107,7 +98,7 @@ class KnownParts:
         bodies = list(_bodies(known_map))
         if vertices_m is not None and all(side != 0 for side, _, _ in bodies):
             bodies.insert(0, (0, SIDES[0], vertices_m))
-        solids = [(side, name, hull(corners_m)) for side, name, corners_m in bodies]
+        solids = [(side, name, scene.hull(corners_m)) for side, name, corners_m in bodies]
         known = [(side, name, *solid) for side, name, solid in solids if solid is not None]
         self.bodies = tuple(
             Part(side, name, mesh, tuple(edges), extent.centre_m) for side, name, mesh, edges, extent in known
@@ -137,8 +128,13 @@ class KnownParts:
         """The size of the object by all that is known of it."""
         if self.object_extent is not UNKNOWN_EXTENT:
             return self.object_extent
-        elements = (self._listed | self._elements_of(world)).values()
-        return _extent([one for side, _, one in elements if side == 0])
+        elements = [one for side, _, one in (self._listed | self._elements_of(world)).values() if side == 0]
+        feet_m = [nearest(one, np.zeros(3)) for one in elements if not _is_open(one)]
+        if len(feet_m) < 2:
+            return UNKNOWN_EXTENT
+        centre_m = 0.5 * (np.min(feet_m, axis=0) + np.max(feet_m, axis=0))
+        radius_m = float(np.max(np.linalg.norm(feet_m - centre_m, axis=1)))
+        return Extent(centre_m, radius_m) if radius_m > 0.0 else UNKNOWN_EXTENT
 
     def add_poses(self, poses: Poses) -> None:
         """Add poses, of which up to ten per second are kept, and fewer of a long stream."""
@@ -187,12 +183,10 @@ class KnownParts:
             for key, where in zip(touch.keys, _touched(touch, poses, extent), strict=True):
                 places.setdefault(key, []).append(where)
                 spans.setdefault(key, []).append((touch.start_ns, touch.end_ns))
-        found = [
-            _of_element(
-                side, name, one, places.get(key) or [_own(one, about[side], extent)], extent
-            )._replace(touched_ns=tuple(sorted(spans.get(key, ()))))
-            for key, (side, name, one) in elements.items()
-        ]
+        found = []
+        for key, (side, name, one) in elements.items():
+            touched_m = places.get(key) or [_own(one, about[side], extent)]
+            found.append(_of_element(side, name, one, touched_m, extent, sorted(spans.get(key, ()))))
         return (*self.bodies, *found, *_of_joints(self._segments, poses, extent))
 
     def _elements_of(self, world: GrowingMap | None) -> dict[Hashable, tuple[int, str, Element]]:
@@ -233,16 +227,6 @@ def _bodies(known_map: Map) -> Iterator[tuple[int, str, Array]]:
                 yield side, name, np.array(places)
 
 
-def _extent(elements: Sequence[Element]) -> Extent:
-    """The size of an object of which these elements are known (in the body frame)."""
-    feet = [nearest(one, np.zeros(3)) for one in elements if not _is_open(one)]
-    if len(feet) < 2:
-        return UNKNOWN_EXTENT
-    centre = 0.5 * (np.min(feet, axis=0) + np.max(feet, axis=0))
-    radius_m = float(np.max(np.linalg.norm(feet - centre, axis=1)))
-    return Extent(centre, radius_m) if radius_m > 0.0 else UNKNOWN_EXTENT
-
-
 def _is_open(element: Element) -> bool:
     """Whether the place of an element is less known than an object of unknown size is large."""
     if element.covariance is None:
@@ -266,7 +250,7 @@ def _own(element: Element, near_m: Array, extent: Extent) -> Array:
     foot, radius_m = nearest(element, near_m), extent.radius_m
     match element:
         case Plane(normal):
-            return foot + radius_m * circle(normal, _RING)
+            return foot + radius_m * scene.circle(normal, _RING)
         case Line(direction):
             return foot + radius_m * np.array([[-1.0], [1.0]]) * direction
         case Point():
@@ -280,9 +264,13 @@ def _touched(touch: Touch, poses: Poses, extent: Extent) -> tuple[Array, Array]:
     rotation, position_m = within.rotation, within.position_m
     ours, theirs = touch.geometry.object, touch.geometry.environment
     if isinstance(ours, Line) and isinstance(theirs, Line):
-        in_body = np.stack(
-            [_crossing(ours, theirs, *pose) for pose in zip(rotation, position_m, strict=True)]
-        )
+        # in the body frame, the points of the object's line that are nearest to the other line
+        direction, arm = theirs.direction @ rotation, theirs.point_m - position_m
+        arm = np.einsum("nij,ni->nj", rotation, arm) - ours.point_m
+        along = ours.direction - (direction @ ours.direction)[:, None] * direction
+        square = np.einsum("ni,ni->n", along, along)
+        shift_m = np.einsum("ni,ni->n", along, arm) / np.where(square > 0.0, square, np.inf)
+        in_body = ours.point_m + shift_m[:, None] * ours.direction
         return in_body, np.einsum("nij,nj->ni", rotation, in_body) + position_m
     if _RANK[type(ours)] <= _RANK[type(theirs)]:
         own = _own(ours, extent.centre_m, extent)
@@ -293,33 +281,37 @@ def _touched(touch: Touch, poses: Poses, extent: Extent) -> tuple[Array, Array]:
     return in_body.reshape(-1, 3), in_world.reshape(-1, 3)
 
 
-def _crossing(ours: Line, theirs: Line, rotation: Array, position_m: Array) -> Array:
-    """The point (3,) of the object's line, in the body frame, nearest to another line."""
-    direction = rotation.T @ theirs.direction
-    arm = rotation.T @ (theirs.point_m - position_m) - ours.point_m
-    along = ours.direction - (ours.direction @ direction) * direction
-    square = float(along @ along)
-    return ours.point_m + ours.direction * (float(along @ arm) / square if square > 0.0 else 0.0)
-
-
-def _of_element(side: int, name: str, element: Element, touched: Sequence[Array], extent: Extent) -> Part:
-    """The part of an element about the places, (N, 3) each, where it was touched."""
+def _of_element(
+    side: int, name: str, element: Element, touched: Sequence[Array], extent: Extent, spans: Spans
+) -> Part:
+    """The part of an element about the places, (N, 3) each, where it was touched during ``spans``."""
     places, margin_m = np.concatenate(touched), _MARGIN * extent.radius_m
     if _is_open(element):
         name = f"{name} (place not known)"
     match element:
         case Plane(normal):
-            rim = _rim(element, places, margin_m)
-            mesh = EMPTY if _is_open(element) else patch(rim, normal)
-            return Part(side, name, mesh, (np.concatenate([rim, rim[:1]]),), rim.mean(axis=0))
+            basis = scene.across(normal)
+            ring = margin_m * np.stack([np.cos(_RING), np.sin(_RING)], axis=-1)
+            flat = ((places @ basis)[:, None] + ring).reshape(-1, 2)  # the places need not lie in it
+            try:
+                flat = flat[ConvexHull(flat).vertices]
+            except QhullError:  # far away, where the margin is lost in rounding
+                flat = flat[: len(ring)]
+            rim, mesh = np.asarray(flat @ basis.T + element.offset_m * normal), scene.EMPTY
+            if not _is_open(element):
+                fan = np.array([(0, i, i + 1) for i in range(1, len(rim) - 1)], np.uint32)
+                normals = np.broadcast_to(normal, rim.shape).astype(np.float32)
+                mesh = Mesh(rim.astype(np.float32), fan, normals)
+            return Part(side, name, mesh, (np.concatenate([rim, rim[:1]]),), rim.mean(axis=0), (*spans,))
         case Line(direction, point_m):
             along = (places - point_m) @ direction
             ends = point_m + direction * np.array([[along.min() - margin_m], [along.max() + margin_m]])
             middle = ends.mean(axis=0)
             half_m = 0.5 * float(along.max() - along.min()) + margin_m
-            return Part(side, name, rod(direction, middle, half_m, 0.2 * margin_m, FEW), (ends,), middle)
+            rod = scene.rod(direction, middle, half_m, 0.2 * margin_m, scene.FEW)
+            return Part(side, name, rod, (ends,), middle, (*spans,))
         case Point(point_m):
-            return Part(side, name, point(side == 0, point_m, 0.5 * margin_m), (), point_m)
+            return Part(side, name, scene.point(side == 0, point_m, 0.5 * margin_m), (), point_m, (*spans,))
 
 
 def _of_joints(segments: Iterable[Segment], poses: Poses, extent: Extent) -> Iterator[Part]:
@@ -335,25 +327,11 @@ def _of_joints(segments: Iterable[Segment], poses: Poses, extent: Extent) -> Ite
         assert joint is not None
         within = poses_within(poses, spans[0][0], spans[-1][1])
         centre_m = np.median(within.rotation @ extent.centre_m + within.position_m, axis=0)
-        for side, (element, near_m) in enumerate(
-            ((joint.object, extent.centre_m), (joint.environment, centre_m))
-        ):
+        sides = (joint.object, extent.centre_m), (joint.environment, centre_m)
+        for side, (element, near_m) in enumerate(sides):
             name, placed = joint_name(joint), replace(element, covariance=None)
             away_m = float(np.linalg.norm(nearest(placed, near_m) - near_m))
-            if away_m > LARGEST_M:
-                yield Part(side, f"{name} ({away_m:.0f} m away)", EMPTY, (), near_m, spans)
+            if away_m > scene.LARGEST_M:
+                yield Part(side, f"{name} ({away_m:.0f} m away)", scene.EMPTY, (), near_m, spans)
             else:
-                part = _of_element(side, name, placed, [_own(placed, near_m, extent)], extent)
-                yield part._replace(touched_ns=spans)
-
-
-def _rim(plane: Plane, places: Array, margin_m: float) -> Array:
-    """The convex polygon (N, 3) in a plane about places, which need not lie in it."""
-    basis = across(plane.normal)
-    ring = margin_m * np.stack([np.cos(_RING), np.sin(_RING)], axis=-1)
-    flat = ((places @ basis)[:, None] + ring).reshape(-1, 2)
-    try:
-        flat = flat[ConvexHull(flat).vertices]
-    except QhullError:  # far away, where the margin is lost in rounding
-        flat = flat[: len(ring)]
-    return np.asarray(flat @ basis.T + plane.offset_m * plane.normal)
+                yield _of_element(side, name, placed, [_own(placed, near_m, extent)], extent, spans)

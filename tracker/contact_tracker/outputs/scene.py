@@ -12,6 +12,7 @@ from typing import Final, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import ConvexHull, QhullError
 
 from contact_tracker.geometry.elements import Array, ContactGeometry, Element, Line, Plane, Point, nearest
 from contact_tracker.motion.poses import Poses
@@ -53,7 +54,12 @@ def solid(is_round: bool, element: Element, centre: Array, half_m: float) -> Mes
     where it is not finite."""
     match element:
         case Plane(normal) if is_round:
-            return _wheel(normal, centre, half_m)
+            thick, around = _RIM * half_m, FEW[:, None]
+            out = circle(normal, np.append(_ROUND, _ROUND[:1]))
+            section = np.cos(around) * out[:, None] + np.sin(around) * normal
+            rim = _mesh(centre + (half_m - thick) * out[:, None] + thick * section)
+            ways = circle(normal, np.pi * np.arange(_SPOKES) / _SPOKES)
+            return joined([rim, *(rod(way, centre, half_m, 0.5 * thick, FEW) for way in ways)])
         case Plane(normal):
             return _mesh(_disc(normal, centre, half_m, 2, SQUARE))
         case Line(direction) if is_round:
@@ -108,29 +114,11 @@ def point(is_round: bool, centre: Array, radius_m: float) -> Mesh:
     return _faceted(rod(UP, centre, radius_m, _CORNER * radius_m, SQUARE))
 
 
-def patch(rim: Array, normal: Array) -> Mesh:
-    """A convex polygon (N, 3) with its ``normal``."""
-    fan = [(0, i, i + 1) for i in range(1, len(rim) - 1)]
-    normals = np.broadcast_to(normal, rim.shape)
-    return Mesh(rim.astype(np.float32), np.array(fan, np.uint32), normals.astype(np.float32))
-
-
-def _wheel(normal: Array, centre: Array, half_m: float) -> Mesh:
-    thick, around = _RIM * half_m, FEW[:, None]
-    out = circle(normal, np.append(_ROUND, _ROUND[:1]))
-    section = np.cos(around) * out[:, None] + np.sin(around) * normal
-    rim = _mesh(centre + (half_m - thick) * out[:, None] + thick * section)
-    ways = circle(normal, np.pi * np.arange(_SPOKES) / _SPOKES)
-    spokes = (rod(way, centre, half_m, 0.5 * thick, FEW) for way in ways)
-    return joined([rim, *spokes])
-
-
 def _root(covariance: Array, widest: float) -> Array:
     """Two symmetric square roots of ``covariance``, no axis longer than ``widest``."""
     variance, axes = np.linalg.eigh(covariance)
     axis = np.minimum(SIGMAS * np.sqrt(np.maximum(variance, 0.0)), widest)
-    root: Array = axes * axis[..., None, :] @ np.swapaxes(axes, -1, -2)
-    return root
+    return np.asarray(axes * axis[..., None, :] @ np.swapaxes(axes, -1, -2))
 
 
 def _disc(normal: Array, centre: Array, radius_m: float, rings: int, angles: Array) -> Array:
@@ -142,20 +130,15 @@ def _tube(direction: Array, centre: Array, along_m: Array, sections: Array, angl
     """Rings (K, M, 3) at ``along_m`` (K,): the unit circle through ``sections`` (K or 1, 2, 2)."""
     unit_circle = np.stack([np.cos(angles), np.sin(angles)])
     rings = np.swapaxes(across(direction) @ sections @ unit_circle, -1, -2)
-    tube: Array = centre + along_m[:, None, None] * direction + rings
-    return tube
+    return np.asarray(centre + along_m[:, None, None] * direction + rings)
 
 
 def _ball(centre: Array, axes: Array) -> Array:
     """Rings (K, M, 3) of the unit sphere through ``axes`` (3, 3)."""
     latitude = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 9)[:, None]
-    sphere = [
-        np.cos(latitude) * np.cos(_ROUND),
-        np.cos(latitude) * np.sin(_ROUND),
-        np.sin(latitude) + 0.0 * _ROUND,
-    ]
-    ball: Array = centre + np.stack(sphere, axis=-1) @ axes.T
-    return ball
+    level = np.cos(latitude)
+    sphere = level * np.cos(_ROUND), level * np.sin(_ROUND), np.sin(latitude) + 0.0 * _ROUND
+    return np.asarray(centre + np.stack(sphere, axis=-1) @ axes.T)
 
 
 def circle(axis: Array, angles: Array) -> Array:
@@ -248,7 +231,7 @@ class Drawing(NamedTuple):
     is_open : whether the position of two faces along their normal is unknown.
     """
 
-    meshes: tuple[Mesh, Mesh, Mesh, Mesh]
+    meshes: tuple[Mesh, ...]
     label_m: Array
     is_open: bool
 
@@ -270,10 +253,8 @@ def draw_all(
     if not geometries:
         return None
     drawings = [draw(geometry, poses, extent, up) for geometry in geometries]
-    on_object, object_spread, on_world, world_spread = (
-        joined(meshes) for meshes in zip(*(one.meshes for one in drawings), strict=True)
-    )
-    return drawings[0]._replace(meshes=(on_object, object_spread, on_world, world_spread))
+    meshes = zip(*(one.meshes for one in drawings), strict=True)
+    return drawings[0]._replace(meshes=tuple(map(joined, meshes)))
 
 
 def draw(geometry: ContactGeometry, poses: Poses, extent: Extent, up: Array = UP) -> Drawing:
@@ -289,35 +270,38 @@ def draw(geometry: ContactGeometry, poses: Poses, extent: Extent, up: Array = UP
     """
     poses = poses[:: 1 + len(poses) // ENOUGH_POSES]
     rotation, position = poses.rotation, poses.position_m
-    centres = rotation @ extent.centre_m + position
-    is_open = _is_open(geometry, centres, extent.radius_m)
-    if is_open:
-        geometry = _resting(geometry, rotation[len(rotation) // 2], extent, up)
-    of_object_m, of_environment_m = _place(geometry.object), _place(geometry.environment)
-    on_object = extent.centre_m if of_object_m is None else of_object_m
+    body, world, radius_m = geometry.object, geometry.environment, extent.radius_m
+    resting = _resting(geometry, poses, extent, up)
+    if resting is not None:
+        body, world = resting
+    on_object = extent.centre_m if isinstance(body, Plane) else body.point_m
     touched = rotation @ on_object + position
     touching = on_object[None]
-    if of_environment_m is not None:
-        touching = np.einsum("nij,ni->nj", rotation, of_environment_m - position)
-    middle, inner = _centre(geometry.environment, touched), _centre(geometry.object, touching)
-    if of_environment_m is not None and of_object_m is None:
+    if not isinstance(world, Plane):
+        touching = np.einsum("nij,ni->nj", rotation, world.point_m - position)
+    middle, inner = _centre(world, touched), _centre(body, touching)
+    if isinstance(body, Plane) and not isinstance(world, Plane):
         reach_m = float(np.median(np.linalg.norm(touching - extent.centre_m, axis=1)))
     else:
         reach_m = float(np.linalg.norm(inner - extent.centre_m))
-    radius_m = extent.radius_m
     if extent.vertices_m is None and radius_m < reach_m <= LARGEST_M:  # it is an estimate
         radius_m = reach_m
-    half_m = _half_m(geometry.environment, touched, middle, radius_m)
-    object_m = _half_m(geometry.object, touching, inner, radius_m)
-    object_m *= _WHEEL if isinstance(geometry.object, Plane) else 1.0
-    body, world = geometry.object, geometry.environment
-    spreads = uncertainty(body, inner, object_m), uncertainty(world, middle, half_m, SQUARE)
-    if is_open:
-        assert isinstance(world, Plane)
-        spreads = EMPTY, rod(world.normal, middle, radius_m, _NEEDLE * radius_m)
+    half_m = _half_m(world, touched, middle, radius_m)
+    object_m = _half_m(body, touching, inner, radius_m) * (_WHEEL if isinstance(body, Plane) else 1.0)
+    if resting is None:
+        spreads = uncertainty(body, inner, object_m), uncertainty(world, middle, half_m, SQUARE)
+    else:
+        spreads = EMPTY, rod(resting[1].normal, middle, radius_m, _NEEDLE * radius_m)
     solids = solid(True, body, inner, object_m), solid(False, world, middle, half_m)
+    match world:  # the label is at a corner of a sheet, an end of a bar, or below a cube
+        case Plane(normal):
+            away = _CORNER_LABEL * circle(normal, SQUARE)[0]
+        case Line(direction):
+            away = direction if direction @ up < 0.0 else -direction
+        case Point():
+            away = -_CUBE_ABOVE * up
     meshes = solids[0], spreads[0], solids[1], spreads[1]
-    return Drawing(meshes, _label_position(world, middle, half_m, up), is_open)
+    return Drawing(meshes, middle + half_m * away, resting is not None)
 
 
 def side(plane: Plane, points: Array, radius_m: float) -> float:
@@ -329,38 +313,28 @@ def side(plane: Plane, points: Array, radius_m: float) -> float:
     return float(np.sign(np.median(points @ plane.normal) - plane.offset_m))
 
 
-def _is_open(geometry: ContactGeometry, centres: Array, radius_m: float) -> bool:
-    """Whether only the distance between two faces is known, not their position."""
-    if not isinstance(geometry.object, Plane) or not isinstance(geometry.environment, Plane):
-        return False
-    if all(geometry.has_open_offset):
-        return True
-    sd = geometry.environment.covariance
-    if sd is None:
-        return False
-    return SIGMAS * float(np.median(distance_sd_m(geometry.environment, centres))) > radius_m
-
-
-def _resting(geometry: ContactGeometry, rotation: Array, extent: Extent, up: Array) -> ContactGeometry:
-    """Both faces shifted along their normal to the lower end of the hull; their distance stays the same."""
+def _resting(
+    geometry: ContactGeometry, poses: Poses, extent: Extent, up: Array
+) -> tuple[Plane, Plane] | None:
+    """Two faces of which only the distance is known, shifted along their normal to the lower end of the hull,
+    if that is known; None for others."""
     on_object, on_world = geometry.object, geometry.environment
-    assert isinstance(on_object, Plane)
-    assert isinstance(on_world, Plane)
+    if not isinstance(on_object, Plane) or not isinstance(on_world, Plane):
+        return None
+    rotation = poses.rotation
+    if not all(geometry.has_open_offset):
+        if on_world.covariance is None:
+            return None
+        sd_m = distance_sd_m(on_world, rotation @ extent.centre_m + poses.position_m)
+        if not SIGMAS * float(np.median(sd_m)) > extent.radius_m:
+            return None
     if extent.vertices_m is None:
-        return geometry
-    outward = rotation @ on_object.normal
+        return on_object, on_world
+    outward = rotation[len(rotation) // 2] @ on_object.normal
     heights = extent.vertices_m @ on_object.normal
     lowest = float(heights.min() if outward @ up >= 0.0 else heights.max())
-    shift = lowest - on_object.offset_m
-    along = shift * float(np.sign(outward @ on_world.normal))
-    return ContactGeometry(
-        replace(on_object, offset_m=lowest), replace(on_world, offset_m=on_world.offset_m + along)
-    )
-
-
-def _place(element: Element) -> Array | None:
-    """The position of an element, if it has one."""
-    return None if isinstance(element, Plane) else element.point_m
+    along = (lowest - on_object.offset_m) * float(np.sign(outward @ on_world.normal))
+    return replace(on_object, offset_m=lowest), replace(on_world, offset_m=on_world.offset_m + along)
 
 
 def _half_m(element: Element, partner: Array, centre: Array, radius_m: float) -> float:
@@ -374,23 +348,9 @@ def _centre(element: Element, partner: Array) -> Array:
     return nearest(element, partner.mean(axis=0)) if isinstance(element, Plane) else element.point_m
 
 
-def _label_position(element: Element, centre: Array, half_m: float, up: Array) -> Array:
-    """The label's position: a corner of a sheet, an end of a bar, or below a cube."""
-    match element:
-        case Plane(normal):
-            away = _CORNER_LABEL * circle(normal, SQUARE)[0]
-        case Point():
-            away = -_CUBE_ABOVE * up
-        case _:
-            away = element.direction if element.direction @ up < 0.0 else -element.direction
-    return np.asarray(centre + half_m * away)
-
-
 def hull(vertices_m: Array) -> tuple[Mesh, Array, Extent] | None:
     """The convex hull in the body frame with its edges (E, 2, 3) in metres, and its size; None if
     ``vertices_m`` (V, 3) do not span a solid."""
-    from scipy.spatial import ConvexHull, QhullError
-
     try:
         found = ConvexHull(vertices_m)
     except (QhullError, ValueError):

@@ -14,8 +14,8 @@ import numpy as np
 
 from contact_tracker.explanations.joint_evidence import Joint
 from contact_tracker.explanations.joint_models import JointKind
-from contact_tracker.geometry.elements import Array, ContactGeometry, Element, Line, Plane, Point, Unobserved
-from contact_tracker.states import STATES, Contact
+from contact_tracker.geometry.elements import Array, ContactGeometry, Element, Line, Plane, Point
+from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking.belief import Belief, FurtherContact, Segment
 
 Colour = tuple[int, int, int]
@@ -159,9 +159,9 @@ def describe_joint(joint: Joint, contact_is_open: bool) -> str:
     anyway = "; for any contact" if contact_is_open else ""
     if joint.kind is not JointKind.SCREW or joint.pitch_m_per_rad is None:
         return f"{where}{anyway}"
-    turn_mm = 2e3 * np.pi * joint.pitch_m_per_rad
-    sd_m = None if joint.pitch_sd_m_per_rad is None else 2.0 * np.pi * joint.pitch_sd_m_per_rad
-    return f"{where}; pitch {_fixed(turn_mm, 2)} mm{_length(sd_m)} a turn{anyway}"
+    turn_mm, sd = 2e3 * np.pi * joint.pitch_m_per_rad, joint.pitch_sd_m_per_rad
+    noise = "" if sd is None else _deviation(2e3 * np.pi * sd, "mm")
+    return f"{where}; pitch {_fixed(turn_mm, 2)} mm{noise} a turn{anyway}"
 
 
 def joint_name(joint: Joint) -> str:
@@ -171,66 +171,56 @@ def joint_name(joint: Joint) -> str:
 
 def alternatives(inseparable: Sequence[Contact]) -> str:
     """``v-f, free``; ``any other`` for all of them."""
-    return "any other" if _are_all(inseparable) else ", ".join(inseparable)
+    return "any other" if len(inseparable) == len(CONTACTS) else ", ".join(inseparable)
 
 
 def is_open(one: Segment | Belief) -> bool:
     """Whether the motion leaves the contact open among all states."""
-    return _are_all(one.inseparable)
-
-
-def _are_all(others: Sequence[Contact]) -> bool:
-    return len(others) == len(STATES) - 1
+    return len(one.inseparable) == len(CONTACTS)
 
 
 def _element(element: Element, called: str | None = None, has_open_offset: bool = False) -> str:
     """An element in words, with ``called`` instead of face, edge or vertex. With an open offset that of a
     face is unknown, and a line is one of many parallel ones."""
-    open_ways = ", ".join(_way(way) for way in element.unobserved)
+    turns_or_shifts = [
+        f"{'turn about' if way.how == 'turns_about' else 'shift along'} {_vector(way.direction, 2)}"
+        for way in element.unobserved
+    ]
     match element:
         case Plane(normal, offset_m, covariance):
-            tilt = f"{_vector(normal, 2)}{_angle(_worst(covariance, slice(0, 3)))}"
-            offset = f" at {_fixed(offset_m, 3)} m{_length(_worst(covariance, slice(3, 4)))}"
+            tilt = f"{_vector(normal, 2)}{_worst(covariance, slice(0, 3), 'deg')}"
+            offset = f" at {_fixed(offset_m, 3)} m{_worst(covariance, slice(3, 4), 'mm')}"
             name, where = "face", f" normal {tilt}{'' if has_open_offset else offset}"
         case Line(direction, point_m, covariance):
-            along = f"{_vector(direction, 2)}{_angle(_worst(covariance, slice(0, 3)))}"
-            through = f"{_vector(point_m, 3)} m{_length(_worst(covariance, slice(3, 6)))}"
+            along = f"{_vector(direction, 2)}{_worst(covariance, slice(0, 3), 'deg')}"
+            through = f"{_vector(point_m, 3)} m{_worst(covariance, slice(3, 6), 'mm')}"
             name, where = "edge", f" along {along} through {_ORIGIN if has_open_offset else through}"
         case Point(point_m, covariance):
             name = "vertex"
-            where = f" {_vector(point_m, 3)} m{_length(_worst(covariance, slice(0, 3)))}"
+            where = f" {_vector(point_m, 3)} m{_worst(covariance, slice(0, 3), 'mm')}"
     name = called or name
     if element.name is not None:
         name = element.name if name in element.name.split() else f"{name} {element.name}"
     shifts = sum(way.how == "shifts_along" for way in element.unobserved)
     if len(element.unobserved) - shifts == 2 or shifts == 3:  # any direction, or any point
         return f"{name} (unobserved)"
-    is_offset = has_open_offset and isinstance(element, Plane)
-    notes = filter(None, (OPEN_OFFSET if is_offset else "", open_ways and f"unobserved: {open_ways}"))
-    noted = "; ".join(notes)
-    return f"{name}{where}" + (f" ({noted})" if noted else "")
+    notes = [OPEN_OFFSET] if has_open_offset and isinstance(element, Plane) else []
+    if turns_or_shifts:
+        notes.append(f"unobserved: {', '.join(turns_or_shifts)}")
+    return f"{name}{where}" + (f" ({'; '.join(notes)})" if notes else "")
 
 
-def _way(way: Unobserved) -> str:
-    return f"{'turn about' if way.how == 'turns_about' else 'shift along'} {_vector(way.direction, 2)}"
-
-
-def _worst(covariance: Array | None, block: slice) -> float | None:
+def _worst(covariance: Array | None, block: slice, unit: str) -> str:
+    """The standard deviation (deg or mm) of a ``covariance`` (rad and m) in its worst direction."""
     if covariance is None or not np.isfinite(covariance).all():
-        return None
-    return float(np.sqrt(max(np.linalg.eigvalsh(covariance[block, block])[-1], 0.0)))
+        return ""
+    sd = np.sqrt(max(np.linalg.eigvalsh(covariance[block, block])[-1], 0.0))
+    return _deviation(np.degrees(sd) if unit == "deg" else sd * 1e3, unit)
 
 
-def _angle(sd: float | None) -> str:
-    return "" if sd is None else f" +/- {_two_figures(np.degrees(sd))} deg"
-
-
-def _length(sd: float | None) -> str:
-    return "" if sd is None else f" +/- {_two_figures(sd * 1e3)} mm"
-
-
-def _two_figures(value: float) -> str:
-    return np.format_float_positional(value, precision=2, unique=False, fractional=False, trim="-")
+def _deviation(sd: float, unit: str) -> str:
+    figures = np.format_float_positional(sd, precision=2, unique=False, fractional=False, trim="-")
+    return f" +/- {figures} {unit}"
 
 
 def _vector(values: Array, digits: int) -> str:
@@ -289,13 +279,10 @@ def _without(contacts: Iterable[FurtherContact], others: Iterable[FurtherContact
     """The contacts that are none of the others, of which each is one contact only."""
     rest, left = [*others], list[FurtherContact]()
     for contact in contacts:
-        same = next((i for i, other in enumerate(rest) if _is_same(contact, other)), None)
-        if same is None:
-            left.append(contact)
+        for i, other in enumerate(rest):
+            if contact.contact is other.contact and abs(contact.start_ns - other.start_ns) < SAME_NS:
+                del rest[i]
+                break
         else:
-            del rest[same]
+            left.append(contact)
     return left
-
-
-def _is_same(one: FurtherContact, other: FurtherContact) -> bool:
-    return one.contact is other.contact and abs(one.start_ns - other.start_ns) < SAME_NS

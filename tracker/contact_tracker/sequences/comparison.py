@@ -16,8 +16,7 @@ from contact_tracker.map.elements import SAME
 from contact_tracker.outputs.outcome import Outcome
 from contact_tracker.outputs.text import SURE_PROBABILITY
 from contact_tracker.sequences.pair_hmm import align
-from contact_tracker.sequences.places import UNKNOWN, Distance, distances, place_evidence
-from contact_tracker.sequences.steps import Step, steps_of
+from contact_tracker.sequences.steps import UNKNOWN, Distance, Step, distances, place_evidence, steps_of
 from contact_tracker.states import STATES
 
 Array = NDArray[np.float64]
@@ -159,11 +158,18 @@ def compare_outcomes(first: Outcome, second: Outcome, tolerance: float = TOLERAN
         evidence = place_evidence(*takes, ours, theirs)
     else:
         notes.append("places are not compared where elements or wrenches are given")
-    for i, j in np.argwhere(np.isfinite(evidence[..., 0, 0])):  # each of the four is as probable before
+    is_known = np.isfinite(evidence[..., 0, 0])
+    for i, j in np.argwhere(is_known):  # each of the four is as probable before
         pairs[i, j, takes[0][i].contact.column] = np.logaddexp.reduce(evidence[i, j].ravel()) - np.log(4.0)
     are_open = [np.array([one.is_open for one in steps]) for steps in takes]
     found = align(likelihoods[0], likelihoods[1], pairs, are_open[0][:, None] == are_open[1])
-    matched = [_best_pair(step, found.together, evidence) for step in found.steps]
+
+    def tells(pair: tuple[int, int]) -> tuple[float, float]:
+        return float(found.together[pair]), float(np.ptp(evidence[pair]))
+
+    # of each step the segments whose places tell most
+    known = [[(i, j) for i in own for j in other if is_known[i, j]] for own, other in found.steps]
+    matched = [max(pairs_of_step, key=tells, default=None) for pairs_of_step in known]
     shown = np.array([evidence[pair] for pair in matched if pair is not None]).reshape(-1, 2, 2)
     is_compared = np.array([_log_odds_of_same(shown), _log_odds_of_same(shown.swapaxes(1, 2))]) >= 0.0
     for name, is_same in zip(("object", "surroundings"), is_compared, strict=True):
@@ -175,25 +181,35 @@ def compare_outcomes(first: Outcome, second: Outcome, tolerance: float = TOLERAN
     steps = []
     for (own, other), pair in zip(found.steps, matched, strict=True):
         parts = tuple(takes[0][i] for i in own), tuple(takes[1][j] for j in other)
-        if not (own and other):
-            p = float(found.missing[own[0]] if own else found.new[other[0]])
-            steps.append(_alone(*parts, p))
-            continue
-        p = float(found.together[np.ix_(own, other)].max())
         moved, apart = "", (UNKNOWN, UNKNOWN)
+        longer_s = sd_s = tolerated_s = np.nan
+        if own and other:
+            p = float(found.together[np.ix_(own, other)].max())
+            (before_s, before_sd_s), (after_s, after_sd_s) = map(_duration_s, parts, takes)
+            longer_s, sd_s = after_s - before_s, hypot(before_sd_s, after_sd_s)
+            tolerated_s = tolerance * max(before_s, after_s)
+        else:
+            p = float(found.missing[own[0]] if own else found.new[other[0]])
         if pair is not None and ours is not None and theirs is not None:
             one, another = takes[0][pair[0]], takes[1][pair[1]]
-            apart = distances(one, another, ours, theirs, _near_m(another, second))
+            # where the object is in the middle of the step: its origin, in the body and in the world frame
+            middle_ns = (another.segment.start_ns + another.segment.end_ns) // 2
+            row = int(np.abs(second.trajectory.stamp_ns - middle_ns).argmin())
+            near_m = np.zeros(3), second.trajectory.position_m[row]
+            apart = distances(one, another, ours, theirs, near_m)
             moved = _moved(evidence[pair], apart, is_compared)
-        durations = [_duration_s(*one) for one in zip(parts, takes, strict=True)]
-        steps.append(_matched(*parts, p, durations, moved, apart, tolerance))
+        if p < SURE_PROBABILITY or not all(any(map(_is_sure, part)) for part in parts if part):
+            verdict = Verdict.OPEN
+        elif not (own and other):
+            verdict = Verdict.MISSING if own else Verdict.NEW
+        elif moved:
+            verdict = Verdict.ELSEWHERE
+        elif ndtr((abs(longer_s) - tolerated_s) / max(sd_s, 1e-9)) >= SURE_PROBABILITY:
+            verdict = Verdict.LONGER if longer_s > 0.0 else Verdict.SHORTER
+        else:
+            verdict = Verdict.SAME
+        steps.append(ComparedStep(*parts, verdict, p, moved, *apart, longer_s, sd_s))
     return Comparison((first, second), tuple(steps), tuple(notes))
-
-
-def _best_pair(step: tuple[list[int], list[int]], together: Array, evidence: Array) -> tuple[int, int] | None:
-    """The segments of a step whose places tell most."""
-    known = [(i, j) for i in step[0] for j in step[1] if np.isfinite(evidence[i, j, 0, 0])]
-    return max(known, key=lambda pair: (together[pair], np.ptp(evidence[pair])), default=None)
 
 
 def _log_odds_of_same(shown: Array) -> float:
@@ -215,36 +231,6 @@ def _moved(evidence: Array, apart: tuple[Distance, Distance], is_compared: NDArr
     return "both" if sides.all() else "object" if sides[0] else "surroundings" if sides[1] else "either"
 
 
-def _alone(first: tuple[Step, ...], second: tuple[Step, ...], p: float) -> ComparedStep:
-    (step,) = first or second
-    is_sure = p >= SURE_PROBABILITY and _is_sure(step)
-    verdict = Verdict.OPEN if not is_sure else Verdict.MISSING if first else Verdict.NEW
-    return ComparedStep(first, second, verdict, p)
-
-
-def _matched(
-    first: tuple[Step, ...],
-    second: tuple[Step, ...],
-    p: float,
-    durations: Sequence[tuple[float, float]],
-    moved: str,
-    apart: tuple[Distance, Distance],
-    tolerance: float,
-) -> ComparedStep:
-    (before_s, before_sd_s), (after_s, after_sd_s) = durations
-    longer_s, sd_s = after_s - before_s, hypot(before_sd_s, after_sd_s)
-    excess_s = abs(longer_s) - tolerance * max(before_s, after_s)
-    is_other_time = ndtr(excess_s / max(sd_s, 1e-9)) >= SURE_PROBABILITY
-    verdict = Verdict.SAME
-    if p < SURE_PROBABILITY or not all(any(map(_is_sure, steps)) for steps in (first, second)):
-        verdict = Verdict.OPEN
-    elif moved:
-        verdict = Verdict.ELSEWHERE
-    elif is_other_time:
-        verdict = Verdict.LONGER if longer_s > 0.0 else Verdict.SHORTER
-    return ComparedStep(first, second, verdict, p, moved, *apart, longer_s, sd_s)
-
-
 def _is_sure(step: Step) -> bool:
     return not step.is_open and step.segment.probability >= SURE_PROBABILITY
 
@@ -264,13 +250,6 @@ def _duration_s(steps: Sequence[Step], take: Sequence[Step]) -> tuple[float, flo
     variance = steps[0].boundary_sd_s[0] ** 2 + steps[-1].boundary_sd_s[1] ** 2
     variance += sum(one.end_s - one.start_s for one in doubtful) ** 2 / 12.0
     return steps[-1].end_s - steps[0].start_s, sqrt(variance)
-
-
-def _near_m(step: Step, outcome: Outcome) -> tuple[Array, Array]:
-    """Where the object is in the middle of a step: its origin, in the body frame and in the world frame."""
-    middle_ns = (step.segment.start_ns + step.segment.end_ns) // 2
-    row = int(np.abs(outcome.trajectory.stamp_ns - middle_ns).argmin())
-    return np.zeros(3), outcome.trajectory.position_m[row]
 
 
 def _main(steps: Sequence[Step]) -> Step:

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 from itertools import pairwise
+from pathlib import Path
 from typing import Final
 from xml.etree import ElementTree
 
@@ -67,26 +68,35 @@ class ContactGraph:
     def graphml(self) -> str:
         """The graph as GraphML."""
         root = ElementTree.Element("graphml", xmlns=_NAMESPACE)
-        kinds = {
-            "label": "string",
-            "contact": "string",
-            "count": "int",
-            "seconds": "double",
-            "times_s": "string",
-        }
-        owners = {"count": "all", "times_s": "all"}
-        for name, kind in kinds.items():
-            keys = {"id": name, "for": owners.get(name, "node"), "attr.name": name, "attr.type": kind}
+        for name, kind, owner in (
+            ("label", "string", "node"),
+            ("contact", "string", "node"),
+            ("count", "int", "all"),
+            ("seconds", "double", "node"),
+            ("times_s", "string", "all"),
+        ):
+            keys = {"id": name, "for": owner, "attr.name": name, "attr.type": kind}
             ElementTree.SubElement(root, "key", keys)
         graph = ElementTree.SubElement(root, "graph", edgedefault="directed")
+        elements = list[tuple[ElementTree.Element, dict[str, str], list[float]]]()
         for number, node in enumerate(self.nodes):
-            times = [start_s for start_s, _ in node.spans_s]
             values = {"label": node.label, "contact": node.name, "seconds": f"{node.total_s:.3f}"}
-            _add(graph, "node", {"id": f"n{number}"}, values | _times(times))
-        for (before, after), times in self.edges.items():
-            _add(graph, "edge", {"source": f"n{before}", "target": f"n{after}"}, _times(times))
+            element = ElementTree.SubElement(graph, "node", id=f"n{number}")
+            elements.append((element, values, [start_s for start_s, _ in node.spans_s]))
+        for (before, after), times_s in self.edges.items():
+            element = ElementTree.SubElement(graph, "edge", source=f"n{before}", target=f"n{after}")
+            elements.append((element, {}, times_s))
+        for element, values, times_s in elements:
+            times = " ".join(f"{time_s:.3f}" for time_s in times_s)
+            for name, value in {**values, "count": str(len(times_s)), "times_s": times}.items():
+                ElementTree.SubElement(element, "data", key=name).text = value
         ElementTree.indent(root)
         return ElementTree.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
+
+
+def write_graph(outcome: Outcome, path: Path, _: str) -> None:
+    """Write the graph of a recording's contacts."""
+    path.write_text(ContactGraph.of(outcome).graphml, encoding="utf-8")
 
 
 def _elements(step: Step, world: GrowingMap | None) -> tuple[str, str]:
@@ -98,13 +108,3 @@ def _elements(step: Step, world: GrowingMap | None) -> tuple[str, str]:
         pair = world.pairs[step.sighting.first]
         names = [f"{KINDS[kind]} {key[1]}" for kind, key in zip(step.sighting.kinds, pair, strict=True)]
     return names[0], names[1]
-
-
-def _times(times: list[float]) -> dict[str, str]:
-    return {"count": str(len(times)), "times_s": " ".join(f"{time_s:.3f}" for time_s in times)}
-
-
-def _add(graph: ElementTree.Element, tag: str, keys: dict[str, str], values: dict[str, str]) -> None:
-    one = ElementTree.SubElement(graph, tag, keys)
-    for name, value in values.items():
-        ElementTree.SubElement(one, "data", key=name).text = value

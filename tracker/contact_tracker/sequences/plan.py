@@ -9,13 +9,14 @@ believes.
 from dataclasses import dataclass
 from itertools import compress
 from math import ceil
+from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from contact_tracker.config.keys import Keys
 from contact_tracker.errors import KnowledgeError, UsageError
+from contact_tracker.geometry.elements import Array
 from contact_tracker.map.file import read_table
 from contact_tracker.outputs.outcome import Outcome
 from contact_tracker.outputs.text import SURE_PROBABILITY
@@ -24,8 +25,6 @@ from contact_tracker.states import STATES, Contact, states_from
 from contact_tracker.tracking.belief import Belief
 from contact_tracker.trajectory.arguments import path_from
 from contact_tracker.version import __version__
-
-Array = NDArray[np.float64]
 
 ANY: Final = "any"
 MOST_STEPS: Final = 1000
@@ -118,6 +117,11 @@ class Plan:
         return "\n".join(lines) + "\n"
 
 
+def write_plan(outcome: Outcome, path: Path, _: str) -> None:
+    """Write the plan of a recording."""
+    path.write_text(Plan.of(outcome).toml, encoding="utf-8")
+
+
 def _planned(keys: Keys) -> PlannedStep:
     name = keys.text("contact", None)
     try:
@@ -202,7 +206,20 @@ class PlanFollower:
         self._weight *= (self._columns @ p / (self._columns @ predicted))[self._number]
         total = self._weight.sum() + self._left
         self._weight, self._left = self._weight / total, self._left / total
-        return self._progress()
+        shares = np.bincount(self._number, self._weight.sum(axis=0))
+        step, p_left = int(np.argmax(shares)), 1.0 - float(self._weight[0].sum())
+        leaves = not self.has_left and p_left >= SURE_PROBABILITY
+        self.has_left = self.has_left or leaves
+        rest = range(step + 1, len(shares))
+        following = next((k + 1 for k in rest if not self.plan.steps[k].is_optional), None)
+        is_sure = shares[step] >= SURE_PROBABILITY and step != self._told
+        self.news = ""
+        if leaves or is_sure:
+            self._told = step
+            comes = "the last one" if following is None else f"next {self._named(following)}"
+            left = f"left (p {p_left:.2f}), at the latest in " if leaves else ""
+            self.news = f"{left}step {self._named(step + 1)} of {len(shares)}; {comes}"
+        return Progress(step + 1, float(shares[step]), p_left, following, leaves)
 
     def _advance(self, tick_s: float, leaves: float) -> None:
         """Let time pass; of the weight of the plan a share ``leaves``.
@@ -230,22 +247,6 @@ class PlanFollower:
         are_optional = np.array([one.is_optional for one in self.plan.steps[number:]], bool)
         reached = np.cumprod(np.append(1.0, np.where(are_optional, 0.5, 0.0)))[: len(are_optional)]
         return np.concatenate([np.zeros(number), reached * np.where(are_optional, 0.5, 1.0)])
-
-    def _progress(self) -> Progress:
-        shares = np.bincount(self._number, self._weight.sum(axis=0))
-        step, p_left = int(np.argmax(shares)), 1.0 - float(self._weight[0].sum())
-        leaves = not self.has_left and p_left >= SURE_PROBABILITY
-        self.has_left = self.has_left or leaves
-        rest = range(step + 1, len(shares))
-        following = next((k + 1 for k in rest if not self.plan.steps[k].is_optional), None)
-        is_sure = shares[step] >= SURE_PROBABILITY and step != self._told
-        self.news = ""
-        if leaves or is_sure:
-            self._told = step
-            comes = "the last one" if following is None else f"next {self._named(following)}"
-            left = f"left (p {p_left:.2f}), at the latest in " if leaves else ""
-            self.news = f"{left}step {self._named(step + 1)} of {len(shares)}; {comes}"
-        return Progress(step + 1, float(shares[step]), p_left, following, leaves)
 
     def _named(self, number: int) -> str:
         return f"{number} ({self.plan.steps[number - 1].name})"

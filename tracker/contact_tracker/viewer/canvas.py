@@ -3,7 +3,7 @@ and events on the left, plots over time on the right."""
 
 import inspect
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, Final, Literal
+from typing import Any, Final
 from uuid import uuid4
 
 import numpy as np
@@ -163,7 +163,8 @@ class Canvas:
             vector, origin = along * length_m / np.linalg.norm(along), motion.point_world_m
             arrow = rr.Arrows3D(vectors=[vector], origins=[origin], colors=GREY, radii=style, labels=label)
             if turn.any():
-                strip = origin + _arc(turn, length_m)
+                angle = float(np.linalg.norm(turn))
+                strip = origin + length_m * circle(turn / angle, np.linspace(0.0, angle, 16))
                 arc = rr.LineStrips3D([strip], colors=GREY, radii=style)
         self._recording.log(SUGGESTED, arrow, strict=True)
         self._recording.log(f"{SUGGESTED}/arc", arc, strict=True)
@@ -295,12 +296,6 @@ class Canvas:
             self._recording.send_columns(entity, times, some, strict=True)
 
 
-def _arc(turn_rad: Array, radius_m: float) -> Array:
-    """Points (16, 3) of the path that a rotation vector turns a point at a distance from its axis."""
-    angle = float(np.linalg.norm(turn_rad))
-    return radius_m * circle(turn_rad / angle, np.linspace(0.0, angle, 16))
-
-
 def _point_columns(places: Sequence[Array]) -> Columns:
     return rr.Points3D.columns(positions=np.concatenate(places)).partition(list(map(len, places)))
 
@@ -337,79 +332,49 @@ def further_event(since_ns: int, further: FurtherContact, joins: bool) -> str:
     return f"{since_ns * 1e-9:7.2f} s  p {further.probability:.2f}  {how}  {where}".rstrip()
 
 
-PanelState = Literal["collapsed", "expanded"]
 BACKGROUND = (25, 28, 33)
 """Dark in light themes as well, on which the object's white elements are not seen."""
 TRAIL_S = 4.0
 LIVE_S = 10.0
 _RESIDUAL = "Residual over 25 ticks of motion (1 = noise)"
-_MOTION = "Slip at the touching point (m/s)"
-_PAPER = "Paper's objectives, windows of 500 poses (normalised)"
 
 
 def offline_layout(eye: Eye, is_one_of_several: bool = False) -> rrb.Blueprint:
     """Layout of a whole recording; with several recordings their list is open."""
     everything = rr.TimeRange(start=rr.TimeRangeBoundary.infinite(), end=rr.TimeRangeBoundary.infinite())
-    smoothed = _plot(P_SMOOTHED, "Probability, smoothed (all data)", everything, 1.05, legend=True)
-    filtered = _plot(P_FILTERED, "Probability, filtered (data so far)", everything, 1.05)
-    residual = _plot(RESIDUAL, _RESIDUAL, everything, 3.0, legend=True)
-    paper = _plot(PAPER, _PAPER, everything, 1.0, legend=True)
-    motion = _plot(MOTION, _MOTION, everything, None, legend=True)
+    smoothed = _plot(P_SMOOTHED, "Probability, smoothed (all data)", everything, 1.05)
+    filtered = _plot(P_FILTERED, "Probability, filtered (data so far)", everything, 1.05, legend=False)
+    residual = _plot(RESIDUAL, _RESIDUAL, everything, 3.0)
+    motion = _plot(MOTION, "Slip at the touching point (m/s)", everything, None)
+    paper = _plot(PAPER, "Paper's objectives, windows of 500 poses (normalised)", everything, 1.0)
     views = _states(everything), smoothed, filtered, rrb.Tabs(residual, motion, paper)
     over_time = rrb.Vertical(*views, row_shares=[15, 14, 7, 12])
-    panel = rrb.TimePanel(state="collapsed", timeline=TIMELINE)
-    return _blueprint(eye, over_time, panel, "expanded" if is_one_of_several else "collapsed")
+    recordings = rrb.BlueprintPanel(state="expanded" if is_one_of_several else "collapsed")
+    return _blueprint(eye, over_time, recordings, rrb.TimePanel(state="collapsed", timeline=TIMELINE))
 
 
 def live_layout(eye: Eye) -> rrb.Blueprint:
     """Layout of a live view: the last seconds before the cursor, which follows the data."""
-    recent = rr.TimeRange(
-        start=rr.TimeRangeBoundary.cursor_relative(seconds=-LIVE_S),
-        end=rr.TimeRangeBoundary.cursor_relative(seconds=0.0),
-    )
-    over_time = rrb.Vertical(
-        _states(recent),
-        _plot(P_FILTERED, "Probability", recent, 1.05, legend=True),
-        _plot(RESIDUAL, _RESIDUAL, recent, 3.0, legend=True),
-        row_shares=[4, 4, 4],
-    )
+    recent = _last(LIVE_S)
+    probability = _plot(P_FILTERED, "Probability", recent, 1.05)
+    views = _states(recent), probability, _plot(RESIDUAL, _RESIDUAL, recent, 3.0)
     panel = rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="following")
-    return _blueprint(eye, over_time, panel)
+    return _blueprint(eye, rrb.Vertical(*views), rrb.BlueprintPanel(state="collapsed"), panel)
+
+
+def _last(seconds: float) -> rr.TimeRange:
+    """Up to the cursor."""
+    start, end = (rr.TimeRangeBoundary.cursor_relative(seconds=one) for one in (-seconds, 0.0))
+    return rr.TimeRange(start=start, end=end)
 
 
 def _blueprint(
-    eye: Eye, over_time: rrb.Container, panel: rrb.TimePanel, recordings: PanelState = "collapsed"
+    eye: Eye, over_time: rrb.Container, recordings: rrb.BlueprintPanel, time: rrb.TimePanel
 ) -> rrb.Blueprint:
-    events = rrb.TextLogView(
-        origin=EVENTS,
-        name="Changes of contact",
-        columns=rrb.TextLogColumns(
-            timeline_columns=[_no_column(TIMELINE), _no_column(STAMP)],
-            text_log_columns=["LogLevel", "Body"],
-        ),
-    )
-    legend = rrb.TextDocumentView(origin=LEGEND, name="What is what")
-    left = rrb.Vertical(_space(eye), legend, events, row_shares=[18, 5, 5])
-    return rrb.Blueprint(
-        rrb.Horizontal(left, over_time, column_shares=[11, 9]),
-        rrb.BlueprintPanel(state=recordings),
-        rrb.SelectionPanel(state="collapsed"),
-        panel,
-        auto_views=False,
-    )
-
-
-def _no_column(timeline: str) -> rrb.encodings.TimelineColumn:
-    """No time column: the text has the time, as the viewer's column is too narrow."""
-    return rrb.encodings.TimelineColumn(timeline, visible=False)
-
-
-def _space(eye: Eye) -> rrb.View:
-    trail = rr.VisibleTimeRange(
-        TIMELINE,
-        start=rr.TimeRangeBoundary.cursor_relative(seconds=-TRAIL_S),
-        end=rr.TimeRangeBoundary.cursor_relative(seconds=0.0),
-    )
+    # The text has the time, as the viewer's column is too narrow.
+    hidden = [rrb.encodings.TimelineColumn(name, visible=False) for name in (TIMELINE, STAMP)]
+    columns = rrb.TextLogColumns(timeline_columns=hidden, text_log_columns=["LogLevel", "Body"])
+    events = rrb.TextLogView(origin=EVENTS, name="Changes of contact", columns=columns)
     controls = rrb.EyeControls3D(
         kind=rrb.Eye3DKind.Orbital,
         position=eye[0],
@@ -418,14 +383,23 @@ def _space(eye: Eye) -> rrb.View:
         tracking_entity=CENTRE,  # the place of the eye is relative to it
     )
     # The world frame need not be level, so the viewer's ground grid would mislead.
-    return rrb.Spatial3DView(
+    space = rrb.Spatial3DView(
         origin="world",
         contents="world/**",
         name="Object and contact",
         background=BACKGROUND,
         line_grid=False,
         eye_controls=controls,
-        overrides={TRAIL: rrb.VisibleTimeRanges(trail)},
+        overrides={TRAIL: rrb.VisibleTimeRanges(rr.VisibleTimeRange(TIMELINE, _last(TRAIL_S)))},
+    )
+    legend = rrb.TextDocumentView(origin=LEGEND, name="What is what")
+    left = rrb.Vertical(space, legend, events, row_shares=[18, 5, 5])
+    return rrb.Blueprint(
+        rrb.Horizontal(left, over_time, column_shares=[11, 9]),
+        recordings,
+        rrb.SelectionPanel(state="collapsed"),
+        time,
+        auto_views=False,
     )
 
 
@@ -437,7 +411,7 @@ def _states(time_range: rr.TimeRange) -> rrb.View:
 
 
 def _plot(
-    entity: str, name: str, time_range: rr.TimeRange, top: float | None, legend: bool = False
+    entity: str, name: str, time_range: rr.TimeRange, top: float | None, legend: bool = True
 ) -> rrb.View:
     return rrb.TimeSeriesView(
         origin=entity,

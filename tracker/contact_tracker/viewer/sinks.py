@@ -8,7 +8,6 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from functools import partial
 from pathlib import Path
 from typing import Final
 from urllib.parse import quote
@@ -22,8 +21,9 @@ from contact_tracker.viewer import SILENT
 
 HOST: Final = "127.0.0.1"
 PORT: Final = 9876
+_ADDRESS: Final = f"rerun+http://{HOST}:{{port}}/proxy"
+"""Where a viewer accepts recordings."""
 WEB_PORT: Final = 9090
-WINDOW: Final = ("--hide-welcome-screen",)
 _WITHOUT_SCREEN: Final = "--web shows it in a browser, and view --save FILE.rrd writes a file"
 _START_S: Final = 20.0
 _POLL_S: Final = 0.1
@@ -59,17 +59,12 @@ def to_viewer(port: int = PORT) -> Sink:
     def connect(recording: rr.RecordingStream, blueprint: rrb.Blueprint | None) -> None:
         speaks = answers(port)
         if speaks is None:
-            start(port, WINDOW)
+            start(port, ("--hide-welcome-screen",))
         elif not speaks:
             raise ViewerError(f"port {port} is taken, and not by a rerun viewer")
-        recording.connect_grpc(address(port), default_blueprint=blueprint)
+        recording.connect_grpc(_ADDRESS.format(port=port), default_blueprint=blueprint)
 
     return connect
-
-
-def address(port: int) -> str:
-    """The URL at which a viewer accepts recordings."""
-    return f"rerun+http://{HOST}:{port}/proxy"
 
 
 def answers(port: int) -> bool | None:
@@ -78,32 +73,42 @@ def answers(port: int) -> bool | None:
     rerun connects to anything and fails only later.
     """
     try:
-        with socket.create_connection((HOST, port), timeout=_ANSWER_S) as connection:
-            try:
-                connection.sendall(_PREFACE)
-                return connection.recv(9)[3:4] == _SETTINGS
-            except OSError:
-                return False
+        connection = socket.create_connection((HOST, port), timeout=_ANSWER_S)
     except OSError:
         return None
+    with connection, suppress(OSError):
+        connection.sendall(_PREFACE)
+        return connection.recv(9)[3:4] == _SETTINGS
+    return False
 
 
 def start(port: int, options: Sequence[str], web_port: int | None = None) -> "subprocess.Popen[bytes]":
     """Start a viewer for this machine only, which outlives this process.
 
-    rerun's own functions to start one let other machines connect. It is ended if it does not start or the
-    wait for it is interrupted.
+    It is the one that comes with rerun, whose own functions to start it let other machines connect. It is
+    ended if it does not start or the wait for it is interrupted.
+
+    rerun enables usage analytics by default and stores that in its settings on the first run, so these do not
+    show the user's choice. ``CI`` disables them; ``FORCE_RERUN_ANALYTICS`` takes precedence.
 
     Raises
     ------
     ViewerError : it does not accept recordings at ``port``, and serve its page at ``web_port``, in time.
     """
+    folder, given = Path(rerun_cli.__path__[0]), os.environ.get("RERUN_CLI_PATH")
+    path = os.pathsep.join(map(str, (folder, folder / "Rerun.app/Contents/MacOS")))
+    program = shutil.which(given) if given else shutil.which("rerun", path=path)
+    if program is None:
+        raise ViewerError(_NOT_STARTED)
+    environment = {"CI": "true", **os.environ}
+    if environment.get("RUST_LOG") == SILENT:
+        del environment["RUST_LOG"]  # is for this process; the viewer shows its log in its window
     viewer = subprocess.Popen(
-        (_program(), "--bind", HOST, "--port", str(port), *options),
+        (program, "--bind", HOST, "--port", str(port), *options),
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
-        env=_environment(),
+        env=environment,
         start_new_session=True,
     )
     try:
@@ -124,35 +129,8 @@ def end(viewer: "subprocess.Popen[bytes]") -> None:
     viewer.wait()
 
 
-def _program() -> str:
-    """The viewer that comes with rerun; raises ViewerError."""
-    folder = Path(rerun_cli.__path__[0])
-    given, folders = os.environ.get("RERUN_CLI_PATH"), (folder, folder / "Rerun.app/Contents/MacOS")
-    found = shutil.which(given) if given else shutil.which("rerun", path=os.pathsep.join(map(str, folders)))
-    if found is None:
-        raise ViewerError(_NOT_STARTED)
-    return found
-
-
-def _environment() -> dict[str, str]:
-    """The environment for a viewer without usage analytics.
-
-    rerun enables analytics by default and stores that in its settings on the first run, so these do not show
-    the user's choice. ``CI`` disables them; ``FORCE_RERUN_ANALYTICS`` takes precedence.
-    """
-    environment = {"CI": "true", **os.environ}
-    if environment.get("RUST_LOG") == SILENT:
-        del environment["RUST_LOG"]  # is for this process; the viewer shows its log in its window
-    return environment
-
-
 def close(recording: rr.RecordingStream, timeout_s: float = 60.0) -> None:
-    """Deliver all data, then disconnect.
-
-    Raises
-    ------
-    ViewerError : not all data were delivered in time.
-    """
+    """Deliver all data, then disconnect; raises ViewerError if that does not succeed in time."""
     try:
         recording.flush(timeout_sec=timeout_s)
     except Exception as error:  # rerun raises its own errors or RuntimeError, by version
@@ -179,13 +157,13 @@ def web_viewer(port: int = PORT, web_port: int = WEB_PORT) -> Iterator[tuple[str
         if answers(taken) is not None:
             raise ViewerError(f"port {taken} is taken: end what listens there, perhaps another viewer")
     server = start(port, ("--serve-web", "--web-viewer-port", str(web_port)), web_port)
+
+    def wait() -> None:
+        with suppress(KeyboardInterrupt):
+            server.wait()
+
     try:
-        url = f"http://{HOST}:{web_port}/?url={quote(address(port), safe='')}"
-        yield url, to_viewer(port), partial(_wait, server)
+        url = f"http://{HOST}:{web_port}/?url={quote(_ADDRESS.format(port=port), safe='')}"
+        yield url, to_viewer(port), wait
     finally:
         end(server)
-
-
-def _wait(server: "subprocess.Popen[bytes]") -> None:
-    with suppress(KeyboardInterrupt):
-        server.wait()

@@ -5,6 +5,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial
+from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, Self
 
@@ -13,7 +14,6 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from contact_tracker.errors import NoPoses, ViewerError
-from contact_tracker.files import accept_any, whole_file
 from contact_tracker.geometry.elements import Array
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.map.world_map import GrowingMap
@@ -36,16 +36,9 @@ if TYPE_CHECKING:
 Draw = Callable[[Outcome], None]
 
 
-def write_rrd(path: Path, outcome: Outcome, check: Callable[[], None] = accept_any) -> None:
-    """Write a rerun file with its layout, atomically; ``check`` as of ``whole_file``.
-
-    Raises
-    ------
-    NoPoses : there is no pose.
-    OSError : the file cannot be written.
-    """
-    with whole_file(path, check) as temporary:
-        begin(to_file(temporary), outcome.trajectory.name)(outcome)
+def write_rrd(outcome: Outcome, path: Path, _: str) -> None:
+    """Write a rerun file with its layout; raises NoPoses."""
+    begin(to_file(path), outcome.trajectory.name)(outcome)
 
 
 def show_in_notebook(outcome: Outcome, width: int, height: int) -> "Viewer":
@@ -67,12 +60,7 @@ def show_in_notebook(outcome: Outcome, width: int, height: int) -> "Viewer":
 
 def begin(sink: Sink, name: str, is_one_of_several: bool = False) -> Draw:
     """Open a view before the recording is segmented; the function that is returned draws it there. A viewer
-    that ``sink`` opens stays open.
-
-    Raises
-    ------
-    ViewerError : the viewer does not start, or later, does not take the data.
-    """
+    that ``sink`` opens stays open. Raises ViewerError, or later, if the viewer does not take the data."""
     recording, eye = canvas.new_recording(name), Upward(UNKNOWN_EXTENT).eye(UNKNOWN_EXTENT.radius_m)
     sink(recording, canvas.offline_layout(eye, is_one_of_several))
     return partial(_draw, recording, is_one_of_several)
@@ -106,8 +94,13 @@ def _draw(recording: rr.RecordingStream, is_one_of_several: bool, outcome: Outco
 
         _draw_segments(sheet, outcome, [drawn(one, one) for one in outcome.segments])
         _draw_further(sheet, outcome, drawn)
-        _draw_trail(sheet, outcome)
-        _draw_motion(sheet, outcome)
+        # a strip of the path per tick, joined to the previous one
+        ends = np.searchsorted(poses.stamp_ns, beliefs.stamp_ns, side="right")
+        starts = np.maximum(np.concatenate([[0], ends[:-1]]) - 1, 0)
+        strips = [poses.position_m[a:b] for a, b in zip(starts, ends, strict=True)]
+        long = [i for i, strip in enumerate(strips) if len(strip) > 1]
+        contacts = beliefs.contacts
+        sheet.trail(beliefs.stamp_ns[long], [strips[i] for i in long], [contacts[i] for i in long])
     if (truth := outcome.truth) is not None:
         changes = truth.between(int(poses.stamp_ns[0]), int(poses.stamp_ns[-1])).changes()
         starts = np.array([start_ns for start_ns, _ in changes], np.int64)
@@ -119,38 +112,26 @@ def _draw(recording: rr.RecordingStream, is_one_of_several: bool, outcome: Outco
     close(recording)
 
 
-def _draw_trail(sheet: Canvas, outcome: Outcome) -> None:
-    """Draw a strip of the path per tick, joined to the previous one."""
-    poses, beliefs = outcome.trajectory.poses, outcome.beliefs
-    ends = np.searchsorted(poses.stamp_ns, beliefs.stamp_ns, side="right")
-    starts = np.maximum(np.concatenate([[0], ends[:-1]]) - 1, 0)
-    strips = [poses.position_m[a:b] for a, b in zip(starts, ends, strict=True)]
-    long = [i for i, strip in enumerate(strips) if len(strip) > 1]
-    contacts = beliefs.contacts
-    sheet.trail(beliefs.stamp_ns[long], [strips[i] for i in long], [contacts[i] for i in long])
-
-
-def _draw_motion(sheet: Canvas, outcome: Outcome) -> None:
-    """Draw the slip at the touching point, with a gap after each segment."""
-    for motion in (one.motion for one in outcome.segments if one.motion is not None):
-        speeds = np.stack([motion.speed_m_per_s, 3.0 * motion.slip_sd_m_per_s], axis=1)
-        gap_ns = motion.stamp_ns[-1] + 1
-        sheet.scalars(canvas.MOTION, np.append(motion.stamp_ns, gap_ns), np.vstack([speeds, [np.nan] * 2]))
-
-
 def _draw_segments(sheet: Canvas, outcome: Outcome, drawings: Sequence[Drawing | None]) -> None:
-    """Draw the geometry of each segment from its start, its name, state and event."""
+    """Draw the geometry of each segment from its start, its name, state and event, and the slip at the
+    touching point, with a gap after each segment."""
     segments, origin_ns = outcome.segments, outcome.origin_ns
     starts = np.array([s.start_ns for s in segments], np.int64)
     sheet.drawings(starts, drawings)
     _fade(sheet, outcome, starts, [one is not None and one.is_open for one in drawings])
     contacts = [s.contact for s in segments]
-    texts = [event(s.start_ns - origin_ns, s.probability, s.geometry, s.inseparable) for s in segments]
-    joints = ["" if s.joint is None else f"; {joint_name(s.joint)}" for s in segments]
-    texts = [f"{text}{joint}" for text, joint in zip(texts, joints, strict=True)]
+    texts = [
+        event(s.start_ns - origin_ns, s.probability, s.geometry, s.inseparable)
+        + ("" if s.joint is None else f"; {joint_name(s.joint)}")
+        for s in segments
+    ]
     sheet.events(starts, contacts, texts)
     sheet.inseparable(starts, [s.inseparable for s in segments])
     sheet.states(canvas.SMOOTHED, starts, contacts)
+    for motion in (s.motion for s in segments if s.motion is not None):
+        speeds = np.stack([motion.speed_m_per_s, 3.0 * motion.slip_sd_m_per_s], axis=1)
+        stamps = np.append(motion.stamp_ns, motion.stamp_ns[-1] + 1)
+        sheet.scalars(canvas.MOTION, stamps, np.vstack([speeds, [np.nan] * 2]))
 
 
 def _draw_further(
@@ -162,10 +143,9 @@ def _draw_further(
     starts = np.array([part.start_ns for _, part in parts], np.int64)
     held = [[one if one in part.further else None for one in segment.further] for segment, part in parts]
     sheet.further(starts, held)
-    for number in range(sheet.most_further):
-        row = [one[number] if number < len(one) else None for one in held]
+    for number, row in enumerate(zip_longest(*held), start=1):
         drawings = [drawn(one, part) for one, (_, part) in zip(row, parts, strict=True)]
-        sheet.drawings(starts, drawings, number + 1)
+        sheet.drawings(starts, drawings, number)
     rows = [
         (stamp_ns, one.contact, further_event(stamp_ns - origin_ns, one, joins))
         for segment in segments
@@ -258,9 +238,12 @@ class LiveViewer:
     def belief(self, belief: Belief, world: GrowingMap | None = None) -> None:
         """Draw a belief about earlier poses, and the map where it has changed; without poses nothing is
         drawn."""
-        tick = self._take(belief.stamp_ns)
-        if self._sheet is None or tick is None:
+        rows = [] if self._last is None else [self._last]
+        while self._waiting and self._waiting[0].stamp_ns <= belief.stamp_ns:
+            rows.append(self._waiting.popleft())
+        if self._sheet is None or not rows:
             return
+        self._last, tick = rows[-1], Poses.collect(rows)
         self._known.add_poses(tick)
         is_new = self._known.add_contact(belief.onset_ns, belief.stamp_ns, belief.geometry)
         if is_new or world is not self._world:
@@ -268,19 +251,19 @@ class LiveViewer:
             self._sheet.known(self._known.parts(world), belief.stamp_ns)
         sheet, contact, p = self._sheet, belief.contact, belief.probability[belief.contact.column]
         stamp = np.array([belief.stamp_ns], np.int64)
-        changed = contact is not self._contact
         sheet.trail(stamp, [tick.position_m], [contact])
         sheet.scalars(canvas.P_FILTERED, stamp, belief.probability[None])
         sheet.scalars(canvas.RESIDUAL, stamp, belief.residual[None])
-        self._contact = contact
+        changed, self._contact = contact is not self._contact, contact
         sheet.states(canvas.FILTERED, stamp, [contact])
         is_news, joins, leaves = self._changes.update(belief)
         if is_news:
             text = event(belief.stamp_ns - self._origin_ns, p, belief.geometry, belief.inseparable)
             sheet.events(stamp, [contact], [text])
-        for one, is_new in [*((one, True) for one in joins), *((one, False) for one in leaves)]:
-            text = further_event(belief.stamp_ns - self._origin_ns, one, is_new)
-            sheet.events(stamp, [one.contact], [text])
+        for further, begins in ((joins, True), (leaves, False)):
+            for one in further:
+                text = further_event(belief.stamp_ns - self._origin_ns, one, begins)
+                sheet.events(stamp, [one.contact], [text])
         sheet.inseparable(stamp, [belief.inseparable])
         if changed or joins or leaves or belief.stamp_ns - self._drawn_ns >= _REDRAW_NS:
             self._draw(sheet, belief, tick)
@@ -303,21 +286,10 @@ class LiveViewer:
         for number, beside in enumerate([*further, *gone], 1):
             sheet.drawings(stamp, [beside], number)
 
-    def close(self) -> None:
-        """Send the remaining data; the viewer stays open."""
-        with suppress(ViewerError):  # the user may have closed the window
-            close(self._recording, _CLOSE_S)
-
-    def _take(self, until_ns: int) -> Poses | None:
-        """The poses up to ``until_ns`` that belong to no earlier belief; None without any."""
-        rows = [] if self._last is None else [self._last]
-        while self._waiting and self._waiting[0].stamp_ns <= until_ns:
-            rows.append(self._waiting.popleft())
-        self._last = rows[-1] if rows else None
-        return Poses.collect(rows) if rows else None
-
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.close()
+        """Send the remaining data; the viewer stays open."""
+        with suppress(ViewerError):  # the user may have closed the window
+            close(self._recording, _CLOSE_S)
