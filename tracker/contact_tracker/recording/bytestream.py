@@ -86,7 +86,10 @@ class WorkBudget:
 ZSTD_MAGIC: Final = b"\x28\xb5\x2f\xfd"
 TABLE_ENDINGS: Final = tuple(
     f".{end}"
-    for end in ["csv", "tsv", "txt", "tum", "dat", "jsonl", "json", "parquet", "pq", "npy", "npz", "c3d"]
+    for end in (
+        *("csv", "tsv", "txt", "tum", "dat", "jsonl", "json", "parquet", "pq", "feather", "arrow"),
+        *("npy", "npz", "mat", "h5", "hdf5", "c3d"),
+    )
 )
 """Usual ends of the names of tables; other text may be one as well."""
 _UTF_16: Final = (b"\xff\xfe", b"\xfe\xff")

@@ -401,8 +401,9 @@ class Columns:
         if role not in GROUPS:
             return [(role, places[0])]
         if role != "matrix":
-            if len(places) != len(GROUPS[role]):
-                raise ChoiceError(f"{role} has {len(GROUPS[role])} columns, and {name} {len(places)}")
+            many, part = len(GROUPS[role]), f"{name.partition('[')[0]}[0:{len(GROUPS[role])}]"
+            if len(places) != many:
+                raise ChoiceError(f"{role} is {many} columns, as {part}, and {name} has {len(places)}")
             return list(zip(GROUPS[role], places, strict=True))
         if len(places) not in _MATRIX_SHAPES:
             raise ChoiceError(f"a matrix has 9, 12 or 16 values, and {name} {len(places)}")

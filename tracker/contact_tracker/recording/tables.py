@@ -6,7 +6,6 @@ Times are numbers in a unit that is named or guessed, or dates (ISO 8601).
 import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from datetime import UTC, datetime
 from decimal import Decimal
 from itertools import compress
@@ -33,7 +32,7 @@ from contact_tracker.recording.table_layouts import (
 from contact_tracker.recording.text_tables import TextTable
 
 if TYPE_CHECKING:
-    from contact_tracker.recording.binary_tables import ArrayTable, C3DTable, ParquetTable
+    from contact_tracker.recording.binary_tables import ArrayTable, ParquetTable
 
 _STEP_S: Final = (0.0005, 0.2)
 """Steps between poses at 5 to 2000 Hz; the ranges of different units do not overlap."""
@@ -273,8 +272,17 @@ def stamp_of_date(text: str) -> int | None:
     return (since.days * 86_400 + since.seconds - zone_s) * 10**9 + fraction_ns
 
 
-_PARQUET: Final = b"PAR1"
-_NPY, _NPZ = b"\x93NUMPY", b"PK\x03\x04"
+_BINARY: Final[Sequence[tuple[str, re.Pattern[bytes], str]]] = (
+    ("Parquet", re.compile(b"PAR1"), ""),
+    ("Feather", re.compile(b"ARROW1"), ""),
+    ("NumPy", re.compile(b"\x93NUMPY"), ""),
+    ("NumPy", re.compile(b"PK\x03\x04"), ".npz"),
+    ("HDF5", re.compile(rb"\x89HDF\r\n\x1a\n|MATLAB 7\.3"), ""),
+    ("MATLAB", re.compile(b"MATLAB "), ""),
+    ("MATLAB", re.compile(b"(?s).[\0-\x13]\0\0|\0\0"), ".mat"),
+    ("C3D", re.compile(b"(?s).P"), ".c3d"),
+)
+"""Kinds of tables, by the first bytes and the end of the name; MATLAB 4 has a number first."""
 _LONGEST_TIME: Final = 40
 _BEGIN: Final = 4096
 _RECORDINGS: Final = (".mcap", ".mcap.zst", ".mcap.zstd")
@@ -285,27 +293,11 @@ _ARRAYS: Final = "contact_tracker.Trajectory.from_arrays(t, p, q) takes times, p
 _PICKLE: Final = (
     f"it is a pickle, which runs code when it is loaded: if you trust it, load it in Python; {_ARRAYS}"
 )
-_HDF5: Final = (
-    ", which is not read: file = h5py.File({name!r}); file.visititems(lambda *one: print(*one)) shows the "
-    "names and shapes of its arrays"
-)
-_MATLAB: Final = (
-    "it is a file of MATLAB{arrays}, which is not read: data = scipy.io.loadmat({name!r}, squeeze_me=True); "
-    + _ARRAYS
-)
-_FEATHER: Final = (
-    "it is a table of Arrow (Feather){arrays}, which is not read: table = "
-    "pyarrow.feather.read_table({name!r}); contact_tracker.Trajectory.from_dataframe(table) takes it"
-)
 _OTHERS: Final = {
     b"\x04\x22\x4d\x18": "it is compressed: lz4 -d {name} first",
     b"\x1f\x8b": "it is compressed: gunzip {name} first",
     b"PK\x03\x04": "it is compressed: unzip {name} first",
     b"BZh": "it is compressed: bunzip2 {name} first",
-    b"\x89HDF\r\n\x1a\n": f"it is HDF5{_HDF5}; {_ARRAYS}",
-    b"MATLAB 7.3": f"it is HDF5 of MATLAB{_HDF5}, transposed; {_ARRAYS}",
-    b"MATLAB ": _MATLAB,
-    b"ARROW1": _FEATHER,
     b"\x80\x04\x95": _PICKLE,
     b"\x80\x05\x95": _PICKLE,
     b"RRF": "it is a recording of rerun, which is not read: give the file from which it was made; " + _ARRAYS,
@@ -321,43 +313,27 @@ _OTHERS: Final = {
     b"version https://git-lfs": "it is a pointer of Git LFS, not the file itself: git lfs pull",
 }
 """First bytes of files that are not read, and how to get at what is in them."""
-_SHOWN: Final = 8
 
 
 def refuse_other_formats(path: str, begin: bytes) -> None:
     """Raise UnreadableRecording if a file with these first bytes, which is no table, is of another known
     format, or named as a table."""
-    text, found = next((text for magic, text in _OTHERS.items() if begin.startswith(magic)), None), []
-    with suppress(Exception):  # damaged files can raise anything
-        if text == _MATLAB or path.lower().endswith(".mat"):  # MATLAB 4 has no first bytes of its own
-            from scipy.io import whosmat
-
-            found = [f"{name} {shape}" for name, shape, _ in whosmat(path)]
-            text = _MATLAB
-        elif text == _FEATHER:
-            from contact_tracker.recording.binary_tables import feather_columns
-
-            found = feather_columns(path)
+    text = next((text for magic, text in _OTHERS.items() if begin.startswith(magic)), None)
     if text is not None:
-        some = ", ".join(map(printable, found[:_SHOWN])) + (", ..." if len(found) > _SHOWN else "")
-        arrays = f" with {some}" if found else ""
-        raise UnreadableRecording(text.format(name=os.path.basename(path), arrays=arrays))
+        raise UnreadableRecording(text.format(name=os.path.basename(path)))
     if begin and path.lower().endswith(TABLE_ENDINGS):
         raise UnreadableRecording("it is named as a table, but is not text")
 
 
 def _kind(path: str, begin: bytes) -> str:
-    """``Parquet``, ``NumPy`` or ``C3D`` by the first bytes and the name of a file; empty for others."""
+    """The kind of a table, a key of ``binary_tables.TABLES``, by the first bytes and the name of a file;
+    empty for others."""
     name = path.lower()
-    if begin.startswith(_PARQUET):
-        return "Parquet"
-    if begin.startswith(_NPY) or (begin.startswith(_NPZ) and name.endswith(".npz")):
-        return "NumPy"
-    return "C3D" if begin[1:2] == b"P" and name.endswith(".c3d") else ""
+    return next((kind for kind, first, end in _BINARY if first.match(begin) and name.endswith(end)), "")
 
 
 def is_table(path: str, begin: bytes) -> bool:
-    """Whether a file with these first bytes may be a table: Parquet, NumPy, C3D, or text without the suffix
+    """Whether a file with these first bytes may be a table: of a known kind, or text without the suffix
     ``.mcap``."""
     is_other = path.lower().endswith(_RECORDINGS) or begin.startswith(tuple(_OTHERS))
     return bool(_kind(path, begin)) or (not is_other and is_text(begin, path))
@@ -365,8 +341,7 @@ def is_table(path: str, begin: bytes) -> bool:
 
 def has_poses(path: str) -> bool:
     """Whether a file is a table with the columns of poses."""
-    with open(path, "rb") as file:
-        begin = file.read(_BEGIN)
+    begin = _begin(path)
     try:
         return is_table(path, begin) and bool(_opened(path, AS_NAMED, WorkBudget()))
     except (UnreadableRecording, ChoiceError):
@@ -401,12 +376,12 @@ def read_table(
     try:
         table = _opened(path, reading, budget)
     except UnreadableRecording as error:
-        if path.lower().endswith(TABLE_ENDINGS):
+        if path.lower().endswith(TABLE_ENDINGS) or _kind(path, _begin(path)):
             raise
         raise UnreadableRecording(
             f"it is neither a recording nor a table of poses ({error}). What is read: MCAP files, ROS bags "
-            "(.db3, .bag), tables (CSV, TUM, JSON, Parquet, NumPy), C3D with bodies, and exports of Motive, "
-            "Vicon and Qualisys"
+            "(.db3, .bag), tables (CSV, TUM, JSON, Parquet, Feather, NumPy, MATLAB, HDF5), C3D with bodies, "
+            "and exports of Motive, Vicon and Qualisys"
         ) from error
     layout, topic = table.layout, os.path.basename(path)
     read_as = ReadAs(False, reading, path, layout.quaternion, layout.has_angles)
@@ -435,19 +410,19 @@ def read_table(
         report(damage)
 
 
-def _opened(
-    path: str, reading: TableReading, budget: WorkBudget
-) -> "TextTable | ArrayTable | ParquetTable | C3DTable":
-    budget.bytes_read += os.path.getsize(path)
+def _begin(path: str) -> bytes:
     with open(path, "rb") as file:
-        begin = file.read(_BEGIN)
+        return file.read(_BEGIN)
+
+
+def _opened(path: str, reading: TableReading, budget: WorkBudget) -> "TextTable | ArrayTable | ParquetTable":
+    budget.bytes_read += os.path.getsize(path)
+    begin = _begin(path)
     if not (kind := _kind(path, begin)):
         return TextTable(path, begin, reading)
-    from contact_tracker.recording.binary_tables import ArrayTable, C3DTable, ParquetTable
+    from contact_tracker.recording.binary_tables import TABLES
 
-    if kind == "C3D":
-        return C3DTable(path, reading, budget)
-    return (ParquetTable if kind == "Parquet" else ArrayTable)(path, reading, budget)
+    return TABLES[kind](path, reading, budget)
 
 
 def _without_time(text: str, columns: Columns, row: int, layout: TableLayout) -> str:
@@ -456,7 +431,7 @@ def _without_time(text: str, columns: Columns, row: int, layout: TableLayout) ->
     lacks = "no time that is a number or a date"
     others = [columns[place][row] for place in layout.places if place != layout.time]
     is_alone = text and not any(isinstance(value, str) and value for value in others)
-    if is_alone and layout.kind not in ("Parquet", "JSON"):
+    if is_alone and layout.kind not in ("Parquet", "Feather", "JSON"):
         return f"{lacks}: separate their values by {SEPARATORS[layout.separator or ' ']}, as in the first row"
     shown = f" ({printable(text[:_LONGEST_TIME])!r})" if text else ""
     return f"{lacks}{shown}: give each a number, or a date as 2026-03-01T10:00:00.25"
