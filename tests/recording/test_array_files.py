@@ -129,7 +129,9 @@ def test_arrays_of_other_lengths_are_named_and_can_be_chosen(tmp_path: Path) -> 
         WRITERS[name](
             tmp_path / name, {"t_markers": np.arange(900.0), "markers": np.ones((900, 60)), **arrays}
         )
-        with pytest.raises(UnreadableRecording, match=r"left out, are time \(\d.*bodies \(120, 30, 7\)") as raised:
+        with pytest.raises(
+            UnreadableRecording, match=r"left out, are time \(\d.*bodies \(120, 30, 7\)"
+        ) as raised:
             open_log(str(tmp_path / name))
         assert "images (120, 90, 90)" in str(raised.value)
         columns = "time=clock,position=bodies[140:143],quaternion=bodies[143:147]"

@@ -569,7 +569,7 @@ def test_what_does_not_fit_is_wrong_usage(
 
 def test_readings_are_for_tables(tmp_path: Path) -> None:
     shipped = Path(__file__).parents[2] / "recordings" / "paper_experiment.mcap"
-    with pytest.raises(ChoiceError, match="it is no table: leave out --unit"):
+    with pytest.raises(ChoiceError, match="it is no table: leave out unit"):
         contact_tracker.read(shipped, unit="mm")
 
 
@@ -640,7 +640,7 @@ def test_degrees_that_are_read_as_radians_are_told_of(tmp_path, how):
     with pytest.warns(contact_tracker.ContactTrackerWarning):
         taken = read(path, **how)
     (told,) = (note for note in taken.notes if "larger than a turn" in note)
-    assert told.endswith(f"segment {path} --euler xyz:deg")
+    assert told.endswith(f"contact_tracker.read({str(path)!r}, euler='xyz:deg')")
     table = dict(zip(("time [s]", "x", "y", "z", "rx", "ry", "rz"), rows.T, strict=True))
     with pytest.warns(contact_tracker.ContactTrackerWarning, match="larger than a turn.*euler='xyz:deg'"):
         Trajectory.from_dataframe(table, **how)

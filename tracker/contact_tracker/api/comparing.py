@@ -11,7 +11,13 @@ from contact_tracker.exports.formats import FIGURES, check_output
 from contact_tracker.recording import parts_of
 from contact_tracker.sequences import comparison
 from contact_tracker.sequences.comparison import TOLERANCE, compare_outcomes
-from contact_tracker.trajectory.arguments import errors_as, number_from, path_from, warn_of
+from contact_tracker.trajectory.arguments import (
+    errors_as,
+    number_from,
+    path_from,
+    warn_of,
+    with_known_arguments,
+)
 
 if TYPE_CHECKING:
     import pandas
@@ -52,6 +58,7 @@ class Comparison(comparison.Comparison):
             write_comparison(self, name, check_output(name, overwrite, read, "overwrite=True"))
 
 
+@with_known_arguments
 def compare(first: Any, second: Any, tolerance: float = TOLERANCE) -> Comparison:
     """Align two takes of one task by contacts and places, as ``contact-tracker compare`` does.
 
