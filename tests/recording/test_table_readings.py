@@ -480,6 +480,7 @@ def test_arrays_of_numpy(tmp_path: Path, kind: str) -> None:
         ("a.txt", lambda path: path.write_text("# Image list with two lines\n"), "COLMAP's images.txt"),
         ("a.out", lambda path: path.write_text("# Bundle file v0.3\n"), "a file of Bundler, which"),
         ("a.yaml", lambda path: path.write_text("header:\n  stamp:\n"), "ros2 topic echo --csv"),
+        ("a.csv", lambda path: path.write_text(NAMES, "utf-16-be"), "is not text: save it as UTF-8"),
         ("a.trc", lambda path: path.write_text("PathFileType\t4\n"), "it is TRC, which has markers"),
         ("a.txt", lambda path: np.savetxt(path, np.eye(4)), r"numpy\.loadtxt"),
         ("a.json", lambda path: path.write_text('[{"t":\n'), "it begins like JSON, but is none"),
@@ -548,7 +549,10 @@ def test_no_turn_needs_no_axis() -> None:
     ("options", "message"),
     [
         (["--unit", "ms"], "unit is m, cm, mm, um, not 'ms'; a time has time_unit='ms'"),
-        (["--time-unit", "min"], "time_unit is s, ms, us, ns, 100ns, or the rate of frame numbers, as 200Hz"),
+        (
+            ["--time-unit", "min"],
+            "time_unit is s, ms, us, ns, 100ns, days, or the rate of frame numbers, as 200Hz",
+        ),
         (["--time-unit", "frames"], "--time-unit frames needs the rate of the frames: --time-unit 120Hz"),
         (["--rate", "120", "--time-unit", "ms"], "rate is for time_unit='frames', not 'ms'"),
         (["--euler", "XYx"], "euler is three of the letters xyz or XYZ"),

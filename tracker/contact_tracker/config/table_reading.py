@@ -25,8 +25,8 @@ GROUPS: Final[Mapping[str, tuple[str, ...]]] = {
 ANGLE: Final = "angle"
 """The role of the angle of a rotation vector whose other columns are a unit vector."""
 ROLES: Final = (TIME, REST, *POSITION, *QUATERNION, *ANGLES, *MATRIX, ANGLE)
-TICK: Final = "100ns"
-TIME_UNITS_NS: Final[Mapping[str, int]] = TIMES_NS | {TICK: 100}
+TICK, DAY = "100ns", "days"
+TIME_UNITS_NS: Final[Mapping[str, int]] = TIMES_NS | {TICK: 100, DAY: 86_400 * 10**9}
 _RATE: Final = re.compile(r"([0-9]+(?:\.[0-9]+)?) ?Hz", re.IGNORECASE)
 _EULER: Final = re.compile(r"([xyz]{3}|[XYZ]{3})(?::(deg|rad))?")
 _FIELD: Final = re.compile(r"\.|[A-Za-z]\w*(\[\d+\])?(\.[A-Za-z]\w*(\[\d+\])?)*")
@@ -35,7 +35,7 @@ PYTHON: Final = "python"
 NO_TABLE: Final = "it is no table: leave out --unit, --time-unit and what else is said of columns"
 FRAMES: Final = "frames"
 """What times are called that are numbers of frames, beside their rate."""
-TIME_UNIT_HELP: Final = "s, ms, us, ns, 100ns, or the rate of frame numbers, as 200Hz"
+TIME_UNIT_HELP: Final = "s, ms, us, ns, 100ns, days, or the rate of frame numbers, as 200Hz"
 
 
 @dataclass(frozen=True)

@@ -95,9 +95,16 @@ SEPARATORS: Final[Mapping[str, str]] = {
 """Characters that separate values, and what messages call them."""
 
 
+_THOUSANDS: Final = re.compile(r"[+-]?\d{1,3}(?:(?:,\d{3})+\.\d*|(?:\.\d{3})+,\d*)")
+
+
 def number(value: str) -> float:
-    """The number in a cell, which may have quotes or a decimal comma; raises ValueError."""
-    return float(value.strip(BLANKS).replace(",", "."))
+    """The number in a cell, which may have quotes, a decimal comma, or marks of thousands beside a decimal
+    mark; raises ValueError."""
+    plain = value.strip(BLANKS)
+    if _THOUSANDS.fullmatch(plain):
+        plain = re.sub("[.,](?=.*[.,])", "", plain)
+    return float(plain.replace(",", "."))
 
 
 def numbers(cells: Sequence[str]) -> Array:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.config.quantities import RANGE_NS, TIME_WORDS, TIMES_NS
-from contact_tracker.config.table_reading import AS_NAMED, TICK, TIME_UNITS_NS, TableReading
+from contact_tracker.config.table_reading import AS_NAMED, DAY, TICK, TIME_UNITS_NS, TableReading
 from contact_tracker.errors import ChoiceError, UnreadableRecording, printable
 from contact_tracker.motion.poses import Poses, ReadAs
 from contact_tracker.recording.bytestream import TABLE_ENDINGS, WorkBudget, is_text
@@ -26,6 +26,7 @@ from contact_tracker.recording.table_layouts import (
     SEPARATORS,
     Body,
     TableLayout,
+    are_numbers,
     doubt_of_angles,
     numbers,
 )
@@ -38,8 +39,12 @@ _STEP_S: Final = (0.0005, 0.2)
 """Steps between poses at 5 to 2000 Hz; the ranges of different units do not overlap."""
 _DATE_S: Final = (946684800.0, 4102444800.0)
 """Range of dates since 1970: the years 2000 to 2100."""
-_EPOCHS_S: Final = (11_644_473_600, 62_135_596_800)
-"""Seconds from the years 1601 (Windows) and 1 (.NET) to 1970."""
+_DAY_S: Final = 86_400
+_EPOCHS_S: Final[Mapping[str, tuple[tuple[int, int], str]]] = {
+    TICK: ((11_644_473_600, 62_135_596_800), "ticks of 100 ns since the year 1 or 1601"),
+    DAY: ((25_569 * _DAY_S, 719_529 * _DAY_S), "days since the year 0 or 1900, as of MATLAB and Excel"),
+}
+"""Units of dates that are no seconds: seconds from their epochs to 1970, and what they are."""
 _FASTEST_HZ: Final = 20_000.0
 """No tracker of poses is faster: the unit is another one."""
 _FEW: Final = 10
@@ -61,7 +66,8 @@ _DATE: Final = re.compile(
 _YEARS: Final = range(1900, 2110)
 """Years of dates that are read: stamps in nanoseconds reach from 1824 to 2116."""
 _EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
-_DAY_NS: Final = 86_400 * 10**9
+_YEAR_NS: Final = 365.25 * _DAY_S * 1e9
+_DAY_NS: Final = _DAY_S * 10**9
 _MOST_DAYS: Final = 20
 """Between two rows: days and months that are confused make steps of a month."""
 
@@ -94,14 +100,16 @@ def doubt_of_unit(times: NDArray[np.float64], unit_ns: float) -> str | None:
             "its times are whole seconds, one after the other: if they are numbers of frames, give their "
             "rate, as --time-unit 200Hz"
         )
-    if step is None or 1e9 / (step * unit_ns) <= _FASTEST_HZ:
+    likely = None if step is None else _first_within(_STEP_S, step)
+    is_slow = likely is not None and step * unit_ns > _LONGEST_STEP_S * 1e9
+    if step is None or (1e9 / (step * unit_ns) <= _FASTEST_HZ and not is_slow):
         return None
     named = next((unit for unit, ns in TIMES_NS.items() if ns == unit_ns), f"{unit_ns:g} ns")
     remedy = "give their unit with --time-unit s, ms, us or ns, or in the name of their column"
-    if (likely := _first_within(_STEP_S, step)) is not None:
+    if likely is not None:
         advice = f"give --time-unit {likely}, or name their column time_{likely}"
         remedy = f"they look like {TIME_WORDS[likely]}: {advice}"
-    return f"its times, taken as {named}, are those of {1e9 / (step * unit_ns):.0f} poses a second; {remedy}"
+    return f"its times, taken as {named}, are those of {1e9 / (step * unit_ns):.6g} poses a second; {remedy}"
 
 
 def _median_step(times: NDArray[np.float64]) -> float | None:
@@ -213,17 +221,17 @@ class TableTimes:
     def _find_unit(self, times: NDArray[np.float64]) -> None:
         """The unit and epoch of times that are numbers, by the first ones; ticks of 100 ns since the years
         1601 or 1 are known by their size."""
-        first_s, doubt = float(times[0]) * 1e-7, None
+        doubt, step = None, _median_step(times)
         if self._reading.has_frame_numbers and (times != np.round(times)).any():
             raise ChoiceError(f"{self._path}: its times are not whole, {NO_FRAMES}")
-        epochs_s = [epoch_s for epoch_s in _EPOCHS_S if _DATE_S[0] <= first_s - epoch_s <= _DATE_S[1]]
-        if self._reading.time_unit == TICK:
-            self._epoch_ns = sum(epochs_s[:1]) * 10**9
-        elif epochs_s and not self._is_certain:
-            command = TableReading(time_unit=TICK).with_(self._reading).command(self._path)
-            raise UnreadableRecording(
-                f"its times look like ticks of 100 ns since the year 1 or 1601: read them by {command}"
-            )
+        for unit, (epochs, what) in _EPOCHS_S.items():
+            unit_s = TIME_UNITS_NS[unit] * 1e-9
+            dated = [one for one in epochs if _DATE_S[0] <= float(times[0]) * unit_s - one <= _DATE_S[1]]
+            if unit == self._reading.time_unit:
+                self._epoch_ns = sum(dated[:1]) * 10**9
+            elif dated and not self._is_certain and (step or 0.0) * unit_s <= _SECONDS:
+                command = TableReading(time_unit=unit).with_(self._reading).command(self._path)
+                raise UnreadableRecording(f"its times look like {what}: read them by {command}")
         if self._scale is None:
             unit, doubt = unit_of(times)
             self._scale = TIME_UNITS_NS[unit]
@@ -322,7 +330,7 @@ def refuse_other_formats(path: str, begin: bytes) -> None:
     if text is not None:
         raise UnreadableRecording(text.format(name=os.path.basename(path)))
     if begin and path.lower().endswith(TABLE_ENDINGS):
-        raise UnreadableRecording("it is named as a table, but is not text")
+        raise UnreadableRecording("it is named as a table, but is not text: save it as UTF-8")
 
 
 def _kind(path: str, begin: bytes) -> str:
@@ -434,6 +442,9 @@ def _without_time(text: str, columns: Columns, row: int, layout: TableLayout) ->
     if is_alone and layout.kind not in ("Parquet", "Feather", "JSON"):
         return f"{lacks}: separate their values by {SEPARATORS[layout.separator or ' ']}, as in the first row"
     shown = f" ({printable(text[:_LONGEST_TIME])!r})" if text else ""
+    if are_numbers([text]) and text:
+        what = f"a time more than {RANGE_NS / _YEAR_NS:.0f} years from 1970{shown}"
+        return f"{what}: give its unit by --time-unit s, ms, us or ns"
     return f"{lacks}{shown}: give each a number, or a date as 2026-03-01T10:00:00.25"
 
 

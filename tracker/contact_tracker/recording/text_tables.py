@@ -9,6 +9,7 @@ angles or a helical vector, which most exports do not distinguish. Names are rea
 
 import csv
 import json
+import os
 import re
 import shlex
 from collections import defaultdict
@@ -35,6 +36,7 @@ from contact_tracker.recording.table_layouts import (
     are_numbers,
     bodies_of,
     number,
+    numbers,
 )
 from contact_tracker.recording.table_proposals import (
     layout_of_names,
@@ -247,22 +249,35 @@ def _entries_in(file: IO[str]) -> Iterator[str]:
         given = json.loads(text, parse_float=str, parse_int=str)
     except (ValueError, RecursionError) as error:
         raise UnreadableRecording(f"it begins like JSON, but is none: {error}") from error
-    if isinstance(given, dict):
+    if isinstance(given, dict) and given and all(map(str.isdigit, given)):  # by the number of a frame
+        parts = ((name, value if _has_objects(value) else [value]) for name, value in given.items())
+        given = [{"frame": name, **_named(one)} for name, value in parts for one in value]
+    elif isinstance(given, dict):
         lists = {name: value for name, value in given.items() if isinstance(value, list)}
-        objects = [value for value in lists.values() if value and isinstance(value[0], dict)]
+        objects = [value for value in lists.values() if _has_objects(value)]
         longest = max(map(len, lists.values()), default=0)
         rows = {name: value for name, value in lists.items() if len(value) == longest}
         by_row = [dict(zip(rows, row, strict=True)) for row in zip(*rows.values(), strict=True)]
         given = objects[0] if len(objects) == 1 and len(objects[0]) == longest else by_row
     for one in given:
-        yield json.dumps(one if isinstance(one, dict) else {UNNAMED: one}) + "\n"
+        yield json.dumps(_named(one)) + "\n"
+
+
+def _has_objects(value: Any) -> bool:
+    return isinstance(value, list) and bool(value) and isinstance(value[0], dict)
+
+
+def _named(entry: Any) -> dict[str, Any]:
+    return entry if isinstance(entry, dict) else {UNNAMED: entry}
 
 
 def _values_in(cell: str) -> Any:
-    """The values in a cell of several numbers, JSON or ``(1.0, 2.0)`` or ``[1 2]``; the text of any other."""
+    """The values in a cell of several numbers, JSON or ``(1.0, 2.0)`` or ``[1 2]``, or three or more between
+    blanks; the text of any other."""
     text = cell.strip(BLANKS)
     if text[:1] not in ("(", "[", "{"):
-        return cell
+        parts = text.split()
+        return parts if len(parts) > 2 and all(are_numbers([part]) for part in parts) else cell
     inner = text.strip("()[]{} ")
     values: Any = parts if len(parts := _BETWEEN.split(inner)) > 1 else inner.split(",")
     for plain in (text, text.replace("'", '"')):
@@ -506,10 +521,11 @@ def _layout_of_rows(
     separator = _separator(lines[rows[0]])
     table = [[value.strip(BLANKS) for value in _cells_of(lines[i], separator)] for i in rows]
     values = table[0]
-    if len(values) in (3, 4) and len(rows) > 2 and not errors:
+    if len(values) in (3, 4) and len(rows) > 3 and not errors:
+        shape = f"-1, {4 if numbers(table[3])[-1:] == 1.0 else 3}, {len(values)}"
         raise UnreadableRecording(
-            "a pose is in several lines: T = numpy.loadtxt('FILE').reshape(-1, 4, 4), where all lines have "
-            "four values, and contact_tracker.Trajectory.from_arrays(t, T) takes them"
+            f"a pose is in several lines: numpy.save('poses.npy', numpy.loadtxt({os.path.basename(path)!r})"
+            f".reshape({shape})) makes a file that is read"
         )
     is_tum = separator is None and len(values) == 1 + len(_TUM) and may_end_with_quaternions(table)
     if is_tum and not (reading.kind or reading.columns):
@@ -530,7 +546,7 @@ def _distinct(names: Sequence[str]) -> list[str]:
 def _names_in_groups(names: Sequence[str], rows: Sequence[str], separator: str | None) -> list[str]:
     """The names of the values in cells of which some have several, by the first row; none if none has."""
     cells = list(map(_values_in, _cells_of(rows[0], separator))) if rows else []
-    if all(isinstance(cell, str) for cell in cells) or len(cells) > len(names) + 1:
+    if all(isinstance(cell, str) for cell in cells) or len(cells) - len(names) not in (0, 1):
         return []
     return list(_flattened(dict(zip(names, cells, strict=False))))
 

@@ -1,0 +1,130 @@
+"""Exports that people have, which need a command, or a few lines, that the refusal has."""
+
+import glob
+import json
+import re
+from collections.abc import Callable
+from decimal import Decimal
+from pathlib import Path
+
+import numpy
+import numpy as np
+import pytest
+from test_table_readings import (
+    MATRICES,
+    NAMES,
+    POSE,
+    SINCE_NS,
+    TURN,
+    WHOLE,
+    P,
+    Q,
+    T,
+    assert_read,
+    proposed,
+    rows,
+    write,
+)
+
+from contact_tracker.errors import UnreadableRecording
+from contact_tracker.motion.poses import Poses
+from contact_tracker.recording import open_log
+
+P_MM = 1e3 * P
+NUMBERS = [str(i) for i in range(len(T))]
+
+
+def by_frame(values: list[object]) -> str:
+    return json.dumps(dict(zip(NUMBERS, values, strict=True)))
+
+
+def in_cell(values: np.ndarray) -> list[str]:
+    """Numbers between blanks, as in the results of BOP."""
+    return [" ".join(map(repr, row)) for row in values.reshape(len(values), -1).tolist()]
+
+
+def days_since(epoch: int) -> list[str]:
+    """Times in days since another year, from 2024 on."""
+    return [str(epoch + 19_800 + Decimal(int(n)) / (86_400 * 10**9)) for n in SINCE_NS]
+
+
+def with_thousands(marks: str) -> list[list[str]]:
+    """Positions 2 m away, in millimetres with marks of thousands and of decimals."""
+    swap = str.maketrans(",.", marks)
+    return [
+        [repr(t), *(f"{v:,.9f}".translate(swap) for v in p), *map(repr, q)]
+        for t, p, q in zip(T.tolist(), (P_MM + 2e3).tolist(), Q.tolist(), strict=True)
+    ]
+
+
+@pytest.mark.parametrize("marks", [",.", ".,"])
+def test_marks_of_thousands_are_told_by_those_of_decimals(tmp_path: Path, marks: str) -> None:
+    head = "t;x [mm];y [mm];z [mm];qx;qy;qz;qw"
+    poses = Poses.collect(open_log(str(write(tmp_path / "a.csv", [head], with_thousands(marks), ";"))))
+    np.testing.assert_allclose(poses.position_m, P + 2.0, rtol=0, atol=1e-9)
+
+
+NDI = "Tools,Frame,Face,State,Rz,Ry,Rx,Tx,Ty,Tz,Error"
+SCENE = [
+    {"cam_R_m2c": m.ravel().tolist(), "cam_t_m2c": p.tolist(), "obj_id": 5}
+    for m, p in zip(MATRICES, P_MM, strict=True)
+]
+OF_NDI = rows(
+    ["1"] * len(T), NUMBERS, [""] * len(T), ["OK"] * len(T), TURN.as_euler("ZYX", degrees=True), P_MM, T
+)
+LISTS = [
+    {"t": t, "R": matrix, "position": p}
+    for t, matrix, p in zip(T.tolist(), MATRICES.tolist(), P.tolist(), strict=True)
+]
+OF_BOP = rows(*(["1"] * len(T), NUMBERS, ["5"] * len(T), in_cell(MATRICES), in_cell(P_MM), ["-1"] * len(T)))
+EXPORTS: dict[str, Callable[[Path], object]] = {
+    "bop.json": lambda path: path.write_text(by_frame([[one] for one in SCENE])),
+    "matrices.json": lambda path: path.write_text(by_frame(WHOLE.tolist())),
+    "apriltag.json": lambda path: path.write_text(json.dumps(LISTS)),
+    "bop.csv": lambda path: write(path, ["scene_id,im_id,obj_id,R,t,time"], OF_BOP),
+    "ndi.csv": lambda path: write(path, [NDI], OF_NDI),
+    "excel.csv": lambda path: write(path, [f"time,{NAMES}"], rows(days_since(25_569), POSE)),
+    "matlab.csv": lambda path: write(path, [f"time,{NAMES}"], rows(days_since(719_529), POSE)),
+}
+
+
+@pytest.mark.parametrize("name", EXPORTS)
+def test_the_proposed_command_reads_an_export(tmp_path: Path, name: str) -> None:
+    EXPORTS[name](tmp_path / name)
+    assert_read(tmp_path / name, *(re.sub("100Hz|30Hz", "200Hz", word) for word in proposed(tmp_path / name)))
+
+
+@pytest.mark.parametrize("kind", ["folder", "four lines", "three lines"])
+def test_the_lines_of_python_that_are_proposed_make_a_file_that_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str
+) -> None:
+    path = tmp_path / "poses"
+    if kind == "folder":
+        path.mkdir()
+        for number, matrix in enumerate(WHOLE):
+            np.savetxt(path / f"{number:06d}.txt", matrix)
+    else:
+        np.savetxt(path, WHOLE[:, : 3 if kind == "three lines" else 4].reshape(-1, 4))
+    with pytest.raises(UnreadableRecording) as raised:
+        open_log(str(path))
+    monkeypatch.chdir(tmp_path)
+    code = str(raised.value).partition("numpy.save")[2].partition(" makes")[0]
+    eval(f"numpy.save{code}", {"numpy": numpy, "glob": glob})
+    assert_read(
+        tmp_path / "poses.npy",
+        *(
+            word.replace("100Hz", "200Hz").replace("10Hz", "200Hz")
+            for word in proposed(tmp_path / "poses.npy")
+        ),
+    )
+
+
+def test_stamps_in_another_unit_than_their_name_are_told_of(tmp_path: Path) -> None:
+    path = write(
+        tmp_path / "a.csv", [f"time_s,{NAMES}"], rows([str(round(1e9 * (4.3 + t))) for t in T], POSE)
+    )
+    log = open_log(str(path))
+    assert len(Poses.collect(log)) < len(T)
+    assert "they look like nanoseconds: give --time-unit ns" in " ".join(log.warnings)
+    assert "more than 146 years from 1970" in str(log.damage)
+    assert_read(path, "--time-unit", "ns")
