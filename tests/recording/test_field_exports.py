@@ -26,6 +26,7 @@ from test_table_readings import (
     write,
 )
 
+from contact_tracker.cli.main import build_parser
 from contact_tracker.errors import UnreadableRecording
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log
@@ -128,3 +129,24 @@ def test_stamps_in_another_unit_than_their_name_are_told_of(tmp_path: Path) -> N
     assert "they look like nanoseconds: give --time-unit ns" in " ".join(log.warnings)
     assert "more than 146 years from 1970" in str(log.damage)
     assert_read(path, "--time-unit", "ns")
+
+
+@pytest.mark.parametrize("kind", ["bop.json", "bop.csv", "lines.jsonl"])
+def test_entries_of_several_bodies_are_refused(tmp_path: Path, kind: str) -> None:
+    """Also where cells have several values."""
+    path, options = tmp_path / kind, ["--matrix", "rows", "--unit", "mm", "--time-unit", "200Hz"]
+    if kind == "bop.json":
+        path.write_text(by_frame([[one, {**one, "obj_id": 7}] for one in SCENE]))
+        options += ["--columns", "position=cam_t_m2c,matrix=cam_R_m2c"]
+    elif kind == "bop.csv":
+        twice = [[*row[:2], body, *row[3:]] for row in OF_BOP for body in "57"]
+        write(path, ["scene_id,im_id,obj_id,R,t,time"], twice)
+        options += ["--columns", "time=im_id,position=t,matrix=R"]
+    else:
+        poses = (dict(zip(NAMES.split(","), row, strict=True)) for row in POSE.tolist())
+        entries = ({"t": t, **pose} for t, pose in zip(T.tolist(), poses, strict=True))
+        path.write_text("\n".join(json.dumps({"name": name, **one}) for one in entries for name in "ab"))
+        options = []
+    with pytest.raises(UnreadableRecording, match="its rows are of several bodies") as raised:
+        open_log(str(path), table=build_parser().parse_args(["info", str(path), *options]).table)
+    assert f"as by {'awk -F ,' if kind == 'bop.csv' else 'jq -c'}" in str(raised.value)

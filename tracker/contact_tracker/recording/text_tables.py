@@ -461,12 +461,9 @@ def _json_layout(lines: Sequence[str], reading: TableReading, path: str) -> Tabl
                 raise UnreadableRecording(
                     "its first line is no JSON object: one a line is read, as jq -c '.[]' writes an array"
                 ) from None
-    layout = layout_of_names(
-        list(names),
-        reading,
-        path,
-        rows=lambda: [[row.get(name, "") for name in names] for row in rows if row],
-    )
+    cells = [[row.get(name, "") for name in names] for row in rows if row]
+    layout = layout_of_names(list(names), reading, path, rows=lambda: cells)
+    _check_bodies(list(names), cells, layout.time, partial(_by_jq, path, list(names)))
     return replace(layout, kind="JSON", names=tuple(names))
 
 
@@ -509,10 +506,16 @@ def _layout_of_rows(
             errors.setdefault(-1 if i in comments else len(names), error)
             continue
         layout = replace(layout, separator=separator, skip=skip)
+        time = (inner or named)[layout.time] if layout.time >= 0 else ""
+        _check_bodies(
+            named,
+            _table_of(values, separator),
+            named.index(time) if time in named else -1,
+            partial(_by_awk, path, separator, skip),
+        )
         if inner:
             return replace(layout, names=tuple(inner), heads=tuple(named))
         _check_widths(values, layout, len(names))
-        _check_bodies(values, layout, named, path)
         if len(lines) < _HEAD_LINES and not values:
             raise UnreadableRecording("it has a header but no rows")
         return layout
@@ -584,25 +587,34 @@ def _check_widths(rows: Sequence[str], layout: TableLayout, names: int) -> None:
         )
 
 
-def _check_bodies(rows: Sequence[str], layout: TableLayout, names: Sequence[str], path: str) -> None:
+def _check_bodies(
+    names: Sequence[str], rows: Sequence[Sequence[str]], time: int, how: Callable[[int, str], str]
+) -> None:
     """Raise UnreadableRecording if rows of one time are of different bodies, which a column names again at
-    other times: numbers of rows differ everywhere."""
-    cells = [row for row in (_cells_of(row, layout.separator) for row in rows) if len(row) == len(names)]
-    pairs = [(a, b) for a, b in pairwise(cells) if layout.time >= 0 and a[layout.time] == b[layout.time]]
+    other times: numbers of rows differ everywhere. ``how`` is the command that takes one, by its column."""
+    cells = [row for row in rows if len(row) == len(names)]
+    pairs = [(a, b) for a, b in pairwise(cells) if time >= 0 and a[time] == b[time]]
     for place, name in enumerate(names):
         if (
             _OF_BODY.fullmatch(name.strip().lower())
             and len(pairs) > 1
             and all(a[place] != b[place] for a, b in pairs)
-            and len({(row[layout.time], row[place]) for row in cells}) > len({row[place] for row in cells})
+            and len({(row[time], row[place]) for row in cells}) > len({row[place] for row in cells})
         ):
-            body, mark = pairs[0][0][place].strip(BLANKS), layout.separator or " "
-            rule = f"NR <= {layout.skip} || ${place + 1} == {json.dumps(body)}"
-            awk = shlex.join(["awk", "-F", mark, rule, path])
             raise UnreadableRecording(
                 f"its rows are of several bodies, by the column {name!r}: write those of one to a file of "
-                f"its own, as by {awk} > body.csv"
+                f"its own, as by {how(place, pairs[0][0][place].strip(BLANKS))}"
             )
+
+
+def _by_awk(path: str, separator: str | None, skip: int, place: int, body: str) -> str:
+    rule = f"NR <= {skip} || ${place + 1} == {json.dumps(body)}"
+    return f"{shlex.join(['awk', '-F', separator or ' ', rule, path])} > body.csv"
+
+
+def _by_jq(path: str, names: Sequence[str], place: int, body: str) -> str:
+    rule = f".. | objects | select(.{names[place]}? | tostring == {json.dumps(body)})"
+    return f"{shlex.join(['jq', '-c', rule, path])} > body.jsonl"
 
 
 _Layout = Callable[[Sequence[str], TableReading, str], TableLayout]
