@@ -2,14 +2,20 @@
 
 import glob
 import json
+import os
 import re
+import shlex
+import warnings
 from collections.abc import Callable
 from decimal import Decimal
 from pathlib import Path
 
 import numpy
 import numpy as np
+import pyarrow
 import pytest
+import zstandard
+from pyarrow import feather
 from test_table_readings import (
     MATRICES,
     NAMES,
@@ -26,7 +32,7 @@ from test_table_readings import (
     write,
 )
 
-from contact_tracker.cli.main import build_parser
+from contact_tracker.cli.main import build_parser, run
 from contact_tracker.errors import UnreadableRecording
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log
@@ -150,3 +156,64 @@ def test_entries_of_several_bodies_are_refused(tmp_path: Path, kind: str) -> Non
     with pytest.raises(UnreadableRecording, match="its rows are of several bodies") as raised:
         open_log(str(path), table=build_parser().parse_args(["info", str(path), *options]).table)
     assert f"as by {'awk -F ,' if kind == 'bop.csv' else 'jq -c'}" in str(raised.value)
+
+
+DTRACK = "fr {}\nts {:.9f}\n6dcal 2\n6d 2 [1 1.0][9 9 9 9 9 9][1 0 0 0 1 0 0 0 1] [0 1.000][{}][{}]\n"
+
+
+@pytest.mark.parametrize("name", ["dtrack.txt", "v1.feather", "stream.arrow"])
+def test_the_line_of_python_makes_a_file_that_the_command_reads(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    path, table = Path(name), pyarrow.table({"t": T, **dict(zip(NAMES.split(","), POSE.T, strict=True))})
+    if name == "dtrack.txt":
+        bodies = (" ".join(map(repr, row)) for row in np.c_[P_MM, P_MM].tolist())
+        turns = in_cell(MATRICES.transpose(0, 2, 1))
+        path.write_text("".join(DTRACK.format(*one) for one in zip(NUMBERS, T, bodies, turns, strict=True)))
+    elif name == "v1.feather":
+        with pytest.warns(DeprecationWarning, match="Feather V1"):
+            feather.write_feather(table, name, version=1)
+    else:
+        with pyarrow.OSFile(name, "wb") as file, pyarrow.ipc.new_stream(file, table.schema) as stream:
+            stream.write_table(table)
+    with pytest.raises(UnreadableRecording, match=" makes a file ") as raised:
+        open_log(name)
+    code, _, command = str(raised.value).partition(": ")[2].partition(": ")[2].partition(" makes a file")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)
+        exec(code, {"np": np, "numpy": np, "pyarrow": pyarrow, "re": re})
+    _, _, file, *options = shlex.split(command.partition("read by ")[2]) or ["", "", "a.feather"]
+    assert_read(Path(file), *options)
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "message"),
+    [
+        ("a.xlsx", b"PK\3\4", "a workbook of Excel: save the sheet as CSV; or .*read_excel"),
+        ("a.xls", b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", "a workbook of Excel"),
+        ("a.mp4", bytes(100), "not an MCAP file. What is read: MCAP files, ROS bags"),
+        (
+            "a.csv.zst",
+            zstandard.compress(b"t,x,y,z,qx,qy,qz,qw\n"),
+            "if it is a table, decompress it: zstd -d",
+        ),
+        ("a.mcap", b"<html><body>404", "if it is a table, name it .csv"),
+    ],
+)
+def test_other_files_are_named_with_what_to_do(tmp_path: Path, name: str, data: bytes, message: str) -> None:
+    (tmp_path / name).write_bytes(data)
+    with pytest.raises(UnreadableRecording, match=message):
+        open_log(str(tmp_path / name))
+
+
+def test_a_table_in_a_pipe_is_refused(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    reader, writer = os.pipe()
+    os.write(writer, b"t,x,y,z,qx,qy,qz,qw\n")
+    os.close(writer)
+    with os.fdopen(reader) as stdin:
+        monkeypatch.setattr("sys.stdin", stdin)
+        assert run(["info", "-"]) == 1
+    assert "save it to a file: tables are not read from a pipe" in capsys.readouterr().err

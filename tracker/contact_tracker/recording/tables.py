@@ -18,7 +18,7 @@ from contact_tracker.config.quantities import RANGE_NS, TIME_WORDS, TIMES_NS
 from contact_tracker.config.table_reading import AS_NAMED, DAY, TICK, TIME_UNITS_NS, TableReading
 from contact_tracker.errors import ChoiceError, UnreadableRecording, printable
 from contact_tracker.motion.poses import Poses, ReadAs
-from contact_tracker.recording.bytestream import TABLE_ENDINGS, WorkBudget, is_text
+from contact_tracker.recording.bytestream import TABLE_ENDINGS, WHAT_IS_READ, WorkBudget, is_text
 from contact_tracker.recording.items import ROWS, Channel, PoseSource, Rows
 from contact_tracker.recording.table_layouts import (
     BLANKS,
@@ -301,7 +301,23 @@ _ARRAYS: Final = "contact_tracker.Trajectory.from_arrays(t, p, q) takes times, p
 _PICKLE: Final = (
     f"it is a pickle, which runs code when it is loaded: if you trust it, load it in Python; {_ARRAYS}"
 )
+_EXCEL: Final = (
+    "it is a workbook of Excel: save the sheet as CSV; or "
+    "contact_tracker.Trajectory.from_dataframe(pandas.read_excel({name!r})) takes it"
+)
+_DTRACK: Final = (
+    "it is DTrack's log: numpy.savetxt('body.txt', [' '.join(body).split() for body in re.findall("
+    r"r'\nts (\S+)\n(?:(?!fr ).*\n)*?6d .*?\[0 \S+\]\[([^]]*)\]\[([^]]*)\]', open({name!r}).read())], '%s') "
+    "makes a file of body 0, read by contact-tracker segment body.txt --time-unit s --unit mm "
+    "--matrix columns --columns 'time=c0,position=c[1:4],matrix=c[7:16]'"
+)
 _OTHERS: Final = {
+    b"\xd0\xcf\x11\xe0": _EXCEL,
+    b"fr ": _DTRACK,
+    b"\xff\xff\xff\xff": "it is a stream of Arrow: pyarrow.feather.write_feather(pyarrow.ipc.open_stream("
+    "{name!r}).read_all(), 'a.feather') makes a file that is read",
+    b"FEA1": "it is Feather of version 1: pyarrow.feather.write_feather("
+    "pyarrow.feather.read_table({name!r}), 'a.feather') makes a file that is read",
     b"\x04\x22\x4d\x18": "it is compressed: lz4 -d {name} first",
     b"\x1f\x8b": "it is compressed: gunzip {name} first",
     b"PK\x03\x04": "it is compressed: unzip {name} first",
@@ -327,6 +343,7 @@ def refuse_other_formats(path: str, begin: bytes) -> None:
     """Raise UnreadableRecording if a file with these first bytes, which is no table, is of another known
     format, or named as a table."""
     text = next((text for magic, text in _OTHERS.items() if begin.startswith(magic)), None)
+    text = _EXCEL if path.lower().endswith((".xlsx", ".ods")) else text
     if text is not None:
         raise UnreadableRecording(text.format(name=os.path.basename(path)))
     if begin and path.lower().endswith(TABLE_ENDINGS):
@@ -387,9 +404,7 @@ def read_table(
         if path.lower().endswith(TABLE_ENDINGS) or _kind(path, _begin(path)):
             raise
         raise UnreadableRecording(
-            f"it is neither a recording nor a table of poses ({error}). What is read: MCAP files, ROS bags "
-            "(.db3, .bag), tables (CSV, TUM, JSON, Parquet, Feather, NumPy, MATLAB, HDF5), C3D with bodies, "
-            "and exports of Motive, Vicon and Qualisys"
+            f"it is neither a recording nor a table of poses ({error}). What is read: {WHAT_IS_READ}"
         ) from error
     layout, topic = table.layout, os.path.basename(path)
     read_as = ReadAs(False, reading, path, layout.quaternion, layout.has_angles)
