@@ -55,6 +55,10 @@ def days_since(epoch: int) -> list[str]:
     return [str(epoch + 19_800 + Decimal(int(n)) / (86_400 * 10**9)) for n in SINCE_NS]
 
 
+def in_fortran(values: np.ndarray) -> list[list[str]]:
+    return [[f"{value:.16E}".replace("E", "D") for value in row] for row in values.tolist()]
+
+
 def with_thousands(marks: str) -> list[list[str]]:
     """Positions 2 m away, in millimetres with marks of thousands and of decimals."""
     swap = str.maketrans(",.", marks)
@@ -91,6 +95,7 @@ EXPORTS: dict[str, Callable[[Path], object]] = {
     "bop.csv": lambda path: write(path, ["scene_id,im_id,obj_id,R,t,time"], OF_BOP),
     "ndi.csv": lambda path: write(path, [NDI], OF_NDI),
     "excel.csv": lambda path: write(path, [f"time,{NAMES}"], rows(days_since(25_569), POSE)),
+    "fortran.csv": lambda path: write(path, [f"c0,{NAMES}"], in_fortran(np.c_[T, POSE])),
     "matlab.csv": lambda path: write(path, [f"time,{NAMES}"], rows(days_since(719_529), POSE)),
 }
 
@@ -217,3 +222,40 @@ def test_a_table_in_a_pipe_is_refused(
         monkeypatch.setattr("sys.stdin", stdin)
         assert run(["info", "-"]) == 1
     assert "save it to a file: tables are not read from a pipe" in capsys.readouterr().err
+
+
+MILLIONTHS = [str(n // 1000) for n in SINCE_NS]
+TIMED: dict[str, tuple[str, list[list[str]]]] = {
+    "seconds and microseconds": ("sec,usec", rows(["1700000000"] * len(T), MILLIONTHS)),
+    "durations of pandas": ("time", [[f"1 days 00:00:{t:09.6f}"] for t in T.tolist()]),
+    "marks of thousands": ("t_ms", [[f'"{1e3 * (t + 90):,.6f}"'] for t in T.tolist()]),
+}
+
+
+@pytest.mark.parametrize("kind", TIMED)
+def test_times_are_read(tmp_path: Path, kind: str) -> None:
+    head, times = TIMED[kind]
+    lines = [time + row for time, row in zip(times, rows(POSE), strict=True)]
+    assert_read(write(tmp_path / "a.csv", [f"{head},{NAMES}"], lines))
+
+
+def test_frames_after_a_time_of_day_are_no_fraction(tmp_path: Path) -> None:
+    """As in SMPTE's timecode."""
+    times = [f"10:00:{i // 25:02d}:{i % 25:02d}" for i in range(len(T))]
+    with pytest.raises(UnreadableRecording, match="no time that is a number or a date \\('10:00:00:00'"):
+        open_log(str(write(tmp_path / "a.csv", [f"time,{NAMES}"], rows(times, POSE))))
+
+
+@pytest.mark.parametrize("lost", ["null", "NaN"])
+def test_poses_of_json_may_be_lost_at_first(tmp_path: Path, lost: str) -> None:
+    entries = [dict(zip(["t", *NAMES.split(",")], row, strict=True)) for row in np.c_[T, POSE].tolist()]
+    texts = [json.dumps({**one, "x": None} if i < 70 else one) for i, one in enumerate(entries)]
+    (tmp_path / "a.json").write_text(f"[{','.join(texts)}]".replace("null", lost))
+    assert len(Poses.collect(open_log(str(tmp_path / "a.json")))) == len(T) - 70
+
+
+@pytest.mark.parametrize("text", ['{"meta": {"a": 1}, "data": {"t": [1, 2]}}', "{}"])
+def test_json_without_entries_is_refused(tmp_path: Path, text: str) -> None:
+    (tmp_path / "a.json").write_text(text)
+    with pytest.raises(UnreadableRecording, match=r"without entries in a list.* as by jq \.data"):
+        open_log(str(tmp_path / "a.json"))

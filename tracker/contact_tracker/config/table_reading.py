@@ -141,10 +141,10 @@ class TableReading:
         if self.given[:1] == (PYTHON,) or not (path or self.given):
             own = {option.name: getattr(self, option.name) for option in _options()}
             own["columns"] = dict(self.columns)
-            named = [f"{name}={value!r}" for name, value in own.items() if value]
-            more = [f"{name.strip('-')}={value!r}" for name, value in zip(*[iter(words)] * 2, strict=True)]
+            given = [f"{name}={value!r}" for name, value in own.items() if value]
+            topic = [f"{words[0].strip('-')}={words[1]!r}"] if words else []
             call = f"contact_tracker.read({path!r}" if path else "Trajectory.from_dataframe(table"
-            return f"{', '.join([call, *self.given[1:], *more, *named])})"
+            return f"{', '.join([call, *self.given[1:], *topic, *given])})"
         has_option = any(word.partition("=")[0] in words[:1] for word in self.given)
         more = [] if has_option else words
         verb, *rest = self.given or ("segment", path)

@@ -21,7 +21,6 @@ from contact_tracker.motion.poses import Poses, ReadAs
 from contact_tracker.recording.bytestream import TABLE_ENDINGS, WHAT_IS_READ, WorkBudget, is_text
 from contact_tracker.recording.items import ROWS, Channel, PoseSource, Rows
 from contact_tracker.recording.table_layouts import (
-    BLANKS,
     NO_FRAMES,
     SEPARATORS,
     Body,
@@ -29,6 +28,7 @@ from contact_tracker.recording.table_layouts import (
     are_numbers,
     doubt_of_angles,
     numbers,
+    plain_number,
 )
 from contact_tracker.recording.text_tables import TextTable
 
@@ -56,13 +56,16 @@ _LONGEST_STEP_S: Final = 100.0
 NEVER: Final = np.iinfo(np.int64).min
 """The stamp of text that is no time."""
 _DATE: Final = re.compile(
-    r"\s*(?:(?:(?P<year>\d{4})(?P<mark>[-/.]?)(?P<month>\d\d?)(?P=mark)(?P<day>\d\d?)"
+    r"\s*(?:(?P<days>\d{1,5}) days?,? )?"
+    r"(?:(?:(?P<year>\d{4})(?P<mark>[-/.]?)(?P<month>\d\d?)(?P=mark)(?P<day>\d\d?)"
     r"|(?P<first>\d\d?)(?P<dots>[-/.])(?P<second>\d\d?)(?P=dots)(?P<last>\d{4}))(?:T|,? ))?"
-    r"(?P<hour>\d\d?)(?P<colon>:|(?<=T\d\d))(?P<minute>\d\d)(?:(?P=colon)(?P<second_>\d\d)(?:[.,:](?P<fraction>\d{1,18}))?)?"
+    r"(?P<hour>\d\d?)(?P<colon>:|(?<=T\d\d))(?P<minute>\d\d)"
+    r"(?:(?P=colon)(?P<second_>\d\d)(?:(?:[.,]|:(?=\d{3}))(?P<fraction>\d{1,18}))?)?"
     r"(?: ?(?P<half>[AP])M)?(?: ?(?:Z|UTC)| ?(?P<sign>[+-])(?P<zone>\d\d)(?::?(?P<zone_minutes>\d\d))?)?\s*",
     re.IGNORECASE,
 )
-"""Dates and times of a day; 10:22:31:123 has milliseconds. Digits alone are numbers."""
+"""Dates and times of a day, or durations of pandas; 10:22:31:123 has milliseconds, and 10:22:31:12 would have
+frames. Digits alone are numbers."""
 _YEARS: Final = range(1900, 2110)
 """Years of dates that are read: stamps in nanoseconds reach from 1824 to 2116."""
 _EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
@@ -101,7 +104,7 @@ def doubt_of_unit(times: NDArray[np.float64], unit_ns: float) -> str | None:
             "rate, as --time-unit 200Hz"
         )
     likely = None if step is None else _first_within(_STEP_S, step)
-    is_slow = likely is not None and step * unit_ns > _LONGEST_STEP_S * 1e9
+    is_slow = likely is not None and (step or 0.0) * unit_ns > _LONGEST_STEP_S * 1e9
     if step is None or (1e9 / (step * unit_ns) <= _FASTEST_HZ and not is_slow):
         return None
     named = next((unit for unit, ns in TIMES_NS.items() if ns == unit_ns), f"{unit_ns:g} ns")
@@ -149,6 +152,7 @@ class TableTimes:
                 "none"
             )
         self._path, self._assume, self._reading = path, assume, reading
+        self._rest_ns = layout.rest_ns
         self._scale = layout.time_ns if layout.rest is not None else reading.time_ns or layout.time_ns
         self._is_certain = reading.time_unit is not None or layout.has_own_unit or layout.rest is not None
         self._are_dates: bool | None = None
@@ -191,7 +195,7 @@ class TableTimes:
         else:
             stamps[known] = np.round(floats[known] * self._scale)
         if rests is not None:
-            more_ns = numbers(rests)
+            more_ns = numbers(rests) * self._rest_ns
             has_rest = (more_ns >= 0) & (more_ns < 1e9)
             stamps[has_rest & known] += more_ns[has_rest & known].astype(np.int64)
             stamps[~has_rest] = NEVER
@@ -243,7 +247,7 @@ class TableTimes:
 
 def exact_ns(time: str, unit_ns: int) -> int:
     """Nanoseconds of a number as text; raises ValueError or OverflowError if it is none."""
-    plain = time.strip(BLANKS).replace(",", ".")
+    plain = plain_number(time)
     try:
         return round(Decimal(plain) * unit_ns)
     except ArithmeticError:  # an exponent of many digits
@@ -277,7 +281,7 @@ def stamp_of_date(text: str) -> int | None:
     zone_s = 60 * (60 * int(part["zone"] or 0) + int(part["zone_minutes"] or 0))
     zone_s = -zone_s if part["sign"] == "-" else zone_s
     fraction_ns = int(f"{part['fraction'] or 0:0<9}"[:9])
-    return (since.days * 86_400 + since.seconds - zone_s) * 10**9 + fraction_ns
+    return ((since.days + int(part["days"] or 0)) * 86_400 + since.seconds - zone_s) * 10**9 + fraction_ns
 
 
 _BINARY: Final[Sequence[tuple[str, re.Pattern[bytes], str]]] = (

@@ -94,6 +94,8 @@ _OF_BODY: Final = re.compile(r"(?:.*[._ ])?(?:id|name|body|object|tracker|device
 _QUALISYS: Final = "NO_OF_FRAMES"
 _MATRICES: Final = reading_of("matrix=Rot", matrix="columns", unit="mm")
 """How Qualisys writes the columns of a body."""
+_loads: Final = partial(json.loads, parse_float=str, parse_int=str, parse_constant=str)
+"""JSON, with numbers and NaN as text."""
 _UNITS: Final = frozenset({*LENGTHS_M, *ANGLE_UNITS, *NAMED_NS, "-", "1"})
 
 
@@ -203,7 +205,7 @@ def _fields_of(line: str) -> dict[str, str]:
             )
         return _flattened({name: _values_in(value) for name, value in _PAIR.findall(line)})
     try:
-        given = json.loads(line, parse_float=str, parse_int=str)
+        given = _loads(line)
     except RecursionError as error:
         raise ValueError("it is too deep") from error
     if not isinstance(given, dict):
@@ -220,8 +222,8 @@ def _flattened(given: Mapping[str, Any]) -> dict[str, str]:
             waiting += [(f"{name}.{key}", one) for key, one in value.items()][::-1]
         elif isinstance(value, list):
             waiting += [(f"{name}[{i}]", one) for i, one in enumerate(value)][::-1]
-        elif isinstance(value, str):
-            found[name] = value
+        elif isinstance(value, str) or value is None:
+            found[name] = value or ""
     return found
 
 
@@ -246,7 +248,7 @@ def _entries_in(file: IO[str]) -> Iterator[str]:
             "it is JSON of more than 64 MB: write one object a line, as jq -c '.[]' does"
         )
     try:
-        given = json.loads(text, parse_float=str, parse_int=str)
+        given = _loads(text)
     except (ValueError, RecursionError) as error:
         raise UnreadableRecording(f"it begins like JSON, but is none: {error}") from error
     if isinstance(given, dict) and given and all(map(str.isdigit, given)):  # by the number of a frame
@@ -259,7 +261,12 @@ def _entries_in(file: IO[str]) -> Iterator[str]:
         rows = {name: value for name, value in lists.items() if len(value) == longest}
         by_row = [dict(zip(rows, row, strict=True)) for row in zip(*rows.values(), strict=True)]
         given = objects[0] if len(objects) == 1 and len(objects[0]) == longest else by_row
-    for one in given:
+    if given == []:
+        raise UnreadableRecording(
+            "it is JSON without entries in a list, or lists of one length by name: write these alone, as by "
+            "jq .data"
+        )
+    for one in given if isinstance(given, list) else [given]:
         yield json.dumps(_named(one)) + "\n"
 
 
@@ -282,7 +289,7 @@ def _values_in(cell: str) -> Any:
     values: Any = parts if len(parts := _BETWEEN.split(inner)) > 1 else inner.split(",")
     for plain in (text, text.replace("'", '"')):
         with suppress(ValueError, RecursionError):
-            values = json.loads(plain, parse_float=str, parse_int=str)
+            values = _loads(plain)
     counted = sum(are_numbers([value]) for value in _flattened({"": values}).values())
     return values if counted > 1 else cell
 

@@ -239,7 +239,7 @@ def columns_of(table: Any, reading: TableReading) -> tuple[NDArray[Any], float |
     time = _column(table, keys[layout.time])
     if layout.rest is not None:
         seconds, rest = np.asarray(time, np.int64), np.asarray(_column(table, keys[layout.rest]), np.int64)
-        return seconds * 10**9 + rest, 1.0, poses, doubt
+        return seconds * 10**9 + rest * round(layout.rest_ns), 1.0, poses, doubt
     return time, layout.time_ns, poses, doubt
 
 
