@@ -300,7 +300,7 @@ def test_wrenches_have_the_clock_of_the_poses(
         seen.append((poses.stamp_ns, wrenches.stamp_ns))
         raise UsageError("only looked at")
 
-    monkeypatch.setattr("contact_tracker.recording.wrenches.wrench_evidence", note)
+    monkeypatch.setattr("contact_tracker.offline.wrench_evidence", note)
     trajectory = contact_tracker.read(path)
     with pytest.raises(UsageError, match="only looked at"):
         contact_tracker.segment(trajectory, wrench="/wrench")
