@@ -54,6 +54,7 @@ SINGLE_IMPORTER = {
     "mcap_ros2": "recording/decoding.py",
     "mcap_protobuf": "recording/decoding.py",
     "sqlite3": "recording/bags.py",
+    "h5py": "recording/array_files.py",
     "rerun": "viewer",
     "filterpy": "motion/free_motion.py",
     "foxglove": "exports/foxglove_scene.py",

@@ -12,7 +12,7 @@ from typing import Any, Final
 from contact_tracker.api.offline import Labels, Result
 from contact_tracker.errors import UsageError, printable
 from contact_tracker.states import STATES
-from contact_tracker.trajectory.arguments import ModelLike, model_from
+from contact_tracker.trajectory.arguments import ModelLike, model_from, with_known_arguments
 from contact_tracker_lab.evaluation.evaluate import Evaluation, FurtherScore, answers_to
 from contact_tracker_lab.evaluation.evaluate import evaluate as evaluate_segmentation
 from contact_tracker_lab.evaluation.geometry_errors import GeometryErrors
@@ -98,6 +98,7 @@ class Report:
         return json.dumps(_without_nan(found), indent=1, allow_nan=False)
 
 
+@with_known_arguments
 def evaluate(
     result: Result,
     labels: Labels,
