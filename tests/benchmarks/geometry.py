@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from contact_tracker.arrays import Array
 from contact_tracker.config.loading import load_model
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.motion.poses import Poses
@@ -33,8 +33,6 @@ from contact_tracker_lab.evaluation.scoring import Scoring, scoring
 from contact_tracker_lab.evaluation.tables import number, table
 from shared_recordings import SHARED_RECORDINGS
 from simulated_fits import NOISES, Fitted, fit_simulated
-
-Array = NDArray[np.float64]
 
 SIDES: Final = ("object", "environment")
 BAND: Final = 0.95

@@ -18,9 +18,9 @@ from collections.abc import Iterator
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import null_space
 
+from contact_tracker.arrays import Array
 from contact_tracker.config.loading import load_model
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.geometry.lifted_pose import lift
@@ -35,8 +35,6 @@ from contact_tracker.tracking.informative_motion import (
     informative_motions,
 )
 from contact_tracker_lab.benchmark.runner import Table, measured, parser_of, report
-
-Array = NDArray[np.float64]
 
 RATE_HZ: Final = 100
 FIRST_S, LONGEST_S = 3, 20

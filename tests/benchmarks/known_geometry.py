@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from contact_tracker.arrays import Array
 from contact_tracker.config.loading import load_model
 from contact_tracker.config.quantities import deviations
 from contact_tracker.geometry.elements import Element, Line, Plane, Point
@@ -44,8 +44,6 @@ from contact_tracker_lab.evaluation.evaluate import Evaluation, evaluate
 from contact_tracker_lab.evaluation.tables import number
 from shared_recordings import SHARED_RECORDINGS
 from summaries import FIGURES, figures
-
-Array = NDArray[np.float64]
 
 LEVELS: Final = ("nothing", "surroundings", "object", "both")
 COLUMNS: Final = ("known", "off", *FIGURES, "warned")

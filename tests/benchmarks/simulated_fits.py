@@ -5,9 +5,9 @@ from math import radians
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from contact_tracker.arrays import Array
 from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import Model, SystematicErrors
 from contact_tracker.config.parameters import Noise as ModelNoise
@@ -27,8 +27,6 @@ from contact_tracker_lab.evaluation.geometry_errors import Deviation, geometry_e
 from contact_tracker_lab.simulate import Scenario, simulate
 from contact_tracker_lab.simulate.scenarios import Phase
 from distortions import turned
-
-Array = NDArray[np.float64]
 
 
 class Noise(NamedTuple):

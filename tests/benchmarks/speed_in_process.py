@@ -8,8 +8,8 @@ from statistics import median
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array
 from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import Model
 from contact_tracker.motion.pose_validation import PoseGate
@@ -21,8 +21,6 @@ from contact_tracker.tracking.belief import Detail
 from contact_tracker.tracking.contact_filter import ContactFilter
 from long_logs import write_long_log
 from speed import Figure, Setup
-
-Array = NDArray[np.float64]
 
 ONLINE_S: Final = 120.0
 MINUTE_S: Final = 60.0

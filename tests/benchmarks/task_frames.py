@@ -13,12 +13,12 @@ import sys
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import subspace_angles
 
 from contact_tracker import Trajectory, segment
 from contact_tracker.contacts.task_frame import T_world_body, TaskFrame, joint_frame, task_frame
 from contact_tracker.explanations.joint_models import JointKind
+from contact_tracker.arrays import Array
 from contact_tracker.geometry.elements import Plane
 from contact_tracker.states import CONTACTS
 from contact_tracker_lab.benchmark.runner import Table, measured, parser_of, report
@@ -39,7 +39,7 @@ class Compared(NamedTuple):
     z_sd: tuple[float, ...]
 
 
-def compared(found: TaskFrame, true: TaskFrame, at_m: NDArray[np.float64]) -> Compared:
+def compared(found: TaskFrame, true: TaskFrame, at_m: Array) -> Compared:
     """The figures of a frame, with twists about a point."""
     free = [_about(frame.free_twists, at_m) for frame in (found, true)]
     wrenches = found.wrenches
@@ -55,7 +55,7 @@ def compared(found: TaskFrame, true: TaskFrame, at_m: NDArray[np.float64]) -> Co
     return Compared(float(twists_deg), float(np.degrees(np.hypot(z[0], z[1]))), float(power), z_sd)
 
 
-def _about(twists: NDArray[np.float64], at_m: NDArray[np.float64]) -> NDArray[np.float64]:
+def _about(twists: Array, at_m: Array) -> Array:
     """Twists (K, 6) about the world's origin as those about a point, turns in units of length."""
     moved = twists[:, :3] + np.cross(twists[:, 3:], at_m)
     return np.hstack([moved, LEVER_M * twists[:, 3:]])

@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Bools, Ints
 from contact_tracker.config.loading import load_model
 from contact_tracker.map.file import map_from
 from contact_tracker.map.map import EMPTY_MAP, Map
@@ -41,9 +41,9 @@ class Scores(NamedTuple):
     """Confusion (7, 7), truth by label, of the frames in motion: offline; online, where each frame has the
     latest label up to its stamp, and where it has the latest that had been given out when it came."""
 
-    offline: NDArray[np.int64]
-    online: NDArray[np.int64]
-    by_arrival: NDArray[np.int64]
+    offline: Ints
+    online: Ints
+    by_arrival: Ints
 
 
 def known(level: str, metadata: dict[str, str]) -> Map:
@@ -86,7 +86,7 @@ def measure(path: Path, model_name: str) -> dict[str, Scores]:
     return results
 
 
-def in_motion(poses: Poses, side_m: float) -> NDArray[np.bool_]:
+def in_motion(poses: Poses, side_m: float) -> Bools:
     """(N,) frames in which the fastest corner of the cube is faster than ``MOVING_M_S``."""
     corners = 0.5 * side_m * np.array(list(product((-1.0, 1.0), repeat=3)))
     places = poses.position_m[:, None] + np.einsum("nij,kj->nki", poses.rotation, corners)

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from contact_tracker.arrays import Array
 from contact_tracker.errors import NoTruth
 from contact_tracker.geometry.elements import ContactGeometry, Element, Line, Plane, Point, nearest
 from contact_tracker.ground_truth import Truth, TruthInterval
@@ -26,7 +26,6 @@ from contact_tracker_lab.evaluation.geometry_errors import (
 )
 from contact_tracker_lab.evaluation.report import Report
 
-Array = NDArray[np.float64]
 SEEDS = st.integers(0, 2**32 - 1)
 STEP_NS = 10_000_000
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array, Ints
 from contact_tracker.ground_truth import Truth, TruthInterval
 from contact_tracker.states import STATES, Contact
 from contact_tracker_lab.evaluation.metrics import Tally, quantile, tally
@@ -23,7 +23,6 @@ from contact_tracker_lab.evaluation.scoring import (
 
 MS = 1_000_000
 EPOCH_NS = 1_700_000_000_000_000_000
-Ints = NDArray[np.int64]
 SEEDS = st.integers(0, 2**32 - 1)
 FIGURES = ("macro_f1", "log_loss", "brier", "calibration_error", "sure_wrong", "missed_share", "never_share")
 
@@ -45,11 +44,11 @@ def frames(ms: int, every: int = 10) -> Ints:
     return EPOCH_NS + np.arange(0, ms, every, dtype=np.int64) * MS
 
 
-def one_hot(columns: Ints) -> NDArray[np.float64]:
+def one_hot(columns: Ints) -> Array:
     return np.eye(len(STATES))[columns]
 
 
-def tally_of(scored: Scoring, columns: Ints, probability: NDArray[np.float64] | None = None) -> Tally:
+def tally_of(scored: Scoring, columns: Ints, probability: Array | None = None) -> Tally:
     """Tally of one belief per frame; without ``probability`` the label has probability 1."""
     p = one_hot(columns) if probability is None else probability
     return tally(scored, np.arange(len(columns)), columns, p)
@@ -182,7 +181,7 @@ def test_figures_by_state_by_hand() -> None:
 # --- reference: sums over every millisecond ----------------------------------------------------------------
 
 
-def random_case(seed: int, unscored: bool) -> tuple[Scoring, Truth, Ints, Ints, Ints, NDArray[np.float64]]:
+def random_case(seed: int, unscored: bool) -> tuple[Scoring, Truth, Ints, Ints, Ints, Array]:
     """Random truth, frames (with dropouts below 0.3 s) and beliefs, all on whole milliseconds."""
     rng = np.random.default_rng(seed)
     names = [s.value for s in STATES[:4]] + ["?"] * unscored
@@ -290,7 +289,7 @@ def test_changes_agree_with_every_millisecond(seed: int) -> None:
 @settings(max_examples=20, deadline=None)
 @given(SEEDS, SEEDS)
 def test_adding_recordings_is_concatenating_them(seed_a: int, seed_b: int) -> None:
-    def recording(seed: int) -> tuple[Ints, Truth, Ints, NDArray[np.float64]]:
+    def recording(seed: int) -> tuple[Ints, Truth, Ints, Array]:
         rng = np.random.default_rng(seed)
         middle = [(str(rng.choice(["f-f", "?", "e-e"])), int(rng.integers(50, 700))) for _ in range(4)]
         truth = make_truth(("free", 400), *middle, ("free", 400))

@@ -9,10 +9,10 @@ from io import StringIO
 import numpy as np
 import pytest
 from benchmarks.simulated_fits import with_systematic_errors
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from contact_tracker import segmenting
+from contact_tracker.arrays import Array
 from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import SystematicErrors
 from contact_tracker.explanations.joint_evidence import FittedJoint, Joint, find_joint, joint_of
@@ -31,7 +31,6 @@ from contact_tracker_lab.simulate import Phase, named_scenario, simulate
 from contact_tracker_lab.simulate.motion import band_limited
 from short_recordings import needs_kernels
 
-Array = NDArray[np.float64]
 SIGMA = (3e-4, np.radians(0.15))
 PITCH_M = 0.02
 EACH_KIND = [

@@ -8,10 +8,10 @@ from itertools import combinations, pairwise
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
+from contact_tracker.arrays import Array
 from contact_tracker.errors import UsageError
 from contact_tracker.geometry.elements import Element, Line, Plane, Point
 from contact_tracker.ground_truth import TruthInterval
@@ -20,7 +20,6 @@ from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker_lab.simulate import SCENARIOS, Phase, Scenario, Simulated, named_scenario, simulate
 from contact_tracker_lab.simulate.scenarios import FORMATIONS, JOINTS, OBJECTS, SURROUNDINGS
 
-Array = NDArray[np.float64]
 QUIET = {
     "sigma_position_m": 0.0,
     "sigma_rotation_rad": 0.0,

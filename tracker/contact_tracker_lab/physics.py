@@ -22,9 +22,9 @@ from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from contact_tracker.arrays import Array
 from contact_tracker.cli.arguments import add_processes
 from contact_tracker.cli.terminal import show
 from contact_tracker.errors import DIFFERENT, DONE, ContactTrackerError, UsageError, module_of_extra
@@ -55,8 +55,6 @@ from contact_tracker_lab.simulate.simulator import (
 )
 from contact_tracker_lab.simulate.touching import intervals, touch_at
 from contact_tracker_lab.simulate.wrench import MASS_KG, PRESS_N, contact_normals, press_share
-
-Array = NDArray[np.float64]
 
 HAND_HZ: Final = 1000
 """Steps of the hand per second; the engine makes two in each."""

@@ -10,8 +10,8 @@ from dataclasses import dataclass, field, replace
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array, Bools, Ints
 from contact_tracker.checks.check import MIXED_UP, Check, Stream, has_doubts
 from contact_tracker.checks.readings import (
     AS_THEY_ARE,
@@ -29,9 +29,6 @@ from contact_tracker.inspection.stream_checks import Finding
 from contact_tracker.motion.free_motion import can_be_compared
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.window import Window, used_directions
-
-Array = NDArray[np.float64]
-
 
 TICKS: Final = 20
 """Ticks of a window that count, between one at either end for delays."""
@@ -61,7 +58,7 @@ class Explained(NamedTuple):
 
 def explain(
     poses: Poses,
-    tick_of: NDArray[np.int64],
+    tick_of: Ints,
     sigma: tuple[float, float],
     model: Model,
     readings: Sequence[Reading],
@@ -252,7 +249,7 @@ class Conventions(Check):
     """
 
     waiting: tuple[Poses, ...] = ()
-    kept: tuple[tuple[Poses, NDArray[np.int64]], ...] = ()
+    kept: tuple[tuple[Poses, Ints], ...] = ()
     nats: Array = field(default_factory=lambda: np.zeros(0))
     fitting: Array = field(default_factory=lambda: np.zeros(0))
     chance: Array = field(default_factory=lambda: np.zeros(0))
@@ -368,7 +365,7 @@ def _found(known: Conventions, readings: Sequence[Reading], model: Model, sigma:
 
 def _refined(
     known: Conventions, model: Model, sigma: tuple[float, float], delay_ms: float
-) -> tuple[list[Reading], NDArray[np.bool_]]:
+) -> tuple[list[Reading], Bools]:
     """The best delay between the neighbours of ``delay_ms`` in the latest windows, and whether it fits; none
     at either end."""
     latest = known.kept[-REFINED_WINDOWS:]
@@ -389,7 +386,7 @@ def _refined(
 
 def _explained(
     window: Poses,
-    tick_of: NDArray[np.int64],
+    tick_of: Ints,
     sigma: tuple[float, float],
     model: Model,
     readings: Sequence[Reading],

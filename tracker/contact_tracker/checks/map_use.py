@@ -14,7 +14,6 @@ from operator import itemgetter
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from contact_tracker.checks.check import Check, Stream
 from contact_tracker.checks.clearance import CHECK
@@ -26,8 +25,6 @@ from contact_tracker.map.map import Map, NamedElement
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import FurtherContact, Segment
 from contact_tracker.tracking.segmentation import Segmentation
-
-Array = NDArray[np.float64]
 
 NEAR_RAD: Final = 0.035
 NEAR_M: Final = 0.008

@@ -11,13 +11,11 @@ from math import pi
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array
 from contact_tracker.config.table_reading import QUATERNION
 from contact_tracker.geometry import rotation
 from contact_tracker.motion.poses import AS_GIVEN, Poses, ReadAs
-
-Array = NDArray[np.float64]
 
 DELAYS_MS: Final = (-100, -70, -50, -35, -20, -10, -5, 5, 10, 20, 35, 50, 70, 100)
 """Delays of orientations against positions. What lies between is found by ``with_delay``."""

@@ -5,13 +5,11 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array
 from contact_tracker.errors import KeyFault, KnowledgeError
 from contact_tracker.files import parse_toml, read_regular
 from contact_tracker.suggestions import closest, near_file, suggestion
-
-Array = NDArray[np.float64]
 
 FARTHEST_M: Final = 1e6
 SIZES_M: Final = (1e-4, 1e3)

@@ -13,8 +13,8 @@ from math import log
 from typing import Final, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.contacts.family import turns
 from contact_tracker.geometry import lifted_pose, linalg
@@ -26,8 +26,6 @@ from contact_tracker.hypotheses.gauss_newton import Prior
 from contact_tracker.hypotheses.global_search import directions
 from contact_tracker.motion.window import LEVERS_M, Window
 from contact_tracker.states import Contact
-
-Array = NDArray[np.float64]
 
 SAME_ROW: Final = 0.05
 """Unit gradients of constraints that differ by less count as one constraint."""

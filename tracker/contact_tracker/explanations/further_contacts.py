@@ -6,8 +6,8 @@ from functools import cached_property
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array, Ints
 from contact_tracker.config.parameters import SystematicErrors
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.explanations.conditional_contact import (
@@ -41,8 +41,6 @@ from contact_tracker.map.elements import is_same_element
 from contact_tracker.map.map import EMPTY_MAP, Map, NamedElement
 from contact_tracker.motion.window import DIRECTIONS, Window, used_directions
 from contact_tracker.states import CONTACTS, Contact
-
-Array = NDArray[np.float64]
 
 MAX_FURTHER: Final = 2
 """Most further contacts of a segment."""
@@ -180,9 +178,7 @@ def find_formation(segment: FormationTicks, first: KnownContact) -> Formation:
     return Formation(tuple(found), is_open, _ranks(free, segment.window.index, first, found))
 
 
-def _ranks(
-    motion: ConditionalMotion, index: NDArray[np.int64], first: KnownContact, found: Sequence[Further]
-) -> Ranks:
+def _ranks(motion: ConditionalMotion, index: Ints, first: KnownContact, found: Sequence[Further]) -> Ranks:
     holds = np.zeros((len(motion), len(found)), bool)
     for number, one in enumerate(found):
         for run in one.runs:

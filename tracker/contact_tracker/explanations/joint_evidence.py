@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array, Ints
 from contact_tracker.config.parameters import SystematicErrors
 from contact_tracker.contacts.task_frame import TaskFrame, joint_frame
 from contact_tracker.explanations.conditional_contact import ConditionalMotion
@@ -37,8 +37,6 @@ from contact_tracker.geometry.linalg import adapted
 from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.hypotheses.observability import added_covariance, representatives
 from contact_tracker.motion.window import Window, used_directions
-
-Array = NDArray[np.float64]
 
 MOST_DIRECTIONS: Final = 3
 """Motion in more directions is that of no joint."""
@@ -396,7 +394,7 @@ def joint_of(fitted: FittedJoint, probability: float, near_m: Array, origins: Or
     )
 
 
-def _block(whole: Array, turn: NDArray[np.int64], point: NDArray[np.int64]) -> Array:
+def _block(whole: Array, turn: Ints, point: Ints) -> Array:
     """Covariance (6, 6) of a frame's turns about and shifts along its own axes."""
     some = np.concatenate([turn, point])
     return np.asarray(whole[np.ix_(some, some)])

@@ -10,13 +10,11 @@ from enum import StrEnum
 from typing import Final, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from contact_tracker.geometry.lifted_pose import R, T
+from contact_tracker.arrays import Array, Ints
 from contact_tracker.geometry.linalg import cross_matrix, sphere_tangent
 from contact_tracker.geometry.rotation import from_rotation_vectors, matrices
-
-Array = NDArray[np.float64]
 
 S_X, S_Y, S_Z, TILT_X, TILT_Y, ANGLE = range(6)
 """Coordinates of the joint's body frame in its world frame: origin (m), tilt of the axis, and angle about the
@@ -87,7 +85,7 @@ class JointModel:
 
     kind: JointKind
     rows: tuple[int, ...]
-    free: NDArray[np.int64]
+    free: Ints
     start: Callable[[Array], JointFrames]
 
     def moved(self, frames: JointFrames, step: Array) -> JointFrames:

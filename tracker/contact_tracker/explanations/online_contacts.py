@@ -7,9 +7,7 @@ some, contact kinds are searched, one in each tick. Contacts that were found are
 from collections.abc import Iterator, Sequence
 from typing import Final, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from contact_tracker.arrays import Array
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.explanations.conditional_contact import (
     ConditionalMotion,
@@ -36,8 +34,6 @@ from contact_tracker.explanations.further_contacts import (
 from contact_tracker.geometry.elements import ContactGeometry
 from contact_tracker.hypotheses.evidence import DECISIVE
 from contact_tracker.states import Contact
-
-Array = NDArray[np.float64]
 
 WINDOW_TICKS: Final = 150
 """Further contacts are evaluated over this many of the latest ticks."""

@@ -10,14 +10,12 @@ from math import asin, inf, log, pi, sqrt
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array, Bools
 from contact_tracker.geometry.rotation import between, rotation_vectors
 from contact_tracker.motion.excursions import ARM_M, FAR_M_PER_S2
 from contact_tracker.motion.poses import AS_GIVEN, NO_POSES, Poses, ReadAs
 from contact_tracker.motion.sensor_noise import MEDIAN_OF_CHI_SQ, SCALE, independent_point
-
-Array = NDArray[np.float64]
 
 PIECE: Final = 10
 POWERS: Final = 4
@@ -44,7 +42,7 @@ NO_RETURN: Final = log(0.60 / 0.87)
 ALARM: Final = 25.0
 
 
-def returned(poses: Poses, interval_s: float) -> NDArray[np.bool_]:
+def returned(poses: Poses, interval_s: float) -> Bools:
     """(n,) which poses from the BACKth on are far from the last one and close to another of the last few."""
     position, quat = poses.position_m, poses.quat_xyzw
     step = _distance(position[BACK:], quat[BACK:], position[BACK - 1 : -1], quat[BACK - 1 : -1])
@@ -58,7 +56,7 @@ def returned(poses: Poses, interval_s: float) -> NDArray[np.bool_]:
     return np.asarray(far & (nearest < RETURNED_SHARE * step) & (nearest > 0.0))
 
 
-def page_sum(page: float, returns: NDArray[np.bool_]) -> tuple[float, bool]:
+def page_sum(page: float, returns: Bools) -> tuple[float, bool]:
     """Page's cumulative sum (never below zero) after these poses, and whether it reached the alarm."""
     if not page and not returns.any():
         return 0.0, False

@@ -12,14 +12,13 @@ from dataclasses import dataclass
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
+from contact_tracker.arrays import Array, Bools, Ints
 from contact_tracker.geometry.linalg import MOST_DAMPING, adapted, sphere_tangent
 from contact_tracker.paper.objectives import motion
 from contact_tracker.states import Contact
 
-Array = NDArray[np.float64]
 Kind = Literal["plane", "line", "point"]
 
 SIZE: Final[dict[Kind, int]] = {"plane": 4, "line": 6, "point": 4}
@@ -158,7 +157,7 @@ class Batch(NamedTuple):
     value: Array
     x: Array
     y: Array
-    converged: NDArray[np.bool_]
+    converged: Bools
 
     def better(self, other: "Batch") -> "Batch":
         """The lower of each pair."""
@@ -224,7 +223,7 @@ class _Contracted(NamedTuple):
         """F (B,) at x."""
         return np.asarray(np.einsum("bi,bij,bj->b", x, self.by_x, x))
 
-    def pick(self, rows: NDArray[np.int64]) -> "_Contracted":
+    def pick(self, rows: Ints) -> "_Contracted":
         return _Contracted(*(part[rows] for part in self))
 
 

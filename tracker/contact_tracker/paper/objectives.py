@@ -9,11 +9,9 @@ from types import MappingProxyType
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array
 from contact_tracker.states import Contact
-
-Array = NDArray[np.float64]
 
 
 def motion(rotation_world_body: Array, position_m: Array) -> tuple[Array, Array]:

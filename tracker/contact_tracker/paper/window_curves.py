@@ -6,17 +6,14 @@ from math import gcd
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array, Bools, Ints
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.geometry.lifted_pose import lift
 from contact_tracker.motion.poses import Poses
 from contact_tracker.paper.batched import Batch, form, minimise_batched, random_starts, rows
 from contact_tracker.paper.objectives import motion
 from contact_tracker.states import Contact
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 SHIFTS: Final = (1, -1, 3, -3, 9, -9, 27, -27, 1, -1)
 """Neighbours from whose minima a window starts again, one after the other."""
@@ -40,9 +37,9 @@ class WindowCurves:
     converged : (W, 6) whether that minimisation converged.
     """
 
-    stamp_ns: Index
+    stamp_ns: Ints
     minimum: Array
-    converged: NDArray[np.bool_]
+    converged: Bools
 
     @property
     def normalised(self) -> Array:

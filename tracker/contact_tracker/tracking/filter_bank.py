@@ -13,8 +13,8 @@ from math import sqrt
 from typing import Any, Final, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array, Bools, Ints
 from contact_tracker.config.parameters import Model, Motion
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.geometry import linalg
@@ -72,7 +72,7 @@ ROTATION_PER_POSITION: Final = (2.0, 40.0)
 USUAL_ROTATION_PER_POSITION: Final = 7.0
 
 
-def usual_period_s(stamp_ns: NDArray[np.int64]) -> float:
+def usual_period_s(stamp_ns: Ints) -> float:
     """Mean of the periods within a factor of ``IRREGULAR`` of the median; 0 for a single pose.
 
     With jitter of the stamps the median itself is biased.
@@ -83,14 +83,14 @@ def usual_period_s(stamp_ns: NDArray[np.int64]) -> float:
     return _mean_near(periods, float(linalg.median(periods)))
 
 
-def _mean_near(periods: NDArray[np.int64], one: float) -> float:
+def _mean_near(periods: Ints, one: float) -> float:
     """Mean (s) of the periods (ns) within a factor of ``IRREGULAR`` of one."""
     ratio = periods / one
     usual = (ratio <= IRREGULAR) & (ratio >= 1.0 / IRREGULAR)
     return float(periods[usual].mean()) * 1e-9
 
 
-def period_for_all_s(stamp_ns: NDArray[np.int64], model: Model) -> float:
+def period_for_all_s(stamp_ns: Ints, model: Model) -> float:
     """The usual period of that stretch of a recording whose ticks suit the whole best.
 
     Lost are the stretches whose poses are too far apart for these ticks, and the ticks in which the contact
@@ -128,7 +128,7 @@ def tick_for(model: Model, period_s: float) -> float:
     return needed_s if needed_s > TOLERANCE * model.tick_s else model.tick_s
 
 
-def with_other_ticks(model: Model, now: Model, latest_ns: NDArray[np.int64]) -> Model | None:
+def with_other_ticks(model: Model, now: Model, latest_ns: Ints) -> Model | None:
     """``model`` with ticks for the rate of the latest poses; None if those of ``now`` suit it as well."""
     if len(latest_ns) < RATE_POSES:
         return None
@@ -188,8 +188,6 @@ def _with_floor(model: Model, position_m: float, rotation_rad: float) -> Model:
     return _with_noise(model, floor_position_m=floor_position_m, floor_rotation_rad=floor_rotation_rad)
 
 
-Array = NDArray[np.float64]
-
 DROP_AFTER_S: Final = 1.5
 MARGIN_NATS: Final = 10.0
 """After this much motion trackers this far behind the best are dropped. In 81 recordings (everyday, physics,
@@ -239,7 +237,7 @@ def relative_evidence(ticks: Sequence[TickEvidence], motion: Motion) -> Array:
     return np.asarray(gain + 0.5 * motion.likelihood_exponent * difference)
 
 
-def are_compared(log_weight: Array, log_prior: Array, moved_s: float) -> NDArray[np.bool_]:
+def are_compared(log_weight: Array, log_prior: Array, moved_s: float) -> Bools:
     """Which of K trackers are kept after ``moved_s`` seconds of motion: those near the best, and from
     ``DECIDED_AFTER_S`` on the best alone.
 
@@ -399,7 +397,7 @@ class FilterBank:
     pending: Poses | None = NO_POSES
     moved_s: float = 0.0
     motion: LatestMotion = NO_MOTION
-    latest_ns: NDArray[np.int64] = field(default_factory=lambda: NO_POSES.stamp_ns)
+    latest_ns: Ints = field(default_factory=lambda: NO_POSES.stamp_ns)
     period_s: float | None = None
     body_m: Array = field(default_factory=ORIGIN_M.copy)
     map: GrowingMap | None = None

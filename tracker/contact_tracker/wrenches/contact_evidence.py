@@ -11,14 +11,12 @@ from functools import cached_property
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array, Ints
 from contact_tracker.geometry.elements import Element, Line, Pair, Point, face_towards, shifted
 from contact_tracker.geometry.linalg import EYE, cross, cross_matrix, dot, sphere_tangent, unit
 from contact_tracker.states import STATES, Contact
 from contact_tracker.wrenches.load import ContactWrenches
-
-Array = NDArray[np.float64]
 
 FLOOR_M: Final = 0.5e-3
 """Standard deviation of lines of action from their element (m): compliance, and tremor within ticks."""
@@ -262,7 +260,7 @@ class WrenchEvidence:
         rows = self._measured(first_ns, first_ns + int(BEGINNING_S * 1e9))
         return len(rows) >= FEWEST_TICKS and self._against_free(rows) > 0.0
 
-    def _measured(self, first_ns: int, last_ns: int) -> NDArray[np.int64]:
+    def _measured(self, first_ns: int, last_ns: int) -> Ints:
         """Rows of the ticks with wrenches, without the first and the last of this time."""
         first, end = self.wrenches.ticks.stamp_ns.searchsorted([first_ns, last_ns + 1])
         rows = np.arange(first + 1, end - 1)
@@ -274,7 +272,7 @@ class WrenchEvidence:
         measured = self.wrenches.force_n[self.wrenches.ticks.is_measured]
         return float(np.median(dot(measured, measured))) + FREE_SD_N**2
 
-    def _against_free(self, rows: NDArray[np.int64]) -> float:
+    def _against_free(self, rows: Ints) -> float:
         """Log ratio of any contact force to none."""
         force = self.wrenches.force_n[rows]
         square = dot(force, force)
@@ -283,7 +281,7 @@ class WrenchEvidence:
         ratio = 0.5 * square * (1.0 / variance - 1.0 / typical) - 1.5 * np.log(typical / variance)
         return float(np.clip(ratio, *FREE_CLIP).sum())
 
-    def _of_kinds(self, rows: NDArray[np.int64]) -> tuple[Array, Mapping[Contact, Pair]]:
+    def _of_kinds(self, rows: Ints) -> tuple[Array, Mapping[Contact, Pair]]:
         """Log evidence (6,) of each contact, and its elements, by the lines of action that are
         significant."""
         wrenches = self.wrenches

@@ -12,8 +12,8 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array, Bools, Ints
 from contact_tracker.geometry.linalg import EYE, cross_matrix
 from contact_tracker.motion.poses import Poses
 from contact_tracker.wrenches.wrenches import (
@@ -25,8 +25,6 @@ from contact_tracker.wrenches.wrenches import (
     turned_to_body,
 )
 
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 Distance = tuple[float, float]
 """With its standard deviation."""
 
@@ -187,7 +185,7 @@ class ContactWrenches:
     force_by_load: Array
     moment_by_load: Array
 
-    def force_variance(self, rows: NDArray[np.int64]) -> Array:
+    def force_variance(self, rows: Ints) -> Array:
         """(n,) variance per axis of some ticks, by noise and by the load's errors."""
         design, covariance = self.force_by_load[rows], self.load.force_covariance
         by_load = np.einsum("tij,jk,tik->t", design, covariance, design) / 3.0
@@ -230,9 +228,7 @@ def estimate_load(
     return max(loads, key=lambda load: load.fit, default=None)
 
 
-def _agreed_weights(
-    ticks: TickWrenches, rows: NDArray[np.int64], p_free: Array, mass_kg: float | None
-) -> list[Array]:
+def _agreed_weights(ticks: TickWrenches, rows: Ints, p_free: Array, mass_kg: float | None) -> list[Array]:
     """The weights (3,) of most runs of ticks, at most ``STARTS``, that of most first: that of a single run
     may be a contact."""
     every = -(-len(rows) // MOST_COMPARED)
@@ -254,7 +250,7 @@ def _agreed_weights(
     return weights
 
 
-def _refine(ticks: TickWrenches, rows: NDArray[np.int64], weight_n: Array, mass_kg: float | None) -> Load:
+def _refine(ticks: TickWrenches, rows: Ints, weight_n: Array, mass_kg: float | None) -> Load:
     """Iteratively reweighted least squares: force for weight and its bias, moment for the rest."""
     force_noise = np.maximum(ticks.force_variance[rows], LEAST_VARIANCE[0])
     moment_noise = np.maximum(ticks.moment_variance[rows], LEAST_VARIANCE[1])
@@ -317,22 +313,20 @@ def _refine(ticks: TickWrenches, rows: NDArray[np.int64], weight_n: Array, mass_
     )
 
 
-def _mass_ratio(
-    ticks: TickWrenches, rows: NDArray[np.int64], weight: Array, acceleration: Array
-) -> tuple[float, float]:
+def _mass_ratio(ticks: TickWrenches, rows: Ints, weight: Array, acceleration: Array) -> tuple[float, float]:
     """The mass that is accelerated, with its sign, over that of the weight, and its standard deviation."""
     found, covariance = _solve_with(ticks, rows, weight, ticks.force_n[rows], acceleration[..., None])
     mass = max(float(np.linalg.norm(found[:3])) / GRAVITY, 1e-9)
     return float(found[6]) / mass, float(covariance[6, 6]) ** 0.5 / mass
 
 
-def _turn_angle(ticks: TickWrenches, rows: NDArray[np.int64], weight: Array, expected: Array) -> Distance:
+def _turn_angle(ticks: TickWrenches, rows: Ints, weight: Array, expected: Array) -> Distance:
     """The angle by which the measured forces are turned against the ``expected`` ones (n, 3)."""
     return _distance(*_misfit(ticks, rows, weight, expected, -cross_matrix(expected)))
 
 
 def _centre_distance(
-    ticks: TickWrenches, rows: NDArray[np.int64], weight: Array, expected: Array, mass: float, centre_m: Array
+    ticks: TickWrenches, rows: Ints, weight: Array, expected: Array, mass: float, centre_m: Array
 ) -> Distance:
     """How far the centre of mass that the forces show is from that of the moments, or if it is nearer to the
     origin, from the line between: noise of the poses makes the accelerations too large."""
@@ -343,7 +337,7 @@ def _centre_distance(
 
 
 def _misfit(
-    ticks: TickWrenches, rows: NDArray[np.int64], weight: Array, expected: Array, columns: Array
+    ticks: TickWrenches, rows: Ints, weight: Array, expected: Array, columns: Array
 ) -> tuple[Array, Array]:
     """What explains the forces beyond the ``expected`` ones by three ``columns`` (n, 3, 3), with its
     covariance. A share of the acceleration is fitted beside it: the mean of a tick makes fast ones too small.
@@ -361,7 +355,7 @@ def _distance(apart: Array, covariance: Array) -> Distance:
 
 
 def _solve_with(
-    ticks: TickWrenches, rows: NDArray[np.int64], weight: Array, force_n: Array, columns: Array
+    ticks: TickWrenches, rows: Ints, weight: Array, force_n: Array, columns: Array
 ) -> tuple[Array, Array]:
     """Solve the forces for weight, bias and what explains more ``columns`` (n, 3, k): the solution (6 + k,)
     and its covariance."""
@@ -413,7 +407,7 @@ def _solve(design: Array, target: Array, weight: Array, prior: Array, pull: Arra
 
 
 def _forces(
-    ticks: TickWrenches, weight_n: Array, mass: float, centre_m: Array, rows: NDArray[np.int64]
+    ticks: TickWrenches, weight_n: Array, mass: float, centre_m: Array, rows: Ints
 ) -> tuple[Array, Array]:
     """Weight less the force that accelerates the body's origin, and the force that accelerates the centre of
     mass, (n, 3) in the body's axes (N)."""
@@ -422,19 +416,19 @@ def _forces(
     return down - mass * ticks.acceleration[rows], mass * (ticks.acceleration[rows] + swing)
 
 
-def _acceleration_by_point(ticks: TickWrenches, rows: NDArray[np.int64]) -> Array:
+def _acceleration_by_point(ticks: TickWrenches, rows: Ints) -> Array:
     """(n, 3, 3): derivatives of a point's acceleration about the origin by the point."""
     spin = cross_matrix(ticks.angular_velocity[rows])
     return np.asarray(cross_matrix(ticks.angular_acceleration[rows]) + spin @ spin)
 
 
-def _force_design(ticks: TickWrenches, rows: NDArray[np.int64]) -> Array:
+def _force_design(ticks: TickWrenches, rows: Ints) -> Array:
     """(n, 3, 6) of weight and bias in the force of the hand."""
     turned = ticks.rotation[rows].swapaxes(1, 2)
     return np.concatenate([-turned, np.broadcast_to(EYE, turned.shape)], axis=2)
 
 
-def _moment_design(ticks: TickWrenches, gravity: Array, rows: NDArray[np.int64]) -> Array:
+def _moment_design(ticks: TickWrenches, gravity: Array, rows: Ints) -> Array:
     """(n, 3, 12) of centre of mass, inertia and bias in the moment of the hand."""
     spin, turning = ticks.angular_velocity[rows], ticks.angular_acceleration[rows]
     inertial = _inertia_times(turning) + np.einsum("tij,tjk->tik", cross_matrix(spin), _inertia_times(spin))

@@ -4,14 +4,12 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array, Bools, Ints
 from contact_tracker.errors import UsageError
 from contact_tracker.geometry.linalg import cross
 from contact_tracker.geometry.rotation import between, matrices, nearest, rotation_vectors
 from contact_tracker.motion.poses import Poses, real_numbers
-
-Array = NDArray[np.float64]
 
 GREATEST_N: Final = 1e6
 """No sensor measures more (N, N m): what is beyond is not a measurement."""
@@ -32,7 +30,7 @@ class Wrenches:
         The shapes differ, the stamps are not integers, or the others no real numbers.
     """
 
-    stamp_ns: NDArray[np.int64]
+    stamp_ns: Ints
     force_n: Array
     moment_nm: Array
 
@@ -64,7 +62,7 @@ class Wrenches:
         _, first = np.unique(self.stamp_ns[good], return_index=True)
         return self.at(good[first])
 
-    def at(self, rows: NDArray[np.int64]) -> "Wrenches":
+    def at(self, rows: Ints) -> "Wrenches":
         """Those of these rows, in their order."""
         return Wrenches(self.stamp_ns[rows], self.force_n[rows], self.moment_nm[rows])
 
@@ -114,8 +112,6 @@ def about_parent(wrenches: Wrenches, frames: Poses) -> Wrenches:
     return Wrenches(wrenches.stamp_ns, turned.force_n, moment_nm)
 
 
-Bools = NDArray[np.bool_]
-
 STEADY: Final = 1.5
 """Largest interval of ticks for accelerations, relative to the median."""
 
@@ -135,7 +131,7 @@ class TickWrenches:
     is_measured : (T,) whether a tick has wrenches, and it and its neighbours have poses.
     """
 
-    stamp_ns: NDArray[np.int64]
+    stamp_ns: Ints
     rotation: Array
     position_m: Array
     acceleration: Array
@@ -148,7 +144,7 @@ class TickWrenches:
     is_measured: Bools
 
 
-def average(poses: Poses, wrenches: Wrenches, stamp_ns: NDArray[np.int64]) -> TickWrenches:
+def average(poses: Poses, wrenches: Wrenches, stamp_ns: Ints) -> TickWrenches:
     """Mean poses and wrenches of the ticks that end at ``stamp_ns`` (T,), each from the end of the previous
     one."""
     pose_rows = _rows(poses.stamp_ns, stamp_ns)
@@ -177,13 +173,13 @@ def average(poses: Poses, wrenches: Wrenches, stamp_ns: NDArray[np.int64]) -> Ti
     )
 
 
-def _rows(of: NDArray[np.int64], stamp_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+def _rows(of: Ints, stamp_ns: Ints) -> Ints:
     """Bounds (T + 1,) of the rows in each tick."""
     ends = of.searchsorted(stamp_ns, side="right")
     return np.append(0, ends)
 
 
-def _means(values: Array, rows: NDArray[np.int64]) -> Array:
+def _means(values: Array, rows: Ints) -> Array:
     """Means (T, D) of the rows (N, D) between bounds; zero without rows."""
     sums = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values - _middle(values), axis=0)])
     count = np.diff(rows)[:, None]
@@ -196,7 +192,7 @@ def _middle(values: Array) -> Array:
     return np.asarray(values.mean(axis=0)) if len(values) else np.zeros(values.shape[1])
 
 
-def _variances(values: Array, rows: NDArray[np.int64]) -> Array:
+def _variances(values: Array, rows: Ints) -> Array:
     """Variances (T,) per axis of the means of rows (N, 3) between bounds; that of one row is the median's.
 
     Neighbours differ by noise and by half of what changes in a tick, so the scatter bounds both.

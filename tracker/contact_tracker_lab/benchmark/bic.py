@@ -18,9 +18,9 @@ the recording, so that the segments are of one model; and the true ones.
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import softmax
 
+from contact_tracker.arrays import Array, Bools, Ints
 from contact_tracker.config.parameters import Model
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.errors import extra
@@ -35,9 +35,6 @@ from contact_tracker_lab.benchmark.fixed_windows import FRAMES
 from contact_tracker_lab.benchmark.scores import OFFLINE, Answer, Method
 from contact_tracker_lab.calibration.recorded_pass import window_of
 from contact_tracker_lab.evaluation.scoring import UNSCORED, Scoring, tick_in_force
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 STEP: Final = 100
 WINDOWS: Final = "BIC on windows"
@@ -55,7 +52,7 @@ class Ticks(NamedTuple):
     ``stamp_ns`` (T,) of their first and last frame; ``scales`` of the tracker's fits."""
 
     window: Window
-    has_frames: NDArray[np.bool_]
+    has_frames: Bools
     start_ns: Ints
     stamp_ns: Ints
     scales: EvidenceParameters

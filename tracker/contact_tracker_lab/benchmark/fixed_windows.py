@@ -19,9 +19,9 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 import contact_tracker.hmm as hmm
+from contact_tracker.arrays import Array, Ints
 from contact_tracker.config.parameters import Model
 from contact_tracker.motion.poses import Poses
 from contact_tracker.paper.window_curves import curves
@@ -30,9 +30,6 @@ from contact_tracker.tracking.transition_model import destinations
 from contact_tracker_lab.benchmark.scores import OFFLINE, Answer, Method, Score, Scores
 from contact_tracker_lab.calibration.trellis import Trellis, smooth, viterbi
 from contact_tracker_lab.evaluation.scoring import Scoring, Subset, tick_in_force
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 FRAMES: Final = 500
 STEP_S: Final = 0.1

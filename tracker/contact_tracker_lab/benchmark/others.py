@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Ints
 from contact_tracker.errors import UsageError
 from contact_tracker.ground_truth import Truth
 from contact_tracker.motion.poses import Poses
@@ -22,7 +22,6 @@ from contact_tracker.states import STATES, Contact
 from contact_tracker_lab.benchmark.scores import OFFLINE, Answer, Labelling, Method
 from contact_tracker_lab.evaluation.scoring import scoring
 
-Ints = NDArray[np.int64]
 Function = Callable[..., Any]
 
 STILL: Final = "speed threshold"

@@ -4,8 +4,8 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Ints
 from contact_tracker.config.parameters import Model
 from contact_tracker.map.elements import NOTHING_LEARNED
 from contact_tracker.map.map import EMPTY_MAP, Map
@@ -17,8 +17,6 @@ from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker_lab.benchmark.scores import OFFLINE, Answer, Labelling, Method
 from contact_tracker_lab.evaluation.evaluate import answers_to
 from contact_tracker_lab.evaluation.scoring import tick_containing, tick_in_force
-
-Ints = NDArray[np.int64]
 
 NAME: Final = "tracker"
 WITH_MAP: Final = "tracker with a map"

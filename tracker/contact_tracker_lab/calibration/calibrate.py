@@ -7,7 +7,6 @@ from operator import add
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from contact_tracker.config.parameters import Model, Transitions
 from contact_tracker.config.table_reading import AS_NAMED, TableReading
@@ -57,7 +56,6 @@ from contact_tracker_lab.evaluation.evaluate import Evaluation, evaluate
 from contact_tracker_lab.evaluation.scoring import scoring
 from contact_tracker_lab.evaluation.tables import number, table
 
-Ints = NDArray[np.int64]
 Run = Callable[[Callable[..., Any], Sequence[tuple[Any, ...]]], list[Any]]
 """Calls a function with the arguments of each job; the answers are in their order."""
 

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array, Ints
 from contact_tracker.config.parameters import Model
 from contact_tracker.hypotheses.bank_update import LiveHypotheses
 from contact_tracker.motion.tick_averaging import Tick, tick_anisotropy, tick_variances
@@ -13,9 +13,6 @@ from contact_tracker.motion.window import Window
 from contact_tracker.tracking.contact_filter import FilteredTick
 from contact_tracker.tracking.transition_model import FREE
 from contact_tracker_lab.calibration.trellis import Trellis
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 
 def window_of(ticks: Sequence[Tick], model: Model) -> Window:
@@ -37,7 +34,7 @@ class RecordedPass:
 
     exposures: list[float] = field(default_factory=list)
     alive: list[LiveHypotheses] = field(default_factory=list)
-    numbers: list[Index] = field(default_factory=list)
+    numbers: list[Ints] = field(default_factory=list)
 
     def note(self, result: FilteredTick) -> None:
         """Append a tick."""

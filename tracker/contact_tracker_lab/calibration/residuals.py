@@ -10,10 +10,10 @@ from math import sqrt
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq, least_squares
 from scipy.stats import chi2
 
+from contact_tracker.arrays import Array, Ints
 from contact_tracker.config.parameters import ZERO, Model
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.hypotheses.bank_update import fit_window
@@ -27,9 +27,6 @@ from contact_tracker.tracking.state import scales_of
 from contact_tracker_lab.calibration.parameters import rounded, value_of, with_value
 from contact_tracker_lab.calibration.recorded_pass import window_of
 from contact_tracker_lab.calibration.transitions import runs
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 MOVING: Final = 0.5
 """Activity above which a tick counts as motion."""

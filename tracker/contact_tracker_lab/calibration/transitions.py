@@ -10,8 +10,8 @@ from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array, Ints
 from contact_tracker.config.parameters import Model, TransitionCounts
 from contact_tracker.states import STATES
 from contact_tracker.tracking.transition_model import (
@@ -24,9 +24,6 @@ from contact_tracker.tracking.transition_model import (
 )
 from contact_tracker_lab.calibration.trellis import Trellis, expect
 from contact_tracker_lab.evaluation.scoring import UNSCORED
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 UNKNOWN: Final = UNSCORED
 LONGEST_UNKNOWN_S: Final = 1.0

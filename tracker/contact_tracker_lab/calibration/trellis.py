@@ -4,12 +4,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array, Ints
 from contact_tracker.hmm import birth_log_weights, log_sum_exp
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 
 class Trellis(NamedTuple):
@@ -19,13 +16,13 @@ class Trellis(NamedTuple):
     active hypotheses and their log-likelihoods up to b.
     """
 
-    state: Index
-    onset: Index
-    alive: Sequence[Index]
+    state: Ints
+    onset: Ints
+    alive: Sequence[Ints]
     log_likelihood: Sequence[Array]
 
 
-def _by_state(values: Array, state: Index, states: int) -> Array:
+def _by_state(values: Array, state: Ints, states: int) -> Array:
     """Log-sum of ``values`` (H,) over the hypotheses of each state, (states,)."""
     table = np.full((states, len(values)), -np.inf)
     table[state, np.arange(len(values))] = values

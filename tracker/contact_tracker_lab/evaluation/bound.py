@@ -10,17 +10,15 @@ from collections.abc import Iterator
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from contact_tracker.arrays import Array
 from contact_tracker.contacts import ContactModel
 from contact_tracker.geometry.elements import ContactGeometry, Plane, numbers
 from contact_tracker.geometry.lifted_pose import lift
 from contact_tracker.motion.poses import Poses
 from contact_tracker.states import Contact
 from contact_tracker_lab.evaluation.geometry_errors import error_at, places
-
-Array = NDArray[np.float64]
 
 DRAWS: Final = 400
 _STEP: Final = 1e-5

@@ -8,8 +8,8 @@ from operator import add
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array, Ints
 from contact_tracker.config.parameters import Model
 from contact_tracker.ground_truth import Truth
 from contact_tracker.map.map import EMPTY_MAP, Map
@@ -20,7 +20,7 @@ from contact_tracker.tracker import Tracker
 from contact_tracker.tracking.belief import Belief, Detail
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker_lab.evaluation.geometry_errors import GeometryErrors, geometry_errors
-from contact_tracker_lab.evaluation.metrics import Ints, Tally, tally
+from contact_tracker_lab.evaluation.metrics import Tally, tally
 from contact_tracker_lab.evaluation.scoring import Scoring, Subset, scoring, tick_containing, tick_in_force
 
 
@@ -30,7 +30,7 @@ class Answers(NamedTuple):
     its last pose."""
 
     beliefs: Beliefs
-    arrival_ns: NDArray[np.int64]
+    arrival_ns: Ints
 
 
 class Answering:
@@ -162,7 +162,7 @@ def _true_sets(scored: Scoring, truth: Truth) -> Iterator[tuple[tuple[Contact, .
             yield (interval.contact, *contacts), frames[(holds == present).all(axis=1)]
 
 
-def _summed(cells: Ints, seconds: NDArray[np.float64]) -> Iterator[tuple[tuple[int, int], float]]:
+def _summed(cells: Ints, seconds: Array) -> Iterator[tuple[tuple[int, int], float]]:
     """Distinct rows of (N, 2), each with the sum of its seconds."""
     rows, number = np.unique(cells, axis=0, return_inverse=True)
     sums = np.bincount(number.ravel(), seconds, len(rows))

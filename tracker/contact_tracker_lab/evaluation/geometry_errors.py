@@ -14,9 +14,9 @@ from operator import add
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import erfcinv, gammaincc
 
+from contact_tracker.arrays import Array
 from contact_tracker.errors import NoTruth
 from contact_tracker.geometry.elements import ContactGeometry, Element, Line, Plane, Point, nearest
 from contact_tracker.geometry.linalg import angle_of_lines, sphere_tangent
@@ -24,8 +24,6 @@ from contact_tracker.ground_truth import Truth, TruthInterval
 from contact_tracker.motion.poses import Poses
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Segment
-
-Array = NDArray[np.float64]
 
 NEGLIGIBLE: Final = 1e-13
 """Directions with less than this share of the largest variance are no degrees of freedom of the element."""

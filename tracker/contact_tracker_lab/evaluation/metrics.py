@@ -8,15 +8,12 @@ from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array, Bools, Ints
 from contact_tracker.ground_truth import CoarseLabel
 from contact_tracker.outputs.text import SURE_PROBABILITY
 from contact_tracker.states import STATES
 from contact_tracker_lab.evaluation.scoring import SHORTEST_PHASE_NS, Change, Columns, Scoring, Subset
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 CALIBRATION_BINS: Final = 15
 SMALLEST_PROBABILITY: Final = 1e-12
@@ -145,7 +142,7 @@ class Tally:
         return _ratio(len(self.into) - len(self.delay_s), len(self.into))
 
 
-def right_states(coarse: tuple[CoarseLabel, ...]) -> NDArray[np.bool_]:
+def right_states(coarse: tuple[CoarseLabel, ...]) -> Bools:
     """Which states (7 + C, 7) each state and each coarse label admits."""
     rows = [[state in label.states for state in STATES] for label in coarse]
     return np.array([*np.eye(len(STATES), dtype=bool), *rows], bool)
@@ -227,13 +224,13 @@ def _confusion(scoring: Scoring, frame_label: Columns, subset: Subset) -> Array:
     return confusion
 
 
-def _calibration(seconds: Array, p: Array, right: NDArray[np.bool_]) -> Array:
+def _calibration(seconds: Array, p: Array, right: Bools) -> Array:
     bins = np.clip((p * CALIBRATION_BINS).astype(int), 0, CALIBRATION_BINS - 1)
     columns = (seconds, seconds * p, seconds * right)
     return np.stack([np.bincount(bins, c, CALIBRATION_BINS) for c in columns], axis=1)
 
 
-def _boundary_error(scoring: Scoring, is_new: NDArray[np.bool_], change: Change) -> float:
+def _boundary_error(scoring: Scoring, is_new: Bools, change: Change) -> float:
     """Seconds from the true change to the nearest found one into the same state; nan where there is none.
     ``is_new``: whether the label is that, from the begin of the old phase to the end of the new one.
 
@@ -249,7 +246,7 @@ def _boundary_error(scoring: Scoring, is_new: NDArray[np.bool_], change: Change)
     return float(np.maximum(np.maximum(early, late), 0).min()) * 1e-9
 
 
-def _delay(scoring: Scoring, is_new: NDArray[np.bool_], change: Change) -> float:
+def _delay(scoring: Scoring, is_new: Bools, change: Change) -> float:
     """Seconds from the true onset until the label is right for 0.3 s within the phase; nan if never."""
     right = np.concatenate([[False], is_new[change.onset - change.begin :], [False]])
     start, stop = np.flatnonzero(right[1:] & ~right[:-1]), np.flatnonzero(right[:-1] & ~right[1:])

@@ -10,13 +10,14 @@ from pathlib import Path
 from typing import Any, Final
 
 from contact_tracker.api.offline import Labels, Result
+from contact_tracker.arrays import Array
 from contact_tracker.errors import UsageError, printable
 from contact_tracker.states import STATES
 from contact_tracker.trajectory.arguments import ModelLike, model_from
 from contact_tracker_lab.evaluation.evaluate import Evaluation, FurtherScore, answers_to
 from contact_tracker_lab.evaluation.evaluate import evaluate as evaluate_segmentation
 from contact_tracker_lab.evaluation.geometry_errors import GeometryErrors
-from contact_tracker_lab.evaluation.metrics import Array, Tally, quantile
+from contact_tracker_lab.evaluation.metrics import Tally, quantile
 from contact_tracker_lab.evaluation.scoring import Subset
 from contact_tracker_lab.evaluation.tables import number, table
 

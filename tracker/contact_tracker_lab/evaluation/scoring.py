@@ -13,12 +13,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array, Bools, Ints
 from contact_tracker.ground_truth import CoarseLabel, Truth, TruthInterval
 from contact_tracker.states import STATES
 
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Ints = NDArray[np.int64]
 Columns = NDArray[np.int8]
 
 LONGEST_FRAME_NS: Final = 100_000_000

@@ -8,9 +8,9 @@ object is at positive z and x.
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from contact_tracker.arrays import Array
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.errors import UsageError
 from contact_tracker.explanations.conditional_contact import coefficients
@@ -21,8 +21,6 @@ from contact_tracker.states import Contact
 from contact_tracker_lab.simulate.motion import band_limited, smooth_step, within
 from contact_tracker_lab.simulate.plan import Rigid
 from contact_tracker_lab.simulate.scenarios import Further, Scenario
-
-Array = NDArray[np.float64]
 
 TABLE: Final = np.array([0.0, 0.0, 1.0])
 WALL: Final = np.array([1.0, 0.0, 0.0])

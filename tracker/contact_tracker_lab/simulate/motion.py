@@ -3,15 +3,14 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from contact_tracker.arrays import Array
 from contact_tracker.geometry.polyhedron import Feature, unit
 from contact_tracker.states import Contact
 from contact_tracker_lab.simulate.plan import SETTLE_S, Anchor, Chart, Leg, Rigid, sample_normal, sample_point
 from contact_tracker_lab.simulate.scenarios import Scenario
 
-Array = NDArray[np.float64]
 Weights = tuple[Array, Array, Array]
 
 _TILT_RAMP_S = 0.6  # short, so that a changed constraint is soon observable

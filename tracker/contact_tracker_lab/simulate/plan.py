@@ -14,15 +14,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from contact_tracker.arrays import Array
 from contact_tracker.geometry.elements import ContactGeometry
 from contact_tracker.geometry.polyhedron import Feature, Polyhedron, unit
 from contact_tracker.states import Contact
 from contact_tracker_lab.simulate.scenarios import Phase
-
-Array = NDArray[np.float64]
 
 _FACING = np.diag([1.0, -1.0, -1.0])  # the normals of touching surfaces are opposite
 

@@ -7,14 +7,12 @@ from types import MappingProxyType
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array
 from contact_tracker.errors import UsageError
 from contact_tracker.explanations.joint_models import JointKind
 from contact_tracker.geometry.polyhedron import Polyhedron, convex
 from contact_tracker.states import STATES, Contact
-
-Array = NDArray[np.float64]
 
 
 def box(x: float, y: float, z: float) -> Array:

@@ -5,10 +5,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import butter, filtfilt
 from scipy.spatial.transform import Rotation
 
+from contact_tracker.arrays import Array, Ints
 from contact_tracker.errors import UsageError
 from contact_tracker.geometry.polyhedron import Polyhedron, unit
 from contact_tracker.ground_truth import FurtherTruth, Truth, TruthInterval
@@ -27,21 +27,19 @@ from contact_tracker_lab.simulate.scenarios import (
 )
 from contact_tracker_lab.simulate.wrench import measure_wrenches
 
-Array = NDArray[np.float64]
-
 START_NS = 1_700_000_000_000_000_000
 OUTLIER_M = (0.01, 0.06)
 OUTLIER_RAD = (float(np.radians(4.0)), float(np.radians(25.0)))
 
 
-def stamps(rng: np.random.Generator, count: int, scenario: Scenario) -> NDArray[np.int64]:
+def stamps(rng: np.random.Generator, count: int, scenario: Scenario) -> Ints:
     """Stamps (count,) in ns, strictly increasing; jitter moves the stamp, not the pose."""
     period = 1e9 / scenario.rate_hz
     jitter = np.clip(rng.normal(0.0, 1.0, count) * scenario.jitter_s * 1e9, -0.4 * period, 0.4 * period)
     return START_NS + np.rint(np.arange(count) * period + jitter).astype(np.int64)
 
 
-def measure(rng: np.random.Generator, stamp_ns: NDArray[np.int64], pose: Rigid, scenario: Scenario) -> Poses:
+def measure(rng: np.random.Generator, stamp_ns: Ints, pose: Rigid, scenario: Scenario) -> Poses:
     """Measured poses of the true poses ``pose`` (N,) of the body in the world."""
     count = len(stamp_ns)
     turn = rng.normal(0.0, 1.0, (count, 3)) * scenario.sigma_rotation_rad
@@ -125,7 +123,7 @@ def simulate(scenario: str | Scenario, seed: int) -> Simulated:
     world = random_frame(frame_rng, _WORLD_M)
     body = random_frame(frame_rng, _BODY_M)
 
-    def measured(pose: Rigid) -> tuple[NDArray[np.int64], Poses]:
+    def measured(pose: Rigid) -> tuple[Ints, Poses]:
         """Stamps and measurements of the poses of the object in its surroundings."""
         stamp_ns = stamps(sensor_rng, len(pose.translation), scenario)
         return stamp_ns, measure(sensor_rng, stamp_ns, world @ pose @ body.inverse(), scenario)
@@ -162,7 +160,7 @@ def simulate(scenario: str | Scenario, seed: int) -> Simulated:
 
 
 def _intervals(
-    legs: list[Leg], paths: list[Path], stamp_ns: NDArray[np.int64], body: Rigid, world: Rigid
+    legs: list[Leg], paths: list[Path], stamp_ns: Ints, body: Rigid, world: Rigid
 ) -> list[TruthInterval]:
     """Intervals of contacts; the pose between two legs counts to the more constrained contact."""
     result, start, frame = list[TruthInterval](), 0, 0

@@ -10,14 +10,12 @@ from itertools import groupby
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array, Bools, Ints
 from contact_tracker.geometry.polyhedron import Feature, Polyhedron
 from contact_tracker.ground_truth import TruthInterval
 from contact_tracker.states import Contact
 from contact_tracker_lab.simulate.plan import Chart, Rigid
-
-Array = NDArray[np.float64]
 
 TOLERANCES_M: Final = (0.00015, 0.0005)
 """Of the gap between two bodies, and of the distance of a feature's vertices from the common plane: above
@@ -92,14 +90,14 @@ def _edges(shape: Polyhedron) -> Array:
     return np.array([edge.span[0] for edge in shape.of_kind("e")])
 
 
-def _feature(shape: Polyhedron, is_near: NDArray[np.bool_]) -> Feature | None:
+def _feature(shape: Polyhedron, is_near: Bools) -> Feature | None:
     """The feature with exactly these vertices."""
     indices = frozenset(np.flatnonzero(is_near).tolist())
     return next((one for one in shape.features if one.indices == indices), None)
 
 
 def intervals(
-    stamp_ns: NDArray[np.int64], touches: Sequence[Touch], motion: Sequence[str], body: Rigid, world: Rigid
+    stamp_ns: Ints, touches: Sequence[Touch], motion: Sequence[str], body: Rigid, world: Rigid
 ) -> list[TruthInterval]:
     """Intervals in which what touches, and the ``motion`` of the hand, stay the same at poses (N,).
 

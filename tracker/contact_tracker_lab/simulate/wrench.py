@@ -5,15 +5,13 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array, Bools, Ints
 from contact_tracker.geometry.polyhedron import Polyhedron, unit
 from contact_tracker.states import Contact
 from contact_tracker.wrenches.wrenches import Wrenches
 from contact_tracker_lab.simulate.motion import Path, band_limited, blend, within
 from contact_tracker_lab.simulate.plan import Leg, Rigid
-
-Array = NDArray[np.float64]
 
 MASS_KG: Final = 0.5
 """Of the object, in equal parts at its vertices."""
@@ -39,7 +37,7 @@ BIAS: Final = (0.3, 0.03)
 
 def measure_wrenches(
     rng: np.random.Generator,
-    stamp_ns: NDArray[np.int64],
+    stamp_ns: Ints,
     rate_hz: float,
     legs: Sequence[Leg],
     paths: Sequence[Path],
@@ -128,7 +126,7 @@ def contact_normals(leg: Leg, path: Path) -> Array:
     return np.asarray(normal * np.sign(normal @ leg.start.normal)[:, None], float)
 
 
-def press_share(is_touching: NDArray[np.bool_], rate_hz: float) -> Array:
+def press_share(is_touching: Bools, rate_hz: float) -> Array:
     """(N,) from 0 in free motion to 1; a recording begins and ends with a hand that presses or does not."""
     share = np.zeros(len(is_touching))
     changes = np.flatnonzero(np.diff(is_touching)) + 1
