@@ -15,6 +15,7 @@ Segments are the paper's windows of 500 frames, every 100 frames; those between 
 the recording, so that the segments are of one model; and the true ones.
 """
 
+from functools import cache
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -121,26 +122,14 @@ def change_points(ticks: Ticks) -> list[int]:
     grid = [*range(0, count, GRID_TICKS), count]
     if len(grid) <= FEWEST:
         return [count]
-    cost = segment_cost(ticks, grid)
-    found = Pelt(custom_cost=cost, min_size=1, jump=1).fit(np.arange(len(grid) - 1.0)[:, None])
+    found = Pelt(custom_cost=_cost(ticks, grid), min_size=1, jump=1).fit(np.arange(len(grid) - 1.0)[:, None])
     return [grid[end] for end in found.predict(pen=0.5 * np.log(count))]
 
 
-def segment_cost(ticks: Ticks, grid: list[int]) -> Any:
+def _cost(ticks: Ticks, grid: list[int]) -> Any:
     """The cost of a segment for ruptures: minus the criterion of the best state of ticks between points of
     the ``grid``; infinite beyond ``LONGEST_TICKS``."""
-    from functools import cache
-
     from ruptures.base import BaseCost
-
-    @cache
-    def cost(start: int, end: int) -> float:
-        window = ticks.window.pick(np.flatnonzero(ticks.has_frames[grid[start] : grid[end]]) + grid[start])
-        if grid[end] - grid[start] > LONGEST_TICKS:
-            return float(np.inf)
-        if len(window) < FEWEST:
-            return 0.0
-        return -float(criteria_of(window, ticks.scales, len(ticks.stamp_ns)).max())
 
     class Cost(BaseCost):  # type: ignore[misc]
         model, min_size = "contacts", 1
@@ -149,8 +138,14 @@ def segment_cost(ticks: Ticks, grid: list[int]) -> Any:
             self.signal = signal
             return self
 
+        @cache  # noqa: B019 - it lasts as long as the search
         def error(self, start: int, end: int) -> float:
-            return cost(start, end)
+            rows = np.flatnonzero(ticks.has_frames[grid[start] : grid[end]]) + grid[start]
+            if grid[end] - grid[start] > LONGEST_TICKS:
+                return float(np.inf)
+            if len(rows) < FEWEST:
+                return 0.0
+            return -float(criteria_of(ticks.window.pick(rows), ticks.scales, len(ticks.stamp_ns)).max())
 
     return Cost()
 

@@ -130,9 +130,9 @@ def _scores(
     values = np.concatenate([np.zeros((0, 6)), *(r.log_minimum for r in tuning)])
     truth = np.concatenate([np.zeros(0, np.int64), *(r.truth(wait_s) for r in tuning)])
     if not (truth >= 0).any():
-        no_label = truth[:0]
-        nothing = [Answer.certain(np.full(len(r.scored.stamp_ns), -1), no_label) for r in recordings]
-        return [Score.of(answer, r.scored) for answer, r in zip(nothing, recordings, strict=True)]
+        frames = [np.full(len(r.scored.stamp_ns), -1) for r in recordings]
+        answers = [Answer.certain(no_tick, truth[:0]) for no_tick in frames]
+        return [Score.of(answer, r.scored) for answer, r in zip(answers, recordings, strict=True)]
     emission = Emission.fit(values[truth >= 0], truth[truth >= 0])
 
     def answer(recorded: Windows, exponent: float) -> Answer:
@@ -146,11 +146,13 @@ def _scores(
         right_s.append(sum(float(m.seconds_by_state @ np.nan_to_num(m.recall)) for m in main))
         loss_s.append(sum(m.log_loss_s for m in main))
     for_labels, for_posteriors = EXPONENTS[int(np.argmax(right_s))], EXPONENTS[int(np.argmin(loss_s))]
-    found = [(answer(r, for_labels), answer(r, for_posteriors)) for r in recordings]
-    return [
-        Score.of(Answer(a.tick, a.label, b.probability), r.scored)
-        for (a, b), r in zip(found, recordings, strict=True)
-    ]
+    scores = list[Score]()
+    for recorded in recordings:
+        probability = answer(recorded, for_posteriors).probability
+        scores.append(
+            Score.of(answer(recorded, for_labels)._replace(probability=probability), recorded.scored)
+        )
+    return scores
 
 
 def _chain(recordings: Sequence[Windows], model: Model, states: Ints, step_s: float) -> tuple[Array, Array]:

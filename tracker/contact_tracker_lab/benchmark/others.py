@@ -15,14 +15,11 @@ import numpy as np
 
 from contact_tracker.arrays import Ints
 from contact_tracker.errors import UsageError
-from contact_tracker.ground_truth import Truth
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording.annotations import read_labels
 from contact_tracker.states import STATES, Contact
 from contact_tracker_lab.benchmark.scores import OFFLINE, Answer, Labelling, Method
 from contact_tracker_lab.evaluation.scoring import scoring
-
-Function = Callable[..., Any]
 
 STILL: Final = "speed threshold"
 STILL_M_PER_S, STILL_RAD_PER_S = 0.01, 0.05
@@ -56,7 +53,7 @@ def load_function(name: str) -> tuple[Method, Labelling]:
             spec.loader.exec_module(module)
         else:
             module = importlib.import_module(source)
-        function: Function = getattr(module, function_name)
+        function: Callable[..., Any] = getattr(module, function_name)
     except (ImportError, OSError, AttributeError) as error:
         raise UsageError(f"{name}: {error}") from error
 
@@ -87,7 +84,7 @@ def answer_of(found: Any, count: int, name: str) -> Answer:
 
 def answer_from_labels(poses: Poses, path: Path) -> Answer:
     """The labels in a file (``start``, ``end``, ``contact``), as ``evaluate --labels`` reads them."""
-    truth: Truth = read_labels(str(path), int(poses.stamp_ns[0]), int(poses.stamp_ns[-1]))[0]
+    truth = read_labels(str(path), int(poses.stamp_ns[0]), int(poses.stamp_ns[-1]))[0]
     return _per_frame(scoring(poses.stamp_ns, truth).truth.astype(np.int64))
 
 

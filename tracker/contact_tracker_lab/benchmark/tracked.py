@@ -23,44 +23,40 @@ WITH_MAP: Final = "tracker with a map"
 LAG_S: Final = 1.0
 
 
-def offline(poses: Poses, model: Model, known: Map = EMPTY_MAP) -> tuple[Segmentation, Map]:
-    """What ``segment`` finds in poses, and the map that it learns from them."""
+def methods(model: Model, earlier: Path | None = None) -> dict[Method, Labelling]:
+    """The ways to use the tracker on poses alone, or only that with the map of an ``earlier`` take."""
+    if earlier is not None:
+        return {Method(WITH_MAP, OFFLINE): lambda poses: _with_map(poses, model, earlier)}
+    return {
+        Method(NAME, OFFLINE): lambda poses: _offline(poses, model)[0],
+        Method(NAME, LAG_S): lambda poses: _with_lag(poses, model),
+        Method(NAME, 0.0): lambda poses: _online(poses, model),
+    }
+
+
+def _offline(poses: Poses, model: Model, known: Map = EMPTY_MAP) -> tuple[Answer, Map]:
+    """What ``segment`` finds, where each frame has the label of the tick that contains it, and its map."""
     tracker = OfflineTracker(model, known)
-    found = Segmentation.join(list(tracker.pieces(poses, None, Detail.SHARED)))
-    world = tracker.map
-    return found, Map(learned=NOTHING_LEARNED if world is None else world.learned)
+    found = Segmentation.join(list(tracker.pieces(poses, None, Detail.SHARED))).beliefs
+    learned = NOTHING_LEARNED if tracker.map is None else tracker.map.learned
+    return _answer(tick_containing(poses.stamp_ns, found.stamp_ns), found), Map(learned=learned)
 
 
-def answer_offline(poses: Poses, found: Segmentation) -> Answer:
-    """Each frame has the label of the tick that contains it."""
-    return _answer(tick_containing(poses.stamp_ns, found.beliefs.stamp_ns), found.beliefs)
+def _with_map(poses: Poses, model: Model, earlier: Path) -> Answer:
+    known = _offline(Poses.collect(open_log(str(earlier))), model)[1]
+    return _offline(poses, model, known)[0]
 
 
-def answer_online(poses: Poses, model: Model) -> Answer:
+def _online(poses: Poses, model: Model) -> Answer:
     """What ``live`` has said by each frame."""
     found = answers_to(poses, model)
     return _answer(tick_in_force(poses.stamp_ns, found.arrival_ns), found.beliefs)
 
 
-def answer_with_lag(poses: Poses, model: Model) -> Answer:
+def _with_lag(poses: Poses, model: Model) -> Answer:
     """What ``live --lag`` says about each frame, so much later."""
     found = answers_to(poses, model, lag_s=LAG_S).beliefs
     return _answer(tick_containing(poses.stamp_ns, found.stamp_ns), found)
-
-
-def answer_with_map(poses: Poses, model: Model, earlier: Path) -> Answer:
-    """Offline, with the map that was learned from an earlier take."""
-    known = offline(Poses.collect(open_log(str(earlier))), model)[1]
-    return answer_offline(poses, offline(poses, model, known)[0])
-
-
-def methods(model: Model) -> dict[Method, Labelling]:
-    """The ways to use the tracker on poses alone."""
-    return {
-        Method(NAME, OFFLINE): lambda poses: answer_offline(poses, offline(poses, model)[0]),
-        Method(NAME, LAG_S): lambda poses: answer_with_lag(poses, model),
-        Method(NAME, 0.0): lambda poses: answer_online(poses, model),
-    }
 
 
 def _answer(tick: Ints, beliefs: Beliefs) -> Answer:

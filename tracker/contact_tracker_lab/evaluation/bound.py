@@ -51,7 +51,9 @@ def cramer_rao(
     true_poses : poses without noise, one for each measured frame.
     sigma_position_m, sigma_rotation_rad : white noise per axis of a measured frame.
     """
-    x = _stacked(model, _identifiable(true, true_poses))
+    pair = _identifiable(true, true_poses)
+    first, second = (pair.object, pair.environment) if model.body_in_1 else (pair.environment, pair.object)
+    x = np.concatenate([numbers(first)[:3] if _are_faces(pair) else numbers(first), numbers(second)])
     anchors = model.anchors(true_poses.position_m.mean(axis=0))
     x = model.family.normalise(x, anchors)
     tangent = model.family.tangent(x, anchors)
@@ -124,10 +126,3 @@ def _identifiable(pair: ContactGeometry, poses: Poses) -> ContactGeometry:
             sign = np.sign(np.mean(poses.rotation @ m, axis=0) @ n)
             return ContactGeometry(Plane(m, 0.0), Plane(n, float(offset_m - sign * object_offset_m)))
     return pair
-
-
-def _stacked(model: ContactModel, pair: ContactGeometry) -> Array:
-    """The parameter vector x (S,) whose elements are ``pair``."""
-    first, second = (pair.object, pair.environment) if model.body_in_1 else (pair.environment, pair.object)
-    of_first = numbers(first)
-    return np.concatenate([of_first[:3] if _are_faces(pair) else of_first, numbers(second)])

@@ -111,24 +111,22 @@ def scoring(stamp_ns: Ints, truth: Truth) -> Scoring:
     for interval, frames in _frames(stamp_ns, truth):
         moved |= interval.motion != "rest"
         if interval.contact is not None or interval.coarse is not None:
-            column[frames] = _column(interval, truth.coarse)
+            state, coarse = interval.contact, interval.coarse
+            column[frames] = len(STATES) + truth.coarse.index(coarse) if state is None else state.column
             subsets[Subset.MOVED, frames] = moved
             subsets[Subset.AMBIGUOUS, frames] = interval.singular or not moved
     subsets[Subset.ALL] = column != UNSCORED
     subsets[Subset.IDENTIFIABLE] = subsets[Subset.ALL] & ~subsets[Subset.AMBIGUOUS]
     subsets[Subset.CLEAR] = subsets[Subset.ALL]
     runs = _runs(stamp_ns, column)
-    for near in _near_changes(stamp_ns, column, runs):
-        subsets[Subset.CLEAR, near] = False
-    edges_ns = _edges(stamp_ns)
+    for (_, last), (onset, _) in pairwise(runs):
+        if column[last] != column[onset]:
+            begin = np.searchsorted(stamp_ns, stamp_ns[last + 1] - NEAR_CHANGE_NS)
+            end = np.searchsorted(stamp_ns, stamp_ns[onset] + NEAR_CHANGE_NS, side="right")
+            subsets[Subset.CLEAR, begin:end] = False
+    end_ns = 2 * stamp_ns[-1:] - stamp_ns[-2:-1] if len(stamp_ns) > 1 else stamp_ns
+    edges_ns = np.append(stamp_ns, end_ns)
     return Scoring(edges_ns, column, subsets, _changes(edges_ns, column, runs), truth.coarse)
-
-
-def _column(interval: TruthInterval, coarse: tuple[CoarseLabel, ...]) -> int:
-    if interval.contact is not None:
-        return interval.contact.column
-    assert interval.coarse is not None
-    return len(STATES) + coarse.index(interval.coarse)
 
 
 def tick_containing(frame_ns: Ints, tick_ns: Ints) -> Ints:
@@ -141,11 +139,6 @@ def tick_containing(frame_ns: Ints, tick_ns: Ints) -> Ints:
 def tick_in_force(frame_ns: Ints, tick_ns: Ints) -> Ints:
     """Online: index of the latest tick that is reported at each frame; -1 before the first."""
     return np.searchsorted(tick_ns, frame_ns, side="right") - 1
-
-
-def _edges(stamp_ns: Ints) -> Ints:
-    last = 2 * stamp_ns[-1:] - stamp_ns[-2:-1] if len(stamp_ns) > 1 else stamp_ns
-    return np.append(stamp_ns, last)
 
 
 def _frames(stamp_ns: Ints, truth: Truth) -> Iterator[tuple[TruthInterval, slice]]:
@@ -173,16 +166,6 @@ def _runs(stamp_ns: Ints, column: Columns) -> list[tuple[int, int]]:
         else:
             runs.append((first, last))
     return runs
-
-
-def _near_changes(stamp_ns: Ints, column: Columns, runs: list[tuple[int, int]]) -> Iterator[slice]:
-    for (_, last), (onset, _) in pairwise(runs):
-        if column[last] != column[onset]:
-            from_ns, until_ns = stamp_ns[last + 1] - NEAR_CHANGE_NS, stamp_ns[onset] + NEAR_CHANGE_NS
-            yield slice(
-                int(np.searchsorted(stamp_ns, from_ns)),
-                int(np.searchsorted(stamp_ns, until_ns, side="right")),
-            )
 
 
 def _changes(edges_ns: Ints, column: Columns, runs: list[tuple[int, int]]) -> tuple[Change, ...]:
