@@ -217,10 +217,8 @@ def _solved(key: str, contacts: str, model: Model, residuals: Sequence[Residuals
         return float(np.mean(squares(float(np.exp(log_floor))))) - _MEAN
 
     ends = np.log([LEAST, MOST])
-    if excess(ends[0]) <= 0.0:
-        return Floor(key, contacts, LEAST, size)
-    if excess(ends[1]) >= 0.0:
-        return Floor(key, contacts, MOST, size)
+    if excess(ends[0]) <= 0.0 or excess(ends[1]) >= 0.0:
+        return Floor(key, contacts, LEAST if excess(ends[0]) <= 0.0 else MOST, size)
     return Floor(key, contacts, float(np.exp(brentq(excess, *ends, xtol=1e-4))), size)
 
 

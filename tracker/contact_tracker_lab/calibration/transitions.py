@@ -186,17 +186,14 @@ def count(model: Model, chains: Sequence[Chain], expected: Sequence[Expected]) -
     With the rate lambda, and h the time in which the tick's motion could have ended the state, that part is
     1 / lambda - h / (exp(lambda h) - 1) on average: about half of h.
     """
-    rate = leave_per_s(model.transitions)
-    begins, moving = np.zeros(len(STATES)), np.zeros(len(STATES))
-    changes = np.zeros((len(STATES), len(STATES)))
+    rate, moving = leave_per_s(model.transitions), np.zeros(len(STATES))
     for chain, e in zip(chains, expected, strict=True):
         # without any exposure nothing has changed
         h = np.maximum(model.tick_s * chain.exposure, LEAST_EXPOSURE_S)[:, None]
-        begins += e.begins
-        changes += e.changes.sum(axis=0)
         left_after = 1.0 / rate - h / np.expm1(rate * h)
         moving += (e.stays * h + e.changes.sum(axis=2) * left_after).sum(axis=0)
-    return _counts(begins, moving, changes)
+    begins, changes = ([getattr(e, name) for e in expected] for name in ("begins", "changes"))
+    return _counts(np.sum(begins, axis=0), moving, np.concatenate(changes).sum(axis=0))
 
 
 def _counts(begins: Array, moving_s: Array, changes: Array) -> TransitionCounts:
@@ -206,11 +203,9 @@ def _counts(begins: Array, moving_s: Array, changes: Array) -> TransitionCounts:
 
 def log_prior(model: Model) -> float:
     """Log density, up to a constant, of the prior under which each M-step is the most probable model."""
-    t = model.transitions
-    nothing = _counts(np.zeros(len(STATES)), np.zeros(len(STATES)), np.zeros((len(STATES), len(STATES))))
-    empty = replace(t, counts=nothing)
+    t, none = model.transitions, np.zeros(len(STATES))
+    empty = replace(t, counts=_counts(none, none, np.diag(none)))
     rate, weight = leave_per_s(t), t.prior_changes
-    rates = weight * (np.log(rate) - rate / t.leave_per_s).sum()
-    rows = (initial(empty), *destinations(empty)), (initial(t), *destinations(t))
-    shares = sum(weight * float(p[p > 0] @ np.log(q[p > 0])) for p, q in zip(rows[0], rows[1], strict=True))
-    return float(rates) + shares
+    rows = zip((initial(empty), *destinations(empty)), (initial(t), *destinations(t)), strict=True)
+    shares = sum(float(p[p > 0] @ np.log(q[p > 0])) for p, q in rows)
+    return weight * (float((np.log(rate) - rate / t.leave_per_s).sum()) + shares)

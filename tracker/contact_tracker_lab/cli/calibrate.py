@@ -62,14 +62,10 @@ def run(args: argparse.Namespace) -> int:
     from contact_tracker_lab.calibration.calibrate import Plan, calibrate, to_text
     from contact_tracker_lab.calibration.parameters import select
 
-    check = check_output(
-        args.output,
-        args.overwrite,
-        arguments.files_read(arguments.recordings_in(args.logs, "calibrate"), args.start, args.known),
-    )
-    wanted = select(args.only)
-    start = load_model(args.start)
-    sources = _sources(args)
+    names = arguments.recordings_in(args.logs, "calibrate")
+    files = arguments.files_read(names, args.start, args.known)
+    check = check_output(args.output, args.overwrite, files)
+    wanted, start, sources = select(args.only), load_model(args.start), _sources(args, names)
     plan = Plan(sources, start, wanted, _how_many_folds(args.folds, len(sources)))
     processes = min(args.processes, len(sources))
     with (
@@ -98,24 +94,21 @@ def run(args: argparse.Namespace) -> int:
             f"not learned: {', '.join(found.left_out)}; without truth they make recordings held out less "
             "probable; give recordings with truth to learn them"
         )
-    code = DONE
-    for study in found.studies:
-        if study.damage is not None:
-            warn(f"{study.name}: {study.damage}")
-            code = DAMAGED
-    return code
+    damaged = [study for study in found.studies if study.damage is not None]
+    for study in damaged:
+        warn(f"{study.name}: {study.damage}")
+    return DAMAGED if damaged else DONE
 
 
-def _sources(args: argparse.Namespace) -> "tuple[Source, ...]":
+def _sources(args: argparse.Namespace, names: Sequence[str]) -> "tuple[Source, ...]":
     from contact_tracker.recording import need_truth
     from contact_tracker_lab.calibration.calibrate import Source
 
-    names = arguments.recordings_in(args.logs, "calibrate")
     for name in names:
         if os.path.exists(name) and not (os.path.isfile(name) or os.path.isdir(name)):
             raise UsageError(f"calibrate reads a recording several times: {name} is not a regular file")
-    known_map = arguments.load_map(args)
-    chosen = args.topic, args.frame, not args.unlabelled, known_map, args.relative_to, args.table
+    known = arguments.load_map(args)
+    chosen = args.topic, args.frame, not args.unlabelled, known, args.relative_to, args.table
     sources = tuple(Source(name, *chosen) for name in names)
     for source in sources if args.labelled else ():
         need_truth(source.name, source.topic, source.frame)

@@ -68,10 +68,8 @@ def _evaluate(
     from contact_tracker_lab.evaluation import evaluate
     from contact_tracker_lab.evaluation.evaluate import Answering
 
-    if args.labels is None:
-        truth = need_truth(name, args.topic, args.frame, args.table)
-    else:
-        truth = arguments.load_labels(args, name)
+    chosen = name, args.topic, args.frame, args.table
+    truth = need_truth(*chosen) if args.labels is None else arguments.load_labels(args, name)
     if args.relative_to is not None and any(interval.geometry for interval in truth.intervals):
         warn(
             f"{name}: elements are not compared: the truth has them in the recording's frame, not in that of "

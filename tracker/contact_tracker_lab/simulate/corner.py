@@ -89,7 +89,10 @@ def move_in_corner(
     for attempt in range(_TRIES):
         first, second, base = _choose(rng, object, scenario.phases[0].contact, further.contact)
         pose = _motion(rng, first, second, base, scenario, further, time_s, 0.97**attempt)
-        if pose is not None and _is_outside(object, pose):
+        if pose is None:
+            continue
+        corners = np.einsum("nij,vj->nvi", pose.rotation, object.vertices) + pose.translation[:, None]
+        if corners[..., [0, 2]].min() > -1e-7:  # no vertex penetrates the table or the wall
             return pose, first, second
     raise UsageError(f"scenario: a {scenario.object} cannot be moved like that between table and wall")
 
@@ -99,11 +102,12 @@ def _choose(
 ) -> tuple[Touch, Touch, Array]:
     """Choose features and a rotation (3, 3) at which both touch, away from the sides of their cones."""
     options = []
+    kinds = [object.of_kind(contact.value[0]) for contact in (first, second)]
     for _ in range(_DRAWS):
-        on_table = _random_feature(rng, object, first.value[0])
-        on_wall = _random_feature(rng, object, second.value[0])
-        down = _inner_normal(rng, on_table)
-        aside = _inner_normal(rng, on_wall)
+        on_table, on_wall = (features[int(rng.integers(len(features)))] for features in kinds)
+        down, aside = (
+            unit(rng.dirichlet(np.full(len(one.normals), 4.0)) @ one.normals) for one in (on_table, on_wall)
+        )
         aside = aside - down * (down @ aside)
         if np.linalg.norm(aside) < 0.3:
             continue
@@ -119,16 +123,6 @@ def _choose(
     body = np.array([aside, np.cross(down, aside), down])  # rows: body directions of -x, ..., -z
     scene = np.array([-WALL, np.cross(-TABLE, -WALL), -TABLE])
     return Touch(first, on_table, TABLE), Touch(second, on_wall, WALL), scene.T @ body
-
-
-def _random_feature(rng: np.random.Generator, object: Polyhedron, kind: str) -> Feature:
-    features = object.of_kind(kind)
-    return features[int(rng.integers(len(features)))]
-
-
-def _inner_normal(rng: np.random.Generator, feature: Feature) -> Array:
-    weights = rng.dirichlet(np.full(len(feature.normals), 4.0))
-    return np.asarray(unit(weights @ feature.normals))
 
 
 def _room(feature: Feature, normal: Array) -> float:
@@ -152,7 +146,10 @@ def _motion(
     room = _ROOM_SHARE * min(_room(first.feature, down), _room(second.feature, aside))
     turn = within(calm * scenario.amplitude_rad * wave[:, :3], room)
     rotation = base @ Rotation.from_rotvec(turn).as_matrix()
-    apart = _separation(further, time_s)
+    # 0 while the further contact lasts, 1 otherwise, with smooth transitions
+    before = 0.0 if further.start_s is None else smooth_step((further.start_s - time_s) / _RAMP_S)
+    after = 0.0 if further.end_s is None else smooth_step((time_s - further.end_s) / _RAMP_S)
+    apart = np.maximum(before, after) + 0.0 * time_s
     place = scenario.amplitude_m * wave[:, 3:]
     place[:, 2] = -rotation[:, 2] @ first.feature.points.mean(axis=0)  # touching, up to the tilt
     away = place[:, 0] * apart + _AWAY_M * apart
@@ -166,13 +163,6 @@ def _motion(
     free[:, -1] = _SOFT_M * np.logaddexp(0.0, free[:, -1] / _SOFT_M)
     goals = np.concatenate([touching, apart[:, None] * free], axis=1)
     return _project(on_first, np.concatenate([first.c, second.c]), goals)
-
-
-def _separation(further: Further, time_s: Array) -> Array:
-    """(N,) 0 while the further contact lasts, 1 otherwise, with smooth transitions."""
-    before = 0.0 if further.start_s is None else smooth_step((further.start_s - time_s) / _RAMP_S)
-    after = 0.0 if further.end_s is None else smooth_step((time_s - further.end_s) / _RAMP_S)
-    return np.asarray(np.broadcast_to(np.maximum(before, after), time_s.shape), float)
 
 
 def _project(pose: Rigid, c: Array, goals: Array) -> Rigid | None:
@@ -191,9 +181,3 @@ def _project(pose: Rigid, c: Array, goals: Array) -> Rigid | None:
         rotation = rotation @ Rotation.from_rotvec(step[:, :3]).as_matrix()
         place = place + step[:, 3:]
     return Rigid(rotation, place) if np.abs(miss).max() < _EXACT else None
-
-
-def _is_outside(object: Polyhedron, pose: Rigid) -> bool:
-    """Whether no vertex penetrates the table or the wall."""
-    corners = np.einsum("nij,vj->nvi", pose.rotation, object.vertices) + pose.translation[:, None]
-    return bool(corners[..., [0, 2]].min() > -1e-7)

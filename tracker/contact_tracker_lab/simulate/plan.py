@@ -140,13 +140,12 @@ def choose_chart(
         (contact.value[0], object.features, related.object if related else None),
         (contact.value[2], scene.top, related.environment if related else None),
     ):
-        fitting = [f for f in choice if f.kind == kind and (given is None or _nested(f, given))]
+        fitting = [one for one in choice if one.kind == kind]
+        if given is not None:
+            near = given.indices
+            fitting = [one for one in fitting if one.indices <= near or one.indices >= near]
         features.append(fitting[rng.integers(len(fitting))])
     return Chart(contact, *features)
-
-
-def _nested(a: Feature, b: Feature) -> bool:
-    return a.indices <= b.indices or b.indices <= a.indices
 
 
 def sample_anchor(
@@ -164,10 +163,9 @@ def sample_anchor(
     object_normal = sample_normal(rng, higher.object, before.object_normal if before else None)
     if before is None:
         spin = rng.uniform(-np.pi, np.pi)
-    elif leaving is None:
-        spin = lower.spin(before.rotation, normal, object_normal)
     else:
-        spin = lower.spin(before.rotation, before.normal, before.object_normal)
+        normals = (normal, object_normal) if leaving is None else (before.normal, before.object_normal)
+        spin = lower.spin(before.rotation, *normals)
     wanted = spin + rng.normal(0.0, np.radians(20.0))
     if lower.contact is Contact.EE:
         side = 1.0 if spin > 0.0 else -1.0
@@ -254,9 +252,9 @@ def plan(
             end = replace(end, object_rate=0 * end.object_rate, scene_rate=0 * end.scene_rate, spin_rate=0.0)
         legs.append(_leg(phase, anchor, end, chart, following, object.radius))
         chart, anchor = following, end
-    return [
-        replace(leg, from_air=index == 0, to_air=index == len(legs) - 1) for index, leg in enumerate(legs)
-    ]
+    legs[0] = replace(legs[0], from_air=True)
+    legs[-1] = replace(legs[-1], to_air=True)
+    return legs
 
 
 def _is_restricted(phase: Phase | None) -> bool:
@@ -269,7 +267,7 @@ def _with_transitions(phases: Sequence[Phase], lead_s: float) -> list[Phase | No
     result: list[Phase | None] = []
     for before, phase, after in zip((None, *phases), phases, (*phases[1:], None), strict=False):
         lead = [Phase(phase.contact, lead_s)] if lead_s else []
-        if before and not _comparable(before.contact, phase.contact):
+        if before and not (before.contact.contains(phase.contact) or phase.contact.contains(before.contact)):
             result.append(None)
         is_singular = _is_restricted(phase) and phase.motion != "rest"
         if is_singular and before and before.contact is not phase.contact:
@@ -278,10 +276,6 @@ def _with_transitions(phases: Sequence[Phase], lead_s: float) -> list[Phase | No
         if _is_restricted(phase) and after and after.contact is not phase.contact:
             result += lead
     return result
-
-
-def _comparable(a: Contact, b: Contact) -> bool:
-    return a.contains(b) or b.contains(a)
 
 
 def _touching(phase: Phase | None) -> Contact:
@@ -311,12 +305,12 @@ def _leg_end(
 
     if _is_restricted(phase):
         return chart, anchor
-    options = [option() for _ in range(60 if phase is None else 6)]
-    return min(options, key=lambda chosen: _effort(*anchor.distance_to(chosen[1])))
 
+    def effort(chosen: tuple[Chart, Anchor]) -> float:
+        distance_m, angle_rad = anchor.distance_to(chosen[1])
+        return distance_m / 0.2 + angle_rad
 
-def _effort(distance_m: float, angle_rad: float) -> float:
-    return distance_m / 0.2 + angle_rad
+    return min((option() for _ in range(60 if phase is None else 6)), key=effort)
 
 
 def _leg(
@@ -325,10 +319,8 @@ def _leg(
     distance, angle = start.distance_to(end)
     shortest_s = max(distance / _TRAVEL_M_S, angle / _TURN_RAD_S)
     lift_m = 0.03 + 0.4 * (distance + angle * radius)
+    ends = start, end, chart, following
     if phase is None:
-        seconds = max(0.6, 6.5 * lift_m, shortest_s)
-        return Leg(Contact.FREE, "normal", seconds, start, end, chart, following, lift_m, wander=0.0)
-    seconds = max(phase.duration_s, shortest_s)
-    if phase.contact is Contact.FREE:
-        return Leg(Contact.FREE, "normal", seconds, start, end, chart, following, lift_m + 0.15)
-    return Leg(phase.contact, phase.motion, seconds, start, end, chart, chart)
+        return Leg(Contact.FREE, "normal", max(0.6, 6.5 * lift_m, shortest_s), *ends, lift_m, wander=0.0)
+    lift_m = lift_m + 0.15 if phase.contact is Contact.FREE else 0.0
+    return Leg(phase.contact, phase.motion, max(phase.duration_s, shortest_s), *ends, lift_m)
