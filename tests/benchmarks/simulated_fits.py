@@ -21,7 +21,7 @@ from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Segment
 from contact_tracker.tracking.contact_filter import ticks_of
 from contact_tracker.tracking.state import scales_of
-from contact_tracker_lab.calibration.recorded_pass import window_of
+from contact_tracker_lab.calibration.trellis import window_of
 from contact_tracker_lab.evaluation.bound import cramer_rao, errors
 from contact_tracker_lab.evaluation.geometry_errors import Deviation, geometry_errors
 from contact_tracker_lab.simulate import Scenario, simulate
@@ -93,7 +93,7 @@ def fit_simulated(contact: Contact, noise: Noise, seed: int) -> Fitted:
     true = measured.truth.intervals[0].geometry
     assert true is not None
     sigma = scenario.sigma_position_m, scenario.sigma_rotation_rad
-    bound = cramer_rao(CONTACT_MODELS[contact.column], true, true_poses, *sigma)
+    bound = cramer_rao(CONTACT_MODELS[contact.column], true, true_poses, sigma)
     model, poses = noise.model, _with_compliance(measured.poses, true, noise, seed)
     poses = with_systematic_errors(_with_wander(poses, model.noise, seed), model.systematic, seed)
     found = fitted_geometry(poses, contact, model)

@@ -42,8 +42,7 @@ from contact_tracker.tracking.filter_bank import (
 from contact_tracker.tracking.offline_smoother import segment
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.tracking.transition_model import log_initial, tick_transitions
-from contact_tracker_lab.calibration.recorded_pass import RecordedPass
-from contact_tracker_lab.calibration.trellis import smooth
+from contact_tracker_lab.calibration.trellis import RecordedPass, smooth
 from contact_tracker_lab.evaluation.evaluate import evaluate
 from contact_tracker_lab.simulate import simulate
 from distortions import interpolated, low_pass, moving_average, thinned, turned

@@ -5,7 +5,6 @@ over the N frames. Units: rad^2 and m^2 (and m^2 rad^2) are added up as the pape
 """
 
 from collections.abc import Mapping
-from types import MappingProxyType
 from typing import Final
 
 import numpy as np
@@ -94,16 +93,14 @@ def _sum_of_squares(*residuals: Array) -> float:
 
 
 UNREPORTED: Final = float("nan")
-REPORTED_ERRORS: Final[Mapping[tuple[Contact, str], tuple[float, float]]] = MappingProxyType(
-    {
-        (Contact.FF, "object"): (0.12, UNREPORTED),
-        (Contact.FF, "environment"): (0.12, UNREPORTED),
-        (Contact.EF, "object"): (0.76, 5.6),
-        (Contact.EF, "environment"): (0.72, UNREPORTED),
-        (Contact.VF, "object"): (UNREPORTED, 9.4),
-        (Contact.VF, "environment"): (0.14, UNREPORTED),
-        (Contact.EE, "object"): (0.43, 6.3),
-        (Contact.EE, "environment"): (0.15, 4.0),
-    }
-)
+REPORTED_ERRORS: Final[Mapping[tuple[Contact, str], tuple[float, float]]] = {
+    (Contact.FF, "object"): (0.12, UNREPORTED),
+    (Contact.FF, "environment"): (0.12, UNREPORTED),
+    (Contact.EF, "object"): (0.76, 5.6),
+    (Contact.EF, "environment"): (0.72, UNREPORTED),
+    (Contact.VF, "object"): (UNREPORTED, 9.4),
+    (Contact.VF, "environment"): (0.14, UNREPORTED),
+    (Contact.EE, "object"): (0.43, 6.3),
+    (Contact.EE, "environment"): (0.15, 4.0),
+}
 """Angle (deg) and distance (mm) by contact and side; nan where the paper gives no figure."""

@@ -138,7 +138,12 @@ def _scores(
     def answer(recorded: Windows, exponent: float) -> Answer:
         chain = _chain(tuning, model, emission.states, recorded.step_s)
         log_density = exponent * emission.log_density(recorded.log_minimum)
-        return _answer(recorded, emission.states, log_density, chain, wait_s)
+        tick, probability = recorded.ticks(wait_s), np.zeros((len(log_density), len(STATES)))
+        if wait_s == OFFLINE and len(log_density):
+            probability[:, emission.states], label = smoothed(log_density, *chain)
+            return Answer(tick, emission.states[label], probability)
+        probability[:, emission.states] = filtered(log_density, *chain)
+        return Answer.most_probable(tick, probability)
 
     right_s, loss_s = [], []
     for exponent in EXPONENTS:
@@ -148,10 +153,8 @@ def _scores(
     for_labels, for_posteriors = EXPONENTS[int(np.argmax(right_s))], EXPONENTS[int(np.argmin(loss_s))]
     scores = list[Score]()
     for recorded in recordings:
-        probability = answer(recorded, for_posteriors).probability
-        scores.append(
-            Score.of(answer(recorded, for_labels)._replace(probability=probability), recorded.scored)
-        )
+        labelled, believed = answer(recorded, for_labels), answer(recorded, for_posteriors)
+        scores.append(Score.of(labelled._replace(probability=believed.probability), recorded.scored))
     return scores
 
 
@@ -162,23 +165,10 @@ def _chain(recordings: Sequence[Windows], model: Model, states: Ints, step_s: fl
     leave = min(0.5, step_s * (1 + sum(len(m.changes) for m in main)) / seconds)
     change = destinations(model.transitions)[np.ix_(states, states)] * (1 - np.eye(len(states)))
     total = change.sum(axis=1, keepdims=True)
-    matrix = (1 - leave) * np.eye(len(states)) + leave * np.divide(
-        change, total, out=np.eye(len(states)), where=total > 0
-    )
+    shares = np.divide(change, total, out=np.eye(len(states)), where=total > 0)
+    matrix = (1 - leave) * np.eye(len(states)) + leave * shares
     with np.errstate(divide="ignore"):
         return np.full(len(states), -np.log(len(states))), np.log(matrix)
-
-
-def _answer(
-    recorded: Windows, states: Ints, log_density: Array, chain: tuple[Array, Array], wait_s: float
-) -> Answer:
-    tick = recorded.ticks(wait_s)
-    probability = np.zeros((len(log_density), len(STATES)))
-    if wait_s == OFFLINE and len(log_density):
-        probability[:, states], label = smoothed(log_density, *chain)
-        return Answer(tick, states[label], probability)
-    probability[:, states] = filtered(log_density, *chain)
-    return Answer.most_probable(tick, probability)
 
 
 def smoothed(log_density: Array, log_initial: Array, log_transition: Array) -> tuple[Array, Ints]:

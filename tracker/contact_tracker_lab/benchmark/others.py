@@ -5,10 +5,10 @@ returns for each pose a label ("f-f" ... "free", "" for none) or (N, 7) probabil
 ``STATES``. What it returns for a pose may use all poses: it is scored as offline.
 """
 
-import importlib
-import importlib.util
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
+from runpy import run_path
 from typing import Any, Final
 
 import numpy as np
@@ -45,17 +45,12 @@ def load_function(name: str) -> tuple[Method, Labelling]:
     if not colon:
         raise UsageError(f"a method is module:function or file.py:function, not {name!r}")
     try:
-        if source.endswith(".py"):
-            spec = importlib.util.spec_from_file_location(Path(source).stem, source)
-            assert spec is not None
-            assert spec.loader is not None
-            module = importlib.util.module_from_spec(spec)
-            spec.loader.exec_module(module)
-        else:
-            module = importlib.import_module(source)
-        function: Callable[..., Any] = getattr(module, function_name)
-    except (ImportError, OSError, AttributeError) as error:
+        names = run_path(source) if source.endswith(".py") else vars(import_module(source))
+    except (ImportError, OSError) as error:
         raise UsageError(f"{name}: {error}") from error
+    if function_name not in names:
+        raise UsageError(f"{name}: {source} has no {function_name}")
+    function: Callable[..., Any] = names[function_name]
 
     def answer(poses: Poses) -> Answer:
         return answer_of(function(poses.stamp_ns, poses.position_m, poses.quat_xyzw), len(poses), name)

@@ -34,7 +34,6 @@ from contact_tracker_lab.calibration.parameters import (
     value_of,
     with_value,
 )
-from contact_tracker_lab.calibration.recorded_pass import RecordedPass
 from contact_tracker_lab.calibration.residuals import (
     FEWEST,
     ContactSegment,
@@ -51,7 +50,7 @@ from contact_tracker_lab.calibration.transitions import (
     KnownStates,
     learn_transitions,
 )
-from contact_tracker_lab.calibration.trellis import smooth
+from contact_tracker_lab.calibration.trellis import RecordedPass, smooth
 from contact_tracker_lab.evaluation.evaluate import Evaluation, evaluate
 from contact_tracker_lab.evaluation.scoring import scoring
 from contact_tracker_lab.evaluation.tables import number, table

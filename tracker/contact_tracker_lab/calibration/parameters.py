@@ -5,7 +5,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, is_dataclass, replace
 from enum import StrEnum
 from operator import attrgetter
-from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -35,23 +34,21 @@ class How(StrEnum):
 
 
 ONLY_IF_NAMED: Final = (How.SEARCH, How.CONTACTS)
-LEARNED: Final[Mapping[str, How]] = MappingProxyType(
-    {
-        "noise.sigma_position_m": How.STREAM,
-        "noise.sigma_rotation_rad": How.STREAM,
-        "noise.floor_position_m": How.RESIDUALS,
-        "noise.floor_rotation_rad": How.RESIDUALS,
-        "noise.contact_position_m": How.CONTACTS,
-        "noise.contact_rotation_rad": How.CONTACTS,
-        "transitions.counts": How.COUNTS,
-        "motion.body_radius_m": How.SEARCH,
-        "motion.prior_predictive_share": How.SEARCH,
-        "motion.likelihood_exponent": How.SEARCH,
-        "geometry.reach_m": How.SEARCH,
-        "geometry.revisit_prior": How.SEARCH,
-        "certainty.posterior_power": How.SEARCH,
-    }
-)
+LEARNED: Final[Mapping[str, How]] = {
+    "noise.sigma_position_m": How.STREAM,
+    "noise.sigma_rotation_rad": How.STREAM,
+    "noise.floor_position_m": How.RESIDUALS,
+    "noise.floor_rotation_rad": How.RESIDUALS,
+    "noise.contact_position_m": How.CONTACTS,
+    "noise.contact_rotation_rad": How.CONTACTS,
+    "transitions.counts": How.COUNTS,
+    "motion.body_radius_m": How.SEARCH,
+    "motion.prior_predictive_share": How.SEARCH,
+    "motion.likelihood_exponent": How.SEARCH,
+    "geometry.reach_m": How.SEARCH,
+    "geometry.revisit_prior": How.SEARCH,
+    "certainty.posterior_power": How.SEARCH,
+}
 """How each parameter is learned, by its key in the file."""
 
 

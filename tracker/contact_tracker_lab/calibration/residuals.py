@@ -25,8 +25,8 @@ from contact_tracker.states import CONTACTS
 from contact_tracker.tracking.contact_filter import ticks_of
 from contact_tracker.tracking.state import scales_of
 from contact_tracker_lab.calibration.parameters import rounded, value_of, with_value
-from contact_tracker_lab.calibration.recorded_pass import window_of
 from contact_tracker_lab.calibration.transitions import runs
+from contact_tracker_lab.calibration.trellis import window_of
 
 MOVING: Final = 0.5
 """Activity above which a tick counts as motion."""

@@ -68,7 +68,10 @@ class KnownStates:
         if len(known) and known[0] <= longest:
             begins[self.label[known[0]]] = 1.0
             log_evidence = float(log_initial(model)[self.label[known[0]]])
-        steps = self._steps(model)
+        transitions = [tick_transitions(model, exposure) for exposure in self.exposure]
+        steps = np.array([change for change, _ in transitions]).reshape(-1, states, states)
+        # staying is a step like any other: the truth has no changes into the same contact
+        steps[:, _DIAGONAL, _DIAGONAL] = np.array([stay for _, stay in transitions]).reshape(-1, states)
         for piece in np.split(known, np.flatnonzero(np.diff(known) - 1 > longest) + 1):
             if len(piece) > 1:
                 first, end = piece[0], piece[-1] + 1
@@ -79,18 +82,11 @@ class KnownStates:
         changes[:, _DIAGONAL, _DIAGONAL] = 0.0
         return Expected(begins, stays, changes, log_evidence)
 
-    def _steps(self, model: Model) -> Array:
-        """Log probability (T, 7, 7) of each step; the truth has no changes into the same contact."""
-        transitions = [tick_transitions(model, exposure) for exposure in self.exposure]
-        steps = np.array([change for change, _ in transitions]).reshape(-1, len(STATES), len(STATES))
-        steps[:, _DIAGONAL, _DIAGONAL] = np.array([stay for _, stay in transitions]).reshape(-1, len(STATES))
-        return steps
-
 
 def _on_all_paths(label: Ints, steps: Array) -> tuple[Array, float]:
     """Changes (t, 7, 7) and log probability of a chain whose first tick is known.
 
-    A plain Markov chain with one hypothesis per tick and state: staying is a step like any other.
+    A plain Markov chain with one hypothesis per tick and state.
     """
     ticks, states = len(label), len(STATES)
     state, onset = np.tile(_DIAGONAL, ticks), np.repeat(np.arange(ticks), states)

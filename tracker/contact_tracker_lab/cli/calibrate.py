@@ -6,6 +6,7 @@ import shlex
 import textwrap
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
+from dataclasses import replace
 from itertools import count, starmap
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -58,9 +59,10 @@ def _folds(text: str) -> int:
 
 def run(args: argparse.Namespace) -> int:
     from contact_tracker.config.loading import load_model
+    from contact_tracker.files import whole_file
     from contact_tracker.processes import Workers
     from contact_tracker_lab.calibration.calibrate import Plan, calibrate, to_text
-    from contact_tracker_lab.calibration.parameters import select
+    from contact_tracker_lab.calibration.parameters import model_text, select
 
     names = arguments.recordings_in(args.logs, "calibrate")
     files = arguments.files_read(names, args.start, args.known)
@@ -84,7 +86,10 @@ def run(args: argparse.Namespace) -> int:
             return answers
 
         found = calibrate(plan, run_jobs)
-    _write(found, args, check)
+    text = model_text(replace(found.learned.model, name=args.output.stem), _header(found, args))
+    with whole_file(args.output, check) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+    say(f"wrote {args.output}")
     show(to_text(found))
     if found.log_loss is not None and found.log_loss[1] > found.log_loss[0]:
         loss = "{:.3f} before, {:.3f} after".format(*found.log_loss)
@@ -123,18 +128,6 @@ def _how_many_folds(asked: int | None, recordings: int) -> int:
     if asked > recordings:
         raise UsageError(f"--folds {asked} of {recordings} recordings: there is not one for each")
     return asked
-
-
-def _write(found: "Calibration", args: argparse.Namespace, check: Callable[[], None]) -> None:
-    from dataclasses import replace
-
-    from contact_tracker.files import whole_file
-    from contact_tracker_lab.calibration.parameters import model_text
-
-    model = replace(found.learned.model, name=args.output.stem)
-    with whole_file(args.output, check) as temporary:
-        temporary.write_text(model_text(model, _header(found, args)), encoding="utf-8")
-    say(f"wrote {args.output}")
 
 
 def _header(found: "Calibration", args: argparse.Namespace) -> list[str]:

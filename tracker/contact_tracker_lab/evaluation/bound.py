@@ -38,18 +38,14 @@ def errors(found: ContactGeometry, true: ContactGeometry, true_poses: Poses) -> 
 
 
 def cramer_rao(
-    model: ContactModel,
-    true: ContactGeometry,
-    true_poses: Poses,
-    sigma_position_m: float,
-    sigma_rotation_rad: float,
+    model: ContactModel, true: ContactGeometry, true_poses: Poses, sigma: tuple[float, float]
 ) -> tuple[Array, Array]:
     """Least covariances (d, d) of the object's and environment's ``errors`` for unbiased estimates.
 
     Parameters
     ----------
     true_poses : poses without noise, one for each measured frame.
-    sigma_position_m, sigma_rotation_rad : white noise per axis of a measured frame.
+    sigma : white noise (m, rad) per axis of a measured frame.
     """
     pair = _identifiable(true, true_poses)
     first, second = (pair.object, pair.environment) if model.body_in_1 else (pair.environment, pair.object)
@@ -59,7 +55,7 @@ def cramer_rao(
     tangent = model.family.tangent(x, anchors)
     steps = np.concatenate([tangent.T, -tangent.T]) * _STEP
     around = model.family.normalise(x + steps, anchors)
-    information = _information(model, x, around, true_poses, (sigma_position_m, sigma_rotation_rad))
+    information = _information(model, x, around, true_poses, sigma)
     none = np.zeros((len(x), len(x)))
     moved = [errors(model.geometry(one, none, 0.0), true, true_poses) for one in around]
     half = len(moved) // 2

@@ -171,10 +171,9 @@ def _score(
     if len(true) == 1:
         return FurtherScore(alone_s=seconds, false_s=seconds if further else 0.0)
     first = tuple((one,) for one in label)
-    score = FurtherScore(several_s=seconds)
-    if _matches(true, (*first, *((one[0],) for one in further))):
-        return score + FurtherScore(right_s=seconds)
-    return score + FurtherScore(open_s=seconds if _matches(true, (*first, *further)) else 0.0)
+    is_right = _matches(true, (*first, *((one[0],) for one in further)))
+    is_open = not is_right and _matches(true, (*first, *further))
+    return FurtherScore(seconds, seconds * is_right, seconds * is_open)
 
 
 def _matches(true: tuple[Contact, ...], found: Kinds) -> bool:

@@ -150,8 +150,7 @@ class GeometryErrors:
 
     def of_kind(self, *kinds: str) -> "GeometryErrors":
         """Only the errors of ``plane``, ``line`` or ``point``."""
-        rows = tuple(row for row in self.rows if row.kind in kinds)
-        return GeometryErrors(rows, self.true_segments, self.found_segments)
+        return replace(self, rows=tuple(row for row in self.rows if row.kind in kinds))
 
     @property
     def angle_deg(self) -> Array:

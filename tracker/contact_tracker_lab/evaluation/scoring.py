@@ -4,7 +4,6 @@ All of it is independent of beliefs. The weight of a frame is the time until the
 that neither irregular rates nor dropouts distort a figure. Frames without truth (``?``) are not scored.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from itertools import pairwise
@@ -14,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.arrays import Array, Bools, Ints
-from contact_tracker.ground_truth import CoarseLabel, Truth, TruthInterval
+from contact_tracker.ground_truth import CoarseLabel, Truth
 from contact_tracker.states import STATES
 
 Columns = NDArray[np.int8]
@@ -108,7 +107,11 @@ def scoring(stamp_ns: Ints, truth: Truth) -> Scoring:
     column = np.full(len(stamp_ns), UNSCORED, np.int8)
     subsets = np.zeros((len(Subset), len(stamp_ns)), bool)
     moved = False
-    for interval, frames in _frames(stamp_ns, truth):
+    first = np.searchsorted(stamp_ns, [one.start_ns for one in truth.intervals])
+    end = np.searchsorted(stamp_ns, [one.end_ns for one in truth.intervals], side="right")
+    later = np.append(first[1:], len(stamp_ns))  # where two overlap, frames are those of the later one
+    for interval, *ends in zip(truth.intervals, first, np.minimum(end, later), strict=True):
+        frames = slice(*ends)
         moved |= interval.motion != "rest"
         if interval.contact is not None or interval.coarse is not None:
             state, coarse = interval.contact, interval.coarse
@@ -139,15 +142,6 @@ def tick_containing(frame_ns: Ints, tick_ns: Ints) -> Ints:
 def tick_in_force(frame_ns: Ints, tick_ns: Ints) -> Ints:
     """Online: index of the latest tick that is reported at each frame; -1 before the first."""
     return np.searchsorted(tick_ns, frame_ns, side="right") - 1
-
-
-def _frames(stamp_ns: Ints, truth: Truth) -> Iterator[tuple[TruthInterval, slice]]:
-    """The frames of each interval; where two overlap, they are those of the later one."""
-    first = np.searchsorted(stamp_ns, [i.start_ns for i in truth.intervals])
-    end = np.searchsorted(stamp_ns, [i.end_ns for i in truth.intervals], side="right")
-    later = np.append(first[1:], len(stamp_ns))
-    for interval, begins, ends in zip(truth.intervals, first, np.minimum(end, later), strict=True):
-        yield interval, slice(begins, ends)
 
 
 def _runs(stamp_ns: Ints, column: Columns) -> list[tuple[int, int]]:

@@ -20,7 +20,7 @@ from contact_tracker.geometry.polyhedron import Feature, Polyhedron, unit
 from contact_tracker.states import Contact
 from contact_tracker_lab.simulate.motion import band_limited, smooth_step, within
 from contact_tracker_lab.simulate.plan import Rigid
-from contact_tracker_lab.simulate.scenarios import Further, Scenario
+from contact_tracker_lab.simulate.scenarios import Scenario
 
 TABLE: Final = np.array([0.0, 0.0, 1.0])
 WALL: Final = np.array([1.0, 0.0, 0.0])
@@ -76,8 +76,12 @@ class Touch(NamedTuple):
         return ContactGeometry(self.feature.element(body.rotation, body.translation, near), plane)
 
 
+Chosen = tuple[Touch, Touch, Array]
+"""What touches the table and the wall, and a rotation (3, 3) of the object at which both do."""
+
+
 def move_in_corner(
-    rng: np.random.Generator, object: Polyhedron, scenario: Scenario, further: Further, time_s: Array
+    rng: np.random.Generator, object: Polyhedron, scenario: Scenario, further: Contact, time_s: Array
 ) -> tuple[Rigid, Touch, Touch]:
     """The motion of a scenario of one phase with a ``further`` contact at times (N,): poses, object to scene,
     the contact with the table, and that with the wall, which lasts only for part of the time.
@@ -87,19 +91,17 @@ def move_in_corner(
     UsageError : the object has no two features that can touch table and wall in these contacts.
     """
     for attempt in range(_TRIES):
-        first, second, base = _choose(rng, object, scenario.phases[0].contact, further.contact)
-        pose = _motion(rng, first, second, base, scenario, further, time_s, 0.97**attempt)
+        chosen = _choose(rng, object, scenario.phases[0].contact, further)
+        pose = _motion(rng, chosen, scenario, time_s, 0.97**attempt)
         if pose is None:
             continue
         corners = np.einsum("nij,vj->nvi", pose.rotation, object.vertices) + pose.translation[:, None]
         if corners[..., [0, 2]].min() > -1e-7:  # no vertex penetrates the table or the wall
-            return pose, first, second
+            return pose, *chosen[:2]
     raise UsageError(f"scenario: a {scenario.object} cannot be moved like that between table and wall")
 
 
-def _choose(
-    rng: np.random.Generator, object: Polyhedron, first: Contact, second: Contact
-) -> tuple[Touch, Touch, Array]:
+def _choose(rng: np.random.Generator, object: Polyhedron, first: Contact, second: Contact) -> Chosen:
     """Choose features and a rotation (3, 3) at which both touch, away from the sides of their cones."""
     options = []
     kinds = [object.of_kind(contact.value[0]) for contact in (first, second)]
@@ -132,23 +134,23 @@ def _room(feature: Feature, normal: Array) -> float:
 
 def _motion(
     rng: np.random.Generator,
-    first: Touch,
-    second: Touch,
-    base: Array,
+    chosen: Chosen,
     scenario: Scenario,
-    further: Further,
     time_s: Array,
     calm: float,
 ) -> Rigid | None:
-    """Poses that satisfy ``first`` always and ``second`` while it lasts; None if there are none."""
+    """Poses that satisfy the first touch always and the second while it lasts; None if there are none."""
+    first, second, base = chosen
+    assert scenario.further is not None
+    _, start_s, end_s = scenario.further
     wave = band_limited(rng, time_s, 6, rng.uniform(*scenario.bandwidth_hz))
     down, aside = base.T @ -TABLE, base.T @ -WALL
     room = _ROOM_SHARE * min(_room(first.feature, down), _room(second.feature, aside))
     turn = within(calm * scenario.amplitude_rad * wave[:, :3], room)
     rotation = base @ Rotation.from_rotvec(turn).as_matrix()
     # 0 while the further contact lasts, 1 otherwise, with smooth transitions
-    before = 0.0 if further.start_s is None else smooth_step((further.start_s - time_s) / _RAMP_S)
-    after = 0.0 if further.end_s is None else smooth_step((time_s - further.end_s) / _RAMP_S)
+    before = 0.0 if start_s is None else smooth_step((start_s - time_s) / _RAMP_S)
+    after = 0.0 if end_s is None else smooth_step((time_s - end_s) / _RAMP_S)
     apart = np.maximum(before, after) + 0.0 * time_s
     place = scenario.amplitude_m * wave[:, 3:]
     place[:, 2] = -rotation[:, 2] @ first.feature.points.mean(axis=0)  # touching, up to the tilt

@@ -36,14 +36,8 @@ class TrueJoint(NamedTuple):
 
     def to_json(self) -> str:
         """As recordings have it in their metadata."""
-        return json.dumps(
-            {
-                "kind": self.kind.value,
-                "object": self.object.to_json(),
-                "environment": self.environment.to_json(),
-                "pitch_m_per_rad": self.pitch_m_per_rad,
-            }
-        )
+        elements = {"object": self.object.to_json(), "environment": self.environment.to_json()}
+        return json.dumps(self._asdict() | elements)
 
 
 def move_in_joint(

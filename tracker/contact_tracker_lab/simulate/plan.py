@@ -87,6 +87,10 @@ def _frame(normal: Array, reference: Array) -> Array:
     return np.stack([x, np.cross(normal, x), normal], axis=-1)
 
 
+Neighbours = tuple[Phase | None, Phase | None]
+"""The phase of a leg and the next one; None is a lift."""
+Bodies = tuple[Polyhedron, Polyhedron]
+"""The object and the scene."""
 SETTLE_S = 0.15  # time constant of the decay of an anchor's rates
 _CROSSING = (np.radians(50.0), np.radians(130.0))  # crossing angle of edges at a change of contact
 _DRIFT_M_S = 0.06
@@ -128,17 +132,13 @@ class Anchor:
 
 
 def choose_chart(
-    rng: np.random.Generator,
-    contact: Contact,
-    object: Polyhedron,
-    scene: Polyhedron,
-    related: Chart | None = None,
+    rng: np.random.Generator, contact: Contact, bodies: Bodies, related: Chart | None = None
 ) -> Chart:
     """Choose features for ``contact`` that are contained in those of ``related`` or contain them."""
     features = []
     for kind, choice, given in (
-        (contact.value[0], object.features, related.object if related else None),
-        (contact.value[2], scene.top, related.environment if related else None),
+        (contact.value[0], bodies[0].features, related.object if related else None),
+        (contact.value[2], bodies[1].top, related.environment if related else None),
     ):
         fitting = [one for one in choice if one.kind == kind]
         if given is not None:
@@ -241,12 +241,13 @@ def plan(
     """The legs of ``phases``; each begins at the anchor at which the previous one ended. ``lead_s`` is as of
     ``Scenario``."""
     with_transitions = _with_transitions(phases, lead_s)
-    chart = choose_chart(rng, _touching(phases[0]), object, scene)
+    bodies = object, scene
+    chart = choose_chart(rng, _touching(phases[0]), bodies)
     anchor = sample_anchor(rng, None, None, chart)
     legs: list[Leg] = []
     for index, phase in enumerate(with_transitions):
         after = with_transitions[index + 1] if index + 1 < len(with_transitions) else None
-        following, end = _leg_end(rng, phase, after, chart, anchor, object, scene)
+        following, end = _leg_end(rng, (phase, after), chart, anchor, bodies)
         is_same = after and phase and after.contact is phase.contact
         if is_same or _is_restricted(phase) or _is_restricted(after):
             end = replace(end, object_rate=0 * end.object_rate, scene_rate=0 * end.scene_rate, spin_rate=0.0)
@@ -284,23 +285,18 @@ def _touching(phase: Phase | None) -> Contact:
 
 
 def _leg_end(
-    rng: np.random.Generator,
-    phase: Phase | None,
-    after: Phase | None,
-    chart: Chart,
-    anchor: Anchor,
-    object: Polyhedron,
-    scene: Polyhedron,
+    rng: np.random.Generator, phases: Neighbours, chart: Chart, anchor: Anchor, bodies: Bodies
 ) -> tuple[Chart, Anchor]:
     """The anchor at which a leg that begins at ``anchor`` ends, and the chart of the next."""
+    phase, after = phases
 
     def option() -> tuple[Chart, Anchor]:
         if phase is None or phase.contact is Contact.FREE:
-            arriving = choose_chart(rng, _touching(after), object, scene)
+            arriving = choose_chart(rng, _touching(after), bodies)
             return arriving, sample_anchor(rng, anchor, None, arriving)
         if after is None or after.contact in (Contact.FREE, phase.contact):
             return chart, sample_anchor(rng, anchor, chart, chart)
-        arriving = choose_chart(rng, after.contact, object, scene, related=chart)
+        arriving = choose_chart(rng, after.contact, bodies, related=chart)
         return arriving, sample_anchor(rng, anchor, chart, arriving)
 
     if _is_restricted(phase):
