@@ -311,8 +311,8 @@ def _after_window(known: Conventions, stream: Stream, window: Poses, tick_ns: in
         return known
     readings = readings_of(stream.inspection.read_as)
     if not len(known.nats):
-        known = replace(known, nats=np.zeros(len(readings)), fitting=np.zeros(len(readings)))
-        known = replace(known, chance=np.zeros(len(readings)))
+        none = np.zeros(len(readings))
+        known = replace(known, nats=none, fitting=none, chance=none)
     tick_of = (window.stamp_ns - window.stamp_ns[0]) // tick_ns
     usual = np.median(np.bincount(tick_of, minlength=TICKS + 2))
     thinned = slice(None, None, max(int(usual) // POSES_PER_TICK, 1))
@@ -376,23 +376,11 @@ def _refined(
     while True:
         step = max(round((last - first) / 8), 1)
         readings = [AS_THEY_ARE, *map(with_delay, range(first, last + 1, step))]
-        nats, fitting = np.sum([_explained(*one, sigma, model, readings) for one in latest], axis=0)
+        found = [explain(*window, sigma, model, readings) for window in latest]
+        rows = [np.array([one.nats, one.misfit < FITS]) for one in found if one is not None]
+        nats, fitting = np.sum([np.zeros((2, len(readings))), *rows], axis=0)
         best = int(nats.argmax())
         if step == 1 or not best:
             return [readings[best]], np.array([best > 0 and fitting[best] >= FITTING_SHARE * len(latest)])
         middle = round(readings[best].delay_ms)
         first, last = middle - step, middle + step
-
-
-def _explained(
-    window: Poses,
-    tick_of: Ints,
-    sigma: tuple[float, float],
-    model: Model,
-    readings: Sequence[Reading],
-) -> Array:
-    """Rows of the log evidence (K,), and of whether each reading explains the window to the noise."""
-    found = explain(window, tick_of, sigma, model, readings)
-    if found is None:
-        return np.zeros((2, len(readings)))
-    return np.array([found.nats, found.misfit < FITS])

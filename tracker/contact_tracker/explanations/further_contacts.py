@@ -209,8 +209,9 @@ def _further_contacts(
         if best is None:
             return found, True
         run = longest_run(best.presence)
-        holding = [first, *(one.known for one in found if any(map(segment.numbered(run).overlaps, one.runs)))]
-        confirmed = confirm(segment, motion, best, holding, run)
+        span = segment.numbered(run)
+        holding = [one.known for one in found if any(map(span.overlaps, one.runs))]
+        confirmed = confirm(segment, motion, best, [first, *holding], run)
         if confirmed is None:
             return found, True
         geometry, _, new = confirmed
@@ -268,10 +269,7 @@ def confirm(
 def _candidates(segment: FormationTicks, motion: ConditionalMotion) -> Iterator[Candidate]:
     """Candidates for single constraints in promising spans: every contact keeps one of them."""
     for span, models in _promising_spans(motion):
-        for model in models:
-            candidate = search_span(segment, motion, model, span)
-            if candidate is not None:
-                yield candidate
+        yield from filter(None, (search_span(segment, motion, model, span) for model in models))
 
 
 def _promising_spans(motion: ConditionalMotion) -> list[tuple[Run, list[ContactModel]]]:
@@ -309,8 +307,7 @@ def _ratios(motion: ConditionalMotion) -> dict[ContactModel, float]:
 def _search_kinds(segment: FormationTicks, motion: ConditionalMotion, run: Run) -> list[Candidate]:
     """The best elements of each contact kind in a run."""
     models = [CONTACT_MODELS[kind.column] for kind in segment.kinds]
-    found = (search_span(segment, motion, model, run) for model in models)
-    return [one for one in found if one is not None]
+    return [*filter(None, (search_span(segment, motion, model, run) for model in models))]
 
 
 def search_span(

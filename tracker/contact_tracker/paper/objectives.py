@@ -54,19 +54,15 @@ def direct(contact: Contact, rotation: Array, p: Array, obj: Array, environment:
 def face_face(rotation: Array, p: Array, plane_o: Array, plane_e: Array) -> float:
     """Equation (5): the line in which the planes meet vanishes."""
     normal, offset = _plane_in_body(rotation, p, plane_e)
-    return _sum_of_squares(
-        offset[:, None] * plane_o[:3] - plane_o[3] * normal,
-        np.cross(plane_o[:3], normal),
-    )
+    meet = offset[:, None] * plane_o[:3] - plane_o[3] * normal
+    return _sum_of_squares(meet, np.cross(plane_o[:3], normal))
 
 
 def edge_face(rotation: Array, p: Array, line_o: Array, plane_e: Array) -> float:
     """Equation (10): the point in which line and plane meet vanishes."""
     normal, offset = _plane_in_body(rotation, p, plane_e)
-    return _sum_of_squares(
-        np.cross(normal, line_o[3:]) + offset[:, None] * line_o[:3],
-        normal @ line_o[:3],
-    )
+    meet = np.cross(normal, line_o[3:]) + offset[:, None] * line_o[:3]
+    return _sum_of_squares(meet, normal @ line_o[:3])
 
 
 def vertex_face(rotation: Array, p: Array, point_o: Array, plane_e: Array) -> float:

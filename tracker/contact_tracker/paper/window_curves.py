@@ -122,17 +122,13 @@ def _sums(a: Array, frames: int, step: int) -> Array:
 
 def _starts(model: ContactModel, moments: Array) -> tuple[Array, Array]:
     """Solutions of the relaxed problems as factors of the Kronecker product, (W, N, a) and (W, N, b)."""
-    x = model.family.starts(moments)
-    x = model.family.normalise(x, np.zeros(6))
-    match model.contact:
-        case Contact.FF:
-            first, second = np.concatenate([x[..., :3], np.zeros_like(x[..., :1])], axis=-1), x[..., 3:]
-        case Contact.VF | Contact.FV:
-            first, second = np.concatenate([x[..., :3], np.ones_like(x[..., :1])], axis=-1), x[..., 3:]
-        case Contact.EF | Contact.FE:
-            first, second = _line(x[..., :6]), x[..., 6:]
-        case _:
-            first, second = _line(x[..., :6]), _line(x[..., 6:])
+    x = model.family.normalise(model.family.starts(moments), np.zeros(6))
+    if "e" in model.contact:
+        first, second = _line(x[..., :6]), x[..., 6:]
+        second = _line(second) if model.contact is Contact.EE else second
+    else:  # a face through the origin, or a point, in homogeneous coordinates
+        last = np.full_like(x[..., :1], 0.0 if model.contact is Contact.FF else 1.0)
+        first, second = np.concatenate([x[..., :3], last], axis=-1), x[..., 3:]
     body, world = (first, second) if model.body_in_1 else (second, first)
     return form(model.contact).factors(body, world)
 

@@ -43,8 +43,8 @@ class Wrenches:
         if stamp_ns.ndim != 1 or (len(stamp_ns) and stamp_ns.dtype.kind not in "iu"):
             raise UsageError("stamps of wrenches are (N,) integers in nanoseconds: multiply seconds by 1e9")
         object.__setattr__(self, "stamp_ns", stamp_ns.astype(np.int64))
-        for name, values in zip(("force_n", "moment_nm"), numbers, strict=True):
-            object.__setattr__(self, name, values)
+        object.__setattr__(self, "force_n", numbers[0])
+        object.__setattr__(self, "moment_nm", numbers[1])
         shape = (len(self.stamp_ns), 3)
         if np.shape(self.force_n) != shape or np.shape(self.moment_nm) != shape:
             shapes = f"{np.shape(self.force_n)} and {np.shape(self.moment_nm)}"
@@ -77,10 +77,8 @@ def about_body(wrenches: Wrenches, poses: Poses) -> Wrenches:
 
     Each takes the pose nearest in time; ``poses`` are in order of time, and there is one at least.
     """
-    nearest = _nearest(wrenches, poses)
-    moment = wrenches.moment_nm - cross(nearest.position_m, wrenches.force_n)
-    about_origin = Wrenches(wrenches.stamp_ns, wrenches.force_n, moment)
-    return _turned(nearest.rotation.swapaxes(1, 2), about_origin)
+    moment_nm = wrenches.moment_nm - cross(_nearest(wrenches, poses).position_m, wrenches.force_n)
+    return turned_to_body(Wrenches(wrenches.stamp_ns, wrenches.force_n, moment_nm), poses)
 
 
 def turned_to_body(wrenches: Wrenches, poses: Poses) -> Wrenches:
@@ -143,53 +141,42 @@ class TickWrenches:
     moment_variance: Array
     is_measured: Bools
 
+    def at(self, rows: Ints) -> "TickWrenches":
+        """Only these ticks."""
+        return TickWrenches(*(column[rows] for column in vars(self).values()))
+
 
 def average(poses: Poses, wrenches: Wrenches, stamp_ns: Ints) -> TickWrenches:
     """Mean poses and wrenches of the ticks that end at ``stamp_ns`` (T,), each from the end of the previous
     one."""
-    pose_rows = _rows(poses.stamp_ns, stamp_ns)
+    pose_rows, rows = (
+        np.append(0, of.stamp_ns.searchsorted(stamp_ns, side="right")) for of in (poses, wrenches)
+    )
     mean = _means(poses.rotation.reshape(-1, 9), pose_rows).reshape(-1, 3, 3)
     quat = np.array([nearest(matrix) for matrix in mean]).reshape(-1, 4)
-    rotation = matrices(quat)
     position_m = _means(poses.position_m, pose_rows)
     time_s = _means((poses.stamp_ns - poses.stamp_ns[0])[:, None] * 1e-9, pose_rows)[:, 0]
-    has_poses = np.diff(pose_rows) > 0
-    steady = _is_steady(time_s, has_poses)
-    linear, spin, turning = _motion(quat, position_m, time_s, steady)
-    rows = _rows(wrenches.stamp_ns, stamp_ns)
-    count = np.diff(rows)
+    steady = _is_steady(time_s, np.diff(pose_rows) > 0)
     return TickWrenches(
         stamp_ns,
-        rotation,
+        matrices(quat),
         position_m,
-        linear,
-        spin,
-        turning,
+        *_motion(quat, position_m, time_s, steady),
         _means(wrenches.force_n, rows),
         _means(wrenches.moment_nm, rows),
         _variances(wrenches.force_n, rows),
         _variances(wrenches.moment_nm, rows),
-        steady & (count > 0),
+        steady & (np.diff(rows) > 0),
     )
-
-
-def _rows(of: Ints, stamp_ns: Ints) -> Ints:
-    """Bounds (T + 1,) of the rows in each tick."""
-    ends = of.searchsorted(stamp_ns, side="right")
-    return np.append(0, ends)
 
 
 def _means(values: Array, rows: Ints) -> Array:
     """Means (T, D) of the rows (N, D) between bounds; zero without rows."""
-    sums = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values - _middle(values), axis=0)])
+    near = values.mean(axis=0) if len(values) else 0.0  # sums of deviations from it are more precise
+    sums = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values - near, axis=0)])
     count = np.diff(rows)[:, None]
-    mean = np.diff(sums[rows], axis=0) / np.maximum(count, 1) + _middle(values)
+    mean = np.diff(sums[rows], axis=0) / np.maximum(count, 1) + near
     return np.asarray(np.where(count, mean, 0.0))
-
-
-def _middle(values: Array) -> Array:
-    """An offset near all values; sums of deviations from it are more precise."""
-    return np.asarray(values.mean(axis=0)) if len(values) else np.zeros(values.shape[1])
 
 
 def _variances(values: Array, rows: Ints) -> Array:
