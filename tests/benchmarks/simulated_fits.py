@@ -115,16 +115,10 @@ def _with_wander(poses: Poses, noise: ModelNoise, seed: int) -> Poses:
     """The poses with the correlated errors of the model."""
     if not any(noise.wander_variance):
         return poses
-    rng, memory = (
-        np.random.default_rng([seed, 1]),
-        noise.wander_s * 1e9 / float(np.diff(poses.stamp_ns).mean()),
-    )
+    rng, memory = np.random.default_rng([seed, 1]), noise.wander_s * 1e9 / np.diff(poses.stamp_ns).mean()
     error = np.stack([_correlated(rng, len(poses), memory) for _ in range(6)], axis=1)
-    return replace(
-        poses,
-        position_m=poses.position_m + noise.wander_position_m * error[:, :3],
-        quat_xyzw=turned(poses, noise.wander_rotation_rad * error[:, 3:]),
-    )
+    shift, turn = noise.wander_position_m * error[:, :3], noise.wander_rotation_rad * error[:, 3:]
+    return replace(poses, position_m=poses.position_m + shift, quat_xyzw=turned(poses, turn))
 
 
 def with_systematic_errors(poses: Poses, errors: SystematicErrors, seed: int) -> Poses:
@@ -142,9 +136,8 @@ def with_systematic_errors(poses: Poses, errors: SystematicErrors, seed: int) ->
 def _drawn(rng: np.random.Generator, apart: Array) -> Array:
     """Three independent draws (N, 3) of a process whose covariance is a bell curve of ``apart`` (N, N)."""
     values, vectors = np.linalg.eigh(np.exp(-0.5 * apart**2))
-    return np.asarray(
-        vectors @ (np.sqrt(np.maximum(values, 0.0))[:, None] * rng.normal(size=(len(apart), 3)))
-    )
+    scaled = np.sqrt(np.maximum(values, 0.0))[:, None] * rng.normal(size=(len(apart), 3))
+    return np.asarray(vectors @ scaled)
 
 
 def _correlated(rng: np.random.Generator, count: int, memory: float) -> Array:

@@ -24,6 +24,7 @@ from contact_tracker.states import CONTACTS
 from contact_tracker_lab.benchmark.runner import Table, measured, parser_of, report
 from contact_tracker_lab.evaluation.tables import number
 from contact_tracker_lab.simulate import Phase, Scenario, named_scenario, simulate
+from summaries import share_within_3
 
 SECONDS, LEVER_M = 12.0, 0.1
 COLUMNS: Final = ("frame", "recordings", "found", "free twists, deg", "z, deg", "power", "within 3 sd")
@@ -63,7 +64,6 @@ def _about(twists: Array, at_m: Array) -> Array:
 
 def measure(name: str, seed: int) -> Compared | None:
     """Of a recording; None if no such contact or joint is found."""
-    kinds = {kind.value: kind for kind in JointKind}
     contact = next((one for one in CONTACTS if one.value == name), None)
     scenario = Scenario((Phase(contact, SECONDS),)) if contact else named_scenario(name, seed)
     made = simulate(scenario, seed)
@@ -75,14 +75,11 @@ def measure(name: str, seed: int) -> Compared | None:
     if not frames:
         return None
     pose = T_world_body(poses.position_m[row], poses.quat_xyzw[row])
-    if made.joint is not None:
-        axis, pitch = made.joint.environment, made.joint.pitch_m_per_rad or 0.0
-        assert not isinstance(axis, Plane)
-        true: TaskFrame | None = joint_frame(kinds[name], axis, FREE.get(name, "wz"), pitch)
-    else:
-        geometry = made.truth.intervals[0].geometry
-        assert contact is not None
-        assert geometry is not None
+    geometry, true = made.truth.intervals[0].geometry, None
+    if made.joint is not None and not isinstance(made.joint.environment, Plane):
+        pitch_m = made.joint.pitch_m_per_rad or 0.0
+        true = joint_frame(JointKind(name), made.joint.environment, FREE.get(name, "wz"), pitch_m)
+    elif contact is not None and geometry is not None:
         true = task_frame(contact, geometry, pose)
     assert true is not None
     return compared(frames[0], true, pose[:3, 3])
@@ -98,8 +95,7 @@ def main() -> int:
     for name, some in measured(measure, jobs, args.processes):
         found = [one for one in some if one is not None]
         medians = np.median([one[:3] for one in found], axis=0) if found else np.full(3, np.nan)
-        sd = [value for one in found for value in one.z_sd]
-        within = float(np.mean(np.array(sd) <= 3.0)) if sd else float("nan")
+        within = share_within_3([value for one in found for value in one.z_sd])
         cells = (*(number(float(value)) for value in medians), number(within))
         rows.append([name, str(len(some)), str(len(found)), *cells])
     return report(args, frames=Table(COLUMNS, rows))

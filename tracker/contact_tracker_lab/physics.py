@@ -188,7 +188,7 @@ def _planned(rng: np.random.Generator, made: Made) -> list[Leg]:
     """Legs after which the object stays where the hand lets go of it."""
     for _ in range(_DRAWS):
         legs = plan(rng, made.scenario.phases, made.object, made.scene, made.scenario.lead_s)
-        if all(_stands(leg) for leg in legs if leg.motion == "rest" and made.scenario.name == "everyday"):
+        if made.scenario.name != "everyday" or all(_stands(leg) for leg in legs if leg.motion == "rest"):
             return legs
     raise UsageError(f"{made.name}: the object does not stand on these surroundings")
 

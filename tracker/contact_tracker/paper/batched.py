@@ -329,11 +329,8 @@ def minimise_slsqp(
     # A sum of 500 squares of metres is far above SLSQP's absolute tolerance; one frame's minimum is not.
     scale = 1.0 / max(float(np.trace(k)) / f.size, np.finfo(float).tiny)
     scaled, options = k * scale, {"maxiter": 500, "ftol": 1e-15}
-    constraints = {
-        "type": "eq",
-        "fun": lambda z: _constraints(f, z)[0],
-        "jac": lambda z: _constraints(f, z)[1],
-    }
+    parts = {"fun": lambda z: _constraints(f, z)[0], "jac": lambda z: _constraints(f, z)[1]}
+    given = {"constraints": {"type": "eq", **parts}, "options": options}
 
     def objective(z: Array) -> tuple[float, Array]:
         x, y = z[:size], z[size:]
@@ -345,9 +342,7 @@ def minimise_slsqp(
     minima, converged = list[tuple[float, Array, Array]](), 0
     for _ in range(starts):
         z0 = np.concatenate(random_starts(contact, 1, rng, offset_m), axis=1)[0]
-        found = minimize(
-            objective, z0, jac=True, method="SLSQP", constraints={"type": "eq", **parts}, options=options
-        )
+        found = minimize(objective, z0, jac=True, method="SLSQP", **given)
         converged += int(found.success)
         x, y = _onto_constraints(f.x, found.x[:size]), _onto_constraints(f.y, found.x[size:])
         v = np.kron(x, y)

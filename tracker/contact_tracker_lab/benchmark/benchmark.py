@@ -169,16 +169,11 @@ def accuracy(method: Method, found: Sequence[Measured]) -> str:
 
 def details(method: Method, whole: Score) -> list[str]:
     """The further figures of a row but its CPU time."""
-    main = whole.main
-    low, high = map(number, whole.band())
+    main, (low, high) = whole.main, map(number, whole.band())
     waits = "-" if method.wait_s == OFFLINE else number(quantile(main.delay_s, 0.5) + method.wait_s, 2)
-    uncertain = (main.log_loss, main.calibration_error, main.sure_wrong)
-    return [
-        low if low == high else f"{low}-{high}",
-        number(main.macro_f1),
-        waits,
-        *(number(value) if method.has_posterior else "-" for value in uncertain),
-    ]
+    uncertain = map(number, (main.log_loss, main.calibration_error, main.sure_wrong))
+    band = low if low == high else f"{low}-{high}"
+    return [band, number(main.macro_f1), waits, *(uncertain if method.has_posterior else 3 * "-")]
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -52,6 +52,7 @@ from contact_tracker_lab.calibration.transitions import (
 )
 from contact_tracker_lab.calibration.trellis import RecordedPass, smooth
 from contact_tracker_lab.evaluation.evaluate import Evaluation, evaluate
+from contact_tracker_lab.evaluation.metrics import ratio
 from contact_tracker_lab.evaluation.scoring import scoring
 from contact_tracker_lab.evaluation.tables import number, table
 
@@ -287,9 +288,8 @@ def _hold_out(plan: Plan, studies: Sequence[Study], run: Run) -> list[HeldOut]:
 def mean_log_loss(scores: Sequence[ModelScore]) -> float:
     """Log-loss in nats over filtered and smoothed beliefs of all scored time; nan without any."""
     evaluations = [score.evaluation for score in scores if score.evaluation is not None]
-    tallies = [tally for e in evaluations for tally in (e.online, e.offline)]
-    seconds = sum(tally.seconds() for tally in tallies)
-    return sum(tally.log_loss_s for tally in tallies) / seconds if seconds else float("nan")
+    tallies = [tally for one in evaluations for tally in (one.online, one.offline)]
+    return ratio(sum(one.log_loss_s for one in tallies), sum(one.seconds() for one in tallies))
 
 
 def _learn(plan: Plan, studies: Sequence[Study], rows: Sequence[int], run: Run) -> LearnedModel:

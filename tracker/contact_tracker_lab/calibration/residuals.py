@@ -108,8 +108,8 @@ class Residuals(NamedTuple):
         """Squares, variances without the floor ``key``, and ``free`` of all residuals that the floor applies
         to: the floor of rotation to angles, that of position to distances, which the former enters."""
         if key == ROTATION:
-            variance = np.broadcast_to(self.variance[:, 1], self.residual[:-1].shape)
-            return self.residual[:-1].ravel() ** 2, variance.ravel(), self.free[:-1].ravel()
+            variance = np.tile(self.variance[:, 1], len(self.residual) - 1)
+            return self.residual[:-1].ravel() ** 2, variance, self.free[:-1].ravel()
         turned = (self.variance[:, 1] + model.noise.floor_rotation_rad**2) * self.lever_sq
         return self.residual[-1] ** 2, self.variance[:, 0] + turned, self.free[-1]
 

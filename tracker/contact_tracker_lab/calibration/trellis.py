@@ -55,16 +55,13 @@ def viterbi(trellis: Trellis, log_initial: Array, log_transition: Array) -> list
             into = left[b - 1][:, None] + log_transition[b - 1][:, trellis.state[fresh]]
             origin[fresh] = np.argmax(into, axis=0)
             entry[fresh] = np.max(into, axis=0)
-        score = entry[alive] + likelihood
-        for state in range(states):
-            mine = np.flatnonzero(trellis.state[alive] == state)
-            if len(mine):
-                best = mine[np.argmax(score[mine])]
-                left[b, state], leaver[b, state] = score[best], alive[best]
+        for number, score in zip(alive.tolist(), entry[alive] + likelihood, strict=True):
+            state = trellis.state[number]
+            if score > left[b, state]:
+                left[b, state], leaver[b, state] = score, number
     if not np.isfinite(left[ticks]).any():
         raise ValueError("no path covers all ticks")
-    path = []
-    b, state = ticks, int(np.argmax(left[ticks]))
+    path, b, state = [], ticks, int(np.argmax(left[ticks]))
     while b > 0:
         hypothesis = int(leaver[b, state])
         path.append((hypothesis, int(trellis.onset[hypothesis]), b))

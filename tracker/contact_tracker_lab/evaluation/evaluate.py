@@ -158,9 +158,7 @@ def _true_sets(scored: Scoring, truth: Truth) -> Iterator[tuple[tuple[Contact, .
         holds = np.array([(one.start_ns <= at) & (at <= one.end_ns) for one in interval.further], bool)
         holds = holds.reshape(len(interval.further), len(frames)).T
         for present in np.unique(holds, axis=0):
-            contacts = (
-                one.contact for one, is_there in zip(interval.further, present, strict=True) if is_there
-            )
+            contacts = [interval.further[number].contact for number in np.flatnonzero(present)]
             yield (interval.contact, *contacts), frames[(holds == present).all(axis=1)]
 
 
@@ -226,14 +224,9 @@ def evaluate(
     arrival = None
     if answers is not None:
         arrival = _tally(scored, tick_in_force(scored.stamp_ns, answers.arrival_ns), answers.beliefs)
-    return Evaluation(
-        _tally(scored, contains, offline),
-        _tally(scored, in_force, online),
-        arrival,
-        geometry,
-        score_further(scored, truth, contains, offline),
-        score_further(scored, truth, in_force, online),
-    )
+    further = (score_further(scored, truth, *one) for one in ((contains, offline), (in_force, online)))
+    tallies = _tally(scored, contains, offline), _tally(scored, in_force, online)
+    return Evaluation(*tallies, arrival, geometry, *further)
 
 
 def _tally(scored: Scoring, tick: Ints, beliefs: Beliefs) -> Tally:

@@ -23,12 +23,6 @@ def _prism(polygon: list[tuple[float, float]], length: float) -> Array:
     return np.array([(x, y, z) for y in (-length / 2, length / 2) for x, z in polygon])
 
 
-def _frustum(bottom: float, top: float, height: float) -> Array:
-    corners = list(product((-0.5, 0.5), repeat=2))
-    low = [(bottom * x, bottom * y, -height / 2) for x, y in corners]
-    return np.array([*low, *((top * x, top * y, height / 2) for x, y in corners)])
-
-
 _HEXAGON: Final = [(0.12 * float(np.cos(a)), 0.12 * float(np.sin(a))) for a in np.radians(range(0, 360, 60))]
 OBJECTS: Final[Mapping[str, Array]] = {
     "cube": box(0.2, 0.2, 0.2),
@@ -41,7 +35,7 @@ SURROUNDINGS: Final[Mapping[str, Array]] = {
     "desk": box(0.8, 0.6, 0.7),
     "block": box(0.45, 0.4, 0.35),
     "ridge": _prism([(-0.4, -0.2), (0.4, -0.2), (0.15, 0.2), (-0.15, 0.2)], 0.6),
-    "frustum": _frustum(0.7, 0.36, 0.4),
+    "frustum": np.concatenate([box(0.7, 0.7, 0.4)[::2], box(0.36, 0.36, 0.4)[1::2]]),
 }
 
 
