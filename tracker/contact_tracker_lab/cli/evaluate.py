@@ -51,7 +51,7 @@ def run(args: argparse.Namespace) -> int:
         chosen = name, args.topic, args.frame, args.table
         truth = need_truth(*chosen) if args.labels is None else arguments.load_labels(args, name)
         if args.relative_to is not None and any(interval.geometry for interval in truth.intervals):
-            why = f"the truth has them in the recording's frame, not in that of --relative-to {args.relative_to}"
+            why = f"the truth has them in the recording's frame, not that of --relative-to {args.relative_to}"
             warn(f"{name}: elements are not compared: {why}")
             truth = truth.without_geometry()
         wrenches = arguments.load_wrenches(name, args, model, known_map)
