@@ -36,10 +36,8 @@ def kept(contact: Contact, seed: int) -> tuple[Window, Array]:
     rng = np.random.default_rng(seed)
     motion = touching(contact, rng, TICKS)
     position = motion.position_m + rng.normal(0.0, np.sqrt(VARIANCE[0]), (TICKS, 3))
-    rows = np.ones((TICKS, 1))
-    window = Window(
-        np.arange(TICKS), lift(motion.rotation, position), rows * VARIANCE, rows * EXCESS, None, None
-    )
+    noise = (np.tile(one, (TICKS, 1)) for one in (VARIANCE, EXCESS))
+    window = Window(np.arange(TICKS), lift(motion.rotation, position), *noise)
     return window, x_of(contact, motion.object, motion.environment)
 
 
