@@ -16,9 +16,9 @@ import numpy as np
 from scipy.linalg import subspace_angles
 
 from contact_tracker import Trajectory, segment
+from contact_tracker.arrays import Array
 from contact_tracker.contacts.task_frame import T_world_body, TaskFrame, joint_frame, task_frame
 from contact_tracker.explanations.joint_models import JointKind
-from contact_tracker.arrays import Array
 from contact_tracker.geometry.elements import Plane
 from contact_tracker.states import CONTACTS
 from contact_tracker_lab.benchmark.runner import Table, measured, parser_of, report

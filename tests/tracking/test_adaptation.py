@@ -17,7 +17,6 @@ from contact_tracker.config.loading import load_model
 from contact_tracker.geometry.lifted_pose import T, lift
 from contact_tracker.motion.pose_validation import LONGEST_WAIT_NS, PoseGate
 from contact_tracker.motion.poses import Poses
-from contact_tracker.motion.window import Window
 from contact_tracker.recording import read_truth
 from contact_tracker.segmenting import OfflineTracker
 from contact_tracker.states import STATES, Contact
@@ -39,15 +38,6 @@ from contact_tracker.tracking.filter_bank import (
     relative_evidence,
     with_ticks_for,
 )
-from contact_tracker.config.loading import load_model
-from contact_tracker.motion.pose_validation import LONGEST_WAIT_NS, PoseGate
-from contact_tracker.motion.poses import Poses
-from contact_tracker.recording import read_truth
-from contact_tracker.segmenting import OfflineTracker
-from contact_tracker.states import STATES, Contact
-from contact_tracker.tracker import Tracker
-from contact_tracker.tracking.ambiguity import at_most
-from contact_tracker.tracking.belief import Belief, Detail
 from contact_tracker.tracking.offline_smoother import segment
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.tracking.transition_model import log_initial, tick_transitions

@@ -11,8 +11,8 @@ from typing import Final, NamedTuple, Self
 
 import numpy as np
 
-from contact_tracker.geometry.lifted_pose import R, T
 from contact_tracker.arrays import Array, Ints
+from contact_tracker.geometry.lifted_pose import R, T
 from contact_tracker.geometry.linalg import cross_matrix, sphere_tangent
 from contact_tracker.geometry.rotation import from_rotation_vectors, matrices
 

@@ -428,7 +428,7 @@ def mass_doubt(load: Load, mass_kg: float | None) -> str:
 def require_load(
     poses: Poses,
     wrenches: Wrenches,
-    stamp_ns: NDArray[np.int64],
+    stamp_ns: Ints,
     is_free: Bools,
     p_free: Array,
     mass_kg: float | None = None,

@@ -6,8 +6,8 @@ from typing import Final, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from contact_tracker.explanations.joint_models import JointKind
 from contact_tracker.arrays import Array
+from contact_tracker.explanations.joint_models import JointKind
 from contact_tracker.geometry.elements import Element, Line, Point
 from contact_tracker_lab.simulate.motion import band_limited
 from contact_tracker_lab.simulate.plan import Rigid

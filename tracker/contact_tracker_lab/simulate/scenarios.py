@@ -10,7 +10,6 @@ import numpy as np
 from contact_tracker.arrays import Array
 from contact_tracker.errors import UsageError
 from contact_tracker.explanations.joint_models import JointKind
-from contact_tracker.geometry.polyhedron import Polyhedron, convex
 from contact_tracker.states import STATES, Contact
 
 
