@@ -16,7 +16,7 @@ LAB = ROOT / "tracker" / "contact_tracker_lab"
 
 # Data flows down this table: a package imports only from rows above its own, and from itself.
 LAYERS = (
-    ("states", "errors", "files", "suggestions", "version", "geometry", "hmm"),
+    ("states", "errors", "files", "suggestions", "arrays", "version", "geometry", "hmm"),
     ("config", "contacts"),
     ("motion", "ground_truth", "map"),
     ("hypotheses", "inspection", "paper", "wrenches"),
@@ -54,6 +54,7 @@ SINGLE_IMPORTER = {
     "mcap_ros2": "recording/decoding.py",
     "mcap_protobuf": "recording/decoding.py",
     "sqlite3": "recording/bags.py",
+    "h5py": "recording/array_files.py",
     "rerun": "viewer",
     "filterpy": "motion/free_motion.py",
     "foxglove": "exports/foxglove_scene.py",

@@ -10,6 +10,7 @@ from unittest.mock import Mock
 import numpy as np
 import pandas
 import pytest
+from scipy.spatial.transform import Rotation
 
 import contact_tracker
 from as_values import finish, start, take
@@ -160,6 +161,13 @@ def test_model_noise_and_knowledge_are_taken_in_every_form(poses, tmp_path) -> N
     with pytest.raises(UsageError, match="known is a file, a table of its keys or a Map, not 3"):
         contact_tracker.segment(short, known=3)
     assert first.report.noise == pytest.approx((3e-4, np.radians(0.15)))
+
+
+def test_turns_within_a_tick_leave_no_mean_rotation_but_a_result() -> None:
+    """Means of such turns are no rotations, nor have they a positive determinant."""
+    turns = Rotation.random(20, rng=np.random.default_rng(1))
+    trajectory = Trajectory.from_arrays(0.02 * np.arange(20), -turns.apply((0.1, 0.05, 0.2)), turns)
+    assert contact_tracker.segment(trajectory).segments[0].motion is not None
 
 
 def test_times_choose_poses_and_segments(result, poses) -> None:

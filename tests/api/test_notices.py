@@ -16,6 +16,7 @@ import contact_tracker as ct
 from contact_tracker.cli import main
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import WRENCH_TYPE
+from contact_tracker.trajectory.arguments import python_words
 from mcap_logs import Topic, poses_topic, smooth_poses, wrench_stamped, write_log
 
 MANY = 200
@@ -89,7 +90,7 @@ def recorded_warnings() -> Iterator[list[warnings.WarningMessage]]:
 @pytest.mark.parametrize("faulty", FAULTY, ids=lambda make: make.__name__)
 def test_python_warns_of_what_the_command_warns_of(faulty, tmp_path) -> None:
     path, options = faulty(tmp_path)
-    expected = on_the_command_line("segment", path, options)
+    expected = {python_words(text) for text in on_the_command_line("segment", path, options)}
     assert expected
     with recorded_warnings() as shown:
         result = ct.segment(path, **options)

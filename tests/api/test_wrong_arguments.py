@@ -1,6 +1,7 @@
 """Whatever is given in the place of an argument is used or refused in one line of the package."""
 
 import math
+import re
 from collections.abc import Callable
 from decimal import Decimal
 from fractions import Fraction
@@ -194,6 +195,49 @@ CALLS: dict[str, tuple[Callable[[Given], Callable[..., Any]], dict[str, tuple[An
     "to_pandas": (lambda given: given.result.to_pandas, {"rows": (None, 3, [])}),
     "to_arrow": (lambda given: given.result.to_arrow, {"rows": (None, 3, [])}),
 }
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda given: ct.segment(given.table, unit="mm"), r"from_dataframe\(table, unit='mm'\)\)$"),
+        (lambda given: ct.segment(given.log, topic="/a"), r"contact_tracker.read\(path, topic=./a.\)"),
+        (lambda given: ct.segment(given.log, nois=1), "segment has no argument nois; did you mean noise?"),
+        (lambda given: ct.read(given.log, frame="a"), "read has no argument frame; did you mean child?"),
+        (lambda given: given.arrays(units="mm"), "did you mean unit?"),
+        (lambda given: ct.Tracker(unit="mm"), "Tracker has no argument unit; there are model"),
+        (lambda given: ct.evaluate(given.result, {}, map={}), "evaluate has no argument map; there are"),
+    ],
+)  # fmt: skip
+def test_an_argument_that_there_is_not_is_named(
+    given: Given, call: Callable[[Given], Any], message: str
+) -> None:
+    with pytest.raises(TypeError, match=message) as raised:
+        call(given)
+    assert isinstance(raised.value, ct.ContactTrackerError)
+
+
+@pytest.mark.parametrize(
+    ("head", "message", "how"),
+    [
+        ("t,x,y,z,roll,pitch,yaw", "three angles", {}),
+        ("t,cup_x,cup_y,cup_z,cup_rx,cup_ry,cup_rz", "angles or a rotation vector", {"child": "cup"}),
+        ("frame,x,y,z,rvec_x,rvec_y,rvec_z", "with the rate of your frames", {}),
+        ("unix_time,x,y,z,rvec_x,rvec_y,rvec_z", "'unix_time'", {}),
+    ],
+)
+def test_a_refusal_in_python_proposes_the_call(
+    tmp_path: Path, head: str, message: str, how: dict[str, str]
+) -> None:
+    """Which reads the poses when made as told."""
+    path = tmp_path / "it's {a} file.csv"
+    rows = np.c_[np.arange(FEW), np.ones((FEW, 3)), np.linspace(0.0, 0.5, FEW), np.zeros((FEW, 2))]
+    np.savetxt(path, rows, delimiter=",", header=head, comments="")
+    with pytest.raises(ct.ContactTrackerError, match=message) as raised:
+        ct.segment(ct.read(path, **how)) if how else ct.segment(path)
+    assert not re.search("--|contact-tracker", str(raised.value))
+    if calls := re.findall(r"contact_tracker\.read\(.*?\)(?= or |, with|\. Orders|$)", str(raised.value)):
+        assert len(eval(calls[0], {"contact_tracker": ct})) == FEW
 
 
 @pytest.mark.parametrize(("name", "argument"), [(name, one) for name in CALLS for one in CALLS[name][1]])

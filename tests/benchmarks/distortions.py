@@ -9,15 +9,13 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation, Slerp
 
+from contact_tracker.arrays import Array, Bools
 from contact_tracker.motion.poses import Poses
 from contact_tracker_lab.simulate.simulator import low_pass, rate_hz, smoothed
 
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 Random = np.random.Generator
 Distortion = Callable[[Poses, Random], Poses]
 

@@ -25,17 +25,26 @@ from contact_tracker.config.loading import load_model
 from contact_tracker.ground_truth import FurtherTruth, Truth, TruthInterval
 from contact_tracker.motion.pose_validation import gate
 from contact_tracker.motion.poses import Poses
-from contact_tracker.recording import open_log, read_truth
+from contact_tracker.recording import read_truth
 from contact_tracker.segmenting import OfflineTracker
 from contact_tracker.states import Contact
-from contact_tracker.tracking.belief import Belief, Detail, FurtherContact, Segment
+from contact_tracker.tracking.belief import Detail, FurtherContact, Segment
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker_lab.benchmark.runner import Table, measured, parser_of, report
 from contact_tracker_lab.evaluation.geometry_errors import geometry_errors
 from contact_tracker_lab.evaluation.tables import number
 from contact_tracker_lab.simulate import Phase, Scenario, simulate
 from contact_tracker_lab.simulate.scenarios import FORMATIONS
-from summaries import mean_of_known, median_of_known, recordings_in, shares_row
+from summaries import (
+    NAN,
+    duration_s,
+    mean_of_known,
+    median_of_known,
+    read_gated,
+    recordings_in,
+    share_within_3,
+    shares_row,
+)
 
 ALONE: Final = {
     f"{contact.value} alone": Scenario((Phase(contact, 24.0),), name="alone")
@@ -49,7 +58,8 @@ COLUMNS: Final = (
 )
 
 SINGLE_COLUMNS: Final = ("recordings of single contacts", "seconds", "false offline", "false online")
-NAN: Final = float("nan")
+MARGIN_NS: Final = 300_000_000
+"""Beside the true time, in which a report online is not false."""
 
 
 class Measured(NamedTuple):
@@ -84,7 +94,7 @@ def measure_file(path: str) -> Measured:
     truth = read_truth(path)
     if truth is not None and any(interval.further for interval in truth.intervals):
         return Measured()
-    poses = gate(Poses.collect(open_log(path)))
+    poses = read_gated(path)
     return single(_segmented(poses, True), poses)
 
 
@@ -100,15 +110,15 @@ def single(found: Segmentation, poses: Poses) -> Measured:
     return Measured(
         false_s=sum(end - start for start, end in spans) * 1e-9,
         false_online_s=online * _tick_s(found),
-        seconds=_seconds(poses),
-        online_seconds=_seconds(poses) if len(found.filtered) else 0.0,
+        seconds=duration_s(poses),
+        online_seconds=duration_s(poses) if len(found.filtered) else 0.0,
     )
 
 
 def _evaluated(found: Segmentation, poses: Poses, first: TruthInterval, second: FurtherTruth) -> Measured:
     right = [one for segment in found.segments for one in segment.further if _overlap(one, second) > 0]
     best = max(right, key=lambda one: _overlap(one, second), default=None)
-    label = max(found.segments, key=lambda one: one.end_ns - one.start_ns)
+    label = max(found.segments, key=duration_s)
     is_first = label.contact is first.contact
     ambiguous = not is_first or len(label.inseparable) > 1
     named = best is not None and is_first and _names(best, second)
@@ -120,9 +130,16 @@ def _evaluated(found: Segmentation, poses: Poses, first: TruthInterval, second: 
         for one in segment.further
         if one is not best
     )
-    reports = [belief for belief in found.filtered if any(_names(one, second) for one in belief.further)]
-    true_reports = [b for b in reports if second.start_ns <= b.stamp_ns <= second.end_ns]
-    true_ticks = sum(1 for b in found.filtered if second.start_ns <= b.stamp_ns <= second.end_ns)
+    beliefs, span = list(found.filtered), (second.start_ns, second.end_ns)
+    inside = [one for one in beliefs if span[0] <= one.stamp_ns <= span[1]]
+    true_reports = [belief for belief in inside if any(_names(one, second) for one in belief.further)]
+    right_ns = {
+        belief.stamp_ns
+        for belief in beliefs
+        if span[0] - MARGIN_NS <= belief.stamp_ns <= span[1] + MARGIN_NS
+        and all(_names(one, second) for one in belief.further)
+    }
+    false_online = sum(bool(belief.further) and belief.stamp_ns not in right_ns for belief in beliefs)
     return Measured(
         float(named or (ambiguous and best is None)),
         float(named and best is not None and best.contact is not second.contact),
@@ -131,24 +148,11 @@ def _evaluated(found: Segmentation, poses: Poses, first: TruthInterval, second: 
         abs(best.start_ns - second.start_ns) * 1e-9 if best is not None and begins else NAN,
         abs(_end(best) - second.end_ns) * 1e-9 if best is not None and ends else NAN,
         false_ns * 1e-9,
-        len(true_reports) / true_ticks if true_ticks else NAN,
+        len(true_reports) / len(inside) if inside else NAN,
         (true_reports[0].stamp_ns - second.start_ns) * 1e-9 if true_reports else NAN,
-        _false_online(found.filtered, second) * _tick_s(found),
-        _seconds(poses),
-        _seconds(poses) if len(found.filtered) else 0.0,
-    )
-
-
-def _false_online(beliefs: Sequence[Belief], second: FurtherTruth) -> int:
-    """Number of ticks with a false further contact: absent, or of another kind."""
-    return sum(
-        1
-        for belief in beliefs
-        if belief.further
-        and not (
-            second.start_ns - 300_000_000 <= belief.stamp_ns <= second.end_ns + 300_000_000
-            and all(_names(one, second) for one in belief.further)
-        )
+        false_online * _tick_s(found),
+        duration_s(poses),
+        duration_s(poses) if beliefs else 0.0,
     )
 
 
@@ -194,20 +198,15 @@ def _tick_s(found: Segmentation) -> float:
     return float(np.median(np.diff(found.filtered.stamp_ns))) * 1e-9 if len(found.filtered) > 1 else 0.0
 
 
-def _seconds(poses: Poses) -> float:
-    return float(poses.stamp_ns[-1] - poses.stamp_ns[0]) * 1e-9
-
-
 def row(name: str, found: Sequence[Measured]) -> list[str]:
     """A row of the table of scenarios."""
     seconds = sum(one.seconds for one in found)
     online_seconds = sum(one.online_seconds for one in found)
-    deviations = np.array([sd for one in found for sd in one.deviations_sd])
     figures = (
         mean_of_known([one.found for one in found]),
         mean_of_known([one.is_open for one in found]),
         mean_of_known([one.ambiguous for one in found]),
-        float(np.mean(deviations <= 3.0)) if len(deviations) else NAN,
+        share_within_3([sd for one in found for sd in one.deviations_sd]),
         median_of_known([one.joins_s for one in found]),
         median_of_known([one.leaves_s for one in found]),
         sum(one.false_s for one in found) / seconds,

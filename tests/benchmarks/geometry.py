@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from contact_tracker.arrays import Array
 from contact_tracker.config.loading import load_model
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.motion.poses import Poses
@@ -28,19 +28,14 @@ from contact_tracker.tracking.belief import Segment
 from contact_tracker.tracking.offline_smoother import segment
 from contact_tracker_lab.benchmark.runner import Table, find_sets, measured, parser_of, report
 from contact_tracker_lab.evaluation.bound import angles_and_distances, cramer_rao, errors_at_bound
-from contact_tracker_lab.evaluation.geometry_errors import Deviation, ElementError, geometry_errors
+from contact_tracker_lab.evaluation.geometry_errors import SIDES, Deviation, ElementError, geometry_errors
 from contact_tracker_lab.evaluation.scoring import Scoring, scoring
 from contact_tracker_lab.evaluation.tables import number, table
 from shared_recordings import SHARED_RECORDINGS
 from simulated_fits import NOISES, Fitted, fit_simulated
 
-Array = NDArray[np.float64]
-
-SIDES: Final = ("object", "environment")
 BAND: Final = 0.95
 MOSTLY: Final = 0.5
-
-
 SIMULATED: Final = ("noise", "contact", "side", "error", "median", "bound", "x bound", "NEES", "95 % band")
 AGAINST_PAPER: Final = ("contact", "side", "error", "n", "median", "worst", "bound", "paper's")
 COVARIANCE: Final = ("set", "elements", "n", "NEES", "95 % band", "median", "within 95 %")
@@ -93,19 +88,13 @@ def measure(path: Path) -> RecordingErrors:
         inside = poses[(poses.stamp_ns >= interval.start_ns) & (poses.stamp_ns <= interval.end_ns)]
         if interval.contact is None or interval.geometry is None or interval.motion == "rest":
             continue
-        least = cramer_rao(
-            CONTACT_MODELS[interval.contact.column], interval.geometry, inside, *estimate_noise(poses)
-        )
-        for side, bound in zip(SIDES, least, strict=True):
-            square = {
-                k: np.trace(bound[p, p])
-                for k, p in angles_and_distances(interval.contact, SIDES.index(side), len(bound))
-            }
-            rms = (
-                np.degrees(np.sqrt(square.get("angle", np.nan))),
-                1e3 * np.sqrt(square.get("distance", np.nan)),
-            )
-            bounds[interval.contact, side] = float(rms[0]), float(rms[1])
+        model = CONTACT_MODELS[interval.contact.column]
+        least = cramer_rao(model, interval.geometry, inside, estimate_noise(poses))
+        for number_, (side, bound) in enumerate(zip(SIDES, least, strict=True)):
+            parts = angles_and_distances(interval.contact, number_, len(bound))
+            rms = {kind: float(np.sqrt(np.trace(bound[part, part]))) for kind, part in parts}
+            angle_rad, distance_m = (rms.get(kind, float("nan")) for kind in ("angle", "distance"))
+            bounds[interval.contact, side] = float(np.degrees(angle_rad)), 1e3 * distance_m
     found = correctly_labelled(segment(poses, load_model()).segments, scoring(poses.stamp_ns, truth))
     return RecordingErrors(geometry_errors(poses, truth, found).rows, bounds)
 
@@ -139,15 +128,8 @@ def covariance_rows(name: str, rows: Sequence[ElementError]) -> Iterator[list[st
             nees, low, high = mean_deviation(some)
             middle = float(np.median([d.squared / d.freedom for d in some]))
             within = float(np.mean([d.squared <= chi2.ppf(BAND, d.freedom) for d in some]))
-            yield [
-                name,
-                kind,
-                str(len(some)),
-                number(nees, 2),
-                f"{low:.2f}-{high:.2f}",
-                number(middle, 2),
-                number(within, 2),
-            ]
+            figures = number(nees, 2), f"{low:.2f}-{high:.2f}", number(middle, 2), number(within, 2)
+            yield [name, kind, str(len(some)), *figures]
 
 
 def summary(rows: Sequence[list[str]]) -> Table:

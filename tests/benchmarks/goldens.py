@@ -114,10 +114,8 @@ def main() -> int:
     for name in RUNS:
         ratios, within = list[float](), args.within[name not in OFFLINE]
         for log in map(Path.resolve, logs):
-            (old, old_s), (new, new_s) = (
-                kept(args.folder, name, log),
-                run(here, name, log, args.folder / "answers" / "run"),
-            )
+            old, old_s = kept(args.folder, name, log)
+            new, new_s = run(here, name, log, args.folder / "answers" / "run")
             ratios.append(new_s / old_s)
             found = difference(old, new)
             wrong = found.labels > 0 or found.probability > within

@@ -15,16 +15,18 @@ where it never is), and until the label is right with a probability above 0.9.
 
 import sys
 from collections.abc import Iterator
+from itertools import product
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import null_space
 
+from contact_tracker.arrays import Array
 from contact_tracker.config.loading import load_model
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.geometry.lifted_pose import lift
-from contact_tracker.geometry.rotation import from_rotation_vectors, matrices, product
+from contact_tracker.geometry.rotation import from_rotation_vectors, matrices
+from contact_tracker.geometry.rotation import product as turned
 from contact_tracker.motion.pose_validation import PoseGate
 from contact_tracker.motion.poses import Pose
 from contact_tracker.motion.window import LEVER_M
@@ -35,8 +37,6 @@ from contact_tracker.tracking.informative_motion import (
     informative_motions,
 )
 from contact_tracker_lab.benchmark.runner import Table, measured, parser_of, report
-
-Array = NDArray[np.float64]
 
 RATE_HZ: Final = 100
 FIRST_S, LONGEST_S = 3, 20
@@ -94,7 +94,7 @@ class Held(NamedTuple):
         return one
 
     def _displaced(self, twist: Array) -> "Held":
-        quat = product(self.quat_xyzw, from_rotation_vectors(twist[:3] / LEVER_M))
+        quat = turned(self.quat_xyzw, from_rotation_vectors(twist[:3] / LEVER_M))
         return self._replace(quat_xyzw=quat, position_m=self.position_m + twist[3:])
 
     def allowed(self, twist: Array) -> Array:
@@ -109,7 +109,8 @@ def poses_of(held: Held, twists: Array, begin_s: float, rng: np.random.Generator
     """The measured poses of a move of a second along twists (n, 6), with tremor: to and fro along one; along
     several at once, at different frequencies and mixed at random, as fast and as far at most."""
     time_s = np.arange(RATE_HZ) / RATE_HZ
-    waves = [wave(2.0 * np.pi * k * time_s) / (2.0 * k) for k in (1, 2, 3) for wave in (_rise, np.sin)]
+    phases = [(k, 2.0 * np.pi * k * time_s) for k in (1, 2, 3)]
+    waves = [wave / (2.0 * k) for k, phase in phases for wave in (1.0 - np.cos(phase), np.sin(phase))]
     mixed = np.linalg.qr(rng.normal(size=(len(twists),) * 2))[0] @ twists if len(twists) > 1 else twists
     path = np.transpose(waves[: len(twists)]) @ mixed
     fastest = _longest(np.diff(path, axis=0, append=0.0)) * RATE_HZ / np.pi
@@ -117,13 +118,9 @@ def poses_of(held: Held, twists: Array, begin_s: float, rng: np.random.Generator
     tremor = 0.03 * np.sin(2.0 * np.pi * 9.0 * time_s)[:, None] * mixed.sum(axis=0)
     for at_s, twist in zip(begin_s + time_s, path + tremor, strict=True):
         one = held.moved(twist)
-        turned = product(one.quat_xyzw, from_rotation_vectors(rng.normal(0.0, np.radians(0.15), 3)))
+        quat = turned(one.quat_xyzw, from_rotation_vectors(rng.normal(0.0, np.radians(0.15), 3)))
         position_m = one.position_m + rng.normal(0.0, 3e-4, 3)
-        yield Pose(round(at_s * 1e9), tuple(position_m.tolist()), tuple(turned.tolist()))
-
-
-def _rise(phase_rad: Array) -> Array:
-    return np.asarray(1.0 - np.cos(phase_rad))
+        yield Pose(round(at_s * 1e9), tuple(position_m.tolist()), tuple(quat.tolist()))
 
 
 def _longest(twists: Array) -> float:
@@ -143,15 +140,6 @@ def suggested(motions: tuple[InformativeMotion, ...], held: Held) -> Array:
     return np.asarray(directions[sizes > ALIKE])
 
 
-def random_twist(held: Held, strategy: str, rng: np.random.Generator) -> Array:
-    """A random twist that the contact allows."""
-    while strategy == "random axis":
-        twist = held.allowed(np.eye(6)[rng.integers(6)])
-        if twist.any():
-            return twist
-    return held.allowed(rng.normal(size=6))
-
-
 def next_move(held: Held, strategy: str, tracker: Tracker, rng: np.random.Generator) -> Array:
     """The twists (n, 6) of the next second."""
     if strategy == "all at once":
@@ -160,7 +148,11 @@ def next_move(held: Held, strategy: str, tracker: Tracker, rng: np.random.Genera
         asked = suggested(informative_motions(tracker.best), held)
         if len(asked):
             return asked
-    return random_twist(held, strategy, rng)[None]
+    while strategy == "random axis":
+        twist = held.allowed(np.eye(6)[rng.integers(6)])
+        if twist.any():
+            return twist[None]
+    return held.allowed(rng.normal(size=6))[None]
 
 
 def run(name: str, strategy: str, seed: int) -> tuple[float, float]:
@@ -190,11 +182,7 @@ def main() -> int:
     parser.add_argument("--seeds", type=int, default=10, help="default: %(default)s")
     args = parser.parse_args()
     names = [model.contact.value for model in CONTACT_MODELS]
-    jobs = {
-        (name, strategy): [(name, strategy, seed) for seed in range(args.seeds)]
-        for name in names
-        for strategy in STRATEGIES
-    }
+    jobs = {case: [(*case, seed) for seed in range(args.seeds)] for case in product(names, STRATEGIES)}
     found = dict(measured(run, jobs, args.processes))
     for strategy in STRATEGIES:
         found["all", strategy] = [times_s for name in names for times_s in found[name, strategy]]

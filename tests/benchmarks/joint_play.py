@@ -17,10 +17,10 @@ from collections.abc import Iterator
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.special import expit
 
+from contact_tracker.arrays import Array
 from contact_tracker.config.loading import load_model
 from contact_tracker.explanations.joint_evidence import find_joint
 from contact_tracker.geometry.lifted_pose import R, T, lift
@@ -29,8 +29,6 @@ from contact_tracker.tracking.state import scales_of
 from contact_tracker_lab.benchmark.runner import Table, measured, parser_of, report
 from contact_tracker_lab.evaluation.tables import number
 from contact_tracker_lab.simulate.motion import band_limited
-
-Array = NDArray[np.float64]
 
 SECONDS, RATE_HZ, TICK = 8, 200, 20
 NOISES: Final = ((1e-4, 5e-4), (5e-4, 2e-3), (1e-3, 4e-3))

@@ -30,15 +30,23 @@ from contact_tracker.geometry.elements import ContactGeometry
 from contact_tracker.ground_truth import Truth
 from contact_tracker.motion.pose_validation import gate
 from contact_tracker.motion.poses import Poses
-from contact_tracker.recording import open_log, read_truth
-from contact_tracker.states import STATES
+from contact_tracker.recording import read_truth
+from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Segment
 from contact_tracker_lab.benchmark.runner import Table, measured, parser_of, report
 from contact_tracker_lab.evaluation.geometry_errors import angle_rad, deviation, distance_m, places
 from contact_tracker_lab.evaluation.tables import number
 from contact_tracker_lab.simulate import Phase, Scenario, named_scenario, simulate
 from contact_tracker_lab.simulate.jointed import TrueJoint
-from summaries import median_of_known, recordings_in, shares_row
+from summaries import (
+    NAN,
+    duration_s,
+    median_of_known,
+    read_gated,
+    recordings_in,
+    share_within_3,
+    shares_row,
+)
 
 COLUMNS: Final = (
     *("joint", "seconds", "recordings", "true kind", "other kind"),
@@ -46,7 +54,6 @@ COLUMNS: Final = (
 )
 
 FALSE_COLUMNS: Final = ("recordings without a joint", "seconds", "false", "of which singular")
-NAN: Final = float("nan")
 
 
 class Measured(NamedTuple):
@@ -71,32 +78,29 @@ class Without(NamedTuple):
 def measure(kind: JointKind, seconds: float, seed: int) -> Measured:
     """Simulate an object in a joint, segment and evaluate."""
     scenario = named_scenario(kind.value, seed)
-    made = simulate(_lasting(scenario, seconds), seed)
+    (phase,) = scenario.phases
+    made = simulate(replace(scenario, phases=(phase._replace(duration_s=seconds),)), seed)
     assert made.joint is not None
     poses = gate(made.poses)
     found = _segments(poses)
-    whole = sum(_seconds(one) for one in found)
+    whole = sum(duration_s(one) for one in found)
     right = [one for one in found if one.joint is not None and one.joint.kind is kind]
-    named = sum(map(_seconds, right)) / whole
-    other = sum(_seconds(one) for one in found if one.joint is not None) / whole - named
+    named = sum(map(duration_s, right)) / whole
+    other = sum(duration_s(one) for one in found if one.joint is not None) / whole - named
     if not right:
         return Measured(named, other)
-    best = max(right, key=_seconds)
+    best = max(right, key=duration_s)
     assert best.joint is not None
     inside = (poses.stamp_ns >= best.start_ns) & (poses.stamp_ns <= best.end_ns)
     return _errors(best.joint, made.joint, poses[inside])._replace(named=named, other=other)
 
 
 def _errors(found: Joint, true: TrueJoint, poses: Poses) -> Measured:
-    pairs = zip(
-        (found.object, found.environment),
-        (true.object, true.environment),
-        places(ContactGeometry(true.object, true.environment), poses),
-        strict=True,
-    )
+    pairs = (found.object, true.object), (found.environment, true.environment)
+    near = places(ContactGeometry(true.object, true.environment), poses)
     errors = [
         (np.degrees(angle_rad(a, b)), 1e3 * distance_m(a, place), deviation(a, b, place).sd)
-        for a, b, place in pairs
+        for (a, b), place in zip(pairs, near, strict=True)
     ]
     angle, distance, sd = (tuple(float(one) for one in column) for column in zip(*errors, strict=True))
     pitch = NAN
@@ -107,14 +111,13 @@ def _errors(found: Joint, true: TrueJoint, poses: Poses) -> Measured:
 
 def measure_alone(name: str, seed: int) -> Without:
     """Simulate an object in one contact, or in none, moved by hand."""
-    contact = next(state for state in STATES if state.value == name)
-    made = simulate(Scenario((Phase(contact, 24.0),), name="alone"), seed)
+    made = simulate(Scenario((Phase(Contact(name), 24.0),), name="alone"), seed)
     return _false(gate(made.poses), made.truth)
 
 
 def measure_file(path: str) -> Without:
     """Segment a recording; singular motion is also counted separately."""
-    return _false(gate(Poses.collect(open_log(path))), read_truth(path))
+    return _false(read_gated(path), read_truth(path))
 
 
 def _false(poses: Poses, truth: Truth | None) -> Without:
@@ -125,34 +128,22 @@ def _false(poses: Poses, truth: Truth | None) -> Without:
         for interval in (truth.intervals if truth is not None else ())
         if interval.singular
     )
-    seconds = float(poses.stamp_ns[-1] - poses.stamp_ns[0]) * 1e-9
-    return Without(seconds, sum(map(_seconds, found)), singular_ns * 1e-9)
-
-
-def _lasting(scenario: Scenario, seconds: float) -> Scenario:
-    (phase,) = scenario.phases
-    return replace(scenario, phases=(phase._replace(duration_s=seconds),))
+    return Without(duration_s(poses), sum(map(duration_s, found)), singular_ns * 1e-9)
 
 
 def _segments(poses: Poses) -> tuple[Segment, ...]:
     return tuple(segmenting.segment(poses, load_model()).segments)
 
 
-def _seconds(segment: Segment) -> float:
-    return (segment.end_ns - segment.start_ns) * 1e-9
-
-
 def row(kind: JointKind, seconds: float, found: Sequence[Measured]) -> list[str]:
     """A row of the table of joints."""
-    sd = np.array([one for each in found for one in each.deviations_sd])
-    sd = sd[np.isfinite(sd)]
     figures = (
         float(np.mean([one.named for one in found])),
         float(np.mean([one.other for one in found])),
         median_of_known([one for each in found for one in each.angle_deg]),
         median_of_known([one for each in found for one in each.distance_mm]),
         median_of_known([one.pitch_mm for one in found]),
-        float(np.mean(sd <= 3.0)) if len(sd) else NAN,
+        share_within_3([one for each in found for one in each.deviations_sd]),
     )
     return [kind.value, f"{seconds:g}", str(len(found)), *map(number, figures)]
 

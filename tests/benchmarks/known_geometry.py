@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from contact_tracker.arrays import Array
 from contact_tracker.config.loading import load_model
 from contact_tracker.config.quantities import deviations
 from contact_tracker.geometry.elements import Element, Line, Plane, Point
@@ -32,26 +32,22 @@ from contact_tracker.map.map import (
     known_to,
     number_name,
 )
-from contact_tracker.motion.pose_validation import gate
 from contact_tracker.motion.poses import Poses
-from contact_tracker.recording import need_truth, open_log, read_metadata
+from contact_tracker.recording import need_truth, read_metadata
 from contact_tracker.segmenting import OfflineTracker
 from contact_tracker.tracking.belief import Detail
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.trajectory import vertices_from_metadata
 from contact_tracker_lab.benchmark.runner import Table, find_sets, measured, parser_of, report
 from contact_tracker_lab.evaluation.evaluate import Evaluation, evaluate
+from contact_tracker_lab.evaluation.geometry_errors import is_same
 from contact_tracker_lab.evaluation.tables import number
 from shared_recordings import SHARED_RECORDINGS
-from summaries import FIGURES, figures
-
-Array = NDArray[np.float64]
+from summaries import FIGURES, figures, read_gated
 
 LEVELS: Final = ("nothing", "surroundings", "object", "both")
 COLUMNS: Final = ("known", "off", *FIGURES, "warned")
 EXACT: Final = "exact"
-SAME: Final = 1e-6
-"""Elements whose numbers differ by less are one."""
 
 
 class Displacement(NamedTuple):
@@ -92,26 +88,10 @@ class Measured(NamedTuple):
 def touched(truth: Truth) -> list[Element]:
     """The elements of the surroundings that are touched, each once."""
     found = list[Element]()
-    for interval in truth.intervals:
-        if interval.geometry is not None and not any(
-            _is_same(interval.geometry.environment, one) for one in found
-        ):
-            found.append(interval.geometry.environment)
+    for element in (one.geometry.environment for one in truth.intervals if one.geometry is not None):
+        if not any(type(one) is type(element) and is_same(one, element) for one in found):
+            found.append(element)
     return found
-
-
-def _is_same(one: Element, other: Element) -> bool:
-    match one, other:
-        case Plane(), Plane():
-            return bool(one.normal @ other.normal > 1.0 - SAME and abs(one.offset_m - other.offset_m) < SAME)
-        case Line(), Line():
-            apart = other.point_m - one.point_m
-            across = apart - one.direction * (one.direction @ apart)
-            parallel = abs(one.direction @ other.direction) > 1.0 - SAME
-            return bool(parallel and np.linalg.norm(across) < SAME)
-        case Point(), Point():
-            return bool(np.linalg.norm(one.point_m - other.point_m) < SAME)
-    return False
 
 
 def known(path: Path, level: str, poses: Poses, truth: Truth, off: tuple[float, float]) -> Map:
@@ -136,7 +116,7 @@ def known(path: Path, level: str, poses: Poses, truth: Truth, off: tuple[float, 
 
 def measure(path: Path, level: str, off: tuple[float, float]) -> Measured:
     """Track and evaluate one recording."""
-    poses, truth = gate(Poses.collect(open_log(str(path)))), need_truth(str(path))
+    poses, truth = read_gated(path), need_truth(str(path))
     tracker = OfflineTracker(load_model(), known(path, level, poses, truth, off))
     found = Segmentation.join(list(tracker.pieces(poses, detail=Detail.GEOMETRY)))
     report = tracker.report

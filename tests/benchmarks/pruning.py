@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array
 from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import Model
 from contact_tracker.motion.poses import Poses, batches
@@ -37,7 +37,7 @@ COLUMNS: Final = ("recording", "nats", "labels", "median", "90 %", "99 %", "most
 class Run(NamedTuple):
     """``probability`` (T, 7) online, mean number of hypotheses, CPU time (s)."""
 
-    probability: NDArray[np.float64]
+    probability: Array
     hypotheses: float
     cpu_s: float
 

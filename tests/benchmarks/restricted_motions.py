@@ -9,13 +9,12 @@ from functools import partial
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from contact_tracker.arrays import Array
 from contact_tracker.motion.poses import Poses
 from contact_tracker_lab.simulate.motion import band_limited
 
-Array = NDArray[np.float64]
 Random = np.random.Generator
 Motion = Callable[[Array, Random], tuple[Rotation, Array]]
 

@@ -12,15 +12,17 @@ import argparse
 import ast
 import hashlib
 import json
-import subprocess
 import sys
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from importlib.machinery import PathFinder, SourceFileLoader
+from importlib.util import find_spec
+from multiprocessing import get_context
 from pathlib import Path
 from types import CodeType
 from typing import Any, Final, NamedTuple
 
+PACKAGE: Final = Path(str(find_spec("contact_tracker").origin)).parent  # type: ignore[union-attr]
 CORE: Final = ("explanations", "hmm", "hypotheses", "map", "motion", "tracking")
 """Packages that decide labels, and what is reported beside them; checks warn."""
 FACTORS: Final = (0.5, 2.0)
@@ -132,8 +134,7 @@ def run_variant(constant: tuple[str, str, float] | None, logs: Sequence[Path], s
     from contact_tracker.tracking.segmentation import Segmentation
     from contact_tracker_lab.evaluation.evaluate import evaluate
 
-    right: dict[str, list[Any]] = {}
-    digest = hashlib.sha256()
+    totals, digest = dict[str, Any](), hashlib.sha256()
     for log in logs:
         poses = Poses.collect(open_log(str(log)))
         poses = poses[: int(np.searchsorted(poses.stamp_ns, poses.stamp_ns[0] + round(seconds * 1e9)))]
@@ -142,29 +143,21 @@ def run_variant(constant: tuple[str, str, float] | None, logs: Sequence[Path], s
         for beliefs in (found.beliefs, found.filtered):
             digest.update(np.ascontiguousarray(beliefs.rows["contact"]).tobytes())
             digest.update(np.ascontiguousarray(beliefs.probability).tobytes())
-        right.setdefault(log.parent.name, []).append(evaluate(poses, need_truth(str(log)), found))
-    accuracy = {}
-    for name, scores in right.items():
-        total = scores[0]
-        for one in scores[1:]:
-            total = total + one
-        accuracy[name] = (float(total.offline.accuracy()), float(total.online.accuracy()))
+        score, name = evaluate(poses, need_truth(str(log)), found), log.parent.name
+        totals[name] = totals[name] + score if name in totals else score
+    both = {name: (total.offline, total.online) for name, total in totals.items()}
+    accuracy = {name: (float(a.accuracy()), float(b.accuracy())) for name, (a, b) in both.items()}
     return Outcome(accuracy, digest.hexdigest())
 
 
 def run_apart(constant: Constant | None, factor: float, logs: Sequence[Path], seconds: float) -> Outcome:
     """``run_variant`` in a process of its own."""
-    arguments = [sys.executable, __file__, *map(str, logs)]
-    arguments += ["--seconds", str(seconds)]
-    if constant is not None:
-        arguments += ["--variant", constant.module, constant.name, str(factor)]
-    else:
-        arguments += ["--variant", "", "", "1"]
-    done = subprocess.run(arguments, capture_output=True, text=True, check=False)
-    if done.returncode:
-        return Outcome({}, "", done.stderr.strip().rpartition("\n")[2])
-    accuracy, digest, _ = json.loads(done.stdout)
-    return Outcome({name: tuple(pair) for name, pair in accuracy.items()}, digest)
+    scaled = None if constant is None else (constant.module, constant.name, factor)
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        try:
+            return pool.submit(run_variant, scaled, logs, seconds).result()
+        except Exception as error:  # anything that the constant breaks
+            return Outcome({}, "", f"{type(error).__name__}: {error}")
 
 
 def run_all(
@@ -193,16 +186,9 @@ def run_all(
 def basis_of(logs: Sequence[Path], seconds: float) -> str:
     """What outcomes depend on beside the constants: the recordings, their length, and the code."""
     digest = hashlib.sha256(json.dumps([[str(log.resolve()) for log in logs], seconds]).encode())
-    for path in sorted(_tracker().parent.rglob("*.py")):
+    for path in sorted(PACKAGE.parent.rglob("*.py")):
         digest.update(path.read_bytes())
     return digest.hexdigest()[:16]
-
-
-def _tracker() -> Path:
-    """The folder of the package."""
-    import contact_tracker
-
-    return Path(contact_tracker.__file__).parent
 
 
 def table(constants: Sequence[Constant], found: dict[tuple[str, str, float], Outcome]) -> list[str]:
@@ -261,16 +247,10 @@ def main() -> int:
     add("--jobs", type=int, default=1, help="processes at a time (default: %(default)s)")
     add("--only", nargs="+", metavar="NAME", help="only these constants")
     add("--journal", type=Path, default=Path("sensitivity.jsonl"), help="outcomes, to go on with later")
-    add("--variant", nargs=3, help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     from contact_tracker.cli.terminal import show
 
-    if arguments.variant:
-        module, name, factor = arguments.variant
-        constant = (module, name, float(factor)) if module else None
-        show(json.dumps(run_variant(constant, arguments.logs, arguments.seconds)))
-        return 0
-    every = list(tuned_constants(_tracker()))
+    every = list(tuned_constants(PACKAGE))
     constants = [one for one in every if arguments.only is None or one.name in arguments.only]
     if not constants:
         parser.error(f"none of the {len(every)} constants is {' or '.join(arguments.only)}")

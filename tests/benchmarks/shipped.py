@@ -12,14 +12,13 @@ from typing import Final
 
 from contact_tracker import segmenting
 from contact_tracker.config.loading import load_model
-from contact_tracker.motion.pose_validation import gate
-from contact_tracker.motion.poses import Poses
-from contact_tracker.recording import need_truth, open_log
+from contact_tracker.recording import need_truth
 from contact_tracker_lab.benchmark.runner import Table, measured, parser_of, report
 from contact_tracker_lab.evaluation.evaluate import Evaluation, evaluate
 from contact_tracker_lab.evaluation.metrics import quantile
 from contact_tracker_lab.evaluation.tables import number
 from shared_recordings import ROOT
+from summaries import read_gated
 
 COLUMNS: Final = (
     *("recording", "accuracy offline", "accuracy online", "log-loss offline", "log-loss online"),
@@ -30,19 +29,15 @@ COLUMNS: Final = (
 
 def measure(path: Path) -> Evaluation:
     """Segment one recording, adapted to its stream, and evaluate it."""
-    poses = gate(Poses.collect(open_log(str(path))))
+    poses = read_gated(path)
     return evaluate(poses, need_truth(str(path)), segmenting.segment(poses, load_model()))
 
 
 def row(name: str, evaluation: Evaluation) -> list[str]:
     """A row of the table."""
     tallies, geometry = (evaluation.offline, evaluation.online), evaluation.geometry
-    figures = [
-        *(tally.accuracy() for tally in tallies),
-        *(tally.log_loss for tally in tallies),
-        *(tally.calibration_error for tally in tallies),
-        *(tally.sure_wrong for tally in tallies),
-    ]
+    names, figures = ("log_loss", "calibration_error", "sure_wrong"), [one.accuracy() for one in tallies]
+    figures += [getattr(tally, name) for name in names for tally in tallies]
     return [
         name,
         *(number(float(figure)) for figure in figures),

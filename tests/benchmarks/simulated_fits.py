@@ -5,9 +5,9 @@ from math import radians
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from contact_tracker.arrays import Array
 from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import Model, SystematicErrors
 from contact_tracker.config.parameters import Noise as ModelNoise
@@ -21,14 +21,12 @@ from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Segment
 from contact_tracker.tracking.contact_filter import ticks_of
 from contact_tracker.tracking.state import scales_of
-from contact_tracker_lab.calibration.recorded_pass import window_of
+from contact_tracker_lab.calibration.trellis import window_of
 from contact_tracker_lab.evaluation.bound import cramer_rao, errors
 from contact_tracker_lab.evaluation.geometry_errors import Deviation, geometry_errors
 from contact_tracker_lab.simulate import Scenario, simulate
 from contact_tracker_lab.simulate.scenarios import Phase
 from distortions import turned
-
-Array = NDArray[np.float64]
 
 
 class Noise(NamedTuple):
@@ -95,7 +93,7 @@ def fit_simulated(contact: Contact, noise: Noise, seed: int) -> Fitted:
     true = measured.truth.intervals[0].geometry
     assert true is not None
     sigma = scenario.sigma_position_m, scenario.sigma_rotation_rad
-    bound = cramer_rao(CONTACT_MODELS[contact.column], true, true_poses, *sigma)
+    bound = cramer_rao(CONTACT_MODELS[contact.column], true, true_poses, sigma)
     model, poses = noise.model, _with_compliance(measured.poses, true, noise, seed)
     poses = with_systematic_errors(_with_wander(poses, model.noise, seed), model.systematic, seed)
     found = fitted_geometry(poses, contact, model)
@@ -117,16 +115,10 @@ def _with_wander(poses: Poses, noise: ModelNoise, seed: int) -> Poses:
     """The poses with the correlated errors of the model."""
     if not any(noise.wander_variance):
         return poses
-    rng, memory = (
-        np.random.default_rng([seed, 1]),
-        noise.wander_s * 1e9 / float(np.diff(poses.stamp_ns).mean()),
-    )
+    rng, memory = np.random.default_rng([seed, 1]), noise.wander_s * 1e9 / np.diff(poses.stamp_ns).mean()
     error = np.stack([_correlated(rng, len(poses), memory) for _ in range(6)], axis=1)
-    return replace(
-        poses,
-        position_m=poses.position_m + noise.wander_position_m * error[:, :3],
-        quat_xyzw=turned(poses, noise.wander_rotation_rad * error[:, 3:]),
-    )
+    shift, turn = noise.wander_position_m * error[:, :3], noise.wander_rotation_rad * error[:, 3:]
+    return replace(poses, position_m=poses.position_m + shift, quat_xyzw=turned(poses, turn))
 
 
 def with_systematic_errors(poses: Poses, errors: SystematicErrors, seed: int) -> Poses:
@@ -144,9 +136,8 @@ def with_systematic_errors(poses: Poses, errors: SystematicErrors, seed: int) ->
 def _drawn(rng: np.random.Generator, apart: Array) -> Array:
     """Three independent draws (N, 3) of a process whose covariance is a bell curve of ``apart`` (N, N)."""
     values, vectors = np.linalg.eigh(np.exp(-0.5 * apart**2))
-    return np.asarray(
-        vectors @ (np.sqrt(np.maximum(values, 0.0))[:, None] * rng.normal(size=(len(apart), 3)))
-    )
+    scaled = np.sqrt(np.maximum(values, 0.0))[:, None] * rng.normal(size=(len(apart), 3))
+    return np.asarray(vectors @ scaled)
 
 
 def _correlated(rng: np.random.Generator, count: int, memory: float) -> Array:

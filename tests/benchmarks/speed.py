@@ -17,7 +17,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
@@ -130,18 +130,13 @@ def lengths(setup: Setup, command: tuple[str, ...], name: str, faster: str, smal
         ran = [run(*command, str(log)) for _ in range(runs)]
         log.unlink()
         speed = seconds / (median(one.cpu_s for one in ran) - start_s)
-        what, at_end = f"{name} {length(seconds)}", seconds == setup.lengths_s[-1]
+        unit_s, unit = next(one for one in ((3600, "h"), (60, "min"), (1, "s")) if seconds >= one[0])
+        what, at_end = f"{name} {seconds / unit_s:g} {unit}", seconds == setup.lengths_s[-1]
         figures += [
             Figure(what, speed, "recorded s per CPU s", faster if at_end else ""),
             Figure(f"{what}: peak memory", max(one.peak_mb for one in ran), "MB", smaller if at_end else ""),
         ]
     return figures
-
-
-def length(seconds: float) -> str:
-    """``90 s``, ``10 min``, ``1 h``."""
-    unit, name = next(((u, n) for u, n in ((3600, "h"), (60, "min")) if seconds >= u), (1, "s"))
-    return f"{seconds / unit:g} {name}"
 
 
 def starting(setup: Setup) -> list[Figure]:
@@ -155,8 +150,8 @@ def starting(setup: Setup) -> list[Figure]:
 def measure(row: str, setup: Setup) -> list[Figure]:
     """The figures of one row."""
     module = importlib.import_module("speed_in_process" if row in IN_PROCESS else "speed")
-    function: Callable[[Setup], list[Figure]] = getattr(module, row)
-    return function(setup)
+    figures: list[Figure] = getattr(module, row)(setup)
+    return figures
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -5,11 +5,11 @@ from collections.abc import Callable, Iterator
 from copy import copy
 from pathlib import Path
 from statistics import median
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array
 from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import Model
 from contact_tracker.motion.pose_validation import PoseGate
@@ -21,8 +21,6 @@ from contact_tracker.tracking.belief import Detail
 from contact_tracker.tracking.contact_filter import ContactFilter
 from long_logs import write_long_log
 from speed import Figure, Setup
-
-Array = NDArray[np.float64]
 
 ONLINE_S: Final = 120.0
 MINUTE_S: Final = 60.0
@@ -97,11 +95,8 @@ def track(log: Path, model: Model) -> Array:
     return np.array(taken_s)
 
 
-class Stream(NamedTuple):
-    """A filter and its ticks."""
-
-    grid: TickGrid
-    one: ContactFilter
+Stream = tuple[TickGrid, ContactFilter]
+"""A filter and its ticks."""
 
 
 def growing(setup: Setup) -> list[Figure]:
@@ -114,13 +109,13 @@ def growing(setup: Setup) -> list[Figure]:
     after_s = float(setup.lengths_s[-1])
     early, late, between = minutes(setup.log, after_s, min(MINUTE_S, after_s), setup.scratch)
     model = load_model(setup.model)
-    known = Stream(TickGrid(model), ContactFilter.start(model))
+    known = TickGrid(model), ContactFilter.start(model)
     for _ in costs(known, between):
         pass
     runs = []
     for _ in range(setup.runs):
-        new = Stream(TickGrid(model), ContactFilter.start(model))
-        again = Stream(copy(known.grid), copy(known.one))
+        new = TickGrid(model), ContactFilter.start(model)
+        again = copy(known[0]), copy(known[1])
         runs.append(list(zip(costs(new, early), costs(again, late), strict=False)))
     first, later = np.median(np.array(runs), axis=0).mean(axis=0)  # of (runs, ticks, 2)
     name = f"after {1e-9 * float(late.stamp_ns[0] - early.stamp_ns[0]):.0f} s against the first minute"
@@ -129,13 +124,14 @@ def growing(setup: Setup) -> list[Figure]:
 
 def costs(stream: Stream, poses: Poses) -> Iterator[float]:
     """CPU time (s) of each tick that ends within the poses; ticks of a batch share that of its averaging."""
+    grid, contact_filter = stream
     for batch in poses.batches():
         begin_s = time.process_time()
-        closed = stream.grid.add(batch)
+        closed = grid.add(batch)
         share_s = (time.process_time() - begin_s) / max(len(closed), 1)
         for tick in closed:
             begin_s = time.process_time()
-            stream.one.update(tick, Detail.WEIGHTS)
+            contact_filter.update(tick, Detail.WEIGHTS)
             yield share_s + time.process_time() - begin_s
 
 

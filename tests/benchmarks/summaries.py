@@ -8,15 +8,26 @@ from typing import Final
 
 import numpy as np
 
+from contact_tracker.motion.pose_validation import gate
+from contact_tracker.motion.poses import Poses
+from contact_tracker.recording import open_log
+from contact_tracker.tracking.belief import Segment
 from contact_tracker_lab.benchmark.runner import Job
 from contact_tracker_lab.evaluation.evaluate import Evaluation
+from contact_tracker_lab.evaluation.metrics import known, quantile
 from contact_tracker_lab.evaluation.tables import number
 
+NAN: Final = float("nan")
 FIGURES: Final = (
     *("accuracy offline", "accuracy online", "sure and wrong offline", "sure and wrong online"),
     *("ECE offline", "ECE online", "worst accuracy offline", "worst accuracy online"),
     *("within 3 sd", "median sd"),
 )
+
+
+def read_gated(path: Path | str) -> Poses:
+    """The poses of a recording that pass the gate."""
+    return gate(Poses.collect(open_log(str(path))))
 
 
 def recordings_in(folders: Sequence[Path]) -> dict[str, list[Job]]:
@@ -41,14 +52,25 @@ def figures(evaluations: Sequence[Evaluation]) -> list[str]:
 
 def mean_of_known(values: Sequence[float]) -> float:
     """The mean without nan values; nan if there are no others."""
-    known = [value for value in values if np.isfinite(value)]
-    return float(np.mean(known)) if known else float("nan")
+    finite = known(np.array(values))
+    return float(np.mean(finite)) if len(finite) else NAN
 
 
 def median_of_known(values: Sequence[float]) -> float:
     """The median without nan values; nan if there are no others."""
-    known = [value for value in values if np.isfinite(value)]
-    return float(np.median(known)) if known else float("nan")
+    return quantile(known(np.array(values)), 0.5)
+
+
+def share_within_3(deviations_sd: Sequence[float]) -> float:
+    """Share of known deviations that are at most three; nan without."""
+    return mean_of_known([float(sd <= 3.0) if np.isfinite(sd) else NAN for sd in deviations_sd])
+
+
+def duration_s(stretch: Poses | Segment) -> float:
+    """From the first pose to the last, or of a segment."""
+    if isinstance(stretch, Segment):
+        return (stretch.end_ns - stretch.start_ns) * 1e-9
+    return float(stretch.stamp_ns[-1] - stretch.stamp_ns[0]) * 1e-9
 
 
 def shares_row(name: str, recordings: Sequence[tuple[float, ...]]) -> list[str]:

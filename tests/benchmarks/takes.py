@@ -11,9 +11,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from contact_tracker import Result, Trajectory, read, segment
+from contact_tracker.arrays import Array
 from contact_tracker.geometry.elements import Plane
 from contact_tracker.ground_truth import TruthInterval
 from contact_tracker.recording import read_truth
@@ -42,7 +42,7 @@ def long_contacts(log: str) -> Iterator[TruthInterval]:
             yield one
 
 
-def changed(take: Trajectory, what: str, at: TruthInterval, normal: NDArray[np.float64]) -> Trajectory:
+def changed(take: Trajectory, what: str, at: TruthInterval, normal: Array) -> Trajectory:
     """A take with one step changed."""
     stamp_ns, position_m, quat_xyzw = take.stamp_ns.copy(), take.position_m.copy(), take.quat_xyzw
     inside = (stamp_ns >= at.start_ns) & (stamp_ns <= at.end_ns)

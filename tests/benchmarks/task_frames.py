@@ -13,10 +13,10 @@ import sys
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import subspace_angles
 
 from contact_tracker import Trajectory, segment
+from contact_tracker.arrays import Array
 from contact_tracker.contacts.task_frame import T_world_body, TaskFrame, joint_frame, task_frame
 from contact_tracker.explanations.joint_models import JointKind
 from contact_tracker.geometry.elements import Plane
@@ -24,6 +24,7 @@ from contact_tracker.states import CONTACTS
 from contact_tracker_lab.benchmark.runner import Table, measured, parser_of, report
 from contact_tracker_lab.evaluation.tables import number
 from contact_tracker_lab.simulate import Phase, Scenario, named_scenario, simulate
+from summaries import share_within_3
 
 SECONDS, LEVER_M = 12.0, 0.1
 COLUMNS: Final = ("frame", "recordings", "found", "free twists, deg", "z, deg", "power", "within 3 sd")
@@ -39,7 +40,7 @@ class Compared(NamedTuple):
     z_sd: tuple[float, ...]
 
 
-def compared(found: TaskFrame, true: TaskFrame, at_m: NDArray[np.float64]) -> Compared:
+def compared(found: TaskFrame, true: TaskFrame, at_m: Array) -> Compared:
     """The figures of a frame, with twists about a point."""
     free = [_about(frame.free_twists, at_m) for frame in (found, true)]
     wrenches = found.wrenches
@@ -55,7 +56,7 @@ def compared(found: TaskFrame, true: TaskFrame, at_m: NDArray[np.float64]) -> Co
     return Compared(float(twists_deg), float(np.degrees(np.hypot(z[0], z[1]))), float(power), z_sd)
 
 
-def _about(twists: NDArray[np.float64], at_m: NDArray[np.float64]) -> NDArray[np.float64]:
+def _about(twists: Array, at_m: Array) -> Array:
     """Twists (K, 6) about the world's origin as those about a point, turns in units of length."""
     moved = twists[:, :3] + np.cross(twists[:, 3:], at_m)
     return np.hstack([moved, LEVER_M * twists[:, 3:]])
@@ -63,7 +64,6 @@ def _about(twists: NDArray[np.float64], at_m: NDArray[np.float64]) -> NDArray[np
 
 def measure(name: str, seed: int) -> Compared | None:
     """Of a recording; None if no such contact or joint is found."""
-    kinds = {kind.value: kind for kind in JointKind}
     contact = next((one for one in CONTACTS if one.value == name), None)
     scenario = Scenario((Phase(contact, SECONDS),)) if contact else named_scenario(name, seed)
     made = simulate(scenario, seed)
@@ -75,14 +75,11 @@ def measure(name: str, seed: int) -> Compared | None:
     if not frames:
         return None
     pose = T_world_body(poses.position_m[row], poses.quat_xyzw[row])
-    if made.joint is not None:
-        axis, pitch = made.joint.environment, made.joint.pitch_m_per_rad or 0.0
-        assert not isinstance(axis, Plane)
-        true: TaskFrame | None = joint_frame(kinds[name], axis, FREE.get(name, "wz"), pitch)
-    else:
-        geometry = made.truth.intervals[0].geometry
-        assert contact is not None
-        assert geometry is not None
+    geometry, true = made.truth.intervals[0].geometry, None
+    if made.joint is not None and not isinstance(made.joint.environment, Plane):
+        pitch_m = made.joint.pitch_m_per_rad or 0.0
+        true = joint_frame(JointKind(name), made.joint.environment, FREE.get(name, "wz"), pitch_m)
+    elif contact is not None and geometry is not None:
         true = task_frame(contact, geometry, pose)
     assert true is not None
     return compared(frames[0], true, pose[:3, 3])
@@ -98,8 +95,7 @@ def main() -> int:
     for name, some in measured(measure, jobs, args.processes):
         found = [one for one in some if one is not None]
         medians = np.median([one[:3] for one in found], axis=0) if found else np.full(3, np.nan)
-        sd = [value for one in found for value in one.z_sd]
-        within = float(np.mean(np.array(sd) <= 3.0)) if sd else float("nan")
+        within = share_within_3([value for one in found for value in one.z_sd])
         cells = (*(number(float(value)) for value in medians), number(within))
         rows.append([name, str(len(some)), str(len(found)), *cells])
     return report(args, frames=Table(COLUMNS, rows))

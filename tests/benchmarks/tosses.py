@@ -11,18 +11,18 @@ Figures are of every second recording (``--half checked``); the model was tuned 
 import sys
 from itertools import product
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Bools, Ints
 from contact_tracker.config.loading import load_model
 from contact_tracker.map.file import map_from
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import need_truth, open_log, read_metadata
 from contact_tracker.segmenting import segment
-from contact_tracker.states import STATES
+from contact_tracker.states import STATES, Contact
 from contact_tracker_lab.benchmark.runner import Table, measured, parser_of, report
 from contact_tracker_lab.evaluation.evaluate import answers_to
 from contact_tracker_lab.evaluation.scoring import UNSCORED, scoring, tick_containing, tick_in_force
@@ -35,15 +35,6 @@ SIGMA: Final = {"sigma_position_m": 0.5e-3, "sigma_rotation_deg": 0.2}
 """Assumed accuracy of plane and cube in the metadata."""
 COLUMNS: Final = ("model", "known", "frames", "accuracy offline", "accuracy online", "by arrival")
 LEVELS: Final = ("nothing", "plane", "plane and cube")
-
-
-class Scores(NamedTuple):
-    """Confusion (7, 7), truth by label, of the frames in motion: offline; online, where each frame has the
-    latest label up to its stamp, and where it has the latest that had been given out when it came."""
-
-    offline: NDArray[np.int64]
-    online: NDArray[np.int64]
-    by_arrival: NDArray[np.int64]
 
 
 def known(level: str, metadata: dict[str, str]) -> Map:
@@ -59,8 +50,10 @@ def known(level: str, metadata: dict[str, str]) -> Map:
     return map_from(tables)
 
 
-def measure(path: Path, model_name: str) -> dict[str, Scores]:
-    """One recording at each level of knowledge."""
+def measure(path: Path, model_name: str) -> dict[str, Ints]:
+    """Of one recording at each level of knowledge the confusion (3, 7, 7), truth by label, of the frames in
+    motion: offline; online, where each frame has the latest label up to its stamp, and where it has the
+    latest that had been given out when it came."""
     poses, truth = Poses.collect(open_log(str(path))), need_truth(str(path))
     metadata = read_metadata(str(path))["recording"]
     scored = scoring(poses.stamp_ns, truth)
@@ -80,13 +73,13 @@ def measure(path: Path, model_name: str) -> dict[str, Scores]:
             confusion = np.zeros((len(STATES), len(STATES)), np.int64)
             has_label = counted & (tick >= 0)
             np.add.at(confusion, (scored.truth[has_label], label[has_label]), 1)
-            np.add.at(confusion, (scored.truth[counted & (tick < 0)], STATES.index(STATES[-1])), 1)
+            np.add.at(confusion, (scored.truth[counted & (tick < 0)], Contact.FREE.column), 1)
             rows.append(confusion)
-        results[level] = Scores(*rows)
+        results[level] = np.array(rows)
     return results
 
 
-def in_motion(poses: Poses, side_m: float) -> NDArray[np.bool_]:
+def in_motion(poses: Poses, side_m: float) -> Bools:
     """(N,) frames in which the fastest corner of the cube is faster than ``MOVING_M_S``."""
     corners = 0.5 * side_m * np.array(list(product((-1.0, 1.0), repeat=3)))
     places = poses.position_m[:, None] + np.einsum("nij,kj->nki", poses.rotation, corners)
@@ -107,11 +100,11 @@ def main() -> int:
     jobs = {model: [(path, model) for path in paths] for model in args.model}
     for model, results in measured(measure, jobs, args.processes):
         for level in LEVELS:
-            total = Scores(*(sum(one[level][i] for one in results) for i in range(3)))  # type: ignore[arg-type]
+            total = np.sum([one[level] for one in results], axis=0)
             accuracies = (number(confusion.trace() / confusion.sum()) for confusion in total)
-            rows.append([model, level, str(total.offline.sum()), *accuracies])
+            rows.append([model, level, str(total[0].sum()), *accuracies])
         print(f"{model}, offline with {level} known: truth by row, label by column")
-        confused = zip(STATES, total.offline, strict=True)
+        confused = zip(STATES, total[0], strict=True)
         print(table(("", *STATES), [[state, *map(str, row)] for state, row in confused if row.any()]))
     return report(args, tosses=Table(COLUMNS, rows))
 

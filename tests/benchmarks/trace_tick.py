@@ -43,10 +43,7 @@ class Trace(NamedTuple):
     @property
     def by_file(self) -> Counter[str]:
         """Calls by file."""
-        found = Counter[str]()
-        for (file, _), count in self.calls.items():
-            found[file] += count
-        return found
+        return Counter(file for file, _ in self.calls.elements())
 
 
 def traced_ticks(log: Path, first_pose: int = FIRST_POSE, ticks: int = TICKS) -> list[Trace]:

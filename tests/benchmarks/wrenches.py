@@ -19,10 +19,11 @@ import numpy as np
 
 from contact_tracker.config.loading import load_model
 from contact_tracker.motion.poses import Poses
-from contact_tracker.offline import NoLoad, wrench_evidence
+from contact_tracker.offline import wrench_evidence
 from contact_tracker.recording import need_truth, open_log, read_wrenches
 from contact_tracker.segmenting import OfflineTracker
 from contact_tracker.tracking.segmentation import Segmentation
+from contact_tracker.wrenches.load import NoLoad
 from contact_tracker.wrenches.wrenches import Wrenches
 from contact_tracker_lab.benchmark.runner import Table, find_sets, measured, parser_of, report
 from contact_tracker_lab.evaluation.evaluate import Evaluation, evaluate

@@ -121,12 +121,13 @@ def test_uninformative_data_keep_the_prior(label):
     np.testing.assert_allclose(leave_per_s(learned), leave_per_s(prior().transitions))
 
 
+def believed(known, start, rng, blur):
+    trellis = noisy_trellis(known.label, start, known.exposure, rng, blur)
+    return EstimatedStates.of(trellis, known.exposure, start)
+
+
 def believed_chains(rng, true, start, blur, count_=6, ticks=60):
-    made = []
-    for known in chains(rng, true, count_, ticks):
-        trellis = noisy_trellis(known.label, start, known.exposure, rng, blur)
-        made.append(EstimatedStates.of(trellis, known.exposure, start))
-    return made
+    return [believed(known, start, rng, blur) for known in chains(rng, true, count_, ticks)]
 
 
 def test_em_increases_the_posterior_up_to_its_maximum():
@@ -158,10 +159,7 @@ def test_certain_beliefs_give_the_counts_of_known_states():
     rng = np.random.default_rng(7)
     start = prior()
     known = chains(rng, random_model(rng, new_elements=False), 3, 80)
-    sure = [
-        EstimatedStates.of(noisy_trellis(k.label, start, k.exposure, rng, 0.05), k.exposure, start)
-        for k in known
-    ]
+    sure = [believed(one, start, rng, 0.05) for one in known]
     a, b = (learn_transitions(start, some)[0].transitions.counts for some in (known, sure))
     np.testing.assert_allclose(b.begins, a.begins, atol=0.02)
     np.testing.assert_allclose(b.moving_s, a.moving_s, rtol=0.02, atol=0.1)
@@ -173,10 +171,9 @@ def test_evidence_excludes_the_durations_of_the_initial_model():
     """Two passes over the same data by different models give the same counts."""
     rng = np.random.default_rng(8)
     state, exposure = walk(random_model(rng), np.ones(40), rng), np.ones(40)
-    expected = []
-    for start in (prior(), random_model(rng)):
-        trellis = noisy_trellis(state, start, exposure, np.random.default_rng(9), 0.5)
-        expected.append(EstimatedStates.of(trellis, exposure, start).expect(prior()))
+    known = KnownStates(state, exposure)
+    starts = prior(), random_model(rng)
+    expected = [believed(known, one, np.random.default_rng(9), 0.5).expect(prior()) for one in starts]
     assert expected[0].log_evidence == pytest.approx(expected[1].log_evidence)
     np.testing.assert_allclose(expected[0].changes, expected[1].changes, atol=1e-9)
     assert not expected[0].changes[:, FREE, FREE].any()
@@ -194,14 +191,8 @@ def test_learning_does_not_use_earlier_counts():
 
 
 def test_ticks_take_their_label_from_the_truth_in_their_middle():
-    truth = Truth(
-        (
-            TruthInterval(0, 9, Contact.FF),
-            TruthInterval(10, 19, None),
-            TruthInterval(20, 29, Contact.FREE),
-            TruthInterval(50, 60, Contact.EE),
-        )
-    )
+    rows = (0, 9, Contact.FF), (10, 19, None), (20, 29, Contact.FREE), (50, 60, Contact.EE)
+    truth = Truth(tuple(TruthInterval(*row) for row in rows))
     found = scoring(np.array([-5, 0, 9, 15, 20, 29, 30, 49, 50, 61]), truth).truth
     assert found.tolist() == [-1, 0, 0, -1, 6, 6, -1, -1, 5, -1]
     assert runs(found) == [(0, 1, 3), (6, 4, 6), (5, 8, 9)]

@@ -89,9 +89,8 @@ def test_a_model_is_learned_and_its_file_says_from_what(
     shutil.copy("mine.toml", "before.toml")
     assert run([*command, "--start", "before.toml"]) == 0
     later = load_model("mine.toml")
-    np.testing.assert_allclose(
-        later.transitions.counts.moving_s, model.transitions.counts.moving_s, rtol=0.02
-    )
+    seen, again = (one.transitions.counts.moving_s for one in (model, later))
+    np.testing.assert_allclose(again, seen, rtol=0.02)
     assert later.noise == model.noise
 
 
@@ -112,13 +111,10 @@ def test_held_out_recordings_are_scored_by_models_not_trained_on_them(logs: Path
     assert found.held_out[1].after.log_evidence == pytest.approx(again.log_evidence)
     assert found.held_out[1].after.log_evidence != found.held_out[1].before.log_evidence
     assert tallies(found.held_out[1].after)[0].log_loss == pytest.approx(tallies(again)[0].log_loss)
-    before, after = found.log_loss
-    sums = [
-        sum(t.log_loss_s for h in found.held_out for t in tallies(getattr(h, which)))
-        / sum(t.seconds() for h in found.held_out for t in tallies(getattr(h, which)))
-        for which in ("before", "after")
-    ]
-    assert (before, after) == pytest.approx(tuple(sums))
+    for which, loss in zip(("before", "after"), found.log_loss, strict=True):
+        all_tallies = [one for h in found.held_out for one in tallies(getattr(h, which))]
+        lost = sum(one.log_loss_s for one in all_tallies)
+        assert loss == pytest.approx(lost / sum(one.seconds() for one in all_tallies))
 
 
 def tallies(score) -> list[Tally]:
@@ -133,9 +129,8 @@ def test_folds_are_reported(logs: Path, tmp_path: Path, capsys: pytest.CaptureFi
     assert run(["calibrate", *two, "--only", "transitions", *alone, "-o", str(output)]) == 0
     out, err = capsys.readouterr()
     rows = [line.split() for line in out.splitlines() if line.startswith(("smoothed", "filtered"))]
-    assert [row[:2] for row in rows] == [
-        [m, w] for w in ("before", "after") for m in ("smoothed", "filtered")
-    ]
+    cases = [[mode, when] for when in ("before", "after") for mode in ("smoothed", "filtered")]
+    assert [row[:2] for row in rows] == cases
     assert all(float(number) >= 0.0 for row in rows for number in row[2:])
     assert "log probability of the true states" in out
     assert f"wrote {output}" in err
@@ -231,12 +226,8 @@ positive = st.floats(1e-9, 1e6)
 @given(name=names, seed=st.integers(0, 2**32 - 1), sigma=positive, empty=st.booleans(), header=st.text())
 def test_a_written_model_is_the_model(tmp_path_factory, name, seed, sigma, empty, header):
     seen = NOTHING if empty else random_model(np.random.default_rng(seed)).transitions.counts
-    model = replace(
-        MODEL,
-        name=name,
-        noise=replace(MODEL.noise, sigma_position_m=sigma),
-        transitions=replace(MODEL.transitions, counts=seen),
-    )
+    noise, transitions = replace(MODEL.noise, sigma_position_m=sigma), replace(MODEL.transitions, counts=seen)
+    model = replace(MODEL, name=name, noise=noise, transitions=transitions)
     path = tmp_path_factory.mktemp("written") / "model.toml"
     path.write_text(model_text(model, [header, "a\nb"]), encoding="utf-8")
     assert load_model(str(path)) == model
@@ -249,11 +240,8 @@ def test_truth_of_any_part_is_learned_from(logs, begin, end):
     source = Source(str(logs / "log_0.mcap"))
     truth = read_truth(source.name)
     first = truth.intervals[0].start_ns
-    part = tuple(
-        interval
-        for interval in truth.intervals
-        if interval.end_ns - first >= begin * 1e9 and interval.start_ns - first <= end * 1e9
-    )
+    begin_ns, end_ns = first + begin * 1e9, first + end * 1e9
+    part = tuple(one for one in truth.intervals if one.end_ns >= begin_ns and one.start_ns <= end_ns)
     folder = logs.parent / "parts"
     folder.mkdir(exist_ok=True)
     log = folder / "part.mcap"

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import as_values
-from checked_stream import stream_of
+from checked_stream import stream_of, updated
 from contact_tracker.checks.checks import Contradiction
 from contact_tracker.inspection.stream_checks import NOTHING_INSPECTED
 from contact_tracker.map.file import map_from
@@ -42,13 +42,11 @@ def tracked(poses: Poses, known_map: Map) -> tuple[list[str], Segmentation]:
 
 @needs_kernels
 def test_a_wrong_direction_is_reported_and_no_label_is_surely_wrong() -> None:
-    name = "robot_1khz"
-    poses = poses_of(name)
-    texts, found = tracked(poses, up([1.0, 0.0, 0.0]))
-    assert len(texts) == 1
-    assert texts[0].startswith("--up does not fit the motion")
-    assert "\n" not in texts[0]
-    truth = read_truth(str(SHIPPED / f"{name}.mcap"))
+    poses = poses_of("robot_1khz")
+    (text,), found = tracked(poses, up([1.0, 0.0, 0.0]))
+    assert text.startswith("--up does not fit the motion")
+    assert "\n" not in text
+    truth = read_truth(str(SHIPPED / "robot_1khz.mcap"))
     scores = evaluate(poses, truth, found)
     assert scores.offline.sure_wrong == 0.0
     assert scores.online.sure_wrong < 0.01, "before it is reported"
@@ -127,14 +125,10 @@ def test_exact_knowledge_fits_filtered_poses() -> None:
 @pytest.mark.parametrize("is_filtered", [False, True])
 def test_before_the_noise_is_chosen_filtered_poses_refute_nothing_until_the_end(is_filtered: bool) -> None:
     """It is taken for motion; labels are in doubt until then."""
-    known, box = (
-        Contradiction(),
-        slid_and_tilted(np.random.default_rng(1), np.array([0.2, 0.12, 0.08]))[:1500],
-    )
+    box = slid_and_tilted(np.random.default_rng(1), np.array([0.2, 0.12, 0.08]))[:1500]
     inspection = NOTHING_INSPECTED._replace(filtered=is_filtered)
     stream = stream_of(up([0.6, 0.0, 0.8]), is_chosen=False, inspection=inspection)
-    for some in box.batches():
-        known = known.update(some, stream)
+    known = updated(Contradiction(), box.batches(), stream)
     assert known.is_likely(stream)
     assert known.is_found is not is_filtered
     assert known.finish().is_found
@@ -145,9 +139,8 @@ def test_results_do_not_depend_on_how_the_poses_are_split() -> None:
     poses, known_map = poses_of("robot_1khz")[:4000], up([1.0, 0.0, 0.0])
     ends = []
     for size in (7, 400):
-        known = Contradiction()
-        for first in range(0, len(poses), size):
-            known = known.update(poses[first : first + size], stream_of(known_map))
+        batches = (poses[first : first + size] for first in range(0, len(poses), size))
+        known = updated(Contradiction(), batches, stream_of(known_map))
         ends.append((known.is_found, known.lead))
     assert ends[0] == ends[1]
     assert ends[0][0]

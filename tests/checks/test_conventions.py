@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 import as_values
 import contact_tracker
-from checked_stream import stream_of
+from checked_stream import stream_of, updated
 from contact_tracker.checks import conventions
 from contact_tracker.checks.conventions import Conventions
 from contact_tracker.checks.readings import Given, angles_in, readings_of
@@ -29,8 +29,7 @@ SIGMA = 3e-4, np.radians(0.15)
 MIRROR = np.diag([1.0, 1.0, -1.0])
 
 
-def recorded(name: str = "paper_experiment") -> Poses:
-    return shipped(name)
+PAPER = "paper_experiment"
 
 
 def with_turns(poses: Poses, turn: Rotation) -> Poses:
@@ -127,16 +126,13 @@ HARMLESS: dict[str, Callable[[Poses], Poses]] = {
 
 def mistake_in(poses: Poses, sigma: tuple[float, float] = SIGMA, read_as: ReadAs = AS_GIVEN) -> str:
     stream = stream_of(first=MODEL, sigma=sigma, inspection=NOTHING_INSPECTED._replace(read_as=read_as))
-    known = Conventions()
-    for some in poses.batches():
-        known = known.update(some, stream)
-    return known.found
+    return str(updated(Conventions(), poses.batches(), stream).found)
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)
 def test_a_mistake_is_named_with_its_remedy(mistake: str) -> None:
     said, wrong = MISTAKES[mistake]
-    assert said in mistake_in(wrong(recorded()))
+    assert said in mistake_in(wrong(shipped(PAPER)))
 
 
 def as_numbers(poses: Poses, order: str) -> np.ndarray:
@@ -166,7 +162,7 @@ STATED: dict[str, tuple[dict[str, str | bool], str, list[int], str]] = {
 @pytest.mark.parametrize("mistake", STATED)
 def test_a_wrong_statement_on_rotations_is_named_with_the_right_one(mistake: str) -> None:
     stated, true, places, said = STATED[mistake]
-    table, poses = TableReading(**stated), recorded()
+    table, poses = TableReading(**stated), shipped(PAPER)
     numbers = as_numbers(poses, true) if true not in ("", "inverse") else turns(poses).as_rotvec()
     numbers = numbers[:, places]
     if table.euler is not None:
@@ -181,7 +177,7 @@ def test_a_wrong_statement_on_rotations_is_named_with_the_right_one(mistake: str
 
 
 def test_an_order_of_columns_is_undone_by_the_command_that_is_named(tmp_path: Path) -> None:
-    path, poses = tmp_path / "a.csv", recorded()[::500]
+    path, poses = tmp_path / "a.csv", shipped(PAPER)[::500]
     numbers = np.column_stack([1e-9 * poses.stamp_ns, poses.position_m, poses.quat_xyzw[:, [3, 0, 1, 2]]])
     np.savetxt(path, numbers, "%.9f", ",", header="time [s],x,y,z,qx,qy,qz,qw", comments="")
     readings = readings_of(contact_tracker.read(path).read_as)
@@ -194,7 +190,7 @@ def test_an_order_of_columns_is_undone_by_the_command_that_is_named(tmp_path: Pa
 
 @pytest.mark.parametrize("order", ["xyz", "XYZ", "zxy", "YXZ", "ZYX", "xzx", "ZYZ", "YXY"])
 def test_numbers_of_orientations_are_those_of_scipy(order: str) -> None:
-    poses = recorded()[::50]
+    poses = shipped(PAPER)[::50]
     made_of = angles_in(order)
     for folds in (False, True):
         numbers = Given(poses).numbers(made_of, folds).values
@@ -208,16 +204,16 @@ def test_numbers_of_orientations_are_those_of_scipy(order: str) -> None:
 @pytest.mark.parametrize("mistake", WITHOUT_REMEDY)
 def test_a_mistake_without_a_reading_that_fits_has_no_remedy(mistake: str) -> None:
     name, wrong = WITHOUT_REMEDY[mistake]
-    assert mistake_in(wrong(recorded(name))) == conventions.NAMELESS
+    assert mistake_in(wrong(shipped(name))) == conventions.NAMELESS
 
 
 @pytest.mark.parametrize("change", HARMLESS)
 def test_other_frames_for_both_are_no_mistake(change: str) -> None:
-    assert mistake_in(HARMLESS[change](recorded())) == ""
+    assert mistake_in(HARMLESS[change](shipped(PAPER))) == ""
 
 
 def test_a_mistake_is_found_where_noise_hides_most_of_it() -> None:
-    poses = taken_for_fixed_axes("ZYX")(recorded("vision_30hz"))
+    poses = taken_for_fixed_axes("ZYX")(shipped("vision_30hz"))
     assert MISTAKES["KUKA"][0] in mistake_in(poses, estimate_noise(poses))
 
 
@@ -235,10 +231,9 @@ def test_a_slide_on_a_vertex_is_neither_a_mistake_nor_suspect(seed: int) -> None
     place_m = world.apply(touch_m - turn.apply([0.05, 0.04, -0.06]))
     error = Rotation.from_rotvec(sigma[1] * rng.normal(size=place_m.shape))
     place_m += sigma[0] * rng.normal(size=place_m.shape)
-    known, stream = Conventions(), stream_of(first=MODEL, sigma=sigma)
+    stream = stream_of(first=MODEL, sigma=sigma)
     poses = Poses((1e9 * time_s).astype(np.int64), place_m, (world * turn * error).as_quat())
-    for some in poses.batches():
-        known = known.update(some, stream)
+    known = updated(Conventions(), poses.batches(), stream)
     assert known.fitting[0] == len(known.kept) == 4
     assert not known.is_likely(stream._replace(is_end=True))
 
@@ -271,20 +266,13 @@ def test_straight_legs_with_turns_about_single_axes_are_no_mistake(seed: int) ->
     assert mistake_in(Poses(stamp_ns, place_m, read.as_quat())) == ""
 
 
-def tracked(poses: Poses) -> tuple[list[str], Segmentation]:
-    tracker = OfflineTracker(MODEL)
-    found = Segmentation.join(list(tracker.pieces(poses)))
-    return [finding.text for finding in tracker.report.findings], found
-
-
 @pytest.mark.long
 @needs_kernels
 @pytest.mark.parametrize("mistake", ["w first", "w last in fields of w first"])
 def test_readings_that_explain_the_motion_alike_are_all_named(mistake: str) -> None:
     """Turns about few axes are alike in the orders of quaternions but for half turns."""
-    text = mistake_in(
-        MISTAKES[mistake][1](slid_and_tilted(np.random.default_rng(1), np.array([0.2, 0.12, 0.08])))
-    )
+    box = slid_and_tilted(np.random.default_rng(1), np.array([0.2, 0.12, 0.08]))
+    text = mistake_in(MISTAKES[mistake][1](box))
     assert "like w x y z in fields that are x y z w: reorder them; or " in text
     assert "x y z w in fields that are w x y z: reorder them" in text
 
@@ -292,8 +280,10 @@ def test_readings_that_explain_the_motion_alike_are_all_named(mistake: str) -> N
 @needs_kernels
 def test_while_a_mistake_is_found_no_label_is_certain() -> None:
     box = slid_and_tilted(np.random.default_rng(1), np.array([0.2, 0.12, 0.08]))
-    (text,), found = tracked(turned_axes(box))
-    assert "orientations" in text
+    tracker = OfflineTracker(MODEL)
+    found = Segmentation.join(list(tracker.pieces(turned_axes(box))))
+    (finding,) = tracker.report.findings
+    assert "orientations" in finding.text
     assert max(belief.probability.max() for belief in found.beliefs) < 0.9
 
 
@@ -302,7 +292,7 @@ def test_while_a_mistake_is_found_no_label_is_certain() -> None:
 @pytest.mark.parametrize("frame_moves", [False, True])
 def test_poses_that_were_asked_for_in_a_moving_frame_are_not_inverse(frame_moves: bool) -> None:
     """Those of a table in the cup's frame are the inverse of the cup's poses."""
-    poses = inverse(recorded()[1000:3000])
+    poses = inverse(shipped(PAPER)[1000:3000])
     state, _ = as_values.advance(as_values.start(MODEL, read_as=ReadAs(frame_moves)), poses)
     assert ["inverse" in finding.text for finding in state.findings] == ([] if frame_moves else [True])
     assert state.is_in_doubt is not frame_moves
@@ -314,7 +304,7 @@ def test_poses_that_were_asked_for_in_a_moving_frame_are_not_inverse(frame_moves
 
 @pytest.mark.parametrize("name", ["paper_experiment", "all_states", "robot_1khz", "vision_30hz"])
 def test_valid_recordings_have_no_mistake(name: str) -> None:
-    poses = recorded(name)
+    poses = shipped(name)
     assert mistake_in(poses, estimate_noise(poses)) == ""
 
 
@@ -330,7 +320,7 @@ def located_by_a_camera() -> Poses:
 
 
 def test_a_unit_fits_only_where_contacts_do_in_it_and_not_in_metres() -> None:
-    poses = replace(recorded(), position_m=100.0 * recorded().position_m)
+    poses = replace(shipped(PAPER), position_m=100.0 * shipped(PAPER).position_m)
     odd = stream_of(first=MODEL, inspection=NOTHING_INSPECTED._replace(units=True))
     known = Conventions().update(poses, odd._replace(sigma=(100.0 * SIGMA[0], SIGMA[1])))
     assert "cm" in known.fitting_units
@@ -348,7 +338,7 @@ def test_a_unit_may_explain_what_is_no_free_motion(fitting: list[int], units: tu
 
 @pytest.mark.parametrize("way", ["--rotation-vector", "--euler xyz:rad"])
 def test_radians_that_are_taken_for_degrees_are_found(way: str) -> None:
-    poses, read_as = recorded()[:6000:2], ReadAs(table=TableReading(euler="xyz:deg"), path="a.csv")
+    poses, read_as = shipped(PAPER)[:6000:2], ReadAs(table=TableReading(euler="xyz:deg"), path="a.csv")
     assert mistake_in(poses, estimate_noise(poses), read_as) == ""
     numbers = turns(poses).as_rotvec() if way == "--rotation-vector" else turns(poses).as_euler("xyz")
     taken = replace(poses, quat_xyzw=quaternions("euler", numbers, "xyz:deg"))

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from checked_stream import MODEL, stream_of
+from checked_stream import MODEL, stream_of, updated
 from contact_tracker.checks import clearance
 from contact_tracker.checks.clearance import Impacts
 from contact_tracker.inspection.stream_checks import Finding
@@ -54,10 +54,8 @@ def said(found: Impacts, tick_s: float) -> list[Finding]:
 
 
 def found_in(poses: Poses, known_map: Map = KNOWN, batch: int = 50) -> Impacts:
-    found = Impacts()
-    for first in range(0, len(poses), batch):
-        found = found.update(poses[first : first + batch], stream_of(known_map))
-    return found
+    batches = (poses[first : first + batch] for first in range(0, len(poses), batch))
+    return updated(Impacts(), batches, stream_of(known_map))
 
 
 @pytest.mark.parametrize("rate_hz", [60.0, 148.0, 240.0, 1000.0])
@@ -128,12 +126,11 @@ def test_before_an_impact_the_labels_are_in_doubt() -> None:
     assert not found_in(falling).is_near
 
 
-@pytest.mark.parametrize("batch", [1, 7, 50, 1000])
+@pytest.mark.parametrize("batch", [1, 7, 50])
 def test_batches_make_no_difference(batch: int) -> None:
-    whole = found_in(moving(dropped(148.0, 0.3), 148.0), batch=1000)
-    assert found_in(moving(dropped(148.0, 0.3), 148.0), batch=batch).top_m_per_s == pytest.approx(
-        whole.top_m_per_s
-    )
+    poses = moving(dropped(148.0, 0.3), 148.0)
+    whole = found_in(poses, batch=len(poses)).top_m_per_s
+    assert found_in(poses, batch=batch).top_m_per_s == pytest.approx(whole)
 
 
 def test_without_known_faces_and_vertices_nothing_is_said() -> None:

@@ -41,8 +41,8 @@ def segments(*pairs):
     ]
 
 
-def observed(given):
-    return Repeatability().update_segments(given, stream_of())
+def observed(given, **changes):
+    return Repeatability().update_segments(given, stream_of(**changes))
 
 
 def findings(found, errors):
@@ -122,10 +122,7 @@ def test_it_does_not_depend_on_where_the_bodys_origin_is():
     """Far away, the offsets of faces that are turned by a degree differ by much more than those near them."""
     away_m, pairs = np.array([6.0, -4.8, 6.4]), [(plane((0.015 * i, 0.0, 1.0)), point()) for i in range(3)]
     moved = [(shifted(ours, away_m), theirs) for ours, theirs in pairs]
-    near, far = (
-        Repeatability().update_segments(segments(*some), stream_of(body_m=point_m))
-        for some, point_m in ((pairs, np.zeros(3)), (moved, away_m))
-    )
+    near, far = observed(segments(*pairs)), observed(segments(*moved), body_m=away_m)
     assert (near.near, near.apart) == (far.near, far.apart)
     assert near.worst[2].sigmas == pytest.approx(far.worst[2].sigmas, rel=1e-3)
 

@@ -60,13 +60,9 @@ def test_a_chain_over_windows_is_the_sum_over_its_paths(seed: int) -> None:
 def truth_of(*phases: tuple[str, float], singular: tuple[int, ...] = ()) -> Truth:
     """Phases of (label, seconds)."""
     ends = np.cumsum([round(seconds * SECOND) for _, seconds in phases]).tolist()
-    starts = [0, *ends[:-1]]
-    return Truth(
-        tuple(
-            TruthInterval(a, b - 1, Contact(label), singular=i in singular)
-            for i, ((label, _), a, b) in enumerate(zip(phases, starts, ends, strict=True))
-        )
-    )
+    rows = enumerate(zip(phases, [0, *ends[:-1]], ends, strict=True))
+    spans = [(a, b - 1, Contact(label), i in singular) for i, ((label, _), a, b) in rows]
+    return Truth(tuple(TruthInterval(a, b, label, singular=is_one) for a, b, label, is_one in spans))
 
 
 def stamps(seconds: float, every_s: float = 0.01) -> np.ndarray:
@@ -239,9 +235,8 @@ def test_splits_and_takes_are_by_name() -> None:
     assert [benchmark.split_of(path) for path in takes[:3]] == ["tuning", "test", "tuning"]
     earlier = [benchmark.earlier_take(path, takes) for path in takes]
     assert earlier == [None, takes[0], takes[0], None, takes[3], takes[3]]
-    assert (
-        benchmark.earlier_take(Path("paper_01.mcap"), [Path("paper_00.mcap"), Path("paper_01.mcap")]) is None
-    )
+    no_takes = [Path("paper_00.mcap"), Path("paper_01.mcap")]
+    assert benchmark.earlier_take(no_takes[1], no_takes) is None
 
 
 # --- intervals -------------------------------------------------------------------------------------------

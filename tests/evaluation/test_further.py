@@ -14,11 +14,8 @@ from contact_tracker_lab.evaluation.evaluate import FurtherScore, evaluate
 STEP_NS = 10_000_000
 FRAMES = 100
 GEOMETRY = ContactGeometry(Point(np.zeros(3)), Plane(np.array([0.0, 0.0, 1.0]), 0.0))
-POSES = Poses(
-    np.arange(FRAMES, dtype=np.int64) * STEP_NS,
-    np.zeros((FRAMES, 3)),
-    np.tile([0.0, 0.0, 0.0, 1.0], (FRAMES, 1)),
-)
+STAMPS_NS = np.arange(FRAMES, dtype=np.int64) * STEP_NS
+POSES = Poses(STAMPS_NS, np.zeros((FRAMES, 3)), np.tile([0.0, 0.0, 0.0, 1.0], (FRAMES, 1)))
 EF, VF, FF = Contact.EF, Contact.VF, Contact.FF
 
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array, Ints
 from contact_tracker.ground_truth import Truth, TruthInterval
 from contact_tracker.states import STATES, Contact
 from contact_tracker_lab.evaluation.metrics import Tally, quantile, tally
@@ -23,7 +23,6 @@ from contact_tracker_lab.evaluation.scoring import (
 
 MS = 1_000_000
 EPOCH_NS = 1_700_000_000_000_000_000
-Ints = NDArray[np.int64]
 SEEDS = st.integers(0, 2**32 - 1)
 FIGURES = ("macro_f1", "log_loss", "brier", "calibration_error", "sure_wrong", "missed_share", "never_share")
 
@@ -45,11 +44,11 @@ def frames(ms: int, every: int = 10) -> Ints:
     return EPOCH_NS + np.arange(0, ms, every, dtype=np.int64) * MS
 
 
-def one_hot(columns: Ints) -> NDArray[np.float64]:
+def one_hot(columns: Ints) -> Array:
     return np.eye(len(STATES))[columns]
 
 
-def tally_of(scored: Scoring, columns: Ints, probability: NDArray[np.float64] | None = None) -> Tally:
+def tally_of(scored: Scoring, columns: Ints, probability: Array | None = None) -> Tally:
     """Tally of one belief per frame; without ``probability`` the label has probability 1."""
     p = one_hot(columns) if probability is None else probability
     return tally(scored, np.arange(len(columns)), columns, p)
@@ -70,15 +69,9 @@ def figures(result: Tally) -> list[float]:
 def test_within_an_unscored_gap_every_time_of_change_is_right() -> None:
     stamps = frames(4000)
     scored = scoring(stamps, make_truth(("free", 2000), ("?", 100), ("v-f", 1900)))
-    assert tally_of(scored, columns_of(stamps, ("free", 2050), ("v-f", 1950))).boundary_s == pytest.approx(
-        [0.0]
-    )
-    assert tally_of(scored, columns_of(stamps, ("free", 1980), ("v-f", 2020))).boundary_s == pytest.approx(
-        [0.02]
-    )
-    assert tally_of(scored, columns_of(stamps, ("free", 2150), ("v-f", 1850))).boundary_s == pytest.approx(
-        [0.05]
-    )
+    for change_ms, off_s in ((2050, 0.0), (1980, 0.02), (2150, 0.05)):
+        columns = columns_of(stamps, ("free", change_ms), ("v-f", 4000 - change_ms))
+        assert tally_of(scored, columns).boundary_s == pytest.approx([off_s])
     assert scored.seconds[scored.subsets[Subset.ALL]].sum() == pytest.approx(3.9)
 
 
@@ -182,7 +175,7 @@ def test_figures_by_state_by_hand() -> None:
 # --- reference: sums over every millisecond ----------------------------------------------------------------
 
 
-def random_case(seed: int, unscored: bool) -> tuple[Scoring, Truth, Ints, Ints, Ints, NDArray[np.float64]]:
+def random_case(seed: int, unscored: bool) -> tuple[Scoring, Truth, Ints, Ints, Ints, Array]:
     """Random truth, frames (with dropouts below 0.3 s) and beliefs, all on whole milliseconds."""
     rng = np.random.default_rng(seed)
     names = [s.value for s in STATES[:4]] + ["?"] * unscored
@@ -274,14 +267,9 @@ def test_changes_agree_with_every_millisecond(seed: int) -> None:
         boundary.append(min((abs(t - b) for t in turns), default=None))
         lasting = (t for t in range(b, c - 299) if all(found_ms[u] == into for u in range(t, t + 300)))
         delay.append(next((t - b for t in lasting), None))
-    assert result.boundary_s == pytest.approx([e * 1e-3 for e in boundary if e is not None])
-    assert result.delay_s == pytest.approx([d * 1e-3 for d in delay if d is not None])
-    assert result.boundary_error_s == pytest.approx(
-        [np.nan if e is None else e * 1e-3 for e in boundary], nan_ok=True
-    )
-    assert result.detection_delay_s == pytest.approx(
-        [np.nan if d is None else d * 1e-3 for d in delay], nan_ok=True
-    )
+    for found_s, expected_ms in ((result.boundary_error_s, boundary), (result.detection_delay_s, delay)):
+        expected = [np.nan if ms is None else ms * 1e-3 for ms in expected_ms]
+        assert found_s == pytest.approx(expected, nan_ok=True)
 
 
 # --- invariants ------------------------------------------------------------------------------------------
@@ -290,7 +278,7 @@ def test_changes_agree_with_every_millisecond(seed: int) -> None:
 @settings(max_examples=20, deadline=None)
 @given(SEEDS, SEEDS)
 def test_adding_recordings_is_concatenating_them(seed_a: int, seed_b: int) -> None:
-    def recording(seed: int) -> tuple[Ints, Truth, Ints, NDArray[np.float64]]:
+    def recording(seed: int) -> tuple[Ints, Truth, Ints, Array]:
         rng = np.random.default_rng(seed)
         middle = [(str(rng.choice(["f-f", "?", "e-e"])), int(rng.integers(50, 700))) for _ in range(4)]
         truth = make_truth(("free", 400), *middle, ("free", 400))
@@ -299,13 +287,9 @@ def test_adding_recordings_is_concatenating_them(seed_a: int, seed_b: int) -> No
         labels = np.repeat(rng.integers(0, 7, len(stamps)), 20)[: len(stamps)]
         return stamps, truth, labels, rng.dirichlet(np.full(7, 0.3), len(stamps))
 
-    (stamps_a, truth_a, labels_a, p_a), (stamps_b, truth_b, labels_b, p_b) = (
-        recording(seed_a),
-        recording(seed_b),
-    )
-    separate = tally_of(scoring(stamps_a, truth_a), labels_a, p_a) + tally_of(
-        scoring(stamps_b, truth_b), labels_b, p_b
-    )
+    both = recording(seed_a), recording(seed_b)
+    first, second = (tally_of(scoring(stamps, truth), *found) for stamps, truth, *found in both)
+    separate, ((stamps_a, truth_a, labels_a, p_a), (stamps_b, truth_b, labels_b, p_b)) = first + second, both
     later = int(stamps_a[-1] - stamps_b[0]) + 60_000 * MS
     moved = [replace(i, start_ns=i.start_ns + later, end_ns=i.end_ns + later) for i in truth_b.intervals]
     whole = scoring(np.append(stamps_a, stamps_b + later), Truth(truth_a.intervals + tuple(moved)))

@@ -32,6 +32,10 @@ def read(path: Path, text: str, meanings: dict[str, str] | None = None) -> Truth
 
 
 EXPECTED = [(0, 2_000, Contact.FREE), (2_500, 10_000, Contact.EF)]
+REGIONS = [
+    {"value": {"start": start, "end": end, "timeserieslabels": [name]}}
+    for start, end, name in ((0, 2, "free"), (2.5, 10, "e-f"))
+]
 FILES = {
     "commas": "start,end,contact\n0,2,free\n2.5,10,e-f\n",
     "spreadsheet": "Start (ms);End (ms);Label\n2500;10000;e-f\n0;2000;free\n",
@@ -40,20 +44,7 @@ FILES = {
     "clock": "begin,stop,label\n0:00.0,0:02,free\n0:00:02.5,0:10,e-f\n",
     "stamps": f"start_ns,end_ns,contact\n{FIRST_NS},{FIRST_NS + 2 * 10**9},free\n"
     f"{FIRST_NS + 25 * 10**8},{LAST_NS},e-f\n",
-    "Label Studio": json.dumps(
-        [
-            {
-                "annotations": [
-                    {
-                        "result": [
-                            {"value": {"start": s, "end": e, "timeserieslabels": [name]}}
-                            for s, e, name in ((0, 2, "free"), (2.5, 10, "e-f"))
-                        ]
-                    }
-                ]
-            }
-        ]
-    ),
+    "Label Studio": json.dumps([{"annotations": [{"result": REGIONS}]}]),
 }
 
 
@@ -85,9 +76,8 @@ def test_what_is_no_table_of_labels_is_refused(tmp_path: Path, text: str, messag
 
 def test_labels_that_mean_nothing_known_are_refused(tmp_path: Path) -> None:
     text = "start,end,contact\n0,2,touch\n"
-    with pytest.raises(
-        ChoiceError, match="the label 'touch' is no state: say which it is, as in --map 'touch=any'"
-    ):
+    said = "the label 'touch' is no state: say which it is, as in --map 'touch=any'"
+    with pytest.raises(ChoiceError, match=said):
         read(tmp_path / "labels.csv", text)
     with pytest.raises(ChoiceError, match="no label tuoch; did you mean touch"):
         read(tmp_path / "labels.csv", text, {"touch": "any", "tuoch": "any"})
@@ -98,13 +88,10 @@ def test_labels_that_mean_nothing_known_are_refused(tmp_path: Path) -> None:
 
 def test_coarse_labels_are_right_with_each_of_their_states(tmp_path: Path) -> None:
     """Labels at 100 Hz: f-f to 2 s, e-f to 5 s, free to 10 s; touch is true to 5.5 s."""
-    truth = read(
-        tmp_path / "a.csv", "start,end,label\n0,3,flat\n3,5.5,touch\n5.5,9,free\n9,10,unclear\n", MAP
-    )
-    assert [one.coarse.states for one in truth.intervals if one.coarse] == [
-        (Contact.FF, Contact.EF),
-        CONTACTS,
-    ]
+    text = "start,end,label\n0,3,flat\n3,5.5,touch\n5.5,9,free\n9,10,unclear\n"
+    truth = read(tmp_path / "a.csv", text, MAP)
+    states = [one.coarse.states for one in truth.intervals if one.coarse]
+    assert states == [(Contact.FF, Contact.EF), CONTACTS]
     stamps = FIRST_NS + np.arange(0, 10 * 10**9, 10**7)
     found = np.repeat([STATES.index(one) for one in (Contact.FF, Contact.EF, Contact.FREE)], [200, 300, 500])
     result = tally(scoring(stamps, truth), np.arange(1000), found, 0.93 * np.eye(7)[found] + 0.01)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from contact_motions import touching, x_of
+from contact_tracker.arrays import Array
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.explanations.conditional_contact import (
     AT_FIRST,
@@ -26,7 +26,6 @@ from contact_tracker.hypotheses.evidence import EvidenceParameters, log_ratio
 from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS, Contact
 
-Array = NDArray[np.float64]
 TICKS = 120
 SCALES = EvidenceParameters(0.3, 0.0, 0.2, 0.6, 0.1)
 VARIANCE, EXCESS = (1e-8, 1e-6), (1e-4, 1e-2)
@@ -37,10 +36,8 @@ def kept(contact: Contact, seed: int) -> tuple[Window, Array]:
     rng = np.random.default_rng(seed)
     motion = touching(contact, rng, TICKS)
     position = motion.position_m + rng.normal(0.0, np.sqrt(VARIANCE[0]), (TICKS, 3))
-    rows = np.ones((TICKS, 1))
-    window = Window(
-        np.arange(TICKS), lift(motion.rotation, position), rows * VARIANCE, rows * EXCESS, None, None
-    )
+    noise = (np.tile(one, (TICKS, 1)) for one in (VARIANCE, EXCESS))
+    window = Window(np.arange(TICKS), lift(motion.rotation, position), *noise)
     return window, x_of(contact, motion.object, motion.environment)
 
 

@@ -9,10 +9,10 @@ from io import StringIO
 import numpy as np
 import pytest
 from benchmarks.simulated_fits import with_systematic_errors
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from contact_tracker import segmenting
+from contact_tracker.arrays import Array
 from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import SystematicErrors
 from contact_tracker.explanations.joint_evidence import FittedJoint, Joint, find_joint, joint_of
@@ -31,7 +31,6 @@ from contact_tracker_lab.simulate import Phase, named_scenario, simulate
 from contact_tracker_lab.simulate.motion import band_limited
 from short_recordings import needs_kernels
 
-Array = NDArray[np.float64]
 SIGMA = (3e-4, np.radians(0.15))
 PITCH_M = 0.02
 EACH_KIND = [
@@ -172,8 +171,10 @@ def backlash(play_m: float, angle: Array, rng: np.random.Generator) -> Array:
     return play_m / 0.1 * np.array(sides)[:, None] * rng.normal(size=2) / np.sqrt(2.0)
 
 
-def joint_of_ticks(window: Window) -> FittedJoint | None:
-    return find_joint(window, scales_of(load_model()), [], 1, load_model().systematic)
+def joint_of_ticks(window: Window) -> FittedJoint:
+    found = find_joint(window, scales_of(load_model()), [], 1, load_model().systematic)
+    assert found is not None
+    return found
 
 
 @pytest.mark.parametrize(
@@ -196,7 +197,6 @@ def test_a_hinge_with_play_is_a_hinge(
     turn = Rotation.from_rotvec(np.column_stack([tilting(play_m, angle, rng), np.zeros(2000)]))
     turn = turn * Rotation.from_rotvec(angle[:, None] * [0.0, 0.0, 1.0])
     found = joint_of_ticks(ticks_of(turn, np.zeros((2000, 3)), arm_m, rng))
-    assert found is not None
     assert found.model.kind in (JointKind.HINGE, JointKind.SCREW)
     assert abs(found.frames.pitch_m) < 0.005
 
@@ -207,7 +207,6 @@ def test_a_ball_joint_needs_no_second_turn_that_moves_far(seed: int) -> None:
     rng = np.random.default_rng(seed)
     turn = 0.15 * band_limited(rng, np.arange(2000) / 200.0, 2, 1.0) @ [[0.6, 0.0, 0.0], [0.0, 0.0, 1.0]]
     found = joint_of_ticks(ticks_of(Rotation.from_rotvec(turn), np.zeros((2000, 3)), 1.0, rng))
-    assert found is not None
     assert found.model.kind is JointKind.BALL
 
 
@@ -220,8 +219,8 @@ def test_a_turn_and_a_slide_of_their_own_are_no_joint(
 ) -> None:
     rng = np.random.default_rng(seed)
     turn, slide = band_limited(rng, np.arange(2000) / 200.0, 2, 1.0).T[:, :, None] * [0.0, 0.0, 1.0]
-    found = joint_of_ticks(ticks_of(Rotation.from_rotvec(turn_rad * turn), slide_m * slide, arm_m, rng))
-    assert found is None
+    window = ticks_of(Rotation.from_rotvec(turn_rad * turn), slide_m * slide, arm_m, rng)
+    assert find_joint(window, scales_of(load_model()), [], 1, load_model().systematic) is None
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -233,7 +232,6 @@ def test_a_shift_along_the_axis_shows_a_screw_over_a_wide_swing_alone(
     rng = np.random.default_rng(seed)
     angle = turn_rad * band_limited(rng, np.arange(2000) / 200.0, 1, 1.0) * [0.0, 0.0, 1.0]
     found = joint_of_ticks(ticks_of(Rotation.from_rotvec(angle), 0.05 * angle, 0.3, rng))
-    assert found is not None
     assert found.model.kind in (JointKind.HINGE, JointKind.SCREW)
     assert (found.log_odds > 5.0) is is_sure
     assert is_sure or found.log_odds < 1.0
@@ -244,9 +242,7 @@ def test_a_lid_with_markers_on_its_axis_is_a_screw(seed: int) -> None:
     """Of 4 mm a turn. Only the pitch moves its origin, so free motion does not explain a hinge's misfit."""
     rng = np.random.default_rng(seed)
     angle = 0.5 * band_limited(rng, np.arange(2000) / 200.0, 1, 1.0) * [0.0, 0.0, 1.0]
-    window = ticks_of(Rotation.from_rotvec(angle), 0.64e-3 * angle, 0.0, rng)
-    found = joint_of_ticks(window)
-    assert found is not None
+    found = joint_of_ticks(ticks_of(Rotation.from_rotvec(angle), 0.64e-3 * angle, 0.0, rng))
     assert found.model.kind is JointKind.SCREW
     assert found.frames.pitch_m == pytest.approx(0.64e-3, abs=1e-4)
 
@@ -348,12 +344,9 @@ def test_covariances_include_systematic_errors(kind: JointKind) -> None:
         for i, known in enumerate((model.systematic, errors)):
             found = find_joint(window, scales, [], 1, known)
             joint = joint_of(found, 1.0, place, Origins.zero())
-            true = (
-                Point(frames.world_point_m)
-                if kind is JointKind.BALL
-                else Line(frames.world_axes[:, 2], frames.world_point_m)
-            )
-            off = deviation(joint.environment, true, place)
+            true_point = Point(frames.world_point_m)
+            true_axis = Line(frames.world_axes[:, 2], frames.world_point_m)
+            off = deviation(joint.environment, true_point if kind is JointKind.BALL else true_axis, place)
             squared[i] += off.squared
         freedom += off.freedom
     assert 0.2 < squared[1] / freedom < 4.0

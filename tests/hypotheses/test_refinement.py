@@ -136,7 +136,7 @@ def simulated(contact):
 
 
 def bounds(contact, poses, sigma_m, sigma_rad):
-    return cramer_rao(CONTACT_MODELS[contact.column], simulated(contact)[1], poses, sigma_m, sigma_rad)
+    return cramer_rao(CONTACT_MODELS[contact.column], simulated(contact)[1], poses, (sigma_m, sigma_rad))
 
 
 def test_the_height_of_a_face_is_known_as_well_as_a_mean():

@@ -55,6 +55,10 @@ def late(poses, offset_m, late_ns):
     return Poses(poses.stamp_ns + late_ns, poses.position_m + offset_m, poses.quat_xyzw)
 
 
+def with_shifts(poses, shift_m):
+    return late(poses, shift_m, 0)
+
+
 def merged(*streams):
     every = Poses.join(streams)
     return every[np.argsort(every.stamp_ns, kind="stable")]
@@ -127,9 +131,8 @@ def odometry(rate_hz, sigma_m, sigma_rad):
     """A mobile robot: some 2 m/s over tens of metres."""
     rng, time_s = np.random.default_rng(0), np.arange(round(60 * rate_hz)) / rate_hz
     yaw = np.cumsum(smooth(rng, time_s, 0.3, 0.2)[:, 0]) / rate_hz
-    way = (
-        np.stack([np.cos(yaw), np.sin(yaw), 0.0 * yaw], axis=1) * (1.2 + 0.8 * np.sin(0.3 * time_s))[:, None]
-    )
+    way = np.stack([np.cos(yaw), np.sin(yaw), 0.0 * yaw], axis=1)
+    way *= (1.2 + 0.8 * np.sin(0.3 * time_s))[:, None]
     turn = np.outer(yaw + rng.normal(size=len(yaw)) * sigma_rad, (0.0, 0.0, 1.0))
     position = np.cumsum(way, axis=0) / rate_hz + rng.normal(size=(len(yaw), 3)) * (sigma_m, sigma_m, 0.0)
     stamp_ns = START_NS + np.rint(1e9 * time_s).astype(np.int64)
@@ -142,10 +145,6 @@ def turning_about_its_origin(rate_hz):
     turns = np.stack([0.4 * np.sin(2.0 * np.pi * hz * time_s) for hz in (1.5, 1.1, 0.7)], axis=1)
     stamp_ns = START_NS + np.round(1e9 * time_s).astype(np.int64)
     return Poses(stamp_ns, 5e-5 * rng.normal(size=(len(time_s), 3)), Rotation.from_rotvec(turns).as_quat())
-
-
-def with_shifts(poses, shift_m):
-    return Poses(poses.stamp_ns, poses.position_m + shift_m, poses.quat_xyzw)
 
 
 def with_outliers(poses):
@@ -212,9 +211,8 @@ def test_valid_streams_have_no_warnings(recordings, make):
 def test_a_pose_that_never_changes_is_reported_until_it_does(batch):
     """As of a static transform, or of an object that is not tracked."""
     poses = moving(np.random.default_rng(0), 3.0, 100.0, 3e-4, 1e-3)
-    before = Poses(
-        poses.stamp_ns - 10**10, poses.position_m[:1].repeat(300, 0), poses.quat_xyzw[:1].repeat(300, 0)
-    )
+    still_ns = poses.stamp_ns - 10**10
+    before = Poses(still_ns, poses.position_m[:1].repeat(300, 0), poses.quat_xyzw[:1].repeat(300, 0))
     (finding,) = findings(still := inspected(before, batch))
     assert finding.text.startswith("the pose never changes")
     assert not finding.doubts_labels, "no label is certain without motion"
@@ -223,10 +221,8 @@ def test_a_pose_that_never_changes_is_reported_until_it_does(batch):
 
 @pytest.mark.parametrize(("first_hz", "second_hz"), [(30, 30), (200, 60), (1000, 1000)])
 def test_two_bodies_that_take_turns_are_found(first_hz, second_hz):
-    first, second = (
-        moving(np.random.default_rng(i), 2.0, rate, 3e-4, 2e-3)
-        for i, rate in enumerate([first_hz, second_hz])
-    )
+    rates = enumerate([first_hz, second_hz])
+    first, second = (moving(np.random.default_rng(i), 2.0, rate, 3e-4, 2e-3) for i, rate in rates)
     state = inspected(merged(first, late(second, [0.3, 0.2, 0.0], round(3e8 / first_hz))))
     (finding,) = findings(state)
     assert finding.kind == "bodies"
@@ -242,9 +238,7 @@ def test_two_bodies_close_to_each_other_are_found_in_motion(recordings, apart_mm
     poses = recordings["paper_experiment"][1100::every]
     numbers = np.arange(len(poses)) if in_turns else np.random.default_rng(4).permutation(len(poses))
     aside = 1e-3 * apart_mm * np.array([0.6, -0.5, 0.62]) * (numbers % 2)[:, None]
-    found = inspected(
-        Poses(poses.stamp_ns, poses.position_m + aside, poses.quat_xyzw)[: 200 if in_turns else 800]
-    )
+    found = inspected(with_shifts(poses, aside)[: 200 if in_turns else 800])
     assert found.bodies
     assert any(finding.doubts_labels for finding in findings(found))
 

@@ -10,6 +10,7 @@ import numpy as np
 import pyarrow
 import pytest
 from pyarrow import parquet
+from test_field_exports import EXPORTS
 from test_table_readings import (
     MATRICES,
     POSE,
@@ -48,6 +49,7 @@ SYSTEMS: dict[str, Callable[[Path], object]] = {
     ),
     "Vive, OpenVR": lambda path: write(path, [f"time,{numbered('m{}', 12)}"], rows(T, WHOLE[:, :3])),
     "FoundationPose without ROS": lambda path: np.save(path, WHOLE),
+    "BOP": EXPORTS["bop.json"],
     "MuJoCo": lambda path: np.savez(path, time=T, qpos=np.c_[P, REAL_FIRST]),
     "Isaac Lab": lambda path: np.savez(path, time=T, pos=P, quat=REAL_FIRST),
     "LeRobot": lerobot,

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from contact_tracker.geometry.elements import Plane
+from contact_tracker.geometry.polyhedron import convex
 from contact_tracker.ground_truth import Truth
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import need_truth, open_log
@@ -14,10 +15,10 @@ from contact_tracker.states import STATES, Contact
 from contact_tracker_lab import physics
 from contact_tracker_lab.simulate.motion import move
 from contact_tracker_lab.simulate.plan import Rigid, plan
-from contact_tracker_lab.simulate.scenarios import Phase, Scenario, convex, object_shape, surroundings_shape
+from contact_tracker_lab.simulate.scenarios import OBJECTS, SURROUNDINGS, Phase, Scenario
 from contact_tracker_lab.simulate.touching import Touch, intervals, touch_at
 
-BOX, BLOCK = object_shape("box"), surroundings_shape("block")
+BOX, BLOCK = convex(OBJECTS["box"]), convex(SURROUNDINGS["block"])
 STAMP_NS = np.arange(5) * 100_000_000
 
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array
 from contact_tracker.config.loading import load_model
 from contact_tracker.geometry.elements import Line
 from contact_tracker.offline import wrench_evidence
@@ -21,7 +21,6 @@ from contact_tracker_lab.simulate import Phase, Scenario, Simulated, named_scena
 from contact_tracker_lab.simulate import wrench as simulated_wrench
 from contact_tracker_lab.simulate.wrench import MASS_KG, PRESS_N
 
-Array = NDArray[np.float64]
 QUIET = {"sigma_position_m": 0.0, "sigma_rotation_rad": 0.0}
 GRAVITY = 9.80665
 TWO_TICKS_NS = 200_000_000

@@ -8,10 +8,10 @@ from itertools import combinations, pairwise
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
+from contact_tracker.arrays import Array
 from contact_tracker.errors import UsageError
 from contact_tracker.geometry.elements import Element, Line, Plane, Point
 from contact_tracker.ground_truth import TruthInterval
@@ -20,13 +20,9 @@ from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker_lab.simulate import SCENARIOS, Phase, Scenario, Simulated, named_scenario, simulate
 from contact_tracker_lab.simulate.scenarios import FORMATIONS, JOINTS, OBJECTS, SURROUNDINGS
 
-Array = NDArray[np.float64]
-QUIET = {
-    "sigma_position_m": 0.0,
-    "sigma_rotation_rad": 0.0,
-    "outlier_probability": 0.0,
-    "drop_probability": 0.0,
-}
+QUIET = dict.fromkeys(
+    ("sigma_position_m", "sigma_rotation_rad", "outlier_probability", "drop_probability"), 0.0
+)
 RANDOM_SEEDS = range(1)
 
 
@@ -213,9 +209,8 @@ def test_motion_excites_every_free_direction(contact: Contact) -> None:
         touch = np.einsum("nij,nj->ni", body, fixed.point_m - poses.position_m)
         touch = touch @ np.linalg.svd(thing.normal[None])[2][1:].T
     else:
-        touch = np.array(
-            [crossing(line, point, fixed) for line, point in zip(*to_world(thing, poses), strict=True)]
-        )
+        lines = zip(*to_world(thing, poses), strict=True)
+        touch = np.array([crossing(*line, fixed) for line in lines])
     assert np.sqrt(np.linalg.eigvalsh(np.cov(touch.T))[0]) > 0.005
 
 
@@ -268,18 +263,14 @@ def test_phases_last_as_specified_and_follow_the_lattice() -> None:
     assert played == ["f-f", "f-f", "e-f", "v-f", "free", "e-e"]
     assert {i.contact for i in quiet("all_states", 0).truth.intervals} == set(STATES)
     asked = [phase.duration_s for phase in named_scenario("paper_experiment", 0).phases]
-    lasted = [
-        (i.end_ns - i.start_ns) / 1e9
-        for i in quiet("paper_experiment", 0).truth.intervals
-        if i.contact != "free"
-    ]
+    contacts = (i for i in quiet("paper_experiment", 0).truth.intervals if i.contact != "free")
+    lasted = [(i.end_ns - i.start_ns) / 1e9 for i in contacts]
     np.testing.assert_allclose(lasted, asked, atol=0.02)
 
 
 def test_noise_is_as_specified() -> None:
-    scenario = replace(
-        named_scenario("random", 2), sigma_position_m=0.0012, sigma_rotation_rad=0.004, rate_hz=200.0
-    )
+    sigma = {"sigma_position_m": 0.0012, "sigma_rotation_rad": 0.004}
+    scenario = replace(named_scenario("random", 2), **sigma, rate_hz=200.0)
     noisy, clean = simulate(scenario, 2), quiet("random", 2)
     shift = noisy.poses.position_m - clean.poses.position_m
     turn = Rotation.from_quat(clean.poses.quat_xyzw).inv() * Rotation.from_quat(noisy.poses.quat_xyzw)
@@ -323,9 +314,8 @@ def test_body_frame_is_rigid_and_random() -> None:
         vertices = np.array(json.loads(quiet("paper_experiment", seed).metadata["object_vertices_m"]))
         distances = np.linalg.norm(vertices[:, None] - vertices[None], axis=2)
         shape = OBJECTS["cube"]
-        np.testing.assert_allclose(
-            distances, np.linalg.norm(shape[:, None] - shape[None], axis=2), atol=1e-12
-        )
+        expected = np.linalg.norm(shape[:, None] - shape[None], axis=2)
+        np.testing.assert_allclose(distances, expected, atol=1e-12)
         assert np.abs(vertices - shape).max() > 0.02
     assert named_scenario("paper_experiment", 0).object == "cube"
     np.testing.assert_allclose(np.ptp(OBJECTS["cube"], axis=0), 0.2)
@@ -416,12 +406,8 @@ def test_simulated_joints_constrain_the_motion(name: str) -> None:
     axis = joint.environment.direction
     np.testing.assert_allclose(poses.rotation @ joint.object.direction - axis, 0.0, atol=1e-9)
     off = place - joint.environment.point_m
-    angle = np.concatenate(
-        [
-            [0.0],
-            Rotation.from_matrix(poses.rotation[1:] @ poses.rotation[:-1].swapaxes(1, 2)).as_rotvec() @ axis,
-        ]
-    ).cumsum()
+    steps = Rotation.from_matrix(poses.rotation[1:] @ poses.rotation[:-1].swapaxes(1, 2)).as_rotvec() @ axis
+    angle = np.append(0.0, steps).cumsum()
     if name == "slider":
         np.testing.assert_allclose(angle, 0.0, atol=1e-9)
         assert np.std(off @ axis) == pytest.approx(0.1, rel=0.2)

@@ -17,7 +17,6 @@ from contact_tracker.config.loading import load_model
 from contact_tracker.geometry.lifted_pose import T, lift
 from contact_tracker.motion.pose_validation import LONGEST_WAIT_NS, PoseGate
 from contact_tracker.motion.poses import Poses
-from contact_tracker.motion.window import Window
 from contact_tracker.recording import read_truth
 from contact_tracker.segmenting import OfflineTracker
 from contact_tracker.states import STATES, Contact
@@ -42,8 +41,7 @@ from contact_tracker.tracking.filter_bank import (
 from contact_tracker.tracking.offline_smoother import segment
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.tracking.transition_model import log_initial, tick_transitions
-from contact_tracker_lab.calibration.recorded_pass import RecordedPass
-from contact_tracker_lab.calibration.trellis import smooth
+from contact_tracker_lab.calibration.trellis import RecordedPass, smooth
 from contact_tracker_lab.evaluation.evaluate import evaluate
 from contact_tracker_lab.simulate import simulate
 from distortions import interpolated, low_pass, moving_average, thinned, turned
@@ -51,12 +49,9 @@ from pose_filter import forward
 from short_recordings import EDGE_TO_EDGES, FACE_TO_EDGE, MODEL, SHIPPED, needs_kernels, recorded, shipped
 from smooth_motion import moving
 
+PAPER = "paper_experiment"
 AUTOCORRELATION = np.exp(-0.005 / 2.0)
 """From pose to pose at 200 Hz, of an error with a correlation time of 2 s."""
-
-
-def paper() -> Poses:
-    return shipped("paper_experiment")
 
 
 def accuracies(poses: Poses, found) -> tuple[float, float]:
@@ -69,7 +64,7 @@ def accuracies(poses: Poses, found) -> tuple[float, float]:
 @needs_kernels
 def test_contacts_are_found_in_poses_that_were_filtered() -> None:
     """The noise estimated from third differences is much too small, so that contacts do not fit."""
-    poses = interpolated(paper())
+    poses = interpolated(shipped(PAPER))
     offline, online = accuracies(poses, segmenting.segment(poses, MODEL))
     assert offline > 0.95
     assert online > 0.8
@@ -81,7 +76,7 @@ def test_contacts_are_found_in_poses_that_were_filtered() -> None:
 @needs_kernels
 def test_a_contact_that_changes_in_a_long_gap_does_so_in_its_middle() -> None:
     """From e-f to v-f after 20 s; neither is fitted to poses of the other."""
-    gap_s, poses = (19.0, 26.0), paper()[1000:7000]  # f-f, e-f and v-f
+    gap_s, poses = (19.0, 26.0), shipped(PAPER)[1000:7000]  # f-f, e-f and v-f
     whole = segmenting.segment(poses, MODEL)
     time_s = (poses.stamp_ns - poses.stamp_ns[0]) / 1e9
     found = segmenting.segment(poses[(time_s < gap_s[0]) | (time_s > gap_s[1])], MODEL)
@@ -102,11 +97,11 @@ def test_a_contact_that_changes_in_a_long_gap_does_so_in_its_middle() -> None:
 def test_a_long_rest_does_not_count_as_motion() -> None:
     """Filtered noise sometimes exceeds the threshold of motion; over a minute that must not add up."""
     rest = 60 * 200
-    poses = low_pass(after_rest(paper()[:3000], 60.0), 20.0)
+    poses = low_pass(after_rest(shipped(PAPER)[:3000], 60.0), 20.0)
     state, _ = as_values.advance(as_values.start(MODEL), poses[:rest], Detail.WEIGHTS)
     assert state.filters.moved_s < 0.5
     _, beliefs = as_values.advance(state, poses[rest:], Detail.WEIGHTS)
-    moving = [belief.contact for belief in beliefs if belief.stamp_ns > paper().stamp_ns[1000]]
+    moving = [belief.contact for belief in beliefs if belief.stamp_ns > shipped(PAPER).stamp_ns[1000]]
     assert np.mean([contact is Contact.FF for contact in moving]) > 0.75
 
 
@@ -132,15 +127,13 @@ def test_offline_has_the_online_beliefs_but_for_what_it_assumes_at_first(
     """Before the choice of the model and after it, except for frames that only a tracker with other noise
     leaves out."""
     monkeypatch.setattr(segmenting, "INITIAL_AUTOCORRELATION", 0.0)
-    poses = moving_average(paper(), 3)[:3000]
+    poses = moving_average(shipped(PAPER), 3)[:3000]
     state, online = as_values.advance(as_values.start(MODEL), poses, Detail.SHARED)
     assert state.is_decided
     filtered = segmenting.segment(poses, MODEL).filtered
     assert len(online) == len(filtered) - 1  # the last tick is not over
-    assert (
-        max(np.abs(a.probability - b.probability).max() for a, b in zip(online, filtered, strict=False))
-        < 0.01
-    )
+    pairs = zip(online, filtered, strict=False)
+    assert max(np.abs(a.probability - b.probability).max() for a, b in pairs) < 0.01
 
 
 @cache
@@ -255,16 +248,11 @@ def latest(zeta: np.ndarray) -> np.ndarray:
     return zeta[-SPAN_TICKS - LASTING_TICKS :]
 
 
-def window(zeta: np.ndarray) -> Window:
-    rows = np.ones((len(zeta), 2))
-    return Window(np.arange(len(zeta)), zeta, rows, rows)
-
-
 @pytest.mark.long
 @needs_kernels
 def test_correlated_errors_are_found_by_the_evidence() -> None:
     """Contacts are found in spite of them."""
-    lasting_m, poses, rng = 5e-4, paper(), np.random.default_rng(4)
+    lasting_m, poses, rng = 5e-4, shipped(PAPER), np.random.default_rng(4)
     white = np.sqrt(1.0 - AUTOCORRELATION**2) * rng.normal(size=(len(poses) + 2000, 6))
     errors = lfilter([1.0], [1.0, -AUTOCORRELATION], white, axis=0)
     position, turn = poses.position_m + lasting_m * errors[2000:, :3], 5.0 * lasting_m * errors[2000:, 3:]
@@ -280,7 +268,7 @@ def test_correlated_errors_are_found_by_the_evidence() -> None:
 @needs_kernels
 def test_contacts_are_found_in_few_poses() -> None:
     """Differences of such poses are mostly motion; the evidence finds that the noise is smaller."""
-    poses = thinned(paper(), 5.0, 0.01, np.random.default_rng(5))
+    poses = thinned(shipped(PAPER), 5.0, 0.01, np.random.default_rng(5))
     tracked = OfflineTracker(MODEL)
     found = Segmentation.join(list(tracked.pieces(poses)))
     assert accuracies(poses, found)[0] > 0.9
@@ -356,9 +344,8 @@ def test_an_open_formation_limits_the_probability_of_the_mixture() -> None:
     both = mixture((own, other), np.log([0.6, 0.4]))
     assert both.is_open
     assert both.probability[Contact.EF.column] == pytest.approx(0.9)
-    other = replace(
-        other, contact=Contact.VF, probability=np.roll(certain, Contact.VF.column - Contact.EF.column)
-    )
+    rolled = np.roll(certain, Contact.VF.column - Contact.EF.column)
+    other = replace(other, contact=Contact.VF, probability=rolled)
     both = mixture((own, other), np.log([0.4, 0.6]))
     assert (both.contact, both.is_open) == (Contact.VF, False)
 
@@ -398,7 +385,7 @@ def test_the_prior_has_an_effect_in_the_first_seconds_only() -> None:
 @needs_kernels
 def test_noise_of_filtered_poses_at_rest_is_not_taken_for_motion() -> None:
     """In the first five seconds of rest only the prior, that objects rest on faces, determines the label."""
-    rest = low_pass(paper()[:1000], 20.0)
+    rest = low_pass(shipped(PAPER)[:1000], 20.0)
     state, beliefs = as_values.advance(as_values.start(MODEL), rest)
     assert not state.is_decided
     assert np.mean([belief.contact is Contact.FF for belief in beliefs]) > 0.7
@@ -418,7 +405,7 @@ def test_offline_smooth_free_motion_at_the_start_is_no_contact() -> None:
 def test_ticks_follow_the_mean_period_of_jittered_stamps_without_gaps(seed: int) -> None:
     rows = 20 * np.arange(20) + np.random.default_rng(seed).integers(-6, 7, 20) + 6
     rows[10:] += 200
-    state, _ = as_values.advance(as_values.start(MODEL), paper()[rows], Detail.WEIGHTS)
+    state, _ = as_values.advance(as_values.start(MODEL), shipped(PAPER)[rows], Detail.WEIGHTS)
     assert state.filters.filters[0].state.model.tick_s == pytest.approx(0.15, abs=0.008)
 
 

@@ -14,6 +14,7 @@
     `-- UsageError            the call is wrong                           (exit code 2)
         |-- ChoiceError           what it says of a recording does not fit that recording: others it may
         |   `-- AmbiguousSource       several pose sources: choose with --topic / --frame
+        |-- ArgumentError         from Python: no argument has that name; a TypeError as well
         |-- MissingExtra          a format needs a library that is not installed
         `-- KeyFault              a file with a missing or impossible value
             |-- ModelError            of a model
@@ -104,6 +105,10 @@ class ChoiceError(UsageError):
     """What the call names (a topic, frame, interval, unit) is not in this recording, or does not fit it."""
 
 
+class ArgumentError(UsageError, TypeError):
+    """A function has no argument of a name."""
+
+
 class AmbiguousSource(ChoiceError):
     """There are several pose sources; one has to be chosen."""
 
@@ -140,7 +145,8 @@ class KnowledgeError(KeyFault):
 
 
 class ContactTrackerWarning(UserWarning):
-    """What the command line warns of, from Python: a fault of the input, in the same words."""
+    """What the command line warns of, from Python: a fault of the input, in the same words,
+    with the arguments of Python in place of options."""
 
 
 class SlowUpdate(ContactTrackerWarning):

@@ -18,13 +18,12 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from contact_tracker.arrays import Array
 from contact_tracker.cli.arguments import add_processes
 from contact_tracker.cli.terminal import show
 from contact_tracker.errors import DIFFERENT, DONE, ContactTrackerError, UsageError, module_of_extra
@@ -39,14 +38,16 @@ from contact_tracker_lab.simulate.motion import Path as HandPath
 from contact_tracker_lab.simulate.motion import move
 from contact_tracker_lab.simulate.plan import Leg, Rigid, plan
 from contact_tracker_lab.simulate.scenarios import (
+    OBJECTS,
     SURROUNDINGS,
     Phase,
     Scenario,
     box,
     named_scenario,
-    object_shape,
 )
 from contact_tracker_lab.simulate.simulator import (
+    BODY_M,
+    WORLD_M,
     Simulated,
     measure,
     moved_vertices,
@@ -55,8 +56,6 @@ from contact_tracker_lab.simulate.simulator import (
 )
 from contact_tracker_lab.simulate.touching import intervals, touch_at
 from contact_tracker_lab.simulate.wrench import MASS_KG, PRESS_N, contact_normals, press_share
-
-Array = NDArray[np.float64]
 
 HAND_HZ: Final = 1000
 """Steps of the hand per second; the engine makes two in each."""
@@ -110,7 +109,7 @@ def walk(number: int) -> Made:
     scenario = named_scenario("random", 146 + number)
     scenario = replace(scenario, phases=scenario.phases[:6], rate_hz=200.0)
     scene = Scene.of(SURROUNDINGS[scenario.surroundings])
-    return Made(f"sequence_{number:02d}", scenario, object_shape(scenario.object), scene, number, number)
+    return Made(f"sequence_{number:02d}", scenario, convex(OBJECTS[scenario.object]), scene, number, number)
 
 
 BOARD: Final = box(0.04, 0.6, 0.5) + np.array([-0.36, 0.0, 0.85])
@@ -140,7 +139,7 @@ def handling(thing: str, take: int) -> Made:
     )
     scene = Scene.of(SURROUNDINGS[scenario.surroundings], BOARD)
     seed = 1000 + 10 * HANDLED.index(thing)
-    return Made(f"{thing}_{take:02d}", scenario, object_shape(thing), scene, seed, seed + take)
+    return Made(f"{thing}_{take:02d}", scenario, convex(OBJECTS[thing]), scene, seed, seed + take)
 
 
 def simulate_physics(made: Made) -> Simulated:
@@ -151,7 +150,7 @@ def simulate_physics(made: Made) -> Simulated:
     MissingExtra : MuJoCo is not installed.
     """
     scenario, frames = made.scenario, np.random.default_rng([made.frame_seed, 2])
-    body, world = random_frame(frames, 0.06), random_frame(frames, 1.0)
+    body, world = random_frame(frames, BODY_M), random_frame(frames, WORLD_M)
     rng = np.random.default_rng([made.seed, 3])
     for _ in range(_DRAWS):
         legs = _planned(rng, made)
@@ -176,9 +175,9 @@ def simulate_physics(made: Made) -> Simulated:
         "generator": "contact_tracker_lab.physics, MuJoCo " + _engine().__version__,
         "seed": str(made.seed),
         "object": scenario.object,
-        "object_vertices_m": json.dumps(moved_vertices(made.object, body).tolist()),
+        "object_vertices_m": moved_vertices(made.object, body),
         "surroundings": scenario.surroundings,
-        "surroundings_vertices_m": json.dumps(moved_vertices(made.scene, world).tolist()),
+        "surroundings_vertices_m": moved_vertices(made.scene, world),
         "up_world": json.dumps(world.rotation[:, 2].tolist()),
         "noise": json.dumps([scenario.rate_hz, scenario.sigma_position_m, scenario.sigma_rotation_rad]),
     }
@@ -189,7 +188,7 @@ def _planned(rng: np.random.Generator, made: Made) -> list[Leg]:
     """Legs after which the object stays where the hand lets go of it."""
     for _ in range(_DRAWS):
         legs = plan(rng, made.scenario.phases, made.object, made.scene, made.scenario.lead_s)
-        if all(_stands(leg) for leg in legs if leg.motion == "rest" and made.scenario.name == "everyday"):
+        if made.scenario.name != "everyday" or all(_stands(leg) for leg in legs if leg.motion == "rest"):
             return legs
     raise UsageError(f"{made.name}: the object does not stand on these surroundings")
 
@@ -211,7 +210,14 @@ def _moved_by_hand(
 ) -> Rigid:
     """Poses (N,), one for each step of the hand, of the object in the scene."""
     engine = _engine()
-    model = engine.MjModel.from_xml_string(_scene_xml(made))
+    shapes = {"object": made.object, **{f"fixed{i}": one for i, one in enumerate(made.scene.bodies)}}
+    meshes = [
+        f'<mesh name="{name}" vertex="{" ".join(map(repr, shape.vertices.ravel().tolist()))}"/>'
+        for name, shape in shapes.items()
+    ]
+    fixed = "".join(f'<geom mesh="{name}"/>' for name in shapes if name != "object")
+    scene = _SCENE.format(meshes="".join(meshes), fixed=fixed, mass=MASS_KG)
+    model = engine.MjModel.from_xml_string(scene)
     data = engine.MjData(model)
     goal = Rigid.join([path.pose for path in paths])
     touch = np.concatenate([path.touch_object for path in paths])
@@ -222,7 +228,9 @@ def _moved_by_hand(
     holds = [not (lets_go and leg.motion == "rest") for leg in legs]
     press, held = (press_share(np.repeat(one, lengths), HAND_HZ) for one in (touches, holds))
     time_s = np.arange(len(touch)) / HAND_HZ
-    shake = _tremor(rng, time_s)
+    frequency, phase = rng.uniform(*TREMOR[2:], (8, 6)), rng.uniform(0.0, 2.0 * np.pi, (8, 6))
+    waves = np.sin(2.0 * np.pi * frequency * time_s[:, None, None] + phase)
+    shake = 0.5 * waves.sum(axis=1)  # signals of unit power
     goal_r = goal.rotation @ Rotation.from_rotvec(TREMOR[1] * shake[:, :3]).as_matrix()
     goal_p = goal.translation + TREMOR[0] * shake[:, 3:]
     speed = np.gradient(goal_p, axis=0) * HAND_HZ
@@ -250,23 +258,6 @@ def _moved_by_hand(
     return Rigid(rotation, translation)
 
 
-def _tremor(rng: np.random.Generator, time_s: Array) -> Array:
-    """(N, 6) signals of unit power."""
-    frequency, phase = rng.uniform(*TREMOR[2:], (8, 6)), rng.uniform(0.0, 2.0 * np.pi, (8, 6))
-    waves = np.sin(2.0 * np.pi * frequency * time_s[:, None, None] + phase)
-    return np.asarray(0.5 * waves.sum(axis=1))
-
-
-def _scene_xml(made: Made) -> str:
-    shapes = {"object": made.object, **{f"fixed{i}": one for i, one in enumerate(made.scene.bodies)}}
-    meshes = [
-        f'<mesh name="{name}" vertex="{" ".join(map(repr, shape.vertices.ravel().tolist()))}"/>'
-        for name, shape in shapes.items()
-    ]
-    fixed = [f'<geom mesh="{name}"/>' for name in shapes if name != "object"]
-    return _SCENE.format(meshes="".join(meshes), fixed="".join(fixed), mass=MASS_KG)
-
-
 def _engine() -> Any:
     return module_of_extra("mujoco", "simulate", "simulation with a physics engine")
 
@@ -276,18 +267,16 @@ SETS: Final = {
     "everyday": tuple(handling(thing, take) for thing in HANDLED for take in range(2)),
 }
 MADE_WITH: Final = "3.17.0"
-PUBLISHED: Final[Mapping[str, tuple[str, str]]] = MappingProxyType(
-    {
-        "sequence_00": ("1b87b53638aeebc7", "0.22 0.00 0.00 0.36 0.12 0.00 0.29"),
-        "sequence_01": ("8d4356569d226d29", "0.16 0.00 0.12 0.20 0.00 0.00 0.50"),
-        "sequence_02": ("1df891b9bf1c6d61", "0.00 0.14 0.22 0.22 0.00 0.12 0.28"),
-        "sequence_03": ("f49482764ca7896c", "0.00 0.24 0.30 0.00 0.16 0.14 0.15"),
-        "box_00": ("f7c87a30e2a5b846", "0.55 0.05 0.00 0.01 0.00 0.00 0.34"),
-        "box_01": ("25851a34fb16e677", "0.45 0.04 0.00 0.09 0.00 0.00 0.37"),
-        "wedge_00": ("0a28076124e4d7bd", "0.47 0.06 0.02 0.07 0.00 0.03 0.28"),
-        "wedge_01": ("ff056491dc58c092", "0.49 0.08 0.00 0.01 0.00 0.00 0.38"),
-    }
-)
+PUBLISHED: Final[Mapping[str, tuple[str, str]]] = {
+    "sequence_00": ("1b87b53638aeebc7", "0.22 0.00 0.00 0.36 0.12 0.00 0.29"),
+    "sequence_01": ("8d4356569d226d29", "0.16 0.00 0.12 0.20 0.00 0.00 0.50"),
+    "sequence_02": ("1df891b9bf1c6d61", "0.00 0.14 0.22 0.22 0.00 0.12 0.28"),
+    "sequence_03": ("f49482764ca7896c", "0.00 0.24 0.30 0.00 0.16 0.14 0.15"),
+    "box_00": ("f7c87a30e2a5b846", "0.55 0.05 0.00 0.01 0.00 0.00 0.34"),
+    "box_01": ("25851a34fb16e677", "0.45 0.04 0.00 0.09 0.00 0.00 0.37"),
+    "wedge_00": ("0a28076124e4d7bd", "0.47 0.06 0.02 0.07 0.00 0.03 0.28"),
+    "wedge_01": ("ff056491dc58c092", "0.49 0.08 0.00 0.01 0.00 0.00 0.38"),
+}
 """The digest of poses and labels with that release of MuJoCo, and the share of the time in each state."""
 _ALIKE: Final = 0.05
 """Another release, or another processor, may round differently; shares then differ by less than this, which
@@ -307,9 +296,8 @@ def make(made: Made, path: Path, overwrite: bool) -> tuple[list[str], bool]:
     digest = hashlib.sha256(b"".join(one.tobytes() for one in numbers)).hexdigest()[:16]
     text = " ".join(f"{share:.2f}" for share in shares)
     expected = PUBLISHED.get(made.name, ("", ""))
-    apart = [abs(a - float(b)) for a, b in zip(shares, expected[1].split(), strict=False)]
-    is_same = digest == expected[0]
-    alike = "same" if is_same else "alike" if apart and max(apart) < _ALIKE else "differs"
+    apart = max((abs(a - float(b)) for a, b in zip(shares, expected[1].split(), strict=False)), default=1.0)
+    alike = "same" if digest == expected[0] else "alike" if apart < _ALIKE else "differs"
     counts = f"{(stamp_ns[-1] - stamp_ns[0]) * 1e-9:.0f}", str(len(stamp_ns)), str(len(spans))
     return [made.name, *counts, *text.split(), digest, alike], alike != "differs"
 
@@ -324,9 +312,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = parser.parse_args(argv)
     try:
         _engine()
-        jobs = [
-            (made, args.folder / name / f"{made.name}.mcap") for name, some in SETS.items() for made in some
-        ]
+        files = ((made, args.folder / name) for name, some in SETS.items() for made in some)
+        jobs = [(made, folder / f"{made.name}.mcap") for made, folder in files]
         for _, path in jobs:
             path.parent.mkdir(parents=True, exist_ok=True)
             check_output(path, args.overwrite)

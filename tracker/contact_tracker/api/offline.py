@@ -38,7 +38,9 @@ from contact_tracker.trajectory.arguments import (
     model_from,
     number_from,
     path_from,
+    python_words,
     warn_of,
+    with_known_arguments,
 )
 from contact_tracker.trajectory.arrays import cells_of, is_table, moment_ns
 from contact_tracker.wrenches.wrenches import Wrenches
@@ -157,6 +159,7 @@ class Result(Outcome):
         """Write a file of the rerun viewer, which shows what ``show`` does; raises as ``to_parquet`` does."""
         self._write(path, overwrite, ".rrd")
 
+    @with_known_arguments
     def save(self, path: str | os.PathLike[str], overwrite: bool = False, rows: Rows | None = None) -> None:
         """Write the output selected by the suffix of ``path``, like ``segment -o``, or ``.rrd``.
 
@@ -164,6 +167,11 @@ class Result(Outcome):
         per segment, the others per tick. A file ``.contacts`` has all of the result, for ``load``.
         """
         self._write(path, overwrite, *SUFFIXES, ".rrd", rows=rows)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the user has to know of the recording and of the labels, one line each."""
+        return tuple(map(python_words, super().warnings))
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Self:
@@ -180,6 +188,7 @@ class Result(Outcome):
         with errors_as(StateError, name):
             return cls(**vars(read_result(Path(name))))
 
+    @with_known_arguments
     def plot(
         self,
         ax: "Axes | None" = None,
@@ -260,6 +269,7 @@ class Result(Outcome):
             formats.write_outcome(self, path, rows, check)
 
 
+@with_known_arguments
 def segment(
     trajectory: Any,
     model: ModelLike = "default",
@@ -395,6 +405,7 @@ class Comparison(comparison.Comparison):
             write_comparison(self, name, formats.check_output(name, overwrite, read, "overwrite=True"))
 
 
+@with_known_arguments
 def compare(first: Any, second: Any, tolerance: float = TOLERANCE) -> Comparison:
     """Align two takes of one task by contacts and places, as ``contact-tracker compare`` does.
 

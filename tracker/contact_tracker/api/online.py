@@ -24,6 +24,7 @@ from contact_tracker.trajectory.arguments import (
     number_from,
     path_from,
     warn_of,
+    with_known_arguments,
 )
 
 _ENOUGH: Final = 100
@@ -48,6 +49,7 @@ class Tracker:
         once.
     """
 
+    @with_known_arguments
     def __init__(
         self,
         model: ModelLike = "default",

@@ -147,15 +147,14 @@ class Contradiction(Check):
         if stream.map.up is not None:
             what = f"--up or {what}" if given else "--up"
         others = ", ".join(one for one in CONTACTS if one not in stream.map.possible)
-        if others:
-            given = f"{what}, or --states" if stream.map.lists_elements else "--states"
-            text = f"{given} without {others} does not fit the motion: other contacts explain more: check it"
-            return [Finding("knowledge", text, True)]
         text = (
             f"{what} does not fit the motion, which contacts explain better without it: leave it out, or "
             "check its size, direction and place (in metres; of the surroundings in the frame of the poses, "
             "of the object in its own)"
         )
+        if others:
+            given = f"{what}, or --states" if stream.map.lists_elements else "--states"
+            text = f"{given} without {others} does not fit the motion: other contacts explain more: check it"
         return [Finding("knowledge", text, True)]
 
 
@@ -169,13 +168,11 @@ def _is_undecided(with_map: Belief, without_map: Belief) -> bool:
     second has more evidence because something else, such as the hand, keeps a constraint (T24)."""
     if not without_map.p_restricted or with_map.contact not in without_map.inseparable:
         return False
-    at_most = SAME_FIT_RATIO * max(1.0, _residual(without_map))
-    return not _residual(with_map) >= at_most  # unknown: not decided
-
-
-def _residual(belief: Belief) -> float:
-    """Whitened residual of the label; nan if it is not known yet."""
-    return 1.0 if belief.contact is Contact.FREE else float(belief.residual[belief.contact.column])
+    residual, other = (
+        1.0 if one.contact is Contact.FREE else float(one.residual[one.contact.column])
+        for one in (with_map, without_map)
+    )
+    return not residual >= SAME_FIT_RATIO * max(1.0, other)  # nan, not known yet: not decided
 
 
 INSPECTED: Final = "impacts", "clearance"

@@ -71,11 +71,8 @@ def vertices_of(known_map: Map) -> Vertices:
 @lru_cache(maxsize=8)
 def faces_by_body(known_map: Map) -> tuple[Faces, ...]:
     """The known faces of the surroundings; without those of hulls, in which there may be room."""
-    known = [
-        (one, one.element)
-        for one in known_map.listed_environment
-        if isinstance(one.element, Plane) and not one.is_hull
-    ]
+    listed = ((one, one.element) for one in known_map.listed_environment if not one.is_hull)
+    known = [(one, plane) for one, plane in listed if isinstance(plane, Plane)]
     found = list[Faces]()
     for body in dict.fromkeys(one.solid for one, _ in known):
         own = [(one.name, plane) for one, plane in known if one.solid == body]
@@ -147,13 +144,10 @@ class Clearance(Check):
             deep_m, vertex, face = self.deepest
             misfits.append(f"{vertex} of the object is up to {1e3 * deep_m:.0f} mm inside {face}")
         if self.is_behind and self.behind >= LEAST_POSES:
-            misfits.append(
-                "all vertices given of the object are behind every face (normals must point to the free side)"
-            )
-        found = [
-            Finding("knowledge", f"what is given does not fit the poses: {misfit}: {CHECK}", True)
-            for misfit in misfits
-        ]
+            where = "behind every face (normals must point to the free side)"
+            misfits.append(f"all vertices given of the object are {where}")
+        what = "what is given does not fit the poses"
+        found = [Finding("knowledge", f"{what}: {misfit}: {CHECK}", True) for misfit in misfits]
         return found + self._stayed_off(stream.map) if stream.is_end else found
 
     def _stayed_off(self, known_map: Map) -> list[Finding]:
@@ -220,7 +214,9 @@ class Impacts(Check):
         recent = window[-(2 * step + 1 + 2 * ROUND) :]
         if len(window) < 2 * step + 2 + 2 * ROUND:
             return replace(self, recent=window)
-        off_m, time_s = _smoothed(_distances_m(bodies, vertices.in_world(window))), time_s[ROUND:-ROUND]
+        off_m, time_s = _distances_m(bodies, vertices.in_world(window)), time_s[ROUND:-ROUND]
+        # medians, without outliers of up to two poses
+        off_m = np.median([off_m[i : i + len(time_s)] for i in range(2 * ROUND + 1)], axis=0)
         speed = (off_m[step:] - off_m[:-step]) / (time_s[step:] - time_s[:-step])[:, None, None]
         # an impact falls between two poses: speeds end at one and begin at the next
         least_m = np.minimum(np.abs(off_m[step : -step - 1]), np.abs(off_m[step + 1 : -step]))
@@ -253,14 +249,6 @@ class Impacts(Check):
 def _distances_m(bodies: Sequence[Faces], world: Array) -> Array:
     """Distances (N, V, B) of vertices in the world (N, V, 3) in front of each single face, and of bodies as
     far as their faces show."""
-    found = list[Array]()
-    for faces in bodies:
-        off_m = faces.in_front_m(world)
-        found.append(off_m.max(axis=-1, keepdims=True) if faces.is_solid else off_m)
-    return np.concatenate(found, axis=-1)
-
-
-def _smoothed(off_m: Array) -> Array:
-    """Medians (N - 2 ROUND, V, B), without outliers of up to two poses."""
-    count = len(off_m) - 2 * ROUND
-    return np.asarray(np.median([off_m[i : i + count] for i in range(2 * ROUND + 1)], axis=0))
+    off_m = [faces.in_front_m(world) for faces in bodies]
+    pairs = zip(bodies, off_m, strict=True)
+    return np.concatenate([m.max(axis=-1, keepdims=True) if one.is_solid else m for one, m in pairs], axis=-1)

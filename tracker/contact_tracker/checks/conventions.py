@@ -10,8 +10,8 @@ from dataclasses import dataclass, field, replace
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array, Bools, Ints
 from contact_tracker.checks.check import MIXED_UP, Check, Stream, has_doubts
 from contact_tracker.checks.readings import (
     AS_THEY_ARE,
@@ -29,9 +29,6 @@ from contact_tracker.inspection.stream_checks import Finding
 from contact_tracker.motion.free_motion import can_be_compared
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.window import Window, used_directions
-
-Array = NDArray[np.float64]
-
 
 TICKS: Final = 20
 """Ticks of a window that count, between one at either end for delays."""
@@ -61,7 +58,7 @@ class Explained(NamedTuple):
 
 def explain(
     poses: Poses,
-    tick_of: NDArray[np.int64],
+    tick_of: Ints,
     sigma: tuple[float, float],
     model: Model,
     readings: Sequence[Reading],
@@ -252,7 +249,7 @@ class Conventions(Check):
     """
 
     waiting: tuple[Poses, ...] = ()
-    kept: tuple[tuple[Poses, NDArray[np.int64]], ...] = ()
+    kept: tuple[tuple[Poses, Ints], ...] = ()
     nats: Array = field(default_factory=lambda: np.zeros(0))
     fitting: Array = field(default_factory=lambda: np.zeros(0))
     chance: Array = field(default_factory=lambda: np.zeros(0))
@@ -314,8 +311,8 @@ def _after_window(known: Conventions, stream: Stream, window: Poses, tick_ns: in
         return known
     readings = readings_of(stream.inspection.read_as)
     if not len(known.nats):
-        known = replace(known, nats=np.zeros(len(readings)), fitting=np.zeros(len(readings)))
-        known = replace(known, chance=np.zeros(len(readings)))
+        none = np.zeros(len(readings))
+        known = replace(known, nats=none, fitting=none, chance=none)
     tick_of = (window.stamp_ns - window.stamp_ns[0]) // tick_ns
     usual = np.median(np.bincount(tick_of, minlength=TICKS + 2))
     thinned = slice(None, None, max(int(usual) // POSES_PER_TICK, 1))
@@ -368,7 +365,7 @@ def _found(known: Conventions, readings: Sequence[Reading], model: Model, sigma:
 
 def _refined(
     known: Conventions, model: Model, sigma: tuple[float, float], delay_ms: float
-) -> tuple[list[Reading], NDArray[np.bool_]]:
+) -> tuple[list[Reading], Bools]:
     """The best delay between the neighbours of ``delay_ms`` in the latest windows, and whether it fits; none
     at either end."""
     latest = known.kept[-REFINED_WINDOWS:]
@@ -379,23 +376,11 @@ def _refined(
     while True:
         step = max(round((last - first) / 8), 1)
         readings = [AS_THEY_ARE, *map(with_delay, range(first, last + 1, step))]
-        nats, fitting = np.sum([_explained(*one, sigma, model, readings) for one in latest], axis=0)
+        found = [explain(*window, sigma, model, readings) for window in latest]
+        rows = [np.array([one.nats, one.misfit < FITS]) for one in found if one is not None]
+        nats, fitting = np.sum([np.zeros((2, len(readings))), *rows], axis=0)
         best = int(nats.argmax())
         if step == 1 or not best:
             return [readings[best]], np.array([best > 0 and fitting[best] >= FITTING_SHARE * len(latest)])
         middle = round(readings[best].delay_ms)
         first, last = middle - step, middle + step
-
-
-def _explained(
-    window: Poses,
-    tick_of: NDArray[np.int64],
-    sigma: tuple[float, float],
-    model: Model,
-    readings: Sequence[Reading],
-) -> Array:
-    """Rows of the log evidence (K,), and of whether each reading explains the window to the noise."""
-    found = explain(window, tick_of, sigma, model, readings)
-    if found is None:
-        return np.zeros((2, len(readings)))
-    return np.array([found.nats, found.misfit < FITS])

@@ -14,7 +14,6 @@ from operator import itemgetter
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from contact_tracker.checks.check import Check, Stream
 from contact_tracker.checks.clearance import CHECK
@@ -26,8 +25,6 @@ from contact_tracker.map.map import Map, NamedElement
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import FurtherContact, Segment
 from contact_tracker.tracking.segmentation import Segmentation
-
-Array = NDArray[np.float64]
 
 NEAR_RAD: Final = 0.035
 NEAR_M: Final = 0.008
@@ -140,12 +137,9 @@ class Repeatability(Check):
             by = difference(first, second)
             if by.angle_rad > NEAR_RAD or by.distance_m > NEAR_M:
                 continue
-            found = replace(found, near=found.near + 1)
-            if by.sigmas > SIGNIFICANT:
-                is_worst = found.worst is None or by.sigmas > found.worst[2].sigmas
-                found = replace(
-                    found, apart=found.apart + 1, worst=(one, new, by) if is_worst else found.worst
-                )
+            found = replace(found, near=found.near + 1, apart=found.apart + (by.sigmas > SIGNIFICANT))
+            if by.sigmas > max(SIGNIFICANT, 0.0 if found.worst is None else found.worst[2].sigmas):
+                found = replace(found, worst=(one, new, by))
         return replace(found, latest=(*found.latest, new)[-MOST_ELEMENTS:])
 
     def findings(self, stream: Stream, earlier: Sequence[Finding]) -> list[Finding]:
@@ -243,20 +237,15 @@ class MapUse(Check):
         another finding about the map explains that."""
         if any(one.kind == "knowledge" for one in earlier):
             return []
-        texts = [self._moved_text] if self.moved[0] > SIGMAS else []
+        texts, (sigmas, moved) = list[str](), self.moved
+        if sigmas > SIGMAS:
+            places = ", ".join(f"{name} by {_size(by)}" for name, by in moved if _size(by))
+            what = f"contacts move what is given by {sigmas:.0f} of its standard deviations ({places})"
+            texts.append(f"{what}: {CHECK}, or give larger standard deviations")
         for side, listed in enumerate((stream.map.listed_object, stream.map.listed_environment)):
             if listed and self.unknown[side] and not self.confirmed[side]:
                 texts.append(self._untouched_text(side, listed))
         return [Finding("knowledge", text, False) for text in texts]
-
-    @property
-    def _moved_text(self) -> str:
-        sigmas, moved = self.moved
-        places = ", ".join(f"{name} by {_size(by)}" for name, by in moved if _size(by))
-        return (
-            f"contacts move what is given by {sigmas:.0f} of its standard deviations ({places}): "
-            f"{CHECK}, or give larger standard deviations"
-        )
 
     def _untouched_text(self, side: int, listed: Sequence[NamedElement]) -> str:
         near = ""
@@ -275,24 +264,19 @@ def _nearest(map: Map, geometry: ContactGeometry) -> tuple[float, str]:
     face = geometry.environment
     if not isinstance(face, Plane) or face.name is not None or geometry.has_open_offset[1]:
         return inf, ""
-    return min(
-        (
-            (distance_of_planes_m(face, one.element), one.name)
-            for one in map.listed_environment
-            if isinstance(one.element, Plane) and not one.is_covered
-            if abs(face.normal @ one.element.normal) >= PARALLEL
-        ),
-        default=(inf, ""),
+    faces = ((one.element, one.name) for one in map.listed_environment if not one.is_covered)
+    distances_m = (
+        (distance_of_planes_m(face, plane), name)
+        for plane, name in faces
+        if isinstance(plane, Plane) and abs(face.normal @ plane.normal) >= PARALLEL
     )
+    return min(distances_m, default=(inf, ""))
 
 
 def _moved(map: Map, geometry: ContactGeometry) -> tuple[float, tuple[tuple[str, Difference], ...]]:
     """The named elements that a contact moves, as in ``MapUse``."""
-    moved = list[tuple[str, Difference]]()
-    for element, listed in (
-        (geometry.object, map.listed_object),
-        (geometry.environment, map.listed_environment),
-    ):
+    moved, sides = list[tuple[str, Difference]](), (map.listed_object, map.listed_environment)
+    for element, listed in zip((geometry.object, geometry.environment), sides, strict=True):
         known = next((one.element for one in listed if one.name == element.name), None)
         if known is not None and known.covariance is not None:
             exact = replace(element, covariance=np.zeros_like(known.covariance))
@@ -331,24 +315,19 @@ class FaceNameDelay:
     def release(self, piece: Segmentation, found: MapUse) -> Iterator[Segmentation]:
         """The pieces that need not wait after this one; ``found`` is what contacts have shown so far."""
         self._pieces.append(piece)
-        is_decided = found.confirmed[1] or not any(map(_is_by_direction, self._segments()))
+        segments = (segment for piece in self._pieces for segment in piece.segments)
+        is_decided = found.confirmed[1] or not any(map(_is_by_direction, segments))
         if is_decided or sum(len(one.beliefs) for one in self._pieces) > MOST_TICKS:
             yield from self.finish(found)
 
     def finish(self, found: MapUse) -> Iterator[Segmentation]:
         """All pieces that wait, without the names that contacts contradict."""
         waiting, self._pieces = self._pieces, []
-        nearest = None
-        if found.contradicts_nearest:
-            nearest = next((one for one in self._environment if one.name == found.nearest[1]), None)
+        nearest = {one.name: one.element for one in self._environment}.get(found.nearest[1])
         for piece in waiting:
-            if nearest is None or not isinstance(nearest.element, Plane):
-                yield piece
-            else:
-                yield _without_names(piece, nearest.element)
-
-    def _segments(self) -> Iterator[Segment]:
-        return (segment for piece in self._pieces for segment in piece.segments)
+            if found.contradicts_nearest and isinstance(nearest, Plane):
+                piece = _without_names(piece, nearest)
+            yield piece
 
 
 def has_name_by_direction(geometry: ContactGeometry | None) -> bool:

@@ -11,13 +11,12 @@ from math import pi
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array
+from contact_tracker.config.quantities import LENGTHS
 from contact_tracker.config.table_reading import QUATERNION
 from contact_tracker.geometry import rotation
 from contact_tracker.motion.poses import AS_GIVEN, Poses, ReadAs
-
-Array = NDArray[np.float64]
 
 DELAYS_MS: Final = (-100, -70, -50, -35, -20, -10, -5, 5, 10, 20, 35, 50, 70, 100)
 """Delays of orientations against positions. What lies between is found by ``with_delay``."""
@@ -59,9 +58,8 @@ class Angles(NamedTuple):
 def angles_in(order: str) -> Angles:
     """Angles in an order of SciPy: ``xyz`` about fixed axes, ``XYZ`` about those of the body."""
     axes = order.lower()
-    places = ("xyz".index(axes[0]), "xyz".index(axes[1]), "xyz".index(axes[2]))
-    if axes[0] == axes[2]:
-        places = 0, 1, 2
+    first, second, third = map("xyz".index, axes)
+    places = (0, 1, 2) if first == third else (first, second, third)
     return Angles(axes, places) if order.isupper() else Angles(axes[::-1], places[::-1])
 
 
@@ -129,10 +127,6 @@ class Given:
         return Numbers(vector, _log_sinc(angle[:, 0]))
 
 
-def _as_given(given: Given) -> Turns:
-    return Turns(given.quat_xyzw, np.zeros(len(given.time_s)))
-
-
 class Reading(NamedTuple):
     """One reading.
 
@@ -147,7 +141,7 @@ class Reading(NamedTuple):
 
     text: str
     axes: Array | None = None
-    turns: Callable[[Given], Turns] = _as_given
+    turns: Callable[[Given], Turns] = lambda given: Turns(given.quat_xyzw, np.zeros(len(given.time_s)))
     delay_ms: float = 0.0
     turn_scale: float = 1.0
 
@@ -281,7 +275,10 @@ def _by_three_numbers(read_as: ReadAs) -> Iterator[Reading]:
     what = "orientations look like three numbers a, b, c that were taken for angles about fixed x, y, z: take"
     for folds in (False, True):
         for code, angles in _all_angles():
-            if angles != made_of and not (folds and made_of and _folds_alike(angles, made_of)):
+            # both triples of an orientation may be of one in the other angles, too
+            same = (angles.is_proper, angles.places[1])
+            is_alike = made_of and same == (made_of.is_proper, made_of.places[1])
+            if angles != made_of and not (folds and is_alike):
                 text = f"{what} Rotation.{code} of SciPy" if table.kind in (None, "matrix") else name(angles)
                 yield Reading(text, turns=partial(_by_angles, angles, made_of, folds))
         if made_of is not None and unit == "deg" and not folds:
@@ -301,11 +298,6 @@ def _by_three_numbers(read_as: ReadAs) -> Iterator[Reading]:
             yield Reading(text, turns=partial(_by_vector, made_of, folds))
 
 
-def _folds_alike(one: Angles, other: Angles) -> bool:
-    """Whether both triples of an orientation are of one in the other angles, too."""
-    return one.is_proper == other.is_proper and one.places[1] == other.places[1]
-
-
 def _as_option(read_as: ReadAs, order: str, unit: str, angles: Angles) -> str:
     """What is likely wrong with angles in this order, and the command for others."""
     what = f"angles look like those of another order than {order}"
@@ -323,8 +315,7 @@ def _as_option(read_as: ReadAs, order: str, unit: str, angles: Angles) -> str:
 def _by_axes() -> Iterator[Reading]:
     """Turned axes; positions of opposite sign fit alike, so that they stand for mirrored axes as well."""
     for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
-        axes = np.zeros((3, 3))
-        axes[range(3), order] = signs
+        axes = np.diag(signs) @ np.eye(3)[list(order)]
         if np.linalg.det(axes) > 0.0 and not (axes == np.eye(3)).all():
             one, other = (_named(order, sign * np.array(signs)) for sign in (1.0, -1.0))
             what = "the axes of positions are not those of orientations: take positions as"
@@ -342,18 +333,9 @@ AS_THEY_ARE: Final = Reading("")
 @cache
 def readings_of(read_as: ReadAs = AS_GIVEN) -> tuple[Reading, ...]:
     """All readings of poses that were read so; the first leaves them as they are."""
-    return (
-        AS_THEY_ARE,
-        *_by_quaternions(read_as),
-        *_by_three_numbers(read_as),
-        *_by_axes(),
-        *map(with_delay, DELAYS_MS),
-    )
+    of_turns = *_by_quaternions(read_as), *_by_three_numbers(read_as)
+    return AS_THEY_ARE, *of_turns, *_by_axes(), *map(with_delay, DELAYS_MS)
 
 
-UNITS: Final = (
-    Reading("m"),
-    Reading("cm", axes=1e-2 * np.eye(3)),
-    Reading("mm", axes=1e-3 * np.eye(3)),
-)
+UNITS: Final = tuple(Reading(unit, axes=LENGTHS[unit] * np.eye(3)) for unit in ("m", "cm", "mm"))
 """Units of positions."""

@@ -5,13 +5,11 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array
 from contact_tracker.errors import KeyFault, KnowledgeError
 from contact_tracker.files import parse_toml, read_regular
 from contact_tracker.suggestions import closest, near_file, suggestion
-
-Array = NDArray[np.float64]
 
 FARTHEST_M: Final = 1e6
 SIZES_M: Final = (1e-4, 1e3)
@@ -115,23 +113,20 @@ class Keys:
     def vector(self, key: str, size: int = 3, default: list[float] | None = None) -> Array:
         """``size`` finite numbers; from Python also as a tuple or an array."""
         value = self._take(key, default)
-        numbers = isinstance(value, list | tuple | np.ndarray) and all(
-            _is_number(one, FARTHEST_M) for one in value
-        )
-        if not numbers or len(value) != size:
+        is_list = isinstance(value, list | tuple | np.ndarray) and len(value) == size
+        if not is_list or not all(_is_number(one, FARTHEST_M) for one in value):
             raise self.wrong(key, f"must be a list of {size} numbers, none beyond {FARTHEST_M:g}")
         return np.array(value, float)
 
     def matrix(self, key: str, size: int) -> Array:
         """``size`` rows of ``size`` finite numbers."""
-        value = self._take(key, None)
-        is_square = isinstance(value, list | tuple | np.ndarray) and len(value) == size
-        if not is_square or not all(isinstance(row, list | tuple | np.ndarray) for row in value):
+        value, lists = self._take(key, None), list | tuple | np.ndarray
+        is_square = isinstance(value, lists) and len(value) == size
+        if not is_square or not all(isinstance(row, lists) and len(row) == size for row in value):
             raise self.wrong(key, f"must be {size} rows of {size} numbers")
-        numbers = [number for row in value for number in row if _is_number(number, LARGEST)]
-        if len(numbers) != size * size or any(len(row) != size for row in value):
+        if not all(_is_number(number, LARGEST) for row in value for number in row):
             raise self.wrong(key, f"must be {size} rows of {size} numbers, all finite")
-        return np.array(numbers, float).reshape(size, size)
+        return np.array(value, float)
 
     def lengths(self, key: str) -> Array:
         """Three lengths (m) of a body."""

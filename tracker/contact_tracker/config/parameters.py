@@ -167,13 +167,9 @@ class Model:
 
     def with_noise(self, sigma_position_m: float, sigma_rotation_rad: float) -> "Model":
         """A copy with known noise of the poses, which is not estimated."""
-        noise = replace(
-            self.noise,
-            sigma_position_m=sigma_position_m,
-            sigma_rotation_rad=sigma_rotation_rad,
-            estimated=False,
-        )
-        return replace(self, noise=noise)
+        sigma_m, sigma_rad = sigma_position_m, sigma_rotation_rad
+        known = replace(self.noise, sigma_position_m=sigma_m, sigma_rotation_rad=sigma_rad, estimated=False)
+        return replace(self, noise=known)
 
     @cached_property
     def correlation(self) -> float:

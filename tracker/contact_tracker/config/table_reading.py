@@ -25,15 +25,17 @@ GROUPS: Final[Mapping[str, tuple[str, ...]]] = {
 ANGLE: Final = "angle"
 """The role of the angle of a rotation vector whose other columns are a unit vector."""
 ROLES: Final = (TIME, REST, *POSITION, *QUATERNION, *ANGLES, *MATRIX, ANGLE)
-TICK: Final = "100ns"
-TIME_UNITS_NS: Final[Mapping[str, int]] = TIMES_NS | {TICK: 100}
+TICK, DAY = "100ns", "days"
+TIME_UNITS_NS: Final[Mapping[str, int]] = TIMES_NS | {TICK: 100, DAY: 86_400 * 10**9}
 _RATE: Final = re.compile(r"([0-9]+(?:\.[0-9]+)?) ?Hz", re.IGNORECASE)
 _EULER: Final = re.compile(r"([xyz]{3}|[XYZ]{3})(?::(deg|rad))?")
 _FIELD: Final = re.compile(r"\.|[A-Za-z]\w*(\[\d+\])?(\.[A-Za-z]\w*(\[\d+\])?)*")
+PYTHON: Final = "python"
+"""Stands for the word of a command where poses are read from Python; other words are arguments then."""
 NO_TABLE: Final = "it is no table: leave out --unit, --time-unit and what else is said of columns"
 FRAMES: Final = "frames"
 """What times are called that are numbers of frames, beside their rate."""
-TIME_UNIT_HELP: Final = "s, ms, us, ns, 100ns, or the rate of frame numbers, as 200Hz"
+TIME_UNIT_HELP: Final = "s, ms, us, ns, 100ns, days, or the rate of frame numbers, as 200Hz"
 
 
 @dataclass(frozen=True)
@@ -53,8 +55,8 @@ class TableReading:
         ``c0``, ``c1``, ... ``state[3:7]`` are values 3 to 6 of a list, or of columns ``state_0``, ...
     field : path to the poses in messages, as ``tracked.pose`` or ``detections[0].pose``; ``.`` for the
         message itself. A table has none.
-    given : the words of the user's command without those of this reading, for commands that are proposed;
-        empty where there is no such command.
+    given : the words of the user's command without those of this reading, or the arguments from Python after
+        ``PYTHON``, for commands and calls that are proposed; empty where there are none.
 
     Raises
     ------
@@ -134,13 +136,15 @@ class TableReading:
 
     def command(self, path: str, *words: str) -> str:
         """A whole command that reads a file in this way: the user's own, or else ``segment``, with this
-        reading, and with an option and its value as ``words`` where the user has not given that; without a
-        path and a command, the call for a table in memory."""
-        if not path and not self.given:
-            given = {option.name: getattr(self, option.name) for option in _options()}
-            given["columns"] = dict(self.columns)
-            stated = [f"{name}={value!r}" for name, value in given.items() if value]
-            return f"Trajectory.from_dataframe(table, {', '.join(stated)})"
+        reading, and with an option and its value as ``words`` where the user has not given that; from Python,
+        or without a path and a command, the call."""
+        if self.given[:1] == (PYTHON,) or not (path or self.given):
+            own = {option.name: getattr(self, option.name) for option in _options()}
+            own["columns"] = dict(self.columns)
+            given = [f"{name}={value!r}" for name, value in own.items() if value]
+            topic = [f"{words[0].strip('-')}={words[1]!r}"] if words else []
+            call = f"contact_tracker.read({path!r}" if path else "Trajectory.from_dataframe(table"
+            return f"{', '.join([call, *self.given[1:], *topic, *given])})"
         has_option = any(word.partition("=")[0] in words[:1] for word in self.given)
         more = [] if has_option else words
         verb, *rest = self.given or ("segment", path)

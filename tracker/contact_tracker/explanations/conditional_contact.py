@@ -13,8 +13,8 @@ from math import log
 from typing import Final, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.contacts.family import turns
 from contact_tracker.geometry import lifted_pose, linalg
@@ -27,8 +27,6 @@ from contact_tracker.hypotheses.global_search import directions
 from contact_tracker.motion.window import LEVERS_M, Window
 from contact_tracker.states import Contact
 
-Array = NDArray[np.float64]
-
 SAME_ROW: Final = 0.05
 """Unit gradients of constraints that differ by less count as one constraint."""
 JITTER: Final = 1e-9
@@ -36,14 +34,14 @@ TINY: Final = 1e-30
 _MOVES: Final = lifted_pose.perturbations()
 
 
-@cache
-def _every(model: ContactModel) -> Array:
-    return np.asarray(model.lifted(np.eye(lifted_pose.SIZE)).T)
-
-
 def coefficients(model: ContactModel, x: Array) -> Array:
     """Coefficients (..., K, 25) of a contact's residuals on the whole lifted pose, at x (..., S)."""
     return np.asarray(model.family.rows(x) @ _every(model))
+
+
+@cache
+def _every(model: ContactModel) -> Array:
+    return np.asarray(model.lifted(np.eye(lifted_pose.SIZE)).T)
 
 
 class ConditionalEvidence(NamedTuple):
@@ -100,10 +98,7 @@ class ConditionalMotion:
 
     def cut(self, first: int, end: int) -> "ConditionalMotion":
         """Ticks ``first`` to ``end`` (excluded)."""
-        some = slice(first, end)
-        return ConditionalMotion(
-            self.new[some], self.moved[some], self.noise_sd[some], self.excess_sd[some], self.free[some]
-        )
+        return ConditionalMotion(*(column[first:end] for column in vars(self).values()))
 
     def __len__(self) -> int:
         return len(self.new)
@@ -190,21 +185,14 @@ def most_probable(log_ratio: Array, log_change: Array) -> Presence:
         left = joined = False
         if tick:
             left, joined = present + change > absent + stay, absent + change > present + stay
-            absent, present = (
-                present + change if left else absent + stay,
-                absent + change if joined else present + stay,
-            )
+            was_absent, was_present = absent, present
+            absent = was_present + change if left else was_absent + stay
+            present = was_absent + change if joined else was_present + stay
         present += ratio
         came_from_present.append(left)
         came_from_absent.append(joined)
-    best = max(absent, present)
-    return Presence(_runs(present >= absent, came_from_present, came_from_absent), best - none)
-
-
-def _runs(is_present: bool, came_from_present: list[bool], came_from_absent: list[bool]) -> tuple[Run, ...]:
-    """The runs of the path that ends in the state ``is_present``, by backtracking."""
-    runs, end = list[Run](), len(came_from_present)
-    for tick in range(len(came_from_present) - 1, -1, -1):
+    is_present, runs, end = present >= absent, list[Run](), len(came_from_present)
+    for tick in range(end - 1, -1, -1):  # back along the path
         if is_present and came_from_absent[tick]:
             runs.append(Run(tick, end))
             is_present = False
@@ -212,7 +200,7 @@ def _runs(is_present: bool, came_from_present: list[bool], came_from_absent: lis
             end, is_present = tick, True
     if is_present:
         runs.append(Run(0, end))
-    return tuple(reversed(runs))
+    return Presence(tuple(reversed(runs)), max(absent, present) - none)
 
 
 MIN_RATIO: Final = 2.0
@@ -257,18 +245,15 @@ def moments(model: ContactModel, motion: ConditionalMotion) -> Moments:
     square = model.lifted(motion.new) * weight
     moved = np.swapaxes(motion.free, 1, 2) @ motion.moved
     free = (model.lifted(moved) * weight[:, None]).reshape(-1, square.shape[1])
-    noise = (model.lifted(motion.moved * motion.noise_sd[:, :, None]) * weight[:, None]).reshape(
-        -1, square.shape[1]
-    )
-    count = len(motion)
+    noise = model.lifted(motion.moved * motion.noise_sd[:, :, None]) * weight[:, None]
+    noise, count = noise.reshape(free.shape[0], -1), len(motion)
     return Moments(square.T @ square / count, free.T @ free / count, noise.T @ noise / count, count)
 
 
 def relaxed_ratio(of: Moments) -> float:
     """The largest ratio of free motion to squared residual over all coefficients: an upper bound for
     contacts, up to noise."""
-    lower, free = _whitened(of)
-    return float(np.linalg.eigvalsh(_congruent(lower, free))[-1])
+    return float(np.linalg.eigvalsh(_congruent(*_whitened(of)))[-1])
 
 
 def relaxed_starts(model: ContactModel, of: Moments, x: Array) -> Array:

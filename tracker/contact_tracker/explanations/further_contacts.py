@@ -6,8 +6,8 @@ from functools import cached_property
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array, Ints
 from contact_tracker.config.parameters import SystematicErrors
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.explanations.conditional_contact import (
@@ -41,8 +41,6 @@ from contact_tracker.map.elements import is_same_element
 from contact_tracker.map.map import EMPTY_MAP, Map, NamedElement
 from contact_tracker.motion.window import DIRECTIONS, Window, used_directions
 from contact_tracker.states import CONTACTS, Contact
-
-Array = NDArray[np.float64]
 
 MAX_FURTHER: Final = 2
 """Most further contacts of a segment."""
@@ -180,9 +178,7 @@ def find_formation(segment: FormationTicks, first: KnownContact) -> Formation:
     return Formation(tuple(found), is_open, _ranks(free, segment.window.index, first, found))
 
 
-def _ranks(
-    motion: ConditionalMotion, index: NDArray[np.int64], first: KnownContact, found: Sequence[Further]
-) -> Ranks:
+def _ranks(motion: ConditionalMotion, index: Ints, first: KnownContact, found: Sequence[Further]) -> Ranks:
     holds = np.zeros((len(motion), len(found)), bool)
     for number, one in enumerate(found):
         for run in one.runs:
@@ -213,8 +209,9 @@ def _further_contacts(
         if best is None:
             return found, True
         run = longest_run(best.presence)
-        holding = [first, *(one.known for one in found if any(map(segment.numbered(run).overlaps, one.runs)))]
-        confirmed = confirm(segment, motion, best, holding, run)
+        span = segment.numbered(run)
+        holding = [one.known for one in found if any(map(span.overlaps, one.runs))]
+        confirmed = confirm(segment, motion, best, [first, *holding], run)
         if confirmed is None:
             return found, True
         geometry, _, new = confirmed
@@ -272,10 +269,7 @@ def confirm(
 def _candidates(segment: FormationTicks, motion: ConditionalMotion) -> Iterator[Candidate]:
     """Candidates for single constraints in promising spans: every contact keeps one of them."""
     for span, models in _promising_spans(motion):
-        for model in models:
-            candidate = search_span(segment, motion, model, span)
-            if candidate is not None:
-                yield candidate
+        yield from filter(None, (search_span(segment, motion, model, span) for model in models))
 
 
 def _promising_spans(motion: ConditionalMotion) -> list[tuple[Run, list[ContactModel]]]:
@@ -313,8 +307,7 @@ def _ratios(motion: ConditionalMotion) -> dict[ContactModel, float]:
 def _search_kinds(segment: FormationTicks, motion: ConditionalMotion, run: Run) -> list[Candidate]:
     """The best elements of each contact kind in a run."""
     models = [CONTACT_MODELS[kind.column] for kind in segment.kinds]
-    found = (search_span(segment, motion, model, run) for model in models)
-    return [one for one in found if one is not None]
+    return [*filter(None, (search_span(segment, motion, model, run) for model in models))]
 
 
 def search_span(

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array
 from contact_tracker.config.parameters import SystematicErrors
 from contact_tracker.contacts.task_frame import TaskFrame, joint_frame
 from contact_tracker.explanations.conditional_contact import ConditionalMotion
@@ -37,8 +37,6 @@ from contact_tracker.geometry.linalg import adapted
 from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.hypotheses.observability import added_covariance, representatives
 from contact_tracker.motion.window import Window, used_directions
-
-Array = NDArray[np.float64]
 
 MOST_DIRECTIONS: Final = 3
 """Motion in more directions is that of no joint."""
@@ -112,22 +110,21 @@ def find_joint(
 
 def _fit(model: JointModel, window: Window, scales: EvidenceParameters) -> FittedJoint:
     """The joint without its covariance and evidence."""
-    noise_sd, course = _noise_sd(window), None
-    frames, play = model.start(window.zeta), np.eye(len(model.rows))
-    for _ in range(FITS if model.has_play else 1):
-        frames = _minimise(model, frames, window, scales, play)
-        residual = model.residual(frames, window.zeta)
-        if model.has_play:
-            play = _play(_whitened(residual, noise_sd, scales).residual)
-    if model.has_play:
-        course = scales.innovations(course_functions(model.travelled(frames, window.zeta)))
-    return FittedJoint(model, frames, residual, play, course)
+    frames = model.start(window.zeta)
+    fit = FittedJoint(model, frames, model.residual(frames, window.zeta), np.eye(len(model.rows)), None)
+    if not model.has_play:
+        return _minimise(fit, window, scales)
+    for _ in range(FITS):
+        fit = _minimise(fit, window, scales)
+        fit = fit._replace(play=_play(_whitened(fit.residual, window, scales).residual))
+    travelled = model.travelled(fit.frames, window.zeta)
+    return fit._replace(course=scales.innovations(course_functions(travelled)))
 
 
 def _evident(fit: FittedJoint, window: Window, scales: EvidenceParameters, free: float) -> FittedJoint:
     """The joint with its evidence; ``free`` is the quadratic form of free motion, at most."""
     deviation = _deviations(scales)[fit.model.free]
-    hessian = _whitened(fit.residual, _noise_sd(window), scales, fit.play).normal()[0]
+    hessian = _whitened(fit.residual, window, scales, fit.play).normal()[0]
     scaled = np.eye(len(hessian)) + hessian * deviation[:, None] * deviation
     complexity = 0.5 * float(np.linalg.slogdet(scaled)[1])
     evidence = _log_ratio(fit.residual, window, scales, fit.course, free) - complexity
@@ -144,7 +141,7 @@ def _with_systematic_errors(
         return fitted
     ticks, count = representatives(window)
     residual = fitted.model.residual(fitted.frames, ticks.zeta)
-    scale, lower = _factors(residual, _noise_sd(ticks))
+    scale, lower = _factors(residual, ticks)
     both = np.concatenate([residual.by_x, residual.by_pose], axis=2) / scale[..., None]
     white = np.linalg.solve(fitted.play, np.linalg.solve(lower, both))
     slope, change = np.split(white, [len(fitted.covariance)], axis=2)
@@ -193,38 +190,32 @@ def _log_evidence_of_shift(
     value[:, S_Z] += screw.frames.pitch_m * screw.model.travelled(screw.frames, window.zeta)
     by_x[:, S_Z] = columns
     shifted_by = screw.residual._replace(value=value, by_x=by_x)
-    hessian, gradient = _whitened(shifted_by, _noise_sd(window), scales, screw.play).normal()
+    hessian, gradient = _whitened(shifted_by, window, scales, screw.play).normal()
     hessian += np.eye(len(hessian))
     return 0.5 * float(gradient @ np.linalg.solve(hessian, gradient) - np.linalg.slogdet(hessian)[1])
 
 
-def _minimise(
-    model: JointModel, frames: JointFrames, window: Window, scales: EvidenceParameters, play: Array
-) -> JointFrames:
-    """Damped Gauss-Newton steps, with the noise of each tick and the ``play`` (K, K) as in ``_play``."""
-    noise_sd, damping, deviation = _noise_sd(window), np.array(FIRST_DAMPING), _deviations(scales)[model.free]
-    at = _whitened(model.residual(frames, window.zeta), noise_sd, scales, play)
+def _minimise(fit: FittedJoint, window: Window, scales: EvidenceParameters) -> FittedJoint:
+    """Damped Gauss-Newton steps, with the noise of each tick and the play of the fit."""
+    model, frames, at = fit.model, fit.frames, _whitened(fit.residual, window, scales, fit.play)
+    damping, precision = np.array(FIRST_DAMPING), _deviations(scales)[model.free] ** -2.0
     for _ in range(STEPS):
         hessian, gradient = at.normal()
-        damped = hessian + np.diag(damping * hessian.diagonal() + deviation**-2.0)
+        damped = hessian + np.diag(damping * hessian.diagonal() + precision)
         step = np.asarray(-np.linalg.solve(damped, gradient), np.float64)
         there = model.moved(frames, step)
-        then = _whitened(model.residual(there, window.zeta), noise_sd, scales, play)
+        then = _whitened(model.residual(there, window.zeta), window, scales, fit.play)
         gained = at.cost - then.cost
         damping = adapted(damping, gained > 0.0)
         if gained > 0.0:
             frames, at = there, then
         if abs(gained) < CONVERGED * (1.0 + at.cost):
             break
-    return frames
+    return fit._replace(frames=frames, residual=model.residual(frames, window.zeta))
 
 
 def contact_evidence(
-    contact: KnownContact,
-    window: Window,
-    scales: EvidenceParameters,
-    course: Array | None = None,
-    free: float = np.inf,
+    contact: KnownContact, window: Window, scales: EvidenceParameters, course: Array | None, free: float
 ) -> float:
     """Log evidence of a contact against the same free motion as for joints, with play as these have it;
     ``course`` and ``free`` are as of ``_log_ratio``."""
@@ -233,16 +224,11 @@ def contact_evidence(
     residual = Residual(value, motion.gradients(c), np.zeros((*value.shape, 0)))
     factor = 1.0
     if course is not None:
-        play = _play(_whitened(residual, _noise_sd(window), scales).residual)
+        play = _play(_whitened(residual, window, scales).residual)
         factor = float(np.exp(np.linalg.slogdet(play)[1] / len(play)))  # geometric mean over the directions
     gain = float(motion.evidence(c).gain.mean())
     cost = elements_complexity(contact.model, contact.x, motion, window, scales, gain, factor)
     return scales.likelihood_exponent * (_log_ratio(residual, window, scales, course, free) - cost)
-
-
-def _noise_sd(window: Window) -> Array:
-    """Standard deviations (W, 6) of the noise in each tick."""
-    return np.sqrt(window.variance[:, NOISE_OF_PERTURBATION])
 
 
 def _deviations(scales: EvidenceParameters) -> Array:
@@ -268,9 +254,10 @@ class _Whitened(NamedTuple):
         return slope.T @ slope, slope.T @ self.residual.ravel()
 
 
-def _factors(residual: Residual, noise_sd: Array) -> tuple[Array, Array]:
+def _factors(residual: Residual, window: Window) -> tuple[Array, Array]:
     """Standard deviations (W, K) of the residuals by noise, and Cholesky factors (W, K, K) of their
     correlation."""
+    noise_sd = np.sqrt(window.variance[:, NOISE_OF_PERTURBATION])
     scale = np.sqrt(np.square(residual.by_pose * noise_sd[:, None]).sum(axis=2)) + JITTER**2
     rows = residual.by_pose / scale[..., None] * noise_sd[:, None]
     lower = np.linalg.cholesky(rows @ np.swapaxes(rows, 1, 2) + JITTER * np.eye(rows.shape[1]))
@@ -278,9 +265,9 @@ def _factors(residual: Residual, noise_sd: Array) -> tuple[Array, Array]:
 
 
 def _whitened(
-    residual: Residual, noise_sd: Array, scales: EvidenceParameters, play: Array | None = None
+    residual: Residual, window: Window, scales: EvidenceParameters, play: Array | None = None
 ) -> _Whitened:
-    scale, lower = _factors(residual, noise_sd)
+    scale, lower = _factors(residual, window)
     both = np.concatenate([residual.value[..., None], residual.by_x], axis=2) / scale[..., None]
     white: Array = np.linalg.solve(lower, scales.innovations(both)).astype(float)
     if play is not None:
@@ -300,9 +287,8 @@ def _against_free(
 ) -> tuple[Array, float, float]:
     """Whitened residuals (W, K), half the log ratio of their variances under free motion to those of the
     noise, and their quadratic form under free motion."""
-    noise_sd, moved_sd = _noise_sd(window), np.sqrt(window.displacement_variance[:, NOISE_OF_PERTURBATION])
-    white = _whitened(residual, noise_sd, scales).residual
-    scale, lower = _factors(residual, noise_sd)
+    moved_sd = np.sqrt(window.displacement_variance[:, NOISE_OF_PERTURBATION])
+    white, (scale, lower) = _whitened(residual, window, scales).residual, _factors(residual, window)
     moved = np.linalg.solve(lower, residual.by_pose / scale[..., None] * moved_sd[:, None])
     loose = np.eye(white.shape[1]) + moved @ np.swapaxes(moved, 1, 2)
     of_free = float((white * np.linalg.solve(loose, white[..., None])[..., 0]).sum())
@@ -324,6 +310,8 @@ def _log_ratio(
     return gain + of_joint + 0.5 * min(of_free, free, white.size)  # it can follow smooth motion
 
 
+BODY_ROWS: Final = np.concatenate([BODY_TURN, BODY_POINT])
+WORLD_ROWS: Final = np.concatenate([WORLD_TURN, WORLD_POINT])
 _FREE: Final = {JointKind.SLIDER: "vz", JointKind.BALL: "wx wy wz"}
 """Coordinates of the twist in the joint's frame; of others the turn about the axis."""
 
@@ -379,8 +367,10 @@ def joint_of(fitted: FittedJoint, probability: float, near_m: Array, origins: Or
     frames, kind = fitted.frames, fitted.model.kind
     whole = np.zeros((PITCH + 1, PITCH + 1))
     whole[np.ix_(fitted.model.free, fitted.model.free)] = fitted.covariance
-    body = _element(kind, frames.body_axes, frames.body_point_m, _block(whole, BODY_TURN, BODY_POINT))
-    world = _element(kind, frames.world_axes, frames.world_point_m, _block(whole, WORLD_TURN, WORLD_POINT))
+    # covariances (6, 6) of a frame's turns about and shifts along its own axes
+    of_body, of_world = (whole[np.ix_(rows, rows)] for rows in (BODY_ROWS, WORLD_ROWS))
+    body = _element(kind, frames.body_axes, frames.body_point_m, of_body)
+    world = _element(kind, frames.world_axes, frames.world_point_m, of_world)
     pitch = {JointKind.HINGE: 0.0, JointKind.SCREW: frames.pitch_m}.get(kind)
     deviation = float(np.sqrt(whole[PITCH, PITCH])) if kind is JointKind.SCREW else None
     if kind is JointKind.SLIDER:  # lines of any point: that of the body's origin
@@ -394,12 +384,6 @@ def joint_of(fitted: FittedJoint, probability: float, near_m: Array, origins: Or
         pitch,
         deviation,
     )
-
-
-def _block(whole: Array, turn: NDArray[np.int64], point: NDArray[np.int64]) -> Array:
-    """Covariance (6, 6) of a frame's turns about and shifts along its own axes."""
-    some = np.concatenate([turn, point])
-    return np.asarray(whole[np.ix_(some, some)])
 
 
 def _element(kind: JointKind, axes: Array, point_m: Array, covariance: Array) -> Element:

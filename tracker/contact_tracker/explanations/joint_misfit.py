@@ -3,9 +3,8 @@
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from contact_tracker.arrays import Array
 
 MOST_PLAY: Final = 100.0
 """Joints have play and markers bend: beside what follows the motion, the errors of a joint of one degree of

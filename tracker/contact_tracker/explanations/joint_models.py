@@ -10,13 +10,11 @@ from enum import StrEnum
 from typing import Final, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array, Ints
 from contact_tracker.geometry.lifted_pose import R, T
 from contact_tracker.geometry.linalg import cross_matrix, sphere_tangent
 from contact_tracker.geometry.rotation import from_rotation_vectors, matrices
-
-Array = NDArray[np.float64]
 
 S_X, S_Y, S_Z, TILT_X, TILT_Y, ANGLE = range(6)
 """Coordinates of the joint's body frame in its world frame: origin (m), tilt of the axis, and angle about the
@@ -67,11 +65,12 @@ class JointFrames:
 
     def moved(self, step: Array) -> Self:
         """The frames after a ``step`` (13,): shifts along and turns about their own axes, and the pitch."""
+        of_body, of_world = matrices(from_rotation_vectors(step[[BODY_TURN, WORLD_TURN]]))
         return replace(
             self,
-            body_axes=self.body_axes @ _turn(step[BODY_TURN]),
+            body_axes=self.body_axes @ of_body,
             body_point_m=self.body_point_m + self.body_axes @ step[BODY_POINT],
-            world_axes=self.world_axes @ _turn(step[WORLD_TURN]),
+            world_axes=self.world_axes @ of_world,
             world_point_m=self.world_point_m + self.world_axes @ step[WORLD_POINT],
             pitch_m=self.pitch_m + float(step[PITCH]),
         )
@@ -87,7 +86,7 @@ class JointModel:
 
     kind: JointKind
     rows: tuple[int, ...]
-    free: NDArray[np.int64]
+    free: Ints
     start: Callable[[Array], JointFrames]
 
     def moved(self, frames: JointFrames, step: Array) -> JointFrames:
@@ -142,10 +141,6 @@ def _coordinates(frames: JointFrames, zeta: Array) -> tuple[Array, Array, Array]
     by_pose[:, ANGLE, :3] = body[:, 2]
     by_x[:, ANGLE, BODY_TURN[2]], by_x[:, ANGLE, WORLD_TURN[2]] = 1.0, -1.0
     return value, by_pose, by_x
-
-
-def _turn(vector: Array) -> Array:
-    return np.asarray(matrices(from_rotation_vectors(vector[None]))[0])
 
 
 def _about(axis: Array) -> Array:

@@ -131,14 +131,11 @@ def advance(state: FormationState, ticks: FormationTicks, first: KnownContact) -
     state = state._replace(tracked=tuple(tracked), constraints=_count(tracked, motion, first))
     if state.reclassified >= 0:
         return _reclassify(state, ticks, first)
-    refitted = [
-        i for i, (one, now) in enumerate(zip(before, tracked, strict=True)) if now.refit_at > one.refit_at
-    ]
+    pairs = enumerate(zip(before, tracked, strict=True))
+    refitted = [number for number, (one, now) in pairs if now.refit_at > one.refit_at]
     if refitted and not state.queue:
-        elements = tracked[refitted[-1]].elements
-        return state._replace(
-            queue=ticks.kinds, proposals=(elements,), searches_all=True, reclassified=refitted[-1]
-        )
+        proposals, number = (tracked[refitted[-1]].elements,), refitted[-1]
+        return state._replace(queue=ticks.kinds, proposals=proposals, searches_all=True, reclassified=number)
     if sum(one.is_present for one in tracked) >= MAX_FURTHER:
         return state._replace(queue=(), proposals=())
     if state.queue:
@@ -194,9 +191,8 @@ def _refit_at(newest: int, run: Run) -> int:
 
 def _begin_search(state: FormationState, ticks: FormationTicks, motion: ConditionalMotion) -> FormationState:
     """Test the remembered elements; if none touches, queue the constraints that the latest ticks may keep."""
-    state = state._replace(
-        ticks_since_search=0.0, search_interval=max(state.search_interval, SEARCH_INTERVAL_TICKS)
-    )
+    interval = max(state.search_interval, SEARCH_INTERVAL_TICKS)
+    state = state._replace(ticks_since_search=0.0, search_interval=interval)
     candidates = [evaluate(ticks, motion, one) for one in state.remembered]
     best = best_of(one for one in candidates if one is not None and _is_now(one.presence, motion))
     if best is not None:
@@ -275,10 +271,8 @@ def _reclassify(state: FormationState, ticks: FormationTicks, first: KnownContac
     present = [first.c, *(other.elements.c for other in others if other.is_present)]
     part = motion.moved[slice(*run)]
     new = count_constraints(part, [*present, best.known.c]) - count_constraints(part, present)
-    tracked = list(state.tracked)
-    tracked[state.reclassified] = one._replace(
-        inseparable=inseparable_kinds(ticks, motion, best, candidates, run, new)
-    )
+    tracked, alike = list(state.tracked), inseparable_kinds(ticks, motion, best, candidates, run, new)
+    tracked[state.reclassified] = one._replace(inseparable=alike)
     return ended._replace(tracked=tuple(tracked))
 
 

@@ -73,7 +73,7 @@ def from_rotation_vectors(vector: Array) -> Array:
 
 
 def nearest(matrix: Array) -> Array:
-    """Unit quaternion (4,) of the rotation nearest to ``matrix`` (3, 3), such as a mean of rotations.
+    """Unit quaternion (4,) of the rotation nearest to any ``matrix`` (3, 3), such as a mean of rotations.
 
     Of all rotations it has the largest trace with ``matrix``, which is a quadratic form of the quaternion
     (Davenport's q-method).

@@ -10,14 +10,12 @@ from math import asin, inf, log, pi, sqrt
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array, Bools
 from contact_tracker.geometry.rotation import between, rotation_vectors
 from contact_tracker.motion.excursions import ARM_M, FAR_M_PER_S2
 from contact_tracker.motion.poses import AS_GIVEN, NO_POSES, Poses, ReadAs
 from contact_tracker.motion.sensor_noise import MEDIAN_OF_CHI_SQ, SCALE, independent_point
-
-Array = NDArray[np.float64]
 
 PIECE: Final = 10
 POWERS: Final = 4
@@ -44,7 +42,7 @@ NO_RETURN: Final = log(0.60 / 0.87)
 ALARM: Final = 25.0
 
 
-def returned(poses: Poses, interval_s: float) -> NDArray[np.bool_]:
+def returned(poses: Poses, interval_s: float) -> Bools:
     """(n,) which poses from the BACKth on are far from the last one and close to another of the last few."""
     position, quat = poses.position_m, poses.quat_xyzw
     step = _distance(position[BACK:], quat[BACK:], position[BACK - 1 : -1], quat[BACK - 1 : -1])
@@ -58,7 +56,7 @@ def returned(poses: Poses, interval_s: float) -> NDArray[np.bool_]:
     return np.asarray(far & (nearest < RETURNED_SHARE * step) & (nearest > 0.0))
 
 
-def page_sum(page: float, returns: NDArray[np.bool_]) -> tuple[float, bool]:
+def page_sum(page: float, returns: Bools) -> tuple[float, bool]:
     """Page's cumulative sum (never below zero) after these poses, and whether it reached the alarm."""
     if not page and not returns.any():
         return 0.0, False
@@ -369,7 +367,8 @@ def inspect(inspection: Inspection, poses: Poses) -> Inspection:
     first = inspection.first if inspection.total else new[np.zeros(1, int)]
     total, recent = inspection.total + len(new), Poses.join([inspection.recent, new])
     turning = advance_turning(inspection.turning, new)
-    moved = _moved(inspection.moved, first, new)
+    off = np.abs(new.position_m - first.position_m).max(), np.abs(new.quat_xyzw - first.quat_xyzw).max()
+    moved = inspection.moved[0] or bool(off[0] > CONSTANT), inspection.moved[1] or bool(off[1] > CONSTANT)
     inspection = inspection._replace(first=first, total=total, moved=moved, turning=turning)
     end = len(recent) - (total - BLOCK * inspection.blocks)
     while total - BLOCK * inspection.blocks >= BLOCK:
@@ -384,8 +383,17 @@ def findings(inspection: Inspection, fitting_units: Sequence[str] = ()) -> tuple
     found = list[Finding]()
     if inspection.units:
         found.append(Finding("units", _units_text(inspection, fitting_units), True))
-    elif _are_too_small(inspection):
-        found.append(Finding("units", _too_small_text(inspection), False))
+    elif inspection.total >= ENOUGH_CONSTANT and all(inspection.moved):
+        position, rotation = _sigma(inspection.noise[0]), _sigma(inspection.noise[1])
+        is_small = 0.0 < position < SMALL_LEVER_M * rotation and rotation < COARSE_RAD
+        if is_small and inspection.top_m_per_s < SLOW_M_PER_S:
+            figures = f"noise {1e6 * position:.2g} um, {180.0 / pi * rotation:.2g} deg"
+            figures += f"; speed up to {1e3 * inspection.top_m_per_s:.2g} mm/s"
+            text = (
+                f"positions look too small for metres ({figures}): check their unit (of a table: --unit); if "
+                "that is right, orientations are rounded: record more of their digits"
+            )
+            found.append(Finding("units", text, False))
     if inspection.bodies:
         share = f" ({100.0 * inspection.share:.0f} % of the frames)" if inspection.share else ""
         text = (
@@ -437,23 +445,6 @@ def _units_text(inspection: Inspection, fitting_units: Sequence[str]) -> str:
     return f"positions look like {name} {figures}: {how}"
 
 
-def _too_small_text(inspection: Inspection) -> str:
-    position, rotation = _sigma(inspection.noise[0]), _sigma(inspection.noise[1])
-    return (
-        f"positions look too small for metres (noise {1e6 * position:.2g} um, "
-        f"{180.0 / pi * rotation:.2g} deg; speed up to {1e3 * inspection.top_m_per_s:.2g} mm/s): check their "
-        "unit (of a table: --unit); if that is right, orientations are rounded: record more of their digits"
-    )
-
-
-def _moved(moved: tuple[bool, bool], first: Poses, new: Poses) -> tuple[bool, bool]:
-    if all(moved):
-        return moved
-    position = bool(np.abs(new.position_m - first.position_m).max() > CONSTANT)
-    turned = bool(np.abs(new.quat_xyzw - first.quat_xyzw).max() > CONSTANT)
-    return moved[0] or position, moved[1] or turned
-
-
 def _inspect_block(before: Inspection, window: Poses) -> Inspection:
     """Advance by the last BLOCK poses of ``window``; the others are those before."""
     blocks = before.blocks + 1
@@ -465,7 +456,9 @@ def _inspect_block(before: Inspection, window: Poses) -> Inspection:
     back = returned(near, interval_s)
     are_close = is_of_two_bodies(window[-BLOCK:])
     page, bodies = page_sum(before.page, back | are_close)
-    top_m_per_s = max(before.top_m_per_s, _speed(near.position_m, time_s))
+    path = near.position_m[BACK:] - near.position_m[:-BACK]
+    speed = np.sqrt(np.einsum("ni,ni->n", path, path)) / (time_s[BACK:] - time_s[:-BACK])
+    top_m_per_s = max(before.top_m_per_s, _median(speed))
     after = before._replace(
         blocks=blocks, page=page, share=float(back.mean()), bodies=bodies, top_m_per_s=top_m_per_s
     )
@@ -502,20 +495,6 @@ def _are_other_units(inspection: Inspection) -> bool:
     if position <= LEVER_M * rotation:
         return False
     return inspection.top_m_per_s > FAST_M_PER_S or (rotation > 0.0 and position > COARSE_M)
-
-
-def _are_too_small(inspection: Inspection) -> bool:
-    if inspection.total < ENOUGH_CONSTANT or not all(inspection.moved):
-        return False
-    position, rotation = _sigma(inspection.noise[0]), _sigma(inspection.noise[1])
-    is_small = 0.0 < position < SMALL_LEVER_M * rotation and rotation < COARSE_RAD
-    return is_small and inspection.top_m_per_s < SLOW_M_PER_S
-
-
-def _speed(position: Array, time_s: Array) -> float:
-    """Median distance over the poses, each from the one BACK before it."""
-    path = position[BACK:] - position[:-BACK]
-    return _median(np.sqrt(np.einsum("ni,ni->n", path, path)) / (time_s[BACK:] - time_s[:-BACK]))
 
 
 def _histogram(smooth: Array) -> Array:

@@ -12,14 +12,13 @@ from dataclasses import dataclass
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
+from contact_tracker.arrays import Array, Bools, Ints
 from contact_tracker.geometry.linalg import MOST_DAMPING, adapted, sphere_tangent
 from contact_tracker.paper.objectives import motion
 from contact_tracker.states import Contact
 
-Array = NDArray[np.float64]
 Kind = Literal["plane", "line", "point"]
 
 SIZE: Final[dict[Kind, int]] = {"plane": 4, "line": 6, "point": 4}
@@ -74,9 +73,8 @@ def value(contact: Contact, k: Array, obj: Array, environment: Array) -> float:
 
 def rows(contact: Contact, rotation: Array, p: Array) -> Array:
     """Rows A (..., N, r, n) of each frame: its residuals are ``A @ kron(x, y)``."""
-    if form(contact).swapped:
-        rotation, p = motion(rotation, p)
-    return form(contact).residuals(rotation, p)
+    of = motion(rotation, p) if form(contact).swapped else (rotation, p)
+    return form(contact).residuals(*of)
 
 
 def _face_face(rotation: Array, p: Array) -> Array:
@@ -158,7 +156,7 @@ class Batch(NamedTuple):
     value: Array
     x: Array
     y: Array
-    converged: NDArray[np.bool_]
+    converged: Bools
 
     def better(self, other: "Batch") -> "Batch":
         """The lower of each pair."""
@@ -224,7 +222,7 @@ class _Contracted(NamedTuple):
         """F (B,) at x."""
         return np.asarray(np.einsum("bi,bij,bj->b", x, self.by_x, x))
 
-    def pick(self, rows: NDArray[np.int64]) -> "_Contracted":
+    def pick(self, rows: Ints) -> "_Contracted":
         return _Contracted(*(part[rows] for part in self))
 
 
@@ -243,12 +241,8 @@ def _step(
     tangent_x, tangent_y = _tangent(kind_x, x), _tangent(kind_y, y)
     along_x, along_y = np.swapaxes(tangent_x, -1, -2), np.swapaxes(tangent_y, -1, -2)
     mixed = along_y @ near.mixed @ tangent_x
-    hessian = np.block(
-        [
-            [along_x @ near.by_x @ tangent_x, np.swapaxes(mixed, -1, -2)],
-            [mixed, along_y @ near.by_y @ tangent_y],
-        ]
-    )
+    by_both_x = along_x @ near.by_x @ tangent_x, np.swapaxes(mixed, -1, -2)
+    hessian = np.block([[*by_both_x], [mixed, along_y @ near.by_y @ tangent_y]])
     by_x, by_y = along_x @ near.by_x @ x[..., None], along_y @ near.by_y @ y[..., None]
     gradient = np.concatenate([by_x, by_y], axis=1)
     diagonal = np.einsum("bii->bi", hessian)
@@ -334,23 +328,21 @@ def minimise_slsqp(
     size = SIZE[f.x]
     # A sum of 500 squares of metres is far above SLSQP's absolute tolerance; one frame's minimum is not.
     scale = 1.0 / max(float(np.trace(k)) / f.size, np.finfo(float).tiny)
-    constraints = {
-        "type": "eq",
-        "fun": lambda z: _constraints(f, z)[0],
-        "jac": lambda z: _constraints(f, z)[1],
-    }
+    scaled, options = k * scale, {"maxiter": 500, "ftol": 1e-15}
+    parts = {"fun": lambda z: _constraints(f, z)[0], "jac": lambda z: _constraints(f, z)[1]}
+    given = {"constraints": {"type": "eq", **parts}, "options": options}
+
+    def objective(z: Array) -> tuple[float, Array]:
+        x, y = z[:size], z[size:]
+        v = np.kron(x, y)
+        kv = scaled @ v
+        slope = 2.0 * kv.reshape(size, -1)
+        return float(v @ kv), np.concatenate([slope @ y, x @ slope])
+
     minima, converged = list[tuple[float, Array, Array]](), 0
     for _ in range(starts):
         z0 = np.concatenate(random_starts(contact, 1, rng, offset_m), axis=1)[0]
-        options = {"maxiter": 500, "ftol": 1e-15}
-        found = minimize(
-            _objective(k * scale, size),
-            z0,
-            jac=True,
-            method="SLSQP",
-            constraints=constraints,
-            options=options,
-        )
+        found = minimize(objective, z0, jac=True, method="SLSQP", **given)
         converged += int(found.success)
         x, y = _onto_constraints(f.x, found.x[:size]), _onto_constraints(f.y, found.x[size:])
         v = np.kron(x, y)
@@ -359,17 +351,6 @@ def minimise_slsqp(
         raise ValueError("at least one start is needed")
     least, x, y = min(minima, key=lambda minimum: minimum[0])
     return Minimum(least, *f.factors(x, y), converged)
-
-
-def _objective(k: Array, size: int) -> Callable[[Array], tuple[float, Array]]:
-    def objective(z: Array) -> tuple[float, Array]:
-        x, y = z[:size], z[size:]
-        v = np.kron(x, y)
-        kv = k @ v
-        slope = 2.0 * kv.reshape(size, -1)
-        return float(v @ kv), np.concatenate([slope @ y, x @ slope])
-
-    return objective
 
 
 def _constraints(f: Form, z: Array) -> tuple[Array, Array]:

@@ -5,15 +5,12 @@ over the N frames. Units: rad^2 and m^2 (and m^2 rad^2) are added up as the pape
 """
 
 from collections.abc import Mapping
-from types import MappingProxyType
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array
 from contact_tracker.states import Contact
-
-Array = NDArray[np.float64]
 
 
 def motion(rotation_world_body: Array, position_m: Array) -> tuple[Array, Array]:
@@ -57,19 +54,15 @@ def direct(contact: Contact, rotation: Array, p: Array, obj: Array, environment:
 def face_face(rotation: Array, p: Array, plane_o: Array, plane_e: Array) -> float:
     """Equation (5): the line in which the planes meet vanishes."""
     normal, offset = _plane_in_body(rotation, p, plane_e)
-    return _sum_of_squares(
-        offset[:, None] * plane_o[:3] - plane_o[3] * normal,
-        np.cross(plane_o[:3], normal),
-    )
+    meet = offset[:, None] * plane_o[:3] - plane_o[3] * normal
+    return _sum_of_squares(meet, np.cross(plane_o[:3], normal))
 
 
 def edge_face(rotation: Array, p: Array, line_o: Array, plane_e: Array) -> float:
     """Equation (10): the point in which line and plane meet vanishes."""
     normal, offset = _plane_in_body(rotation, p, plane_e)
-    return _sum_of_squares(
-        np.cross(normal, line_o[3:]) + offset[:, None] * line_o[:3],
-        normal @ line_o[:3],
-    )
+    meet = np.cross(normal, line_o[3:]) + offset[:, None] * line_o[:3]
+    return _sum_of_squares(meet, normal @ line_o[:3])
 
 
 def vertex_face(rotation: Array, p: Array, point_o: Array, plane_e: Array) -> float:
@@ -96,16 +89,14 @@ def _sum_of_squares(*residuals: Array) -> float:
 
 
 UNREPORTED: Final = float("nan")
-REPORTED_ERRORS: Final[Mapping[tuple[Contact, str], tuple[float, float]]] = MappingProxyType(
-    {
-        (Contact.FF, "object"): (0.12, UNREPORTED),
-        (Contact.FF, "environment"): (0.12, UNREPORTED),
-        (Contact.EF, "object"): (0.76, 5.6),
-        (Contact.EF, "environment"): (0.72, UNREPORTED),
-        (Contact.VF, "object"): (UNREPORTED, 9.4),
-        (Contact.VF, "environment"): (0.14, UNREPORTED),
-        (Contact.EE, "object"): (0.43, 6.3),
-        (Contact.EE, "environment"): (0.15, 4.0),
-    }
-)
+REPORTED_ERRORS: Final[Mapping[tuple[Contact, str], tuple[float, float]]] = {
+    (Contact.FF, "object"): (0.12, UNREPORTED),
+    (Contact.FF, "environment"): (0.12, UNREPORTED),
+    (Contact.EF, "object"): (0.76, 5.6),
+    (Contact.EF, "environment"): (0.72, UNREPORTED),
+    (Contact.VF, "object"): (UNREPORTED, 9.4),
+    (Contact.VF, "environment"): (0.14, UNREPORTED),
+    (Contact.EE, "object"): (0.43, 6.3),
+    (Contact.EE, "environment"): (0.15, 4.0),
+}
 """Angle (deg) and distance (mm) by contact and side; nan where the paper gives no figure."""

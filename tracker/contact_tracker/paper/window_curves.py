@@ -6,17 +6,14 @@ from math import gcd
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array, Bools, Ints
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.geometry.lifted_pose import lift
 from contact_tracker.motion.poses import Poses
 from contact_tracker.paper.batched import Batch, form, minimise_batched, random_starts, rows
 from contact_tracker.paper.objectives import motion
 from contact_tracker.states import Contact
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 SHIFTS: Final = (1, -1, 3, -3, 9, -9, 27, -27, 1, -1)
 """Neighbours from whose minima a window starts again, one after the other."""
@@ -40,9 +37,9 @@ class WindowCurves:
     converged : (W, 6) whether that minimisation converged.
     """
 
-    stamp_ns: Index
+    stamp_ns: Ints
     minimum: Array
-    converged: NDArray[np.bool_]
+    converged: Bools
 
     @property
     def normalised(self) -> Array:
@@ -125,17 +122,13 @@ def _sums(a: Array, frames: int, step: int) -> Array:
 
 def _starts(model: ContactModel, moments: Array) -> tuple[Array, Array]:
     """Solutions of the relaxed problems as factors of the Kronecker product, (W, N, a) and (W, N, b)."""
-    x = model.family.starts(moments)
-    x = model.family.normalise(x, np.zeros(6))
-    match model.contact:
-        case Contact.FF:
-            first, second = np.concatenate([x[..., :3], np.zeros_like(x[..., :1])], axis=-1), x[..., 3:]
-        case Contact.VF | Contact.FV:
-            first, second = np.concatenate([x[..., :3], np.ones_like(x[..., :1])], axis=-1), x[..., 3:]
-        case Contact.EF | Contact.FE:
-            first, second = _line(x[..., :6]), x[..., 6:]
-        case _:
-            first, second = _line(x[..., :6]), _line(x[..., 6:])
+    x = model.family.normalise(model.family.starts(moments), np.zeros(6))
+    if "e" in model.contact:
+        first, second = _line(x[..., :6]), x[..., 6:]
+        second = _line(second) if model.contact is Contact.EE else second
+    else:  # a face through the origin, or a point, in homogeneous coordinates
+        last = np.full_like(x[..., :1], 0.0 if model.contact is Contact.FF else 1.0)
+        first, second = np.concatenate([x[..., :3], last], axis=-1), x[..., 3:]
     body, world = (first, second) if model.body_in_1 else (second, first)
     return form(model.contact).factors(body, world)
 

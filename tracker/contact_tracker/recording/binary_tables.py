@@ -1,8 +1,10 @@
-"""Tables of poses in Parquet, in arrays of NumPy (.npy, .npz) and in C3D files with rigid bodies.
+"""Tables of poses in Parquet and Feather, in arrays of NumPy, MATLAB and HDF5, and in C3D files with rigid
+bodies.
 
 Values in lists and structs of Parquet are columns of their own. What its pages declare is checked before a
 library decompresses them: a few bytes can expand to billions of rows or to gigabytes. Footer and page headers
-are in Thrift's compact protocol: https://parquet.apache.org/docs/file-format/
+are in Thrift's compact protocol (https://parquet.apache.org/docs/file-format/), those of Feather, the file
+format of Arrow, are flatbuffers (https://arrow.apache.org/docs/format/Columnar.html).
 
 C3D has a header, groups of parameters, and data in blocks of 512 bytes (https://www.c3d.org). Theia3D and
 Visual3D write matrices of the data type ROTATION: 16 floats by columns and one of reliability, negative where
@@ -10,13 +12,12 @@ there is none (https://www.c-motion.com/v3dwiki/index.php?title=ROTATION_DATA_TY
 library ezc3d ends the process at damaged files.
 """
 
+import math
 import os
 import struct
-import zipfile
-import zlib
-from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence, Set
-from contextlib import closing
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from itertools import compress
@@ -24,17 +25,17 @@ from typing import IO, Any, Final
 
 import numpy as np
 import pyarrow
-from numpy.lib import format as npy
 from numpy.typing import NDArray
 from pyarrow import compute, types
-from pyarrow.parquet import ColumnChunkMetaData, FileMetaData, ParquetFile
+from pyarrow.parquet import ColumnChunkMetaData, ParquetFile
 
 from contact_tracker.config.quantities import LENGTHS_M
 from contact_tracker.config.table_reading import TableReading, reading_of
 from contact_tracker.errors import ChoiceError, UnreadableRecording, first_line, printable
+from contact_tracker.recording.array_files import WIDEST, arrays_in
 from contact_tracker.recording.bytestream import SHARE_OF_RECORD, TooMuchWork, WorkBudget
 from contact_tracker.recording.items import ROWS_AT_ONCE
-from contact_tracker.recording.table_layouts import Body, TableLayout, numbers
+from contact_tracker.recording.table_layouts import MOST_COLUMNS, UNNAMED, Body, TableLayout, numbers
 from contact_tracker.recording.table_proposals import FIRST_ROWS, layout_of_names, layout_without_names
 
 _PARQUET_ERRORS: Final = (pyarrow.ArrowException, OSError, ValueError, OverflowError, KeyError)
@@ -42,8 +43,6 @@ _BUFFER_BYTES: Final = 2**16
 _LONGEST_LINE: Final = 120
 """Longest text of an error of pyarrow, which may list all columns."""
 _LONGEST_NAME: Final = 40
-_WIDEST: Final = 64
-"""Values of a list or an array that are columns; an image has more."""
 _DEEPEST: Final = 5
 
 
@@ -61,30 +60,30 @@ class ParquetTable:
         It is damaged, takes more work than its size explains, or has no columns of poses.
     """
 
-    def __init__(self, path: str, reading: TableReading, budget: WorkBudget) -> None:
+    def __init__(self, path: str, reading: TableReading, budget: WorkBudget, kind: str = "Parquet") -> None:
         self.damage: tuple[str, ...] = ()
         try:
-            self._file = ParquetFile(path, buffer_size=_BUFFER_BYTES, pre_buffer=False)
+            self._file = _OPENED[kind](path)
             leaves = list[_Leaf]()
             for one in self._file.schema_arrow:
-                first = self._first_of(one.name, path, budget) if _has_list(one.type) else None
+                first = self._first_of(one.name, budget) if _has_list(one.type) else None
                 leaves += _leaves(one.name, (one.name,), one.type, first)
         except _PARQUET_ERRORS as error:
             raise UnreadableRecording(
                 f"it cannot be read as a table: {first_line(error)[:_LONGEST_LINE]}"
             ) from error
-        names, rows = [name for name, _, _ in leaves], partial(self._first_rows, leaves, path, budget)
-        self.layout = replace(layout_of_names(names, reading, path, rows=rows), kind="Parquet")
+        names, rows = [name for name, _, _ in leaves], partial(self._first_rows, leaves, budget)
+        self.layout = replace(layout_of_names(names, reading, path, rows=rows), kind=kind)
         self._chosen = {place: leaves[place] for place in self.layout.places if place >= 0}
-        for place, (name, _, kind) in self._chosen.items():
-            is_time = place == self.layout.time and types.is_temporal(kind)
-            if not (is_time or _is_number(kind)):
-                named = f"its column {printable(name[:_LONGEST_NAME])} is of the type {kind}"
+        for place, (name, _, type_) in self._chosen.items():
+            is_time = place == self.layout.time and types.is_temporal(type_)
+            if not (is_time or _is_number(type_)):
+                named = f"its column {printable(name[:_LONGEST_NAME])} is of the type {type_}"
                 raise UnreadableRecording(f"{named}: columns of numbers are read")
             if is_time:
-                self.layout = replace(self.layout, time_ns=1, has_own_unit=types.is_duration(kind))
+                self.layout = replace(self.layout, time_ns=1, has_own_unit=types.is_duration(type_))
         self._columns = list(dict.fromkeys(str(path[0]) for _, path, _ in self._chosen.values()))
-        _check_pages(self._file.metadata, path, {*self._columns}, len(self.layout.bodies), budget)
+        self._file.check({*self._columns}, len(self.layout.bodies), budget)
 
     def __iter__(self) -> Iterator[dict[int, Any]]:
         done = 0
@@ -112,11 +111,11 @@ class ParquetTable:
             for place, values in found.items()
         }
 
-    def _first_rows(self, leaves: Sequence[_Leaf], path: str, budget: WorkBudget) -> list[list[str]]:
+    def _first_rows(self, leaves: Sequence[_Leaf], budget: WorkBudget) -> list[list[str]]:
         """The numbers of the first rows as text, ``nan`` for others; none where they cannot be read."""
         names = dict.fromkeys(str(own[0]) for _, own, kind in leaves if _is_number(kind))
         try:
-            _check_pages(self._file.metadata, path, {*names}, 1, budget)
+            self._file.check({*names}, 1, budget)
             batch = next(self._file.iter_batches(FIRST_ROWS, columns=[*names], use_threads=False))
             columns = [
                 _numbers(_single(batch.column(str(own[0])), own[1:]))
@@ -129,10 +128,10 @@ class ParquetTable:
         rows: list[list[str]] = np.array(columns).T.astype(str).tolist()
         return rows
 
-    def _first_of(self, name: str, path: str, budget: WorkBudget) -> Any:
+    def _first_of(self, name: str, budget: WorkBudget) -> Any:
         """The value of a column in the first row; None where it cannot be read."""
         try:
-            _check_pages(self._file.metadata, path, {name}, 1, budget)
+            self._file.check({name}, 1, budget)
             batch = next(self._file.iter_batches(1, columns=[name], use_threads=False), None)
         except UnreadableRecording:
             return None
@@ -144,17 +143,17 @@ def _leaves(name: str, path: tuple[str | int, ...], kind: Any, first: Any) -> It
     if len(path) > _DEEPEST:
         return
     if types.is_struct(kind):
-        for field in map(kind.field, range(min(kind.num_fields, _WIDEST))):
+        for field in map(kind.field, range(min(kind.num_fields, WIDEST))):
             own = first.get(field.name) if isinstance(first, dict) else None
             yield from _leaves(f"{name}.{field.name}", (*path, field.name), field.type, own)
     elif _is_list(kind):
         values = first if isinstance(first, list) else []
         many = kind.list_size if types.is_fixed_size_list(kind) else len(values)
-        for i in range(min(many, _WIDEST)):
+        for i in range(min(many, WIDEST)):
             own = values[i] if i < len(values) else None
             yield from _leaves(f"{name}[{i}]", (*path, i), kind.value_type, own)
-        if many > _WIDEST:
-            yield f"{name}[{_WIDEST}:{many}]", path, kind  # is only told of
+        if many > WIDEST:
+            yield f"{name}[{WIDEST}:{many}]", path, kind  # is only told of
     else:
         yield name, path, kind
 
@@ -166,16 +165,10 @@ def _is_list(kind: Any) -> bool:
 def _has_list(kind: Any) -> bool:
     """Whether the length of a list, at any depth, is not in the type."""
     if types.is_struct(kind):
-        return any(_has_list(kind.field(i).type) for i in range(min(kind.num_fields, _WIDEST)))
+        return any(_has_list(kind.field(i).type) for i in range(min(kind.num_fields, WIDEST)))
     if not _is_list(kind):
         return False
     return not types.is_fixed_size_list(kind) or _has_list(kind.value_type)
-
-
-def feather_columns(path: str) -> list[str]:
-    """Names and types of the columns of a file of Arrow; a damaged one can raise anything."""
-    with pyarrow.ipc.open_file(path) as file:
-        return [f"{one.name} {one.type}" for one in file.schema]
 
 
 def _is_number(kind: Any) -> bool:
@@ -220,16 +213,23 @@ _MOST_SHARED: Final = 2**28
 """Most bytes that texts in other encodings may become."""
 _VALUES_PER_ROW: Final = 7
 """Values of lists that count as a row: a pose has as many."""
+_BYTES_PER_ROW: Final = 8 * _VALUES_PER_ROW
 _Struct = Mapping[int, Any]
 """The fields of a Thrift struct by number."""
 
 
-def _check_pages(about: FileMetaData, path: str, names: Set[str], bodies: int, budget: WorkBudget) -> None:
-    """Check the columns of these names in a file with ``bodies`` bodies; raises UnreadableRecording if they
-    exceed the limits for the file's size, or page headers cannot be parsed."""
-    try:
-        with open(path, "rb") as file:
-            for group in map(about.row_group, range(about.num_row_groups)):
+class _Parquet(ParquetFile):  # type: ignore[misc]
+    """A Parquet file, whose pages are checked before columns are decompressed."""
+
+    def __init__(self, path: str) -> None:
+        super().__init__(path, buffer_size=_BUFFER_BYTES, pre_buffer=False)
+        self._path = path
+
+    def check(self, names: Set[str], bodies: int, budget: WorkBudget) -> None:
+        """Check the columns of these names in a file with so many bodies; raises UnreadableRecording if they
+        exceed the limits for the file's size, or page headers cannot be parsed."""
+        with _checked(self._path) as file:
+            for group in map(self.metadata.row_group, range(self.metadata.num_row_groups)):
                 budget.spend(SHARE_OF_RECORD * max(group.num_rows, 0) * bodies)
                 pages = list[tuple[int, int]]()
                 for column in map(group.column, range(group.num_columns)):
@@ -241,9 +241,97 @@ def _check_pages(about: FileMetaData, path: str, names: Set[str], bodies: int, b
                         budget.spend(1)  # several columns may name the same pages
                         pages.append(page)
                 budget.inflate(sum(packed for packed, _ in pages), sum(plain for _, plain in pages))
+
+
+class _Arrow:
+    """A Feather file, whose buffers are checked before they are decompressed."""
+
+    def __init__(self, path: str) -> None:
+        self._path, self._file, self._is_checked = path, pyarrow.OSFile(path), False
+        self.schema_arrow = pyarrow.ipc.open_file(self._file).schema
+
+    def iter_batches(self, rows: int, columns: Sequence[str], use_threads: bool) -> Iterator[Any]:
+        """Columns in batches of so many rows."""
+        places = [self.schema_arrow.get_field_index(name) for name in columns]
+        options = pyarrow.ipc.IpcReadOptions(included_fields=places, use_threads=use_threads)
+        opened = pyarrow.ipc.open_file(self._file, options=options)
+        for batch in map(opened.get_batch, range(opened.num_record_batches)):
+            batch.validate(full=True)
+            if len(batch) > batch.nbytes:
+                raise ValueError("it has more rows than values")
+            yield from (batch.slice(begin, rows) for begin in range(0, len(batch), rows))
+
+    def close(self) -> None:
+        self._file.close()
+
+    def check(self, names: Set[str], bodies: int, budget: WorkBudget) -> None:
+        """As of Parquet, but of all columns at once, as buffers have no names."""
+        if self._is_checked:
+            return
+        self._is_checked = True
+        with _checked(self._path) as file:
+            file.seek(-_ARROW_END, os.SEEK_END)
+            (size,) = struct.unpack("<i", file.read(4))
+            file.seek(-_ARROW_END - size, os.SEEK_END)
+            footer = file.read(size)
+            for blocks, *batch in ((3, 2), (2, 2, 1)):  # of rows, and of dictionaries
+                for begin, head, _, _ in _structs(footer, "<qiiq", blocks):
+                    file.seek(begin)
+                    message = file.read(head)[8:]
+                    is_packed = _place(message, *batch, 3) > 0
+                    for at, packed in _structs(message, "<qq", *batch, 2):
+                        file.seek(begin + head + at)
+                        size = packed
+                        if is_packed and packed:
+                            size = max(0, *struct.unpack("<q", file.read(8)))
+                            budget.inflate(packed, size)
+                        budget.spend(SHARE_OF_RECORD * (1.0 + size / _BYTES_PER_ROW))
+
+
+_OPENED: Final[Mapping[str, Callable[[str], _Parquet | _Arrow]]] = {"Parquet": _Parquet, "Feather": _Arrow}
+_ARROW_END: Final = 10
+"""Bytes after the footer of a file of Arrow: its size and ``ARROW1``."""
+
+
+def _place(data: bytes, *fields: int) -> int:
+    """The offset of a table or vector in a flatbuffer (https://flatbuffers.dev/internals/), by the fields of
+    the tables around it; 0 without one."""
+    (at,) = struct.unpack_from("<I", data)
+    for field in fields:
+        names, slot = at - struct.unpack_from("<i", data, at)[0], 4 + 2 * field
+        has_it = slot < struct.unpack_from("<H", data, names)[0]
+        (own,) = struct.unpack_from("<H", data, names + slot) if has_it else (0,)
+        if not own:
+            return 0
+        at += own + struct.unpack_from("<I", data, at + own)[0]
+    return int(at)
+
+
+def _structs(data: bytes, form: str, *fields: int) -> Iterator[tuple[int, ...]]:
+    """The structs in a vector, by their form in the letters of ``struct``."""
+    if at := _place(data, *fields):
+        end = at + 4 + struct.unpack_from("<I", data, at)[0] * struct.calcsize(form)
+        yield from struct.iter_unpack(form, data[at + 4 : end])
+
+
+@contextmanager
+def _checked(path: str) -> Iterator[IO[bytes]]:
+    """A file whose parts are counted; raises UnreadableRecording if they exceed the limits for its size, or
+    cannot be parsed."""
+    try:
+        with open(path, "rb") as file:
+            yield file
     except TooMuchWork as error:
         raise UnreadableRecording(f"it is too much for its size: {error}") from error
-    except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
+    except (
+        ValueError,
+        LookupError,
+        TypeError,
+        AttributeError,
+        RecursionError,
+        struct.error,
+        OSError,
+    ) as error:
         raise UnreadableRecording(f"it is damaged: where its pages begin cannot be read ({error})") from error
 
 
@@ -308,11 +396,7 @@ def _varint(data: bytes, at: int) -> tuple[int, int]:
     return number | data[at] << shift, at + 1
 
 
-_MOST_ARRAYS: Final = 200
-_ARRAY_ERRORS: Final = (
-    *(ValueError, OSError, EOFError, RuntimeError, MemoryError),
-    *(zipfile.BadZipFile, zlib.error, NotImplementedError),
-)
+_SHOWN: Final = 8
 
 
 class ArrayTable:
@@ -326,29 +410,36 @@ class ArrayTable:
 
     damage: tuple[str, ...] = ()
 
-    def __init__(self, path: str, reading: TableReading, budget: WorkBudget) -> None:
+    def __init__(self, path: str, reading: TableReading, budget: WorkBudget, kind: str = "NumPy") -> None:
+        stated = {name.partition("[")[0].lower() for _, name in reading.columns}
+        arrays = arrays_in(path, kind, stated, budget)
+        of_stated = [shape for name, (shape, _) in arrays.items() if (name or UNNAMED).lower() in stated]
+        shapes = [shape for shape, _ in arrays.values()]
+        tried = ((of_stated, WIDEST), (of_stated, MOST_COLUMNS), (shapes, WIDEST))
+        self._rows = next(filter(None, (_rows_of(*one) for one in tried)), 0)
+        names, left_out, self._values = list[str](), list[str](), list[NDArray[Any]]()
+        for name, (shape, values) in arrays.items():
+            if values is None or self._rows not in (shape[0], shape[-1]):
+                left_out.append(f"{name} {shape}")
+                continue
+            rows = (values if shape[0] == self._rows else np.moveaxis(values, -1, 0)).reshape(self._rows, -1)
+            names += [name] if rows.shape[1] == 1 else [f"{name}[{i}]" for i in range(rows.shape[1])]
+            self._values += list(rows.T)
         try:
-            arrays = _arrays(path, budget)
-        except TooMuchWork as error:
-            raise UnreadableRecording(f"it is too much for its size: {error}") from error
-        except _ARRAY_ERRORS as error:
-            raise UnreadableRecording(f"it cannot be read as arrays of NumPy: {error}") from error
-        lengths = Counter(len(array) for array in arrays.values())
-        if not lengths:
-            raise UnreadableRecording("it has no array of numbers with a row for each pose")
-        self._rows = lengths.most_common(1)[0][0]
-        names, self._values = list[str](), list[NDArray[Any]]()
-        for name, array in arrays.items():
-            if len(array) == self._rows:
-                rows = array.reshape(self._rows, array.size // max(self._rows, 1))
-                names += [name] if array.ndim == 1 else [f"{name}[{i}]" for i in range(rows.shape[1])]
-                self._values += list(rows.T)
-        rows = np.array([values[:FIRST_ROWS] for values in self._values]).T.astype(str).tolist()
-        if list(arrays) == [""]:
-            layout = layout_without_names(rows, reading, path)
-        else:
-            layout = layout_of_names(names, reading, path, rows=lambda: rows)
-        self.layout = replace(layout, kind="NumPy")
+            if not names:
+                raise UnreadableRecording("it has no array of numbers with a row for each pose")
+            rows = np.array([values[:FIRST_ROWS] for values in self._values]).T.astype(str).tolist()
+            if list(arrays) == [""]:
+                layout = layout_without_names(rows, reading, path)
+            else:
+                layout = layout_of_names(names, reading, path, rows=lambda: rows)
+        except (UnreadableRecording, ChoiceError) as error:
+            if not left_out:
+                raise
+            others = ", ".join(left_out[:_SHOWN]) + ", ..." * (len(left_out) > _SHOWN)
+            text = f"{error}. Without {self._rows} rows of few values, and left out, are {others}"
+            raise type(error)(text) from error
+        self.layout = replace(layout, kind=kind)
 
     def __iter__(self) -> Iterator[dict[int, Any]]:
         layout = self.layout
@@ -362,35 +453,16 @@ class ArrayTable:
             yield found
 
 
-def _arrays(path: str, budget: WorkBudget) -> dict[str, NDArray[Any]]:
-    """The arrays of numbers by name; that of an ``.npy`` file has none."""
-    if not path.lower().endswith(".npz"):
-        with open(path, "rb") as file:
-            array = _array(file, os.path.getsize(path), os.path.getsize(path), budget)
-        return {} if array is None else {"": array}
-    found = dict[str, NDArray[Any]]()
-    with closing(zipfile.ZipFile(path)) as archive:
-        for info in archive.infolist()[:_MOST_ARRAYS]:
-            with archive.open(info) as file:
-                array = _array(file, info.compress_size, info.file_size, budget)
-            if array is not None:
-                found[printable(info.filename.removesuffix(".npy"))] = array
-    return found
-
-
-def _array(file: IO[bytes], packed: int, size: int, budget: WorkBudget) -> NDArray[Any] | None:
-    """An array in a file of so many bytes, ``packed`` and not, if it has numbers in rows of few values."""
-    version = npy.read_magic(file)
-    read_header = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
-    shape, by_columns, kind = read_header(file)
-    width = int(np.prod(shape[1:], dtype=object)) if shape else 0
-    if not 1 <= width <= _WIDEST or kind.kind not in "iuf":
-        return None
-    if min(shape) < 0 or width * shape[0] * kind.itemsize > size:
-        raise ValueError("an array is longer than its file")
-    budget.inflate(packed, size)
-    values = np.frombuffer(file.read(width * shape[0] * kind.itemsize), kind)
-    return values.reshape(shape, order="F" if by_columns else "C")
+def _rows_of(shapes: Sequence[tuple[int, ...]], widest: int) -> int:
+    """The number of rows, which is the length of the first or last axis of most arrays, of which small ones
+    count less; 0 without any."""
+    sizes = defaultdict[int, float](float)
+    for shape in shapes:
+        size = math.prod(shape)
+        for length in dict.fromkeys((shape[0], shape[-1])):
+            if size <= widest * length:
+                sizes[length] += math.log(size)
+    return max(sizes, key=lambda length: (sizes[length], length > 1), default=0)
 
 
 _BLOCK: Final = 512
@@ -492,3 +564,11 @@ def _parameters(data: bytes) -> dict[str, Any]:
             break
         at += step
     return {f"{groups.get(group, '')}:{name}": values for group, name, values in found}
+
+
+TABLES: Final[Mapping[str, Callable[[str, TableReading, WorkBudget], ParquetTable | ArrayTable]]] = {
+    **{kind: partial(ParquetTable, kind=kind) for kind in ("Parquet", "Feather")},
+    **{kind: partial(ArrayTable, kind=kind) for kind in ("NumPy", "MATLAB", "HDF5")},
+    "C3D": C3DTable,
+}
+"""What reads each kind of table."""

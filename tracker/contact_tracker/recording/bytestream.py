@@ -86,9 +86,16 @@ class WorkBudget:
 ZSTD_MAGIC: Final = b"\x28\xb5\x2f\xfd"
 TABLE_ENDINGS: Final = tuple(
     f".{end}"
-    for end in ["csv", "tsv", "txt", "tum", "dat", "jsonl", "json", "parquet", "pq", "npy", "npz", "c3d"]
+    for end in (
+        *("csv", "tsv", "txt", "tum", "dat", "jsonl", "json", "parquet", "pq", "feather", "arrow"),
+        *("npy", "npz", "mat", "h5", "hdf5", "c3d"),
+    )
 )
 """Usual ends of the names of tables; other text may be one as well."""
+WHAT_IS_READ: Final = (
+    "MCAP files, ROS bags (.db3, .bag), tables (CSV, TUM, JSON, Parquet, Feather, NumPy, MATLAB, HDF5), C3D "
+    "with bodies, and exports of Motive, Vicon and Qualisys"
+)
 _UTF_16: Final = (b"\xff\xfe", b"\xfe\xff")
 _CONTROLS: Final = bytes(set(range(32)) - set(b"\t\n\r\f") | {127})
 _BLOCK: Final = 2**20
@@ -147,6 +154,15 @@ class ByteStream:
         if compressed:
             counted = cast(IO[bytes], SimpleNamespace(read=self._read_plain))
             self._inflated = zstandard.ZstdDecompressor().stream_reader(counted, read_across_frames=True)
+
+    @property
+    def way_to_table(self) -> str:
+        """What makes text a file that is read as a table."""
+        if self._inflated is not None:
+            return "decompress it: zstd -d"
+        return (
+            "name it .csv" if self._plain.seekable() else "save it to a file: tables are not read from a pipe"
+        )
 
     def may_have(self, count: int) -> bool:
         """Whether ``count`` bytes may follow; of a file that does not grow this is known without reading."""

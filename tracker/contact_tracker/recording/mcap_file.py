@@ -30,6 +30,7 @@ from contact_tracker.recording.bytestream import (
     BYTES_PER_RECORD,
     RECORD_LIMIT,
     SHARE_OF_RECORD,
+    WHAT_IS_READ,
     ByteStream,
     TooMuchWork,
     WorkBudget,
@@ -236,7 +237,9 @@ class RecordLoop:
     def __iter__(self) -> Iterator[Item]:
         """The items of one record after the other; the messages of a chunk in the order of log time."""
         if (magic := self._stream.read(len(MAGIC))) != MAGIC:
-            hint = "; if it is a table, name it .csv" if is_text(magic) else ""
+            hint = f". What is read: {WHAT_IS_READ}"
+            if is_text(magic):
+                hint = f"; if it is a table, {self._stream.way_to_table}"
             reason = self._stream.error or (f"it is not an MCAP file{hint}" if magic else "it is empty")
             raise UnreadableRecording(reason)
         for opcode, payload, start in self._frames():

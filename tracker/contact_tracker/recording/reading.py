@@ -67,6 +67,9 @@ def parts_of(path: str) -> list[str]:
     if not names:
         packed = next((n for n in there if re.search(r"\.(mcap|db3)\.\w+$", n.lower())), None)
         advice = "" if packed is None else f"; decompress {packed} first"
+        if any(n.lower().endswith(".txt") for n in there):
+            read = f"[numpy.loadtxt(one) for one in sorted(glob.glob({os.path.join(path, '*.txt')!r}))]"
+            advice = f"; if each .txt has a matrix, numpy.save('poses.npy', {read}) makes a file that is read"
         raise UnreadableRecording(f"{path}: this folder holds no .mcap or .db3 file{advice}")
     return [os.path.join(path, n) for n in names if _better(n) == n or _better(n) not in names]
 

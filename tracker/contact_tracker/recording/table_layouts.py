@@ -95,9 +95,22 @@ SEPARATORS: Final[Mapping[str, str]] = {
 """Characters that separate values, and what messages call them."""
 
 
+_EXPONENT: Final = re.compile(r"(?<=[\d.])[dD](?=[+-]?\d+$)")
+_THOUSANDS: Final = re.compile(r"[+-]?\d{1,3}(?:(?:,\d{3})+\.\d*|(?:\.\d{3})+,\d*)")
+
+
+def plain_number(value: str) -> str:
+    """A number in a cell as Python writes it: it may have quotes, a decimal comma, marks of thousands beside
+    a decimal mark, or an exponent of Fortran."""
+    plain = value.strip(BLANKS)
+    if _THOUSANDS.fullmatch(plain):
+        plain = re.sub("[.,](?=.*[.,])", "", plain)
+    return _EXPONENT.sub("e", plain.replace(",", "."))
+
+
 def number(value: str) -> float:
-    """The number in a cell, which may have quotes or a decimal comma; raises ValueError."""
-    return float(value.strip(BLANKS).replace(",", "."))
+    """The number in a cell; raises ValueError."""
+    return float(plain_number(value))
 
 
 def numbers(cells: Sequence[str]) -> Array:
@@ -172,7 +185,7 @@ class TableLayout:
     kind : description of the format.
     separator : of the values in a line; None for white space.
     skip : lines before the first row.
-    rest : index of a column with the nanoseconds of the second.
+    rest : index of a column with the rest of the second, in ``rest_ns``.
     has_own_unit : whether the format itself defines the unit of its times.
     names : of the values of JSON lines, and of cells with several values, whose columns are ``heads``.
     quaternion : names of the columns of the only body's, if users can name others.
@@ -186,6 +199,7 @@ class TableLayout:
     separator: str | None = None
     skip: int = 0
     rest: int | None = None
+    rest_ns: float = 1.0
     has_own_unit: bool = False
     names: tuple[str, ...] = ()
     heads: tuple[str, ...] = ()
@@ -281,7 +295,7 @@ _CAMEL: Final = re.compile(r"(?<=[a-z])(?=[A-Z])")
 _TIME: Final = re.compile(r"(?:.*[./ ])?(?:rosbag)?_*(?:t|time|times|time_?stamp|stamp)")
 _ELAPSED: Final = re.compile(r"(?:.*[./ _])?(?:elapsed|elapsed_?time|secs?|seconds)")
 """Names of a time if no other column is one."""
-_REST: Final = re.compile(r"(?:.*[./ _])?(?:nano_?|n)sec(?:s|onds)?")
+_REST: Final = re.compile(r"(?:.*[./ _])?(nano_?|n|micro_?|u)sec(?:s|onds)?")
 FRAME: Final = re.compile(r"(?:.*[./ ])?(?:frame|frame_?(?:number|no|nr|index|idx|#)|sample)")
 _CLOCKS: Final = frozenset({"", "unix", "utc", "epoch", "posix"})
 """Texts in brackets after a time that leave its unit open."""
@@ -401,8 +415,9 @@ class Columns:
         if role not in GROUPS:
             return [(role, places[0])]
         if role != "matrix":
-            if len(places) != len(GROUPS[role]):
-                raise ChoiceError(f"{role} has {len(GROUPS[role])} columns, and {name} {len(places)}")
+            many, part = len(GROUPS[role]), f"{name.partition('[')[0]}[0:{len(GROUPS[role])}]"
+            if len(places) != many:
+                raise ChoiceError(f"{role} is {many} columns, as {part}, and {name} has {len(places)}")
             return list(zip(GROUPS[role], places, strict=True))
         if len(places) not in _MATRIX_SHAPES:
             raise ChoiceError(f"a matrix has 9, 12 or 16 values, and {name} {len(places)}")
@@ -471,7 +486,11 @@ def layout(columns: Columns, reading: TableReading) -> TableLayout:
     if len(bodies) > 1 or bodies[0].kind != "quaternion" or not all(map(CAN_BE_GIVEN, quaternion)):
         quaternion = ()
     time_ns = 1e9 if rest is not None else time_ns
-    return TableLayout(time, time_ns, bodies, rest=rest, quaternion=quaternion, has_angles=has_angles)
+    rest_unit = _REST.fullmatch(columns.plain[rest]) if rest is not None else None
+    rest_ns = 1e3 if rest_unit is not None and rest_unit[1][0] in "mu" else 1.0
+    return TableLayout(
+        time, time_ns, bodies, rest=rest, rest_ns=rest_ns, quaternion=quaternion, has_angles=has_angles
+    )
 
 
 def are_named_angles(names: Sequence[str]) -> bool:

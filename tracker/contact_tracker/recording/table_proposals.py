@@ -38,7 +38,7 @@ Array = NDArray[np.float64]
 Rows = Callable[[], Sequence[Sequence[str]]]
 """Gives the first rows of a table."""
 
-_LIKE_TIME: Final = re.compile(r".*(?:time|stamp|zeit|temps|tiempo|clock|ticks)", re.IGNORECASE)
+_LIKE_TIME: Final = re.compile(r".*(?:time|stamp|date|zeit|temps|tiempo|clock|ticks)", re.IGNORECASE)
 """Names that a column of times may have."""
 _PREFIX: Final = re.compile(r".+[._/: -]")
 """What may stand before the names of a system's columns."""
@@ -54,6 +54,8 @@ FIRST_ROWS: Final = 64
 """Rows whose values may be looked at."""
 _UR: Final = "actual_TCP_pose"
 _UR_POSE: Final = f"position={_UR}[0:3],rotation={_UR}[3:6]"
+_BOP: Final = ("cam_r_m2c[8]", "cam_t_m2c[2]")
+_BOP_POSE: Final = "position=cam_t_m2c,matrix=cam_R_m2c"
 _TWICE: Final = "a position and a quaternion"
 _AXIS_ANGLE: Final = "an axis and an angle (in degrees if the name ends with _deg)"
 _ANGLES_OR_VECTOR: Final[Sequence[Mapping[str, Any]]] = ({"euler": "xyz:deg"}, {"rotation_vector": True})
@@ -65,6 +67,13 @@ KNOWN: Final[Sequence[tuple[str, tuple[str, ...], TableReading]]] = (
     ("libfranka", ("o_t_ee_0", "o_t_ee_15"), reading_of("matrix=O_T_EE", matrix="columns")),
     ("Qualisys", ("x", "rot[0]", "rot[8]"), reading_of("matrix=Rot", matrix="columns", unit="mm")),
     ("NDI", ("tx", "q0", "qx"), reading_of(unit="mm")),
+    ("NDI", ("frame", "state", "tx", "rz"), reading_of(unit="mm", euler="xyz:deg")),
+    ("BOP", ("frame", *_BOP), reading_of(_BOP_POSE, matrix="rows", unit="mm")),
+    (
+        "BOP, at 30 frames a second,",
+        ("im_id", "r[8]", "t[2]"),
+        reading_of("time=im_id,position=t,matrix=R", matrix="rows", unit="mm", time_unit="30Hz"),
+    ),
     ("KUKA", ("x", "a", "b", "c"), reading_of("rz=A,ry=B,rx=C", euler="ZYX:deg", unit="mm")),
     ("FANUC", ("x", "w", "p", "r"), reading_of("rx=W,ry=P,rz=R", euler="xyz:deg", unit="mm")),
     ("Polhemus", ("x", "az", "el", "roll"), reading_of("rz=Az,ry=El,rx=Roll", euler="ZYX:deg", unit="cm")),
@@ -239,7 +248,11 @@ def _proposal(columns: Columns, reading: TableReading, path: str, rows: Rows) ->
     bases = dict.fromkeys(match[1] for match in matches if match is not None and CAN_BE_GIVEN(match[1]))
     counted = ((base, len(columns.numbered(base))) for base in islice(bases, _MOST_GROUPS))
     parts = [(base, many) for base, many in counted if many in _LISTS or many > len(POSE_ROLES)]
-    pairs = ([a, b] for a in parts for b in parts if a[1] < b[1] or (a[1] == b[1] == 3 and a != b))
+    pairs = (
+        [a, b]
+        for a, b in product(parts, parts)
+        if (a[1] < b[1] or (a[1] == b[1] == 3 and a != b)) and not a[0].startswith(f"{b[0]}[")
+    )
     for some in chain(([part] for part in parts), pairs):
         one = reading
         for base, many in some:

@@ -6,7 +6,6 @@ Times are numbers in a unit that is named or guessed, or dates (ISO 8601).
 import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from datetime import UTC, datetime
 from decimal import Decimal
 from itertools import compress
@@ -16,31 +15,36 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.config.quantities import RANGE_NS, TIME_WORDS, TIMES_NS
-from contact_tracker.config.table_reading import AS_NAMED, TICK, TIME_UNITS_NS, TableReading
+from contact_tracker.config.table_reading import AS_NAMED, DAY, TICK, TIME_UNITS_NS, TableReading
 from contact_tracker.errors import ChoiceError, UnreadableRecording, printable
 from contact_tracker.motion.poses import Poses, ReadAs
-from contact_tracker.recording.bytestream import TABLE_ENDINGS, WorkBudget, is_text
+from contact_tracker.recording.bytestream import TABLE_ENDINGS, WHAT_IS_READ, WorkBudget, is_text
 from contact_tracker.recording.items import ROWS, Channel, PoseSource, Rows
 from contact_tracker.recording.table_layouts import (
-    BLANKS,
     NO_FRAMES,
     SEPARATORS,
     Body,
     TableLayout,
+    are_numbers,
     doubt_of_angles,
     numbers,
+    plain_number,
 )
 from contact_tracker.recording.text_tables import TextTable
 
 if TYPE_CHECKING:
-    from contact_tracker.recording.binary_tables import ArrayTable, C3DTable, ParquetTable
+    from contact_tracker.recording.binary_tables import ArrayTable, ParquetTable
 
 _STEP_S: Final = (0.0005, 0.2)
 """Steps between poses at 5 to 2000 Hz; the ranges of different units do not overlap."""
 _DATE_S: Final = (946684800.0, 4102444800.0)
 """Range of dates since 1970: the years 2000 to 2100."""
-_EPOCHS_S: Final = (11_644_473_600, 62_135_596_800)
-"""Seconds from the years 1601 (Windows) and 1 (.NET) to 1970."""
+_DAY_S: Final = 86_400
+_EPOCHS_S: Final[Mapping[str, tuple[tuple[int, int], str]]] = {
+    TICK: ((11_644_473_600, 62_135_596_800), "ticks of 100 ns since the year 1 or 1601"),
+    DAY: ((25_569 * _DAY_S, 719_529 * _DAY_S), "days since the year 0 or 1900, as of MATLAB and Excel"),
+}
+"""Units of dates that are no seconds: seconds from their epochs to 1970, and what they are."""
 _FASTEST_HZ: Final = 20_000.0
 """No tracker of poses is faster: the unit is another one."""
 _FEW: Final = 10
@@ -52,17 +56,21 @@ _LONGEST_STEP_S: Final = 100.0
 NEVER: Final = np.iinfo(np.int64).min
 """The stamp of text that is no time."""
 _DATE: Final = re.compile(
-    r"\s*(?:(?:(?P<year>\d{4})(?P<mark>[-/.]?)(?P<month>\d\d?)(?P=mark)(?P<day>\d\d?)"
+    r"\s*(?:(?P<days>\d{1,5}) days?,? )?"
+    r"(?:(?:(?P<year>\d{4})(?P<mark>[-/.]?)(?P<month>\d\d?)(?P=mark)(?P<day>\d\d?)"
     r"|(?P<first>\d\d?)(?P<dots>[-/.])(?P<second>\d\d?)(?P=dots)(?P<last>\d{4}))(?:T|,? ))?"
-    r"(?P<hour>\d\d?)(?P<colon>:|(?<=T\d\d))(?P<minute>\d\d)(?:(?P=colon)(?P<second_>\d\d)(?:[.,:](?P<fraction>\d{1,18}))?)?"
+    r"(?P<hour>\d\d?)(?P<colon>:|(?<=T\d\d))(?P<minute>\d\d)"
+    r"(?:(?P=colon)(?P<second_>\d\d)(?:(?:[.,]|:(?=\d{3}))(?P<fraction>\d{1,18}))?)?"
     r"(?: ?(?P<half>[AP])M)?(?: ?(?:Z|UTC)| ?(?P<sign>[+-])(?P<zone>\d\d)(?::?(?P<zone_minutes>\d\d))?)?\s*",
     re.IGNORECASE,
 )
-"""Dates and times of a day; 10:22:31:123 has milliseconds. Digits alone are numbers."""
+"""Dates and times of a day, or durations of pandas; 10:22:31:123 has milliseconds, and 10:22:31:12 would have
+frames. Digits alone are numbers."""
 _YEARS: Final = range(1900, 2110)
 """Years of dates that are read: stamps in nanoseconds reach from 1824 to 2116."""
 _EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
-_DAY_NS: Final = 86_400 * 10**9
+_YEAR_NS: Final = 365.25 * _DAY_S * 1e9
+_DAY_NS: Final = _DAY_S * 10**9
 _MOST_DAYS: Final = 20
 """Between two rows: days and months that are confused make steps of a month."""
 
@@ -95,14 +103,16 @@ def doubt_of_unit(times: NDArray[np.float64], unit_ns: float) -> str | None:
             "its times are whole seconds, one after the other: if they are numbers of frames, give their "
             "rate, as --time-unit 200Hz"
         )
-    if step is None or 1e9 / (step * unit_ns) <= _FASTEST_HZ:
+    likely = None if step is None else _first_within(_STEP_S, step)
+    is_slow = likely is not None and (step or 0.0) * unit_ns > _LONGEST_STEP_S * 1e9
+    if step is None or (1e9 / (step * unit_ns) <= _FASTEST_HZ and not is_slow):
         return None
     named = next((unit for unit, ns in TIMES_NS.items() if ns == unit_ns), f"{unit_ns:g} ns")
     remedy = "give their unit with --time-unit s, ms, us or ns, or in the name of their column"
-    if (likely := _first_within(_STEP_S, step)) is not None:
+    if likely is not None:
         advice = f"give --time-unit {likely}, or name their column time_{likely}"
         remedy = f"they look like {TIME_WORDS[likely]}: {advice}"
-    return f"its times, taken as {named}, are those of {1e9 / (step * unit_ns):.0f} poses a second; {remedy}"
+    return f"its times, taken as {named}, are those of {1e9 / (step * unit_ns):.6g} poses a second; {remedy}"
 
 
 def _median_step(times: NDArray[np.float64]) -> float | None:
@@ -142,6 +152,7 @@ class TableTimes:
                 "none"
             )
         self._path, self._assume, self._reading = path, assume, reading
+        self._rest_ns = layout.rest_ns
         self._scale = layout.time_ns if layout.rest is not None else reading.time_ns or layout.time_ns
         self._is_certain = reading.time_unit is not None or layout.has_own_unit or layout.rest is not None
         self._are_dates: bool | None = None
@@ -184,7 +195,7 @@ class TableTimes:
         else:
             stamps[known] = np.round(floats[known] * self._scale)
         if rests is not None:
-            more_ns = numbers(rests)
+            more_ns = numbers(rests) * self._rest_ns
             has_rest = (more_ns >= 0) & (more_ns < 1e9)
             stamps[has_rest & known] += more_ns[has_rest & known].astype(np.int64)
             stamps[~has_rest] = NEVER
@@ -214,17 +225,17 @@ class TableTimes:
     def _find_unit(self, times: NDArray[np.float64]) -> None:
         """The unit and epoch of times that are numbers, by the first ones; ticks of 100 ns since the years
         1601 or 1 are known by their size."""
-        first_s, doubt = float(times[0]) * 1e-7, None
+        doubt, step = None, _median_step(times)
         if self._reading.has_frame_numbers and (times != np.round(times)).any():
             raise ChoiceError(f"{self._path}: its times are not whole, {NO_FRAMES}")
-        epochs_s = [epoch_s for epoch_s in _EPOCHS_S if _DATE_S[0] <= first_s - epoch_s <= _DATE_S[1]]
-        if self._reading.time_unit == TICK:
-            self._epoch_ns = sum(epochs_s[:1]) * 10**9
-        elif epochs_s and not self._is_certain:
-            command = TableReading(time_unit=TICK).with_(self._reading).command(self._path)
-            raise UnreadableRecording(
-                f"its times look like ticks of 100 ns since the year 1 or 1601: read them by {command}"
-            )
+        for unit, (epochs, what) in _EPOCHS_S.items():
+            unit_s = TIME_UNITS_NS[unit] * 1e-9
+            dated = [one for one in epochs if _DATE_S[0] <= float(times[0]) * unit_s - one <= _DATE_S[1]]
+            if unit == self._reading.time_unit:
+                self._epoch_ns = sum(dated[:1]) * 10**9
+            elif dated and not self._is_certain and (step or 0.0) * unit_s <= _SECONDS:
+                command = TableReading(time_unit=unit).with_(self._reading).command(self._path)
+                raise UnreadableRecording(f"its times look like {what}: read them by {command}")
         if self._scale is None:
             unit, doubt = unit_of(times)
             self._scale = TIME_UNITS_NS[unit]
@@ -236,7 +247,7 @@ class TableTimes:
 
 def exact_ns(time: str, unit_ns: int) -> int:
     """Nanoseconds of a number as text; raises ValueError or OverflowError if it is none."""
-    plain = time.strip(BLANKS).replace(",", ".")
+    plain = plain_number(time)
     try:
         return round(Decimal(plain) * unit_ns)
     except ArithmeticError:  # an exponent of many digits
@@ -270,11 +281,20 @@ def stamp_of_date(text: str) -> int | None:
     zone_s = 60 * (60 * int(part["zone"] or 0) + int(part["zone_minutes"] or 0))
     zone_s = -zone_s if part["sign"] == "-" else zone_s
     fraction_ns = int(f"{part['fraction'] or 0:0<9}"[:9])
-    return (since.days * 86_400 + since.seconds - zone_s) * 10**9 + fraction_ns
+    return ((since.days + int(part["days"] or 0)) * 86_400 + since.seconds - zone_s) * 10**9 + fraction_ns
 
 
-_PARQUET: Final = b"PAR1"
-_NPY, _NPZ = b"\x93NUMPY", b"PK\x03\x04"
+_BINARY: Final[Sequence[tuple[str, re.Pattern[bytes], str]]] = (
+    ("Parquet", re.compile(b"PAR1"), ""),
+    ("Feather", re.compile(b"ARROW1"), ""),
+    ("NumPy", re.compile(b"\x93NUMPY"), ""),
+    ("NumPy", re.compile(b"PK\x03\x04"), ".npz"),
+    ("HDF5", re.compile(rb"\x89HDF\r\n\x1a\n|MATLAB 7\.3"), ""),
+    ("MATLAB", re.compile(b"MATLAB "), ""),
+    ("MATLAB", re.compile(b"(?s).[\0-\x13]\0\0|\0\0"), ".mat"),
+    ("C3D", re.compile(b"(?s).P"), ".c3d"),
+)
+"""Kinds of tables, by the first bytes and the end of the name; MATLAB 4 has a number first."""
 _LONGEST_TIME: Final = 40
 _BEGIN: Final = 4096
 _RECORDINGS: Final = (".mcap", ".mcap.zst", ".mcap.zstd")
@@ -285,27 +305,27 @@ _ARRAYS: Final = "contact_tracker.Trajectory.from_arrays(t, p, q) takes times, p
 _PICKLE: Final = (
     f"it is a pickle, which runs code when it is loaded: if you trust it, load it in Python; {_ARRAYS}"
 )
-_HDF5: Final = (
-    ", which is not read: file = h5py.File({name!r}); file.visititems(lambda *one: print(*one)) shows the "
-    "names and shapes of its arrays"
+_EXCEL: Final = (
+    "it is a workbook of Excel: save the sheet as CSV; or "
+    "contact_tracker.Trajectory.from_dataframe(pandas.read_excel({name!r})) takes it"
 )
-_MATLAB: Final = (
-    "it is a file of MATLAB{arrays}, which is not read: data = scipy.io.loadmat({name!r}, squeeze_me=True); "
-    + _ARRAYS
-)
-_FEATHER: Final = (
-    "it is a table of Arrow (Feather){arrays}, which is not read: table = "
-    "pyarrow.feather.read_table({name!r}); contact_tracker.Trajectory.from_dataframe(table) takes it"
+_DTRACK: Final = (
+    "it is DTrack's log: numpy.savetxt('body.txt', [' '.join(body).split() for body in re.findall("
+    r"r'\nts (\S+)\n(?:(?!fr ).*\n)*?6d .*?\[0 \S+\]\[([^]]*)\]\[([^]]*)\]', open({name!r}).read())], '%s') "
+    "makes a file of body 0, read by contact-tracker segment body.txt --time-unit s --unit mm "
+    "--matrix columns --columns 'time=c0,position=c[1:4],matrix=c[7:16]'"
 )
 _OTHERS: Final = {
+    b"\xd0\xcf\x11\xe0": _EXCEL,
+    b"fr ": _DTRACK,
+    b"\xff\xff\xff\xff": "it is a stream of Arrow: pyarrow.feather.write_feather(pyarrow.ipc.open_stream("
+    "{name!r}).read_all(), 'a.feather') makes a file that is read",
+    b"FEA1": "it is Feather of version 1: pyarrow.feather.write_feather("
+    "pyarrow.feather.read_table({name!r}), 'a.feather') makes a file that is read",
     b"\x04\x22\x4d\x18": "it is compressed: lz4 -d {name} first",
     b"\x1f\x8b": "it is compressed: gunzip {name} first",
     b"PK\x03\x04": "it is compressed: unzip {name} first",
     b"BZh": "it is compressed: bunzip2 {name} first",
-    b"\x89HDF\r\n\x1a\n": f"it is HDF5{_HDF5}; {_ARRAYS}",
-    b"MATLAB 7.3": f"it is HDF5 of MATLAB{_HDF5}, transposed; {_ARRAYS}",
-    b"MATLAB ": _MATLAB,
-    b"ARROW1": _FEATHER,
     b"\x80\x04\x95": _PICKLE,
     b"\x80\x05\x95": _PICKLE,
     b"RRF": "it is a recording of rerun, which is not read: give the file from which it was made; " + _ARRAYS,
@@ -321,43 +341,28 @@ _OTHERS: Final = {
     b"version https://git-lfs": "it is a pointer of Git LFS, not the file itself: git lfs pull",
 }
 """First bytes of files that are not read, and how to get at what is in them."""
-_SHOWN: Final = 8
 
 
 def refuse_other_formats(path: str, begin: bytes) -> None:
     """Raise UnreadableRecording if a file with these first bytes, which is no table, is of another known
     format, or named as a table."""
-    text, found = next((text for magic, text in _OTHERS.items() if begin.startswith(magic)), None), []
-    with suppress(Exception):  # damaged files can raise anything
-        if text == _MATLAB or path.lower().endswith(".mat"):  # MATLAB 4 has no first bytes of its own
-            from scipy.io import whosmat
-
-            found = [f"{name} {shape}" for name, shape, _ in whosmat(path)]
-            text = _MATLAB
-        elif text == _FEATHER:
-            from contact_tracker.recording.binary_tables import feather_columns
-
-            found = feather_columns(path)
+    text = next((text for magic, text in _OTHERS.items() if begin.startswith(magic)), None)
+    text = _EXCEL if path.lower().endswith((".xlsx", ".ods")) else text
     if text is not None:
-        some = ", ".join(map(printable, found[:_SHOWN])) + (", ..." if len(found) > _SHOWN else "")
-        arrays = f" with {some}" if found else ""
-        raise UnreadableRecording(text.format(name=os.path.basename(path), arrays=arrays))
+        raise UnreadableRecording(text.format(name=os.path.basename(path)))
     if begin and path.lower().endswith(TABLE_ENDINGS):
-        raise UnreadableRecording("it is named as a table, but is not text")
+        raise UnreadableRecording("it is named as a table, but is not text: save it as UTF-8")
 
 
 def _kind(path: str, begin: bytes) -> str:
-    """``Parquet``, ``NumPy`` or ``C3D`` by the first bytes and the name of a file; empty for others."""
+    """The kind of a table, a key of ``binary_tables.TABLES``, by the first bytes and the name of a file;
+    empty for others."""
     name = path.lower()
-    if begin.startswith(_PARQUET):
-        return "Parquet"
-    if begin.startswith(_NPY) or (begin.startswith(_NPZ) and name.endswith(".npz")):
-        return "NumPy"
-    return "C3D" if begin[1:2] == b"P" and name.endswith(".c3d") else ""
+    return next((kind for kind, first, end in _BINARY if first.match(begin) and name.endswith(end)), "")
 
 
 def is_table(path: str, begin: bytes) -> bool:
-    """Whether a file with these first bytes may be a table: Parquet, NumPy, C3D, or text without the suffix
+    """Whether a file with these first bytes may be a table: of a known kind, or text without the suffix
     ``.mcap``."""
     is_other = path.lower().endswith(_RECORDINGS) or begin.startswith(tuple(_OTHERS))
     return bool(_kind(path, begin)) or (not is_other and is_text(begin, path))
@@ -365,8 +370,7 @@ def is_table(path: str, begin: bytes) -> bool:
 
 def has_poses(path: str) -> bool:
     """Whether a file is a table with the columns of poses."""
-    with open(path, "rb") as file:
-        begin = file.read(_BEGIN)
+    begin = _begin(path)
     try:
         return is_table(path, begin) and bool(_opened(path, AS_NAMED, WorkBudget()))
     except (UnreadableRecording, ChoiceError):
@@ -401,12 +405,10 @@ def read_table(
     try:
         table = _opened(path, reading, budget)
     except UnreadableRecording as error:
-        if path.lower().endswith(TABLE_ENDINGS):
+        if path.lower().endswith(TABLE_ENDINGS) or _kind(path, _begin(path)):
             raise
         raise UnreadableRecording(
-            f"it is neither a recording nor a table of poses ({error}). What is read: MCAP files, ROS bags "
-            "(.db3, .bag), tables (CSV, TUM, JSON, Parquet, NumPy), C3D with bodies, and exports of Motive, "
-            "Vicon and Qualisys"
+            f"it is neither a recording nor a table of poses ({error}). What is read: {WHAT_IS_READ}"
         ) from error
     layout, topic = table.layout, os.path.basename(path)
     read_as = ReadAs(False, reading, path, layout.quaternion, layout.has_angles)
@@ -435,19 +437,19 @@ def read_table(
         report(damage)
 
 
-def _opened(
-    path: str, reading: TableReading, budget: WorkBudget
-) -> "TextTable | ArrayTable | ParquetTable | C3DTable":
-    budget.bytes_read += os.path.getsize(path)
+def _begin(path: str) -> bytes:
     with open(path, "rb") as file:
-        begin = file.read(_BEGIN)
+        return file.read(_BEGIN)
+
+
+def _opened(path: str, reading: TableReading, budget: WorkBudget) -> "TextTable | ArrayTable | ParquetTable":
+    budget.bytes_read += os.path.getsize(path)
+    begin = _begin(path)
     if not (kind := _kind(path, begin)):
         return TextTable(path, begin, reading)
-    from contact_tracker.recording.binary_tables import ArrayTable, C3DTable, ParquetTable
+    from contact_tracker.recording.binary_tables import TABLES
 
-    if kind == "C3D":
-        return C3DTable(path, reading, budget)
-    return (ParquetTable if kind == "Parquet" else ArrayTable)(path, reading, budget)
+    return TABLES[kind](path, reading, budget)
 
 
 def _without_time(text: str, columns: Columns, row: int, layout: TableLayout) -> str:
@@ -456,9 +458,12 @@ def _without_time(text: str, columns: Columns, row: int, layout: TableLayout) ->
     lacks = "no time that is a number or a date"
     others = [columns[place][row] for place in layout.places if place != layout.time]
     is_alone = text and not any(isinstance(value, str) and value for value in others)
-    if is_alone and layout.kind not in ("Parquet", "JSON"):
+    if is_alone and layout.kind not in ("Parquet", "Feather", "JSON"):
         return f"{lacks}: separate their values by {SEPARATORS[layout.separator or ' ']}, as in the first row"
     shown = f" ({printable(text[:_LONGEST_TIME])!r})" if text else ""
+    if are_numbers([text]) and text:
+        what = f"a time more than {RANGE_NS / _YEAR_NS:.0f} years from 1970{shown}"
+        return f"{what}: give its unit by --time-unit s, ms, us or ns"
     return f"{lacks}{shown}: give each a number, or a date as 2026-03-01T10:00:00.25"
 
 

@@ -9,6 +9,7 @@ angles or a helical vector, which most exports do not distinguish. Names are rea
 
 import csv
 import json
+import os
 import re
 import shlex
 from collections import defaultdict
@@ -35,6 +36,7 @@ from contact_tracker.recording.table_layouts import (
     are_numbers,
     bodies_of,
     number,
+    numbers,
 )
 from contact_tracker.recording.table_proposals import (
     layout_of_names,
@@ -92,6 +94,8 @@ _OF_BODY: Final = re.compile(r"(?:.*[._ ])?(?:id|name|body|object|tracker|device
 _QUALISYS: Final = "NO_OF_FRAMES"
 _MATRICES: Final = reading_of("matrix=Rot", matrix="columns", unit="mm")
 """How Qualisys writes the columns of a body."""
+_loads: Final = partial(json.loads, parse_float=str, parse_int=str, parse_constant=str)
+"""JSON, with numbers and NaN as text."""
 _UNITS: Final = frozenset({*LENGTHS_M, *ANGLE_UNITS, *NAMED_NS, "-", "1"})
 
 
@@ -201,7 +205,7 @@ def _fields_of(line: str) -> dict[str, str]:
             )
         return _flattened({name: _values_in(value) for name, value in _PAIR.findall(line)})
     try:
-        given = json.loads(line, parse_float=str, parse_int=str)
+        given = _loads(line)
     except RecursionError as error:
         raise ValueError("it is too deep") from error
     if not isinstance(given, dict):
@@ -218,8 +222,8 @@ def _flattened(given: Mapping[str, Any]) -> dict[str, str]:
             waiting += [(f"{name}.{key}", one) for key, one in value.items()][::-1]
         elif isinstance(value, list):
             waiting += [(f"{name}[{i}]", one) for i, one in enumerate(value)][::-1]
-        elif isinstance(value, str):
-            found[name] = value
+        elif isinstance(value, str) or value is None:
+            found[name] = value or ""
     return found
 
 
@@ -244,30 +248,48 @@ def _entries_in(file: IO[str]) -> Iterator[str]:
             "it is JSON of more than 64 MB: write one object a line, as jq -c '.[]' does"
         )
     try:
-        given = json.loads(text, parse_float=str, parse_int=str)
+        given = _loads(text)
     except (ValueError, RecursionError) as error:
         raise UnreadableRecording(f"it begins like JSON, but is none: {error}") from error
-    if isinstance(given, dict):
+    if isinstance(given, dict) and given and all(map(str.isdigit, given)):  # by the number of a frame
+        parts = ((name, value if _has_objects(value) else [value]) for name, value in given.items())
+        given = [{"frame": name, **_named(one)} for name, value in parts for one in value]
+    elif isinstance(given, dict):
         lists = {name: value for name, value in given.items() if isinstance(value, list)}
-        objects = [value for value in lists.values() if value and isinstance(value[0], dict)]
+        objects = [value for value in lists.values() if _has_objects(value)]
         longest = max(map(len, lists.values()), default=0)
         rows = {name: value for name, value in lists.items() if len(value) == longest}
         by_row = [dict(zip(rows, row, strict=True)) for row in zip(*rows.values(), strict=True)]
         given = objects[0] if len(objects) == 1 and len(objects[0]) == longest else by_row
-    for one in given:
-        yield json.dumps(one if isinstance(one, dict) else {UNNAMED: one}) + "\n"
+    if given == []:
+        raise UnreadableRecording(
+            "it is JSON without entries in a list, or lists of one length by name: write these alone, as by "
+            "jq .data"
+        )
+    for one in given if isinstance(given, list) else [given]:
+        yield json.dumps(_named(one)) + "\n"
+
+
+def _has_objects(value: Any) -> bool:
+    return isinstance(value, list) and bool(value) and isinstance(value[0], dict)
+
+
+def _named(entry: Any) -> dict[str, Any]:
+    return entry if isinstance(entry, dict) else {UNNAMED: entry}
 
 
 def _values_in(cell: str) -> Any:
-    """The values in a cell of several numbers, JSON or ``(1.0, 2.0)`` or ``[1 2]``; the text of any other."""
+    """The values in a cell of several numbers, JSON or ``(1.0, 2.0)`` or ``[1 2]``, or three or more between
+    blanks; the text of any other."""
     text = cell.strip(BLANKS)
     if text[:1] not in ("(", "[", "{"):
-        return cell
+        parts = text.split()
+        return parts if len(parts) > 2 and all(are_numbers([part]) for part in parts) else cell
     inner = text.strip("()[]{} ")
     values: Any = parts if len(parts := _BETWEEN.split(inner)) > 1 else inner.split(",")
     for plain in (text, text.replace("'", '"')):
         with suppress(ValueError, RecursionError):
-            values = json.loads(plain, parse_float=str, parse_int=str)
+            values = _loads(plain)
     counted = sum(are_numbers([value]) for value in _flattened({"": values}).values())
     return values if counted > 1 else cell
 
@@ -446,12 +468,9 @@ def _json_layout(lines: Sequence[str], reading: TableReading, path: str) -> Tabl
                 raise UnreadableRecording(
                     "its first line is no JSON object: one a line is read, as jq -c '.[]' writes an array"
                 ) from None
-    layout = layout_of_names(
-        list(names),
-        reading,
-        path,
-        rows=lambda: [[row.get(name, "") for name in names] for row in rows if row],
-    )
+    cells = [[row.get(name, "") for name in names] for row in rows if row]
+    layout = layout_of_names(list(names), reading, path, rows=lambda: cells)
+    _check_bodies(list(names), cells, layout.time, partial(_by_jq, path, list(names)))
     return replace(layout, kind="JSON", names=tuple(names))
 
 
@@ -494,10 +513,16 @@ def _layout_of_rows(
             errors.setdefault(-1 if i in comments else len(names), error)
             continue
         layout = replace(layout, separator=separator, skip=skip)
+        time = (inner or named)[layout.time] if layout.time >= 0 else ""
+        _check_bodies(
+            named,
+            _table_of(values, separator),
+            named.index(time) if time in named else -1,
+            partial(_by_awk, path, separator, skip),
+        )
         if inner:
             return replace(layout, names=tuple(inner), heads=tuple(named))
         _check_widths(values, layout, len(names))
-        _check_bodies(values, layout, named, path)
         if len(lines) < _HEAD_LINES and not values:
             raise UnreadableRecording("it has a header but no rows")
         return layout
@@ -506,10 +531,11 @@ def _layout_of_rows(
     separator = _separator(lines[rows[0]])
     table = [[value.strip(BLANKS) for value in _cells_of(lines[i], separator)] for i in rows]
     values = table[0]
-    if len(values) in (3, 4) and len(rows) > 2 and not errors:
+    if len(values) in (3, 4) and len(rows) > 3 and not errors:
+        shape = f"-1, {4 if numbers(table[3])[-1:] == 1.0 else 3}, {len(values)}"
         raise UnreadableRecording(
-            "a pose is in several lines: T = numpy.loadtxt('FILE').reshape(-1, 4, 4), where all lines have "
-            "four values, and contact_tracker.Trajectory.from_arrays(t, T) takes them"
+            f"a pose is in several lines: numpy.save('poses.npy', numpy.loadtxt({os.path.basename(path)!r})"
+            f".reshape({shape})) makes a file that is read"
         )
     is_tum = separator is None and len(values) == 1 + len(_TUM) and may_end_with_quaternions(table)
     if is_tum and not (reading.kind or reading.columns):
@@ -530,7 +556,7 @@ def _distinct(names: Sequence[str]) -> list[str]:
 def _names_in_groups(names: Sequence[str], rows: Sequence[str], separator: str | None) -> list[str]:
     """The names of the values in cells of which some have several, by the first row; none if none has."""
     cells = list(map(_values_in, _cells_of(rows[0], separator))) if rows else []
-    if all(isinstance(cell, str) for cell in cells) or len(cells) > len(names) + 1:
+    if all(isinstance(cell, str) for cell in cells) or len(cells) - len(names) not in (0, 1):
         return []
     return list(_flattened(dict(zip(names, cells, strict=False))))
 
@@ -568,25 +594,34 @@ def _check_widths(rows: Sequence[str], layout: TableLayout, names: int) -> None:
         )
 
 
-def _check_bodies(rows: Sequence[str], layout: TableLayout, names: Sequence[str], path: str) -> None:
+def _check_bodies(
+    names: Sequence[str], rows: Sequence[Sequence[str]], time: int, how: Callable[[int, str], str]
+) -> None:
     """Raise UnreadableRecording if rows of one time are of different bodies, which a column names again at
-    other times: numbers of rows differ everywhere."""
-    cells = [row for row in (_cells_of(row, layout.separator) for row in rows) if len(row) == len(names)]
-    pairs = [(a, b) for a, b in pairwise(cells) if layout.time >= 0 and a[layout.time] == b[layout.time]]
+    other times: numbers of rows differ everywhere. ``how`` is the command that takes one, by its column."""
+    cells = [row for row in rows if len(row) == len(names)]
+    pairs = [(a, b) for a, b in pairwise(cells) if time >= 0 and a[time] == b[time]]
     for place, name in enumerate(names):
         if (
             _OF_BODY.fullmatch(name.strip().lower())
             and len(pairs) > 1
             and all(a[place] != b[place] for a, b in pairs)
-            and len({(row[layout.time], row[place]) for row in cells}) > len({row[place] for row in cells})
+            and len({(row[time], row[place]) for row in cells}) > len({row[place] for row in cells})
         ):
-            body, mark = pairs[0][0][place].strip(BLANKS), layout.separator or " "
-            rule = f"NR <= {layout.skip} || ${place + 1} == {json.dumps(body)}"
-            awk = shlex.join(["awk", "-F", mark, rule, path])
             raise UnreadableRecording(
                 f"its rows are of several bodies, by the column {name!r}: write those of one to a file of "
-                f"its own, as by {awk} > body.csv"
+                f"its own, as by {how(place, pairs[0][0][place].strip(BLANKS))}"
             )
+
+
+def _by_awk(path: str, separator: str | None, skip: int, place: int, body: str) -> str:
+    rule = f"NR <= {skip} || ${place + 1} == {json.dumps(body)}"
+    return f"{shlex.join(['awk', '-F', separator or ' ', rule, path])} > body.csv"
+
+
+def _by_jq(path: str, names: Sequence[str], place: int, body: str) -> str:
+    rule = f".. | objects | select(.{names[place]}? | tostring == {json.dumps(body)})"
+    return f"{shlex.join(['jq', '-c', rule, path])} > body.jsonl"
 
 
 _Layout = Callable[[Sequence[str], TableReading, str], TableLayout]

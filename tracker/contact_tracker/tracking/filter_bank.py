@@ -11,11 +11,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from math import sqrt
 from operator import attrgetter, sub
-from typing import Any, Final, NamedTuple, Self
+from typing import Final, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array, Bools, Ints
 from contact_tracker.config.parameters import Model, Motion
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.geometry.lifted_pose import R, T
@@ -88,7 +88,7 @@ def _mean_near(rising: Sequence[int], one: float) -> float:
     return sum(usual) / len(usual) * 1e-9
 
 
-def period_for_all_s(stamp_ns: NDArray[np.int64], model: Model) -> float:
+def period_for_all_s(stamp_ns: Ints, model: Model) -> float:
     """The usual period of that stretch of a recording whose ticks suit the whole best.
 
     Lost are the stretches whose poses are too far apart for these ticks, and the ticks in which the contact
@@ -117,25 +117,18 @@ def period_for_all_s(stamp_ns: NDArray[np.int64], model: Model) -> float:
 
 def with_ticks_for(model: Model, period_s: float) -> Model:
     """The model with ticks of at least ``poses_per_tick`` poses of this period, but at most a tenth of the
-    window."""
-    return replace(model, tick_s=tick_s) if (tick_s := tick_for(model, period_s)) != model.tick_s else model
-
-
-def tick_for(model: Model, period_s: float) -> float:
-    """The length (s) of these ticks: that of the model if it is enough."""
+    window; its own if they are long enough."""
     needed_s = min(model.poses_per_tick * period_s, model.search.window_s / TICKS_PER_WINDOW)
-    return needed_s if needed_s > TOLERANCE * model.tick_s else model.tick_s
+    return replace(model, tick_s=needed_s) if needed_s > TOLERANCE * model.tick_s else model
 
 
 def with_other_ticks(model: Model, now: Model, latest_ns: Sequence[int]) -> Model | None:
     """``model`` with ticks for the rate of the latest poses; None if those of ``now`` suit it as well."""
     if len(latest_ns) < RATE_POSES:
         return None
-    tick_s = tick_for(model, usual_period_s(latest_ns))
-    if 1.0 / CHANGED <= tick_s / now.tick_s <= CHANGED:
-        return None
-    other = replace(model, tick_s=tick_s)
-    return other if can_be_compared(other) else None
+    other = with_ticks_for(model, usual_period_s(latest_ns))
+    is_alike = 1.0 / CHANGED <= other.tick_s / now.tick_s <= CHANGED
+    return other if not is_alike and can_be_compared(other) else None
 
 
 def candidates(model: Model, poses: Poses) -> tuple[tuple[Model, float], ...]:
@@ -149,45 +142,37 @@ def candidates(model: Model, poses: Poses) -> tuple[tuple[Model, float], ...]:
     ----------
     poses : the first of the stream.
     """
-    unchanged = model, 0.0
     if not model.noise.estimated or not can_be_compared(model):
-        return (unchanged,)
+        return ((model, 0.0),)
     sigma = np.array(estimate_noise(poses))
-    known = np.isfinite(sigma).all() and sigma[0] > 0.0
-    ratio = (
-        float(np.clip(sigma[1] / sigma[0], *ROTATION_PER_POSITION)) if known else USUAL_ROTATION_PER_POSITION
-    )
+    known, ratio = np.isfinite(sigma).all() and sigma[0] > 0.0, USUAL_ROTATION_PER_POSITION
+    if known:
+        ratio = float(np.clip(sigma[1] / sigma[0], *ROTATION_PER_POSITION))
     span_s = (int(poses.stamp_ns[-1]) - int(poses.stamp_ns[0])) * 1e-9
     count = max(len(poses) * model.tick_s / max(span_s, model.tick_s), 1.0)
     white = tick_variances(begin(*sigma) if known else begin(0.0, 0.0), np.array(count), model)
-    least = float(white.prod()) ** 0.25
-    floors = [scale for scale in NOISE_SCALES if scale > LEAST_FACTOR * least]
-    larger = [_with_floor(model, scale / sqrt(ratio), scale * sqrt(ratio)) for scale in floors]
+    noise, least = model.noise, float(white.prod()) ** 0.25
+    larger = [
+        replace(
+            noise,
+            floor_position_m=max(scale / sqrt(ratio), noise.floor_position_m),
+            floor_rotation_rad=max(scale * sqrt(ratio), noise.floor_rotation_rad),
+        )
+        for scale in NOISE_SCALES
+        if scale > LEAST_FACTOR * least
+    ]
     is_slow = span_s > SLOW_PERIOD_S * (len(poses) - 1)
-    smaller = [_with_noise(model, estimate_share=share) for share in SHARES if is_slow]
+    smaller = [replace(noise, estimate_share=share) for share in SHARES if is_slow]
     correlated = [
-        _with_noise(model, wander_position_m=scale, wander_rotation_rad=scale * WANDER_ROTATION_PER_POSITION)
+        replace(noise, wander_position_m=scale, wander_rotation_rad=scale * WANDER_ROTATION_PER_POSITION)
         for scale in WANDER_M
         if scale > white[0] ** 0.5
     ]
-    return (
-        unchanged,
-        *((one, LOG_PRIOR_STEP * i) for some in (smaller, larger) for i, one in enumerate(some, 1)),
-        *((one, LOG_PRIOR_WANDER) for one in correlated),
-    )
+    chosen = [(noise, 0.0)]
+    chosen += [(one, LOG_PRIOR_STEP * i) for some in (smaller, larger) for i, one in enumerate(some, 1)]
+    chosen += [(one, LOG_PRIOR_WANDER) for one in correlated]
+    return tuple((replace(model, noise=one), log_prior) for one, log_prior in chosen)
 
-
-def _with_noise(model: Model, **changes: Any) -> Model:
-    return replace(model, noise=replace(model.noise, **changes))
-
-
-def _with_floor(model: Model, position_m: float, rotation_rad: float) -> Model:
-    floor_position_m = max(position_m, model.noise.floor_position_m)
-    floor_rotation_rad = max(rotation_rad, model.noise.floor_rotation_rad)
-    return _with_noise(model, floor_position_m=floor_position_m, floor_rotation_rad=floor_rotation_rad)
-
-
-Array = NDArray[np.float64]
 
 DROP_AFTER_S: Final = 1.5
 MARGIN_NATS: Final = 10.0
@@ -238,7 +223,7 @@ def relative_evidence(ticks: Sequence[TickEvidence], motion: Motion) -> Array:
     return np.asarray(gain + 0.5 * motion.likelihood_exponent * difference)
 
 
-def are_compared(log_weight: Array, log_prior: Array, moved_s: float) -> NDArray[np.bool_]:
+def are_compared(log_weight: Array, log_prior: Array, moved_s: float) -> Bools:
     """Which of K trackers are kept after ``moved_s`` seconds of motion: those near the best, and from
     ``DECIDED_AFTER_S`` on the best alone.
 
@@ -322,9 +307,8 @@ def _exceeds_noise(values: Array) -> bool:
     ticks without frames are left out."""
     steps_sq = (np.diff(values, axis=0) ** 2).sum(axis=1)
     steps_sq = steps_sq[steps_sq > 0.0]
-    if len(steps_sq) < 2:
-        return False
-    return float(((values[-1] - values[0]) ** 2).sum()) > DISPLACEMENT_RATIO * float(steps_sq.mean())
+    way_sq = ((values[-1] - values[0]) ** 2).sum()
+    return len(steps_sq) > 1 and bool(way_sq > DISPLACEMENT_RATIO * steps_sq.mean())
 
 
 class LatestMotion(NamedTuple):
@@ -441,12 +425,9 @@ class FilterBank:
         if self.grid is None or not self.grid.frames.stamp_ns.size:
             return beliefs
         model = with_other_ticks(self.model, self.grid.model, self.latest_ns)
-        if model is None:
-            self.changed_since_ns = None
-            return beliefs
-        if self.changed_since_ns is None:
-            self.changed_since_ns = self.latest_ns[0]
-        if self.latest_ns[-1] - self.changed_since_ns < LASTING_NS:
+        since_ns = self.latest_ns[0] if self.changed_since_ns is None else self.changed_since_ns
+        self.changed_since_ns = None if model is None else since_ns
+        if model is None or self.latest_ns[-1] - since_ns < LASTING_NS:
             return beliefs
         return [*beliefs, *self._restart(model, detail)]
 
@@ -592,8 +573,7 @@ class FilterBank:
         if not beliefs:  # all have the same lag
             return []
         activity = np.array([one.activity for one in evidence])
-        held_for_motion = 0.0 if self.motion.moves else REST_NATS * activity
-        log_weight = self.log_weight - held_for_motion
+        log_weight = self.log_weight - (0.0 if self.motion.moves else REST_NATS) * activity
         return [mixture(beliefs, log_weight, self.known_map)]
 
     def _weigh(self, evidence: list[TickEvidence]) -> list[TickEvidence]:
@@ -641,10 +621,8 @@ def map_use(world: GrowingMap) -> str:
 
 def map_findings(world: GrowingMap) -> tuple[Finding, ...]:
     """Whether the map of another recording was of no use."""
-    if not world.prior_is_dropped:
-        return ()
     text = "the learned map explains no contact, and is not used: is it of this object and this frame?"
-    return (Finding("map", text, False),)
+    return (Finding("map", text, False),) if world.prior_is_dropped else ()
 
 
 def report_of(filters: FilterBank, is_decided: bool, findings: tuple[Finding, ...]) -> Report | None:
@@ -654,11 +632,10 @@ def report_of(filters: FilterBank, is_decided: bool, findings: tuple[Finding, ..
         return None
     frames, chosen, estimate = filters.filters[0].state.window.frames, best.model, filters.grid.stream.noise
     typical = 1.0 if frames is None or not len(frames) else float(np.median(frames))
-    variance = white_variances(estimate, np.array(typical), chosen)
-    tick = float(variance[0]) ** 0.5, float(variance[1]) ** 0.5
+    tick = tuple(np.sqrt(white_variances(estimate, np.array(typical), chosen)).tolist())
     share = chosen.noise.estimate_share
     noise = share * estimate.sigma_position_m, share * estimate.sigma_rotation_rad
     lasting = chosen.noise.wander_position_m, chosen.noise.wander_rotation_rad
-    figures = noise, tick, lasting, typical
-    found, point_m = (*findings, *map_findings(best.map)), tuple(filters.body_m.tolist())
-    return Report(filters.model, chosen, is_decided, *figures, found, point_m, map_use=map_use(best.map))
+    findings = (*findings, *map_findings(best.map))
+    figures, point_m = (noise, tick, lasting, typical), tuple(filters.body_m.tolist())
+    return Report(filters.model, chosen, is_decided, *figures, findings, point_m, map_use=map_use(best.map))

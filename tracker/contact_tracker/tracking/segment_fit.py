@@ -7,7 +7,6 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 from scipy.special import expit
 
 from contact_tracker.config.parameters import Model
@@ -25,6 +24,7 @@ from contact_tracker.explanations.further_contacts import (
 from contact_tracker.explanations.joint_evidence import Joint, find_joint, joint_of
 from contact_tracker.geometry.elements import ContactGeometry, Origins, pack, shifted
 from contact_tracker.geometry.lifted_pose import R, T
+from contact_tracker.geometry.rotation import nearest
 from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.bank_update import fit_windows
 from contact_tracker.hypotheses.births import propose_births, propose_measured
@@ -295,7 +295,7 @@ class FinishedSegment(NamedTuple):
             local = ContactGeometry(shifted(geometry.object, body_m), shifted(geometry.environment, world_m))
             zeta = ticks.window.zeta[kept]
             time_s = np.multiply(ticks.window.index[kept], ticks.model.tick_s, dtype=np.float64)
-            quat_xyzw = np.asarray(Rotation.from_matrix(zeta[:, R].reshape(-1, 3, 3)).as_quat(), float)
+            quat_xyzw = np.array([nearest(mean) for mean in zeta[:, R]]).reshape(-1, 4)
             stamp_ns, variance = self.rows["stamp_ns"][kept], ticks.window.variance[kept]
             found = contact_motion(local, stamp_ns, time_s, quat_xyzw, zeta[:, T], variance)
 

@@ -1,25 +1,38 @@
 """Conversion and checks of arguments from Python, and what is doubtful as Python's own warnings."""
 
+import inspect
 import logging
 import math
 import os
+import re
 import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import fields
+from functools import wraps
 from reprlib import repr
 from types import FrameType
-from typing import Any, Final
+from typing import Any, Final, ParamSpec, TypeVar
 
 from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import Model
 from contact_tracker.config.quantities import deviations, plausible
-from contact_tracker.errors import ContactTrackerError, ContactTrackerWarning, UsageError, printable
+from contact_tracker.config.table_reading import TableReading
+from contact_tracker.errors import (
+    ArgumentError,
+    ContactTrackerError,
+    ContactTrackerWarning,
+    UsageError,
+    printable,
+)
 from contact_tracker.motion.pose_validation import counts_text
 from contact_tracker.motion.poses import NO_OUTLIERS, Outliers, real_number
-from contact_tracker.suggestions import near_file
+from contact_tracker.suggestions import closest, near_file
 
 ModelLike = str | os.PathLike[str] | Model
+P = ParamSpec("P")
+R = TypeVar("R")
 Deviations = str | tuple[float, float] | None
 _PACKAGE: Final = __name__.partition(".")[0]
 _LOGGER: Final = logging.getLogger(_PACKAGE)
@@ -59,6 +72,76 @@ def errors_as(kind: type[ContactTrackerError], path: str) -> Iterator[None]:
     except OSError as error:
         name = error.filename or path
         raise kind(f"{name}: {error.strerror or error}{near_file(name)}") from error
+
+
+_OPTION: Final = re.compile(
+    r"--([a-z]+(?:-[a-z]+)*)(?: (?!or |and |for |beside )('[^']*'|[^\s;()]*[^\s,;().]))?"
+)
+"""An option of the command line, and its value."""
+_OF_FRAME: Final = {"frame": "child"}
+
+
+def python_words(text: str) -> str:
+    """A message with the arguments of Python in the place of the options of the command line."""
+
+    def argument(option: re.Match[str]) -> str:
+        name, value = option[1].replace("-", "_"), option[2]
+        name = _OF_FRAME.get(name, name)
+        if value is None:
+            return name
+        value = value.strip("'")
+        if name == "columns":
+            return f"columns={dict(part.partition('=')[::2] for part in value.split(','))!r}"
+        parent, arrow, child = value.partition("->")
+        return f"parent={parent!r}, child={child!r}" if arrow else f"{name}={value!r}"
+
+    return _OPTION.sub(argument, text)
+
+
+@contextmanager
+def in_python() -> Iterator[None]:
+    """Errors in words of Python."""
+    try:
+        yield
+    except ContactTrackerError as error:
+        error.args = (python_words(str(error)),)
+        raise
+
+
+_OF_READING: Final = frozenset(
+    ("topic", "parent", "child", "relative_to", "rate", *(f.name for f in fields(TableReading) if f.compare))
+)
+
+
+def with_known_arguments(function: Callable[P, R]) -> Callable[P, R]:
+    """The function, which says of an argument that it does not have what to do instead.
+
+    Raises
+    ------
+    ArgumentError
+        There is no argument of a name.
+    """
+    names = [name for name in inspect.signature(function).parameters if name not in ("self", "cls")]
+    own = function.__qualname__.removesuffix(".__init__")
+
+    @wraps(function)
+    def call(*args: P.args, **named: P.kwargs) -> R:
+        for name in named:
+            if name in names or name in ("self", "cls"):
+                continue
+            if name in _OF_READING and "trajectory" in names:
+                shown = f"{name}={named[name]!r}"
+                raise ArgumentError(
+                    f"{own} has no argument {name}, which says how poses are read: "
+                    f"{own}(contact_tracker.read(path, {shown})), or, of a table in memory, "
+                    f"{own}(contact_tracker.Trajectory.from_dataframe(table, {shown}))"
+                )
+            near = _OF_FRAME.get(name) or closest(name, names)
+            others = f"did you mean {near}?" if near in names else f"there are {', '.join(names)}"
+            raise ArgumentError(f"{own} has no argument {name}; {others}")
+        return function(*args, **named)
+
+    return call
 
 
 def model_from(model: ModelLike, noise: Deviations = None, accuracy: Deviations = None) -> Model:
@@ -102,7 +185,7 @@ def warn_of(texts: Iterable[str]) -> None:
         caller = _caller()
         module = str(caller.f_globals.get("__name__", "<unknown>"))
         place = caller.f_code.co_filename, caller.f_lineno
-        warnings.warn_explicit(printable(text), ContactTrackerWarning, *place, module)
+        warnings.warn_explicit(printable(python_words(text)), ContactTrackerWarning, *place, module)
 
 
 def log_counts(

@@ -26,6 +26,7 @@ from contact_tracker.motion.poses import real_number, real_numbers
 from contact_tracker.recording.table_layouts import doubt_of_angles, quaternions
 from contact_tracker.recording.table_proposals import FIRST_ROWS, layout_of_names
 from contact_tracker.suggestions import closest
+from contact_tracker.trajectory.arguments import python_words
 
 _NO_TIMES: Final = "stamps are no real numbers or dates: convert text, as by pandas.to_datetime"
 _ORDERS: Final = {"xyzw": (0, 1, 2, 3), "wxyz": (1, 2, 3, 0)}
@@ -222,7 +223,7 @@ def columns_of(table: Any, reading: TableReading) -> tuple[NDArray[Any], float |
     try:
         layout = layout_of_names(names_in(table), reading, "", rows=first_rows)
     except (UnreadableRecording, ChoiceError) as error:
-        raise UsageError(str(error)) from error
+        raise UsageError(python_words(str(error))) from error
     if len(layout.bodies) > 1:
         bodies = ", ".join(body.name for body in layout.bodies)
         raise UsageError(f"several bodies, {bodies}: name the columns of one, as columns={{'x': ...}}")
@@ -238,7 +239,7 @@ def columns_of(table: Any, reading: TableReading) -> tuple[NDArray[Any], float |
     time = _column(table, keys[layout.time])
     if layout.rest is not None:
         seconds, rest = np.asarray(time, np.int64), np.asarray(_column(table, keys[layout.rest]), np.int64)
-        return seconds * 10**9 + rest, 1.0, poses, doubt
+        return seconds * 10**9 + rest * round(layout.rest_ns), 1.0, poses, doubt
     return time, layout.time_ns, poses, doubt
 
 

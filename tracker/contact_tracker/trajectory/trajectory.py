@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from contact_tracker.config.quantities import LENGTHS, TIMES_NS
-from contact_tracker.config.table_reading import AS_NAMED, TableReading
+from contact_tracker.config.table_reading import AS_NAMED, PYTHON, TableReading
 from contact_tracker.errors import NoPoses, UnreadableRecording, UsageError
 from contact_tracker.geometry.elements import Array
 from contact_tracker.motion.pose_validation import (
@@ -25,7 +25,15 @@ from contact_tracker.motion.pose_validation import (
 from contact_tracker.motion.poses import AS_GIVEN, Pose, Poses, ReadAs
 from contact_tracker.recording import PoseLog, PoseSource, open_log, read_metadata
 from contact_tracker.recording.tables import doubt_of_unit
-from contact_tracker.trajectory.arguments import errors_as, log_counts, name_from, path_from, warn_of
+from contact_tracker.trajectory.arguments import (
+    errors_as,
+    in_python,
+    log_counts,
+    name_from,
+    path_from,
+    warn_of,
+    with_known_arguments,
+)
 from contact_tracker.trajectory.arrays import (
     columns_of,
     moment_ns,
@@ -96,6 +104,7 @@ class Trajectory:
         )
 
     @classmethod
+    @with_known_arguments
     def from_arrays(
         cls,
         stamps: ArrayLike,
@@ -145,6 +154,7 @@ class Trajectory:
         return cls._passed(stamps, reading.time_ns, poses, reading)
 
     @classmethod
+    @with_known_arguments
     def from_dataframe(
         cls,
         table: Any,
@@ -279,6 +289,7 @@ class Trajectory:
         return f"<Trajectory {self.name}: {len(self)} poses, {self.duration_s:.2f} s{noted}>"
 
 
+@with_known_arguments
 def read(
     path: str | os.PathLike[str],
     topic: str | None = None,
@@ -335,16 +346,18 @@ def read(
     if parent is not None and child is None:
         raise UsageError("parent needs child, the frame of the body")
     kind = {"euler": euler, "rotation_vector": rotation_vector, "matrix": matrix, "rate": rate}
-    reading = stated(unit, time_unit, columns=columns, field=field, **kind)
+    words = (PYTHON, *(f"{name}={value!r}" for name, value in given if value is not None))
+    reading = replace(stated(unit, time_unit, columns=columns, field=field, **kind), given=words)
     frame = child if parent is None else f"{parent}->{child}"
     if text == "-":
         raise UsageError("a recording is read from a file, not from standard input")
-    with errors_as(UnreadableRecording, text):
+    with errors_as(UnreadableRecording, text), in_python():
         log = open_log(text, topic, frame, relative_to=relative_to, table=reading)
         poses = Poses.join(list(log.batches()))
     counts = dict(log.counts)
     if not len(poses):
-        raise log.no_poses(text)
+        with in_python():
+            raise log.no_poses(text)
     warn_of(log.warnings)
     log_counts(text, counts)
     with errors_as(UnreadableRecording, text):

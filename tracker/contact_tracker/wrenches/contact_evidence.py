@@ -11,14 +11,12 @@ from functools import cached_property
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array, Ints
 from contact_tracker.geometry.elements import Element, Line, Pair, Point, face_towards, shifted
 from contact_tracker.geometry.linalg import EYE, cross, cross_matrix, dot, sphere_tangent, unit
-from contact_tracker.states import STATES, Contact
+from contact_tracker.states import CONTACTS, Contact
 from contact_tracker.wrenches.load import ContactWrenches
-
-Array = NDArray[np.float64]
 
 FLOOR_M: Final = 0.5e-3
 """Standard deviation of lines of action from their element (m): compliance, and tremor within ticks."""
@@ -250,8 +248,7 @@ class WrenchEvidence:
         rows = self._measured(first_ns, last_ns)
         if len(rows) < FEWEST_TICKS:
             return None
-        contact = self._against_free(rows)
-        kinds, elements = self._of_kinds(rows)
+        contact, (kinds, elements) = self._against_free(rows), self._of_kinds(rows)
         if contact > 0.0 and kinds.max() < MISFIT_NATS:
             return None  # several contacts one after the other, or at once
         return WindowEvidence(EXPONENT * np.append(contact + kinds, 0.0), elements)
@@ -262,7 +259,7 @@ class WrenchEvidence:
         rows = self._measured(first_ns, first_ns + int(BEGINNING_S * 1e9))
         return len(rows) >= FEWEST_TICKS and self._against_free(rows) > 0.0
 
-    def _measured(self, first_ns: int, last_ns: int) -> NDArray[np.int64]:
+    def _measured(self, first_ns: int, last_ns: int) -> Ints:
         """Rows of the ticks with wrenches, without the first and the last of this time."""
         first, end = self.wrenches.ticks.stamp_ns.searchsorted([first_ns, last_ns + 1])
         rows = np.arange(first + 1, end - 1)
@@ -274,7 +271,7 @@ class WrenchEvidence:
         measured = self.wrenches.force_n[self.wrenches.ticks.is_measured]
         return float(np.median(dot(measured, measured))) + FREE_SD_N**2
 
-    def _against_free(self, rows: NDArray[np.int64]) -> float:
+    def _against_free(self, rows: Ints) -> float:
         """Log ratio of any contact force to none."""
         force = self.wrenches.force_n[rows]
         square = dot(force, force)
@@ -283,7 +280,7 @@ class WrenchEvidence:
         ratio = 0.5 * square * (1.0 / variance - 1.0 / typical) - 1.5 * np.log(typical / variance)
         return float(np.clip(ratio, *FREE_CLIP).sum())
 
-    def _of_kinds(self, rows: NDArray[np.int64]) -> tuple[Array, Mapping[Contact, Pair]]:
+    def _of_kinds(self, rows: Ints) -> tuple[Array, Mapping[Contact, Pair]]:
         """Log evidence (6,) of each contact, and its elements, by the lines of action that are
         significant."""
         wrenches = self.wrenches
@@ -291,19 +288,14 @@ class WrenchEvidence:
         strong = dot(force, force) > SIGNIFICANT**2 * 3.0 * variance
         rows, force = rows[strong], force[strong]
         if len(rows) < FEWEST_TICKS:
-            return np.zeros(len(STATES) - 1), {}
+            return np.zeros(len(CONTACTS)), {}
         moment, rotation, square = wrenches.moment_nm[rows], wrenches.ticks.rotation[rows], dot(force, force)
         foot = cross(force, moment) / square[:, None]
         place = (wrenches.moment_noise[rows] + dot(foot, foot) * wrenches.force_noise[rows]) / square
         middle = foot.mean(axis=0)  # the prior of elements is centred where the force acts
         of_force, of_moment = (errors[rows] for errors in wrenches.load_errors)
-        body = LinesOfAction(
-            force,
-            moment - cross(middle, force),
-            place + FLOOR_M**2,
-            of_force,
-            of_moment - cross_matrix(middle) @ of_force,
-        )
+        of_moment = of_moment - cross_matrix(middle) @ of_force
+        body = LinesOfAction(force, moment - cross(middle, force), place + FLOOR_M**2, of_force, of_moment)
         origin_m = np.einsum("tij,j->ti", rotation, middle) + wrenches.ticks.position_m[rows]
         world = body.in_world_frame(rotation, origin_m)
         of_body, of_world = fixed_direction(body.direction), fixed_direction(world.direction)
@@ -313,17 +305,15 @@ class WrenchEvidence:
         crossing = max(ridge.across(mean @ edge.best), edge.across(mean.T @ ridge.best))
         faces = body.direction.mean(axis=0), world.direction.mean(axis=0)
         elements = acting_elements(faces, (edge, ridge), (vertex, peak), (middle, origin_m.mean(axis=0)))
-        evidence = np.array(
-            [
-                fixed_in_both(body.direction, rotation),
-                edge.evidence + of_world,
-                ridge.evidence + of_body,
-                of_vertex + twist + of_world,
-                of_peak + twist + of_body,
-                edge.evidence + ridge.evidence + crossing + twist,
-            ]
+        evidence = (
+            fixed_in_both(body.direction, rotation),
+            edge.evidence + of_world,
+            ridge.evidence + of_body,
+            of_vertex + twist + of_world,
+            of_peak + twist + of_body,
+            edge.evidence + ridge.evidence + crossing + twist,
         )
-        return evidence, elements
+        return np.array(evidence), elements
 
 
 FRICTION_RAD: Final = float(np.radians(10.0))
@@ -348,18 +338,10 @@ def acting_elements(
     lines, points : in frames with these axes, whose origins are at ``origins_m`` in the body and the world.
     """
     ours, theirs = (
-        {
-            "f": face_towards(unit(face), FRICTION_RAD),
-            "e": _line(line, origin_m),
-            "v": shifted(point, origin_m),
-        }
-        for face, line, point, origin_m in zip((-faces[0], faces[1]), lines, points, origins_m, strict=True)
+        {"f": face_towards(unit(face), FRICTION_RAD), "e": _line(line, place), "v": shifted(point, place)}
+        for face, line, point, place in zip((-faces[0], faces[1]), lines, points, origins_m, strict=True)
     )
-    return {
-        contact: (ours[contact.value[0]], theirs[contact.value[2]])
-        for contact in Contact
-        if contact is not Contact.FREE
-    }
+    return {contact: (ours[contact.value[0]], theirs[contact.value[2]]) for contact in CONTACTS}
 
 
 def _line(fits: LineFits, origin_m: Array) -> Element | None:

@@ -12,8 +12,8 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array, Bools, Ints
 from contact_tracker.geometry.linalg import EYE, cross_matrix
 from contact_tracker.motion.poses import Poses
 from contact_tracker.wrenches.wrenches import (
@@ -25,8 +25,6 @@ from contact_tracker.wrenches.wrenches import (
     turned_to_body,
 )
 
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 Distance = tuple[float, float]
 """With its standard deviation."""
 
@@ -54,6 +52,8 @@ LEAST_VARIANCE: Final = (0.05**2, 0.005**2)
 """Least variance of a tick's mean (N^2, (N m)^2), by sensor and tremor."""
 BIAS_SD: Final = (1.0, 0.1)
 """Prior standard deviations of the sensor's bias per axis (N, N m)."""
+FORCE_PRIOR: Final = np.diag([0.0] * 3 + [BIAS_SD[0] ** -2] * 3)
+"""Precision of weight and bias."""
 CENTRE_SD_M: Final = 0.3
 """Prior standard deviation of the centre of mass about the body's origin (m)."""
 GYRATION_M: Final = 0.3
@@ -134,18 +134,18 @@ class Load:
         if share < 0.0 and share + DOUBTED_DEVIATIONS * sd < 1.0:
             return "in free motion the forces are as if the mass were negative"
         weight_n = GRAVITY * self.mass_kg
-        of_gravity = weight_n, weight_n * float(np.linalg.norm(self.centre_m))
-        for what, bias, usual, most in zip(
-            ("force of {:.1f} N", "moment of {:.1f} N m"),
-            (self.force_bias_n, self.moment_bias_nm),
-            BIAS_SD,
-            of_gravity,
-            strict=True,
+        moment_nm = weight_n * float(np.linalg.norm(self.centre_m))
+        for what, bias, usual, most in (
+            ("force of {:.1f} N", self.force_bias_n, BIAS_SD[0], weight_n),
+            ("moment of {:.1f} N m", self.moment_bias_nm, BIAS_SD[1], moment_nm),
         ):
             size = float(np.linalg.norm(bias))
             if size > max(DOUBTED_DEVIATIONS * usual, MOST_BIAS * most):
                 return f"in free motion a {what.format(size)} turns with the object, as gravity does not"
-        if self._least_inertia < -DOUBTED_DEVIATIONS:
+        values, axes = np.linalg.eigh(_inertia_times(EYE) @ self.inertia)
+        along = axes[:, 0] @ (axes[:, 0] @ _inertia_times(EYE))
+        variance = max(float(along @ self.moment_covariance[3:9, 3:9] @ along), 1e-30)
+        if values[0] < -DOUBTED_DEVIATIONS * math.sqrt(variance):
             return "in free motion the moments are as if the inertia were negative"
         angle, sd = self.turned_rad
         if angle > max(DOUBTED_DEVIATIONS * sd, TURNED_RAD):
@@ -158,14 +158,6 @@ class Load:
         if self.ticks < FEWEST_TICKS or (off > UNEXPLAINED and misfit > MISFIT):
             return "in free motion the forces are not those of weight and inertia"
         return ""
-
-    @property
-    def _least_inertia(self) -> float:
-        """Least moment of inertia about an axis through the origin, over its standard deviation."""
-        values, axes = np.linalg.eigh(_inertia_times(EYE) @ self.inertia)
-        along = axes[:, 0] @ (axes[:, 0] @ _inertia_times(EYE))
-        variance = float(along @ self.moment_covariance[3:9, 3:9] @ along)
-        return float(values[0]) / math.sqrt(max(variance, 1e-30))
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,7 +179,7 @@ class ContactWrenches:
     force_by_load: Array
     moment_by_load: Array
 
-    def force_variance(self, rows: NDArray[np.int64]) -> Array:
+    def force_variance(self, rows: Ints) -> Array:
         """(n,) variance per axis of some ticks, by noise and by the load's errors."""
         design, covariance = self.force_by_load[rows], self.load.force_covariance
         by_load = np.einsum("tij,jk,tik->t", design, covariance, design) / 3.0
@@ -198,11 +190,8 @@ class ContactWrenches:
         """(T, 3, 18) twice: derivatives of force and moment by independent standard errors of the load."""
         of_force = self.force_by_load @ _root(self.load.force_covariance)
         of_moment = self.moment_by_load @ _root(self.load.moment_covariance)
-        none = np.zeros_like
-        return (
-            np.concatenate([of_force, none(of_moment)], axis=2),
-            np.concatenate([none(of_force), of_moment], axis=2),
-        )
+        force = np.concatenate([of_force, np.zeros_like(of_moment)], axis=2)
+        return force, np.concatenate([np.zeros_like(of_force), of_moment], axis=2)
 
 
 def estimate_load(
@@ -225,20 +214,18 @@ def estimate_load(
     rows = np.flatnonzero(usable)
     if len(rows) < FEWEST_TICKS:
         return None
-    starts = _agreed_weights(ticks, rows, p_free[rows], mass_kg)
-    loads = (_refine(ticks, rows, weight_n, mass_kg) for weight_n in starts)
+    starts, free = _agreed_weights(ticks, rows, p_free[rows], mass_kg), ticks.at(rows)
+    loads = (_refine(free, weight_n, mass_kg) for weight_n in starts)
     return max(loads, key=lambda load: load.fit, default=None)
 
 
-def _agreed_weights(
-    ticks: TickWrenches, rows: NDArray[np.int64], p_free: Array, mass_kg: float | None
-) -> list[Array]:
+def _agreed_weights(ticks: TickWrenches, rows: Ints, p_free: Array, mass_kg: float | None) -> list[Array]:
     """The weights (3,) of most runs of ticks, at most ``STARTS``, that of most first: that of a single run
     may be a contact."""
     every = -(-len(rows) // MOST_COMPARED)
     rows, p_free = rows[::every], p_free[::every]
-    inertial = (mass_kg or 0.0) * ticks.acceleration[rows]
-    held = -np.einsum("tij,tj->ti", ticks.rotation[rows], ticks.force_n[rows] - inertial)
+    free = ticks.at(rows)
+    held = _in_world(free, free.force_n - (mass_kg or 0.0) * free.acceleration)
     off = np.linalg.norm(held[:, None] - held, axis=2)
     run = np.cumsum(np.append(0, np.diff(rows) > every))
     kernel = p_free / (1.0 + (off / NEAR_N) ** 2)
@@ -254,102 +241,85 @@ def _agreed_weights(
     return weights
 
 
-def _refine(ticks: TickWrenches, rows: NDArray[np.int64], weight_n: Array, mass_kg: float | None) -> Load:
+def _in_world(ticks: TickWrenches, force_n: Array) -> Array:
+    """The weights (T, 3) that these forces of the hand hold."""
+    return np.asarray(-np.einsum("tij,tj->ti", ticks.rotation, force_n))
+
+
+def _refine(free: TickWrenches, weight_n: Array, mass_kg: float | None) -> Load:
     """Iteratively reweighted least squares: force for weight and its bias, moment for the rest."""
-    force_noise = np.maximum(ticks.force_variance[rows], LEAST_VARIANCE[0])
-    moment_noise = np.maximum(ticks.moment_variance[rows], LEAST_VARIANCE[1])
-    prior_force = np.diag([0.0] * 3 + [BIAS_SD[0] ** -2] * 3)
-    centre, inertia, bias, moment_bias = np.zeros(3), np.zeros(6), np.zeros(3), np.zeros(3)
-    held = -np.einsum("tij,tj->ti", ticks.rotation[rows], ticks.force_n[rows])
+    force_noise = np.maximum(free.force_variance, LEAST_VARIANCE[0])
+    moment_noise = np.maximum(free.moment_variance, LEAST_VARIANCE[1])
+    centre, scale = np.zeros(3), 1.0
+    held = _in_world(free, free.force_n)
     weight = _redescending((np.linalg.norm(held - weight_n, axis=1) / NEAR_N) ** 2)
-    by_force, by_moment, scale = np.eye(6), np.eye(12), 1.0
     for _ in range(ROUNDS):
         mass = float(np.linalg.norm(weight_n)) / GRAVITY
-        gravity, inertial = _forces(ticks, weight_n, mass, centre, rows)
-        design = _force_design(ticks, rows)
+        inertial, design = _forces(free, weight_n, mass, centre)[1], _force_design(free)
         down = weight_n / max(float(np.linalg.norm(weight_n)), 1e-9)
         # the mass is that of the weight: apart, each round would add the error of the last
         design[..., :3] += inertial[..., None] * down / max(GRAVITY * mass, 1e-9)
-        given = prior_force.copy()
-        pull = np.zeros(6)
+        given, pull = FORCE_PRIOR.copy(), np.zeros(6)
         if mass_kg is not None:  # its length is known, not its direction
             sd = MASS_SHARE * GRAVITY * mass_kg
             given[:3, :3] += np.outer(down, down) / sd**2
             pull[:3] = down * GRAVITY * mass_kg / sd**2
-        target = ticks.force_n[rows]
-        found, by_force = _solve(design, target, weight / force_noise, given, pull)
-        weight_n, bias = found[:3], found[3:]
-        off_force = target - np.einsum("tij,j->ti", design, found)
+        force, by_force = _solve(design, free.force_n, weight / force_noise, given, pull)
+        weight_n, bias = force[:3], force[3:]
+        off_force = free.force_n - np.einsum("tij,j->ti", design, force)
         mass = float(np.linalg.norm(weight_n)) / GRAVITY
-        gravity, _ = _forces(ticks, weight_n, mass, centre, rows)
-        design = _moment_design(ticks, gravity, rows)
-        found, by_moment = _solve(
-            design, ticks.moment_nm[rows], weight / moment_noise, _moment_prior(mass), np.zeros(12)
-        )
-        centre, inertia, moment_bias = found[:3], found[3:9], found[9:]
-        off_moment = ticks.moment_nm[rows] - np.einsum("tij,j->ti", design, found)
+        design = _moment_design(free, _forces(free, weight_n, mass, centre)[0])
+        inertia = max(mass, 1e-3) * GYRATION_M**2
+        given = np.diag([CENTRE_SD_M**-2] * 3 + [inertia**-2] * 6 + [BIAS_SD[1] ** -2] * 3)
+        moment, by_moment = _solve(design, free.moment_nm, weight / moment_noise, given)
+        centre = moment[:3]
+        off_moment = free.moment_nm - np.einsum("tij,j->ti", design, moment)
         squares = (off_force**2).sum(axis=1) / force_noise + (off_moment**2).sum(axis=1) / moment_noise
-        usual = max(_weighted_median(squares, weight), 6.0)
+        order = squares.argsort()
+        heavy = weight[order].cumsum()
+        usual = max(float(squares[order[heavy.searchsorted(0.5 * heavy[-1])]]), 6.0)  # the weighted median
         before, weight = weight, _redescending(squares / usual)
         scale = max(float((weight * squares).sum() / weight.sum()) / 6.0, 1.0)
         if np.abs(weight - before).max() < CONVERGED:
             break
-    expected = target - off_force - bias
-    squares = (off_force**2).sum(axis=1)
-    usual_n = max(float(np.median(np.linalg.norm(ticks.force_n[rows], axis=1))), NEAR_N)
+    expected, squares = free.force_n - off_force - bias, (off_force**2).sum(axis=1)
+    usual_n = max(float(np.median(np.linalg.norm(free.force_n, axis=1))), NEAR_N)
+    unexplained = (
+        float(np.quantile(squares, EXPLAINED)) ** 0.5 / usual_n,
+        float(np.quantile(squares / force_noise, EXPLAINED)) / 3.0,
+    )
+    precision = weight / (force_noise * scale)
+    acceleration = inertial[..., None] / max(mass, 1e-9)
+    found, covariance = _solve_with(free, precision, free.force_n, acceleration)
+    carried_kg = max(float(np.linalg.norm(found[:3])) / GRAVITY, 1e-9)
+    turned, by_turn = _misfit(free, precision, expected, -cross_matrix(expected))
+    # noise of the poses makes accelerations too large: from the line between origin and centre, if nearer
+    off_m, by_point = _misfit(free, precision, expected, mass * _acceleration_by_point(free))
+    centre_by_force = centre + off_m
+    share = float(np.clip(centre_by_force @ centre / max(float(centre @ centre), 1e-12), 0.0, 1.0))
     return Load(
         weight_n,
         centre,
-        inertia,
+        moment[3:9],
         bias,
-        moment_bias,
+        moment[9:],
         by_force * scale,
         by_moment * scale,
         scale,
         float(weight.sum()),
-        (
-            float(np.quantile(squares, EXPLAINED)) ** 0.5 / usual_n,
-            float(np.quantile(squares / force_noise, EXPLAINED)) / 3.0,
-        ),
-        _mass_ratio(ticks, rows, weight / (force_noise * scale), inertial / max(mass, 1e-9)),
-        _turn_angle(ticks, rows, weight / (force_noise * scale), expected),
-        _centre_distance(ticks, rows, weight / (force_noise * scale), expected, mass, centre),
+        unexplained,
+        (float(found[6]) / carried_kg, float(covariance[6, 6]) ** 0.5 / carried_kg),
+        _distance(turned, by_turn),
+        _distance(centre_by_force - share * centre, by_point),
     )
 
 
-def _mass_ratio(
-    ticks: TickWrenches, rows: NDArray[np.int64], weight: Array, acceleration: Array
-) -> tuple[float, float]:
-    """The mass that is accelerated, with its sign, over that of the weight, and its standard deviation."""
-    found, covariance = _solve_with(ticks, rows, weight, ticks.force_n[rows], acceleration[..., None])
-    mass = max(float(np.linalg.norm(found[:3])) / GRAVITY, 1e-9)
-    return float(found[6]) / mass, float(covariance[6, 6]) ** 0.5 / mass
-
-
-def _turn_angle(ticks: TickWrenches, rows: NDArray[np.int64], weight: Array, expected: Array) -> Distance:
-    """The angle by which the measured forces are turned against the ``expected`` ones (n, 3)."""
-    return _distance(*_misfit(ticks, rows, weight, expected, -cross_matrix(expected)))
-
-
-def _centre_distance(
-    ticks: TickWrenches, rows: NDArray[np.int64], weight: Array, expected: Array, mass: float, centre_m: Array
-) -> Distance:
-    """How far the centre of mass that the forces show is from that of the moments, or if it is nearer to the
-    origin, from the line between: noise of the poses makes the accelerations too large."""
-    off_m, covariance = _misfit(ticks, rows, weight, expected, mass * _acceleration_by_point(ticks, rows))
-    by_force = centre_m + off_m
-    share = float(np.clip(by_force @ centre_m / max(float(centre_m @ centre_m), 1e-12), 0.0, 1.0))
-    return _distance(by_force - share * centre_m, covariance)
-
-
-def _misfit(
-    ticks: TickWrenches, rows: NDArray[np.int64], weight: Array, expected: Array, columns: Array
-) -> tuple[Array, Array]:
+def _misfit(ticks: TickWrenches, weight: Array, expected: Array, columns: Array) -> tuple[Array, Array]:
     """What explains the forces beyond the ``expected`` ones by three ``columns`` (n, 3, 3), with its
     covariance. A share of the acceleration is fitted beside it: the mean of a tick makes fast ones too small.
     """
-    off, acceleration = ticks.force_n[rows] - expected, ticks.acceleration[rows][..., None]
-    found, covariance = _solve_with(ticks, rows, weight, off, np.concatenate([columns, acceleration], axis=2))
+    both = np.concatenate([columns, ticks.acceleration[..., None]], axis=2)
+    found, covariance = _solve_with(ticks, weight, ticks.force_n - expected, both)
     return found[6:9], covariance[6:9, 6:9]
 
 
@@ -360,21 +330,17 @@ def _distance(apart: Array, covariance: Array) -> Distance:
     return size, float(along @ covariance @ along) ** 0.5
 
 
-def _solve_with(
-    ticks: TickWrenches, rows: NDArray[np.int64], weight: Array, force_n: Array, columns: Array
-) -> tuple[Array, Array]:
+def _solve_with(ticks: TickWrenches, weight: Array, force_n: Array, columns: Array) -> tuple[Array, Array]:
     """Solve the forces for weight, bias and what explains more ``columns`` (n, 3, k): the solution (6 + k,)
     and its covariance."""
-    design = np.concatenate([_force_design(ticks, rows), columns], axis=2)
-    prior = np.diag([0.0] * 3 + [BIAS_SD[0] ** -2] * 3 + [0.0] * columns.shape[2])
-    return _solve(design, force_n, weight, prior, np.zeros(len(prior)))
+    design = np.concatenate([_force_design(ticks), columns], axis=2)
+    return _solve(design, force_n, weight, np.pad(FORCE_PRIOR, (0, columns.shape[2])))
 
 
 def contact_wrenches(ticks: TickWrenches, load: Load) -> ContactWrenches:
     """The wrench of the surroundings: the load's less the measured wrench."""
-    rows = np.arange(len(ticks.stamp_ns))
-    gravity, inertial = _forces(ticks, load.weight_n, load.mass_kg, load.centre_m, rows)
-    of_force, of_moment = _force_design(ticks, rows), _moment_design(ticks, gravity, rows)
+    gravity, inertial = _forces(ticks, load.weight_n, load.mass_kg, load.centre_m)
+    of_force, of_moment = _force_design(ticks), _moment_design(ticks, gravity)
     force = of_force @ np.append(load.weight_n, load.force_bias_n) + inertial
     moment = of_moment @ np.concatenate([load.centre_m, load.inertia, load.moment_bias_nm])
     return ContactWrenches(
@@ -389,12 +355,6 @@ def contact_wrenches(ticks: TickWrenches, load: Load) -> ContactWrenches:
     )
 
 
-def _weighted_median(values: Array, weight: Array) -> float:
-    order = values.argsort()
-    heavy = weight[order].cumsum()
-    return float(values[order[heavy.searchsorted(0.5 * heavy[-1])]])
-
-
 def _redescending(squares: Array) -> Array:
     return np.asarray(1.0 / (1.0 + 0.25 * squares) ** 2)
 
@@ -405,47 +365,41 @@ def _root(covariance: Array) -> Array:
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
-def _solve(design: Array, target: Array, weight: Array, prior: Array, pull: Array) -> tuple[Array, Array]:
+def _solve(
+    design: Array, target: Array, weight: Array, prior: Array, pull: Array | float = 0.0
+) -> tuple[Array, Array]:
     """Weighted least squares: the solution (P,) and its covariance (P, P)."""
     information = np.einsum("t,tij,tik->jk", weight, design, design) + prior
     covariance = np.linalg.pinv(information, hermitian=True)
     return covariance @ (np.einsum("t,tij,ti->j", weight, design, target) + pull), covariance
 
 
-def _forces(
-    ticks: TickWrenches, weight_n: Array, mass: float, centre_m: Array, rows: NDArray[np.int64]
-) -> tuple[Array, Array]:
+def _forces(ticks: TickWrenches, weight_n: Array, mass: float, centre_m: Array) -> tuple[Array, Array]:
     """Weight less the force that accelerates the body's origin, and the force that accelerates the centre of
     mass, (n, 3) in the body's axes (N)."""
-    swing = _acceleration_by_point(ticks, rows) @ centre_m
-    down = np.einsum("tji,j->ti", ticks.rotation[rows], weight_n)
-    return down - mass * ticks.acceleration[rows], mass * (ticks.acceleration[rows] + swing)
+    swing = _acceleration_by_point(ticks) @ centre_m
+    down = np.einsum("tji,j->ti", ticks.rotation, weight_n)
+    return down - mass * ticks.acceleration, mass * (ticks.acceleration + swing)
 
 
-def _acceleration_by_point(ticks: TickWrenches, rows: NDArray[np.int64]) -> Array:
+def _acceleration_by_point(ticks: TickWrenches) -> Array:
     """(n, 3, 3): derivatives of a point's acceleration about the origin by the point."""
-    spin = cross_matrix(ticks.angular_velocity[rows])
-    return np.asarray(cross_matrix(ticks.angular_acceleration[rows]) + spin @ spin)
+    spin = cross_matrix(ticks.angular_velocity)
+    return np.asarray(cross_matrix(ticks.angular_acceleration) + spin @ spin)
 
 
-def _force_design(ticks: TickWrenches, rows: NDArray[np.int64]) -> Array:
+def _force_design(ticks: TickWrenches) -> Array:
     """(n, 3, 6) of weight and bias in the force of the hand."""
-    turned = ticks.rotation[rows].swapaxes(1, 2)
+    turned = ticks.rotation.swapaxes(1, 2)
     return np.concatenate([-turned, np.broadcast_to(EYE, turned.shape)], axis=2)
 
 
-def _moment_design(ticks: TickWrenches, gravity: Array, rows: NDArray[np.int64]) -> Array:
+def _moment_design(ticks: TickWrenches, gravity: Array) -> Array:
     """(n, 3, 12) of centre of mass, inertia and bias in the moment of the hand."""
-    spin, turning = ticks.angular_velocity[rows], ticks.angular_acceleration[rows]
-    inertial = _inertia_times(turning) + np.einsum("tij,tjk->tik", cross_matrix(spin), _inertia_times(spin))
-    return np.concatenate(
-        [cross_matrix(gravity), inertial, np.broadcast_to(EYE, (len(inertial), 3, 3))], axis=2
-    )
-
-
-def _moment_prior(mass: float) -> Array:
-    inertia = max(mass, 1e-3) * GYRATION_M**2
-    return np.diag([CENTRE_SD_M**-2] * 3 + [inertia**-2] * 6 + [BIAS_SD[1] ** -2] * 3)
+    spin = ticks.angular_velocity
+    inertial = _inertia_times(ticks.angular_acceleration) + cross_matrix(spin) @ _inertia_times(spin)
+    bias = np.broadcast_to(EYE, (len(inertial), 3, 3))
+    return np.concatenate([cross_matrix(gravity), inertial, bias], axis=2)
 
 
 def _inertia_times(v: Array) -> Array:
@@ -474,7 +428,7 @@ def mass_doubt(load: Load, mass_kg: float | None) -> str:
 def require_load(
     poses: Poses,
     wrenches: Wrenches,
-    stamp_ns: NDArray[np.int64],
+    stamp_ns: Ints,
     is_free: Bools,
     p_free: Array,
     mass_kg: float | None = None,

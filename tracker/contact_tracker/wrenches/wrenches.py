@@ -4,14 +4,12 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array, Bools, Ints
 from contact_tracker.errors import UsageError
 from contact_tracker.geometry.linalg import cross
 from contact_tracker.geometry.rotation import between, matrices, nearest, rotation_vectors
 from contact_tracker.motion.poses import Poses, real_numbers
-
-Array = NDArray[np.float64]
 
 GREATEST_N: Final = 1e6
 """No sensor measures more (N, N m): what is beyond is not a measurement."""
@@ -32,7 +30,7 @@ class Wrenches:
         The shapes differ, the stamps are not integers, or the others no real numbers.
     """
 
-    stamp_ns: NDArray[np.int64]
+    stamp_ns: Ints
     force_n: Array
     moment_nm: Array
 
@@ -45,8 +43,8 @@ class Wrenches:
         if stamp_ns.ndim != 1 or (len(stamp_ns) and stamp_ns.dtype.kind not in "iu"):
             raise UsageError("stamps of wrenches are (N,) integers in nanoseconds: multiply seconds by 1e9")
         object.__setattr__(self, "stamp_ns", stamp_ns.astype(np.int64))
-        for name, values in zip(("force_n", "moment_nm"), numbers, strict=True):
-            object.__setattr__(self, name, values)
+        object.__setattr__(self, "force_n", numbers[0])
+        object.__setattr__(self, "moment_nm", numbers[1])
         shape = (len(self.stamp_ns), 3)
         if np.shape(self.force_n) != shape or np.shape(self.moment_nm) != shape:
             shapes = f"{np.shape(self.force_n)} and {np.shape(self.moment_nm)}"
@@ -64,7 +62,7 @@ class Wrenches:
         _, first = np.unique(self.stamp_ns[good], return_index=True)
         return self.at(good[first])
 
-    def at(self, rows: NDArray[np.int64]) -> "Wrenches":
+    def at(self, rows: Ints) -> "Wrenches":
         """Those of these rows, in their order."""
         return Wrenches(self.stamp_ns[rows], self.force_n[rows], self.moment_nm[rows])
 
@@ -79,10 +77,8 @@ def about_body(wrenches: Wrenches, poses: Poses) -> Wrenches:
 
     Each takes the pose nearest in time; ``poses`` are in order of time, and there is one at least.
     """
-    nearest = _nearest(wrenches, poses)
-    moment = wrenches.moment_nm - cross(nearest.position_m, wrenches.force_n)
-    about_origin = Wrenches(wrenches.stamp_ns, wrenches.force_n, moment)
-    return _turned(nearest.rotation.swapaxes(1, 2), about_origin)
+    moment_nm = wrenches.moment_nm - cross(_nearest(wrenches, poses).position_m, wrenches.force_n)
+    return turned_to_body(Wrenches(wrenches.stamp_ns, wrenches.force_n, moment_nm), poses)
 
 
 def turned_to_body(wrenches: Wrenches, poses: Poses) -> Wrenches:
@@ -114,8 +110,6 @@ def about_parent(wrenches: Wrenches, frames: Poses) -> Wrenches:
     return Wrenches(wrenches.stamp_ns, turned.force_n, moment_nm)
 
 
-Bools = NDArray[np.bool_]
-
 STEADY: Final = 1.5
 """Largest interval of ticks for accelerations, relative to the median."""
 
@@ -135,7 +129,7 @@ class TickWrenches:
     is_measured : (T,) whether a tick has wrenches, and it and its neighbours have poses.
     """
 
-    stamp_ns: NDArray[np.int64]
+    stamp_ns: Ints
     rotation: Array
     position_m: Array
     acceleration: Array
@@ -147,56 +141,45 @@ class TickWrenches:
     moment_variance: Array
     is_measured: Bools
 
+    def at(self, rows: Ints) -> "TickWrenches":
+        """Only these ticks."""
+        return TickWrenches(*(column[rows] for column in vars(self).values()))
 
-def average(poses: Poses, wrenches: Wrenches, stamp_ns: NDArray[np.int64]) -> TickWrenches:
+
+def average(poses: Poses, wrenches: Wrenches, stamp_ns: Ints) -> TickWrenches:
     """Mean poses and wrenches of the ticks that end at ``stamp_ns`` (T,), each from the end of the previous
     one."""
-    pose_rows = _rows(poses.stamp_ns, stamp_ns)
+    pose_rows, rows = (
+        np.append(0, of.stamp_ns.searchsorted(stamp_ns, side="right")) for of in (poses, wrenches)
+    )
     mean = _means(poses.rotation.reshape(-1, 9), pose_rows).reshape(-1, 3, 3)
     quat = np.array([nearest(matrix) for matrix in mean]).reshape(-1, 4)
-    rotation = matrices(quat)
     position_m = _means(poses.position_m, pose_rows)
     time_s = _means((poses.stamp_ns - poses.stamp_ns[0])[:, None] * 1e-9, pose_rows)[:, 0]
-    has_poses = np.diff(pose_rows) > 0
-    steady = _is_steady(time_s, has_poses)
-    linear, spin, turning = _motion(quat, position_m, time_s, steady)
-    rows = _rows(wrenches.stamp_ns, stamp_ns)
-    count = np.diff(rows)
+    steady = _is_steady(time_s, np.diff(pose_rows) > 0)
     return TickWrenches(
         stamp_ns,
-        rotation,
+        matrices(quat),
         position_m,
-        linear,
-        spin,
-        turning,
+        *_motion(quat, position_m, time_s, steady),
         _means(wrenches.force_n, rows),
         _means(wrenches.moment_nm, rows),
         _variances(wrenches.force_n, rows),
         _variances(wrenches.moment_nm, rows),
-        steady & (count > 0),
+        steady & (np.diff(rows) > 0),
     )
 
 
-def _rows(of: NDArray[np.int64], stamp_ns: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Bounds (T + 1,) of the rows in each tick."""
-    ends = of.searchsorted(stamp_ns, side="right")
-    return np.append(0, ends)
-
-
-def _means(values: Array, rows: NDArray[np.int64]) -> Array:
+def _means(values: Array, rows: Ints) -> Array:
     """Means (T, D) of the rows (N, D) between bounds; zero without rows."""
-    sums = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values - _middle(values), axis=0)])
+    near = values.mean(axis=0) if len(values) else 0.0  # sums of deviations from it are more precise
+    sums = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values - near, axis=0)])
     count = np.diff(rows)[:, None]
-    mean = np.diff(sums[rows], axis=0) / np.maximum(count, 1) + _middle(values)
+    mean = np.diff(sums[rows], axis=0) / np.maximum(count, 1) + near
     return np.asarray(np.where(count, mean, 0.0))
 
 
-def _middle(values: Array) -> Array:
-    """An offset near all values; sums of deviations from it are more precise."""
-    return np.asarray(values.mean(axis=0)) if len(values) else np.zeros(values.shape[1])
-
-
-def _variances(values: Array, rows: NDArray[np.int64]) -> Array:
+def _variances(values: Array, rows: Ints) -> Array:
     """Variances (T,) per axis of the means of rows (N, 3) between bounds; that of one row is the median's.
 
     Neighbours differ by noise and by half of what changes in a tick, so the scatter bounds both.

@@ -1,4 +1,1 @@
-"""The benchmark of the field: methods that label motion with contacts, scored against the same truth.
-
-python -m contact_tracker_lab.benchmark FOLDER
-"""
+"""The benchmark of the field: methods that label motion with contacts, scored against the same truth."""

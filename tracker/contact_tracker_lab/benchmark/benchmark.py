@@ -73,19 +73,18 @@ def measure(job: Job) -> Measured:
     model, truth = load_model(job.model), need_truth(str(job.path))
     poses = Poses.collect(open_log(str(job.path)))
     scored = scoring(poses.stamp_ns, truth)
-    answers, cpu_s = dict[Method, Answer](), dict[Method, float]()
+    scores, cpu_s = dict[Method, Score](), dict[Method, float]()
 
     def note(found: Mapping[Method, Answer], began_s: float) -> None:
-        answers.update(found)
         cpu_s.update(dict.fromkeys(found, time.process_time() - began_s))
+        scores.update({method: Score.of(answer, scored) for method, answer in found.items()})
 
     labellings = tracked.methods(model) if job.wants(tracked.NAME) else {}
     if job.wants(others.STILL):
         labellings[Method(others.STILL, 0.0, False)] = others.answer_by_speed
     labellings |= dict(map(others.load_function, job.functions))
     if job.earlier is not None and job.wants(tracked.WITH_MAP):
-        with_map = partial(tracked.answer_with_map, model=model, earlier=job.earlier)
-        labellings[Method(tracked.WITH_MAP, OFFLINE)] = with_map
+        labellings |= tracked.methods(model, job.earlier)
     if job.labels is not None:
         of_file = partial(others.answer_from_labels, path=job.labels / f"{job.path.stem}.csv")
         labellings[Method(job.labels.name, OFFLINE, False)] = of_file
@@ -104,12 +103,7 @@ def measure(job: Job) -> Measured:
         for answers_of in bic.WAYS:
             began_s = time.process_time() - of_ticks_s
             note(answers_of(poses, scored, ticks), began_s)
-    return Measured(
-        {method: Score.of(answer, scored) for method, answer in answers.items()},
-        cpu_s,
-        windows,
-        float(poses.stamp_ns[-1] - poses.stamp_ns[0]) * 1e-9,
-    )
+    return Measured(scores, cpu_s, windows, float(poses.stamp_ns[-1] - poses.stamp_ns[0]) * 1e-9)
 
 
 def split_of(path: Path) -> str:
@@ -149,23 +143,18 @@ def with_hmm(
 def summary(found: Mapping[str, Sequence[Measured]]) -> Table:
     """A row for each method: accuracy by set, and further figures over all sets that it was scored on."""
     everything = [one for some in found.values() for one in some]
-    methods = in_order(list(dict.fromkeys(method for one in everything for method in one.scores)))
+    methods = list(dict.fromkeys(method for one in everything for method in one.scores))
+    names = [method.name for method in methods]
+    methods.sort(key=lambda method: (names.index(method.name), -method.wait_s))  # each from offline to online
     rows = []
     for method in methods:
         by_set = [accuracy(method, some) for some in found.values()]
         scored = [one for one in everything if method in one.scores]
         whole = reduce(add, (one.scores[method] for one in scored))
         cpu_s = [one.cpu_s[method] for one in scored if method in one.cpu_s]
-        rows.append(
-            [
-                method.name,
-                method.when,
-                *by_set,
-                *([number(whole.main.accuracy())] if len(found) > 1 else []),
-                *details(method, whole),
-                number(sum(cpu_s) / sum(one.seconds for one in scored), 3) if cpu_s else "-",
-            ]
-        )
+        total = [number(whole.main.accuracy())] if len(found) > 1 else []
+        share = number(sum(cpu_s) / sum(one.seconds for one in scored), 3) if cpu_s else "-"
+        rows.append([method.name, method.when, *by_set, *total, *details(method, whole), share])
     sets = (*found, TOTAL) if len(found) > 1 else tuple(found)
     return Table(("method", "when", *sets, *DETAILS), rows)
 
@@ -180,22 +169,11 @@ def accuracy(method: Method, found: Sequence[Measured]) -> str:
 
 def details(method: Method, whole: Score) -> list[str]:
     """The further figures of a row but its CPU time."""
-    main = whole.main
-    low, high = map(number, whole.band())
+    main, (low, high) = whole.main, map(number, whole.band())
     waits = "-" if method.wait_s == OFFLINE else number(quantile(main.delay_s, 0.5) + method.wait_s, 2)
-    uncertain = (main.log_loss, main.calibration_error, main.sure_wrong)
-    return [
-        low if low == high else f"{low}-{high}",
-        number(main.macro_f1),
-        waits,
-        *(number(value) if method.has_posterior else "-" for value in uncertain),
-    ]
-
-
-def in_order(methods: Sequence[Method]) -> list[Method]:
-    """Each method from offline to online."""
-    names = list(dict.fromkeys(method.name for method in methods))
-    return sorted(methods, key=lambda method: (names.index(method.name), -method.wait_s))
+    uncertain = map(number, (main.log_loss, main.calibration_error, main.sure_wrong))
+    band = low if low == high else f"{low}-{high}"
+    return [band, number(main.macro_f1), waits, *(uncertain if method.has_posterior else 3 * "-")]
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -209,20 +187,19 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--model", default="default", metavar="NAME|FILE")
     args = parser.parse_args(argv)
     try:
-        return run(args)
+        return report(args, benchmark=measured_table(args))
     except ContactTrackerError as error:
         parser.error(str(error))
 
 
-def run(args: argparse.Namespace) -> int:
+def measured_table(args: argparse.Namespace) -> Table:
     sets = find_sets(args.folder, args.set)
     asked = (tuple(args.only), tuple(args.method), args.labels)
-    is_asked = {path: args.split in ("all", split_of(path)) for paths in sets.values() for path in paths}
     jobs = dict[tuple[str, bool], list[tuple[Job]]]()
     for name, paths in sets.items():
         for path in paths:
             job = Job(path, args.model, earlier_take(path, paths), *asked)
-            if is_asked[path]:
+            if args.split in ("all", split_of(path)):
                 jobs.setdefault((name, True), []).append((job,))
             if split_of(path) == "tuning" and job.wants(fixed_windows.HMM):
                 learning = Job(path, args.model, only=(fixed_windows.HMM,))
@@ -231,8 +208,7 @@ def run(args: argparse.Namespace) -> int:
     found = {name: some for (name, is_scored), some in results.items() if is_scored}
     if not any(one.scores for some in found.values() for one in some):
         names = "; ".join((tracked.NAME, tracked.WITH_MAP, others.STILL, *WINDOWED, *BY_CRITERION))
-        raise UsageError(
-            f"nothing to score: no recording is of the split {args.split}, or no method is {names}"
-        )
+        what = f"no recording is of the split {args.split}, or no method is {names}"
+        raise UsageError(f"nothing to score: {what}")
     tuning = {name: some for (name, is_scored), some in results.items() if not is_scored}
-    return report(args, benchmark=summary(with_hmm(found, tuning, args.model)))
+    return summary(with_hmm(found, tuning, args.model))

@@ -15,12 +15,13 @@ Segments are the paper's windows of 500 frames, every 100 frames; those between 
 the recording, so that the segments are of one model; and the true ones.
 """
 
+from functools import cache
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import softmax
 
+from contact_tracker.arrays import Array, Bools, Ints
 from contact_tracker.config.parameters import Model
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.errors import extra
@@ -33,11 +34,8 @@ from contact_tracker.tracking.contact_filter import ticks_of
 from contact_tracker.tracking.state import scales_of
 from contact_tracker_lab.benchmark.fixed_windows import FRAMES
 from contact_tracker_lab.benchmark.scores import OFFLINE, Answer, Method
-from contact_tracker_lab.calibration.recorded_pass import window_of
+from contact_tracker_lab.calibration.trellis import window_of
 from contact_tracker_lab.evaluation.scoring import UNSCORED, Scoring, tick_in_force
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 STEP: Final = 100
 WINDOWS: Final = "BIC on windows"
@@ -55,7 +53,7 @@ class Ticks(NamedTuple):
     ``stamp_ns`` (T,) of their first and last frame; ``scales`` of the tracker's fits."""
 
     window: Window
-    has_frames: NDArray[np.bool_]
+    has_frames: Bools
     start_ns: Ints
     stamp_ns: Ints
     scales: EvidenceParameters
@@ -124,26 +122,14 @@ def change_points(ticks: Ticks) -> list[int]:
     grid = [*range(0, count, GRID_TICKS), count]
     if len(grid) <= FEWEST:
         return [count]
-    cost = segment_cost(ticks, grid)
-    found = Pelt(custom_cost=cost, min_size=1, jump=1).fit(np.arange(len(grid) - 1.0)[:, None])
+    found = Pelt(custom_cost=_cost(ticks, grid), min_size=1, jump=1).fit(np.arange(len(grid) - 1.0)[:, None])
     return [grid[end] for end in found.predict(pen=0.5 * np.log(count))]
 
 
-def segment_cost(ticks: Ticks, grid: list[int]) -> Any:
+def _cost(ticks: Ticks, grid: list[int]) -> Any:
     """The cost of a segment for ruptures: minus the criterion of the best state of ticks between points of
     the ``grid``; infinite beyond ``LONGEST_TICKS``."""
-    from functools import cache
-
     from ruptures.base import BaseCost
-
-    @cache
-    def cost(start: int, end: int) -> float:
-        window = ticks.window.pick(np.flatnonzero(ticks.has_frames[grid[start] : grid[end]]) + grid[start])
-        if grid[end] - grid[start] > LONGEST_TICKS:
-            return float(np.inf)
-        if len(window) < FEWEST:
-            return 0.0
-        return -float(criteria_of(window, ticks.scales, len(ticks.stamp_ns)).max())
 
     class Cost(BaseCost):  # type: ignore[misc]
         model, min_size = "contacts", 1
@@ -152,8 +138,14 @@ def segment_cost(ticks: Ticks, grid: list[int]) -> Any:
             self.signal = signal
             return self
 
+        @cache  # noqa: B019 - it lasts as long as the search
         def error(self, start: int, end: int) -> float:
-            return cost(start, end)
+            rows = np.flatnonzero(ticks.has_frames[grid[start] : grid[end]]) + grid[start]
+            if grid[end] - grid[start] > LONGEST_TICKS:
+                return float(np.inf)
+            if len(rows) < FEWEST:
+                return 0.0
+            return -float(criteria_of(ticks.window.pick(rows), ticks.scales, len(ticks.stamp_ns)).max())
 
     return Cost()
 

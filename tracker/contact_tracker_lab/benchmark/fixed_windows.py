@@ -19,9 +19,9 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 import contact_tracker.hmm as hmm
+from contact_tracker.arrays import Array, Ints
 from contact_tracker.config.parameters import Model
 from contact_tracker.motion.poses import Poses
 from contact_tracker.paper.window_curves import curves
@@ -30,9 +30,6 @@ from contact_tracker.tracking.transition_model import destinations
 from contact_tracker_lab.benchmark.scores import OFFLINE, Answer, Method, Score, Scores
 from contact_tracker_lab.calibration.trellis import Trellis, smooth, viterbi
 from contact_tracker_lab.evaluation.scoring import Scoring, Subset, tick_in_force
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 FRAMES: Final = 500
 STEP_S: Final = 0.1
@@ -133,15 +130,20 @@ def _scores(
     values = np.concatenate([np.zeros((0, 6)), *(r.log_minimum for r in tuning)])
     truth = np.concatenate([np.zeros(0, np.int64), *(r.truth(wait_s) for r in tuning)])
     if not (truth >= 0).any():
-        no_label = truth[:0]
-        nothing = [Answer.certain(np.full(len(r.scored.stamp_ns), -1), no_label) for r in recordings]
-        return [Score.of(answer, r.scored) for answer, r in zip(nothing, recordings, strict=True)]
+        frames = [np.full(len(r.scored.stamp_ns), -1) for r in recordings]
+        answers = [Answer.certain(no_tick, truth[:0]) for no_tick in frames]
+        return [Score.of(answer, r.scored) for answer, r in zip(answers, recordings, strict=True)]
     emission = Emission.fit(values[truth >= 0], truth[truth >= 0])
 
     def answer(recorded: Windows, exponent: float) -> Answer:
         chain = _chain(tuning, model, emission.states, recorded.step_s)
         log_density = exponent * emission.log_density(recorded.log_minimum)
-        return _answer(recorded, emission.states, log_density, chain, wait_s)
+        tick, probability = recorded.ticks(wait_s), np.zeros((len(log_density), len(STATES)))
+        if wait_s == OFFLINE and len(log_density):
+            probability[:, emission.states], label = smoothed(log_density, *chain)
+            return Answer(tick, emission.states[label], probability)
+        probability[:, emission.states] = filtered(log_density, *chain)
+        return Answer.most_probable(tick, probability)
 
     right_s, loss_s = [], []
     for exponent in EXPONENTS:
@@ -149,11 +151,11 @@ def _scores(
         right_s.append(sum(float(m.seconds_by_state @ np.nan_to_num(m.recall)) for m in main))
         loss_s.append(sum(m.log_loss_s for m in main))
     for_labels, for_posteriors = EXPONENTS[int(np.argmax(right_s))], EXPONENTS[int(np.argmin(loss_s))]
-    found = [(answer(r, for_labels), answer(r, for_posteriors)) for r in recordings]
-    return [
-        Score.of(Answer(a.tick, a.label, b.probability), r.scored)
-        for (a, b), r in zip(found, recordings, strict=True)
-    ]
+    scores = list[Score]()
+    for recorded in recordings:
+        labelled, believed = answer(recorded, for_labels), answer(recorded, for_posteriors)
+        scores.append(Score.of(labelled._replace(probability=believed.probability), recorded.scored))
+    return scores
 
 
 def _chain(recordings: Sequence[Windows], model: Model, states: Ints, step_s: float) -> tuple[Array, Array]:
@@ -163,23 +165,10 @@ def _chain(recordings: Sequence[Windows], model: Model, states: Ints, step_s: fl
     leave = min(0.5, step_s * (1 + sum(len(m.changes) for m in main)) / seconds)
     change = destinations(model.transitions)[np.ix_(states, states)] * (1 - np.eye(len(states)))
     total = change.sum(axis=1, keepdims=True)
-    matrix = (1 - leave) * np.eye(len(states)) + leave * np.divide(
-        change, total, out=np.eye(len(states)), where=total > 0
-    )
+    shares = np.divide(change, total, out=np.eye(len(states)), where=total > 0)
+    matrix = (1 - leave) * np.eye(len(states)) + leave * shares
     with np.errstate(divide="ignore"):
         return np.full(len(states), -np.log(len(states))), np.log(matrix)
-
-
-def _answer(
-    recorded: Windows, states: Ints, log_density: Array, chain: tuple[Array, Array], wait_s: float
-) -> Answer:
-    tick = recorded.ticks(wait_s)
-    probability = np.zeros((len(log_density), len(STATES)))
-    if wait_s == OFFLINE and len(log_density):
-        probability[:, states], label = smoothed(log_density, *chain)
-        return Answer(tick, states[label], probability)
-    probability[:, states] = filtered(log_density, *chain)
-    return Answer.most_probable(tick, probability)
 
 
 def smoothed(log_density: Array, log_initial: Array, log_transition: Array) -> tuple[Array, Ints]:

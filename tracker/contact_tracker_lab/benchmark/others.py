@@ -5,25 +5,21 @@ returns for each pose a label ("f-f" ... "free", "" for none) or (N, 7) probabil
 ``STATES``. What it returns for a pose may use all poses: it is scored as offline.
 """
 
-import importlib
-import importlib.util
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
+from runpy import run_path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Ints
 from contact_tracker.errors import UsageError
-from contact_tracker.ground_truth import Truth
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording.annotations import read_labels
 from contact_tracker.states import STATES, Contact
 from contact_tracker_lab.benchmark.scores import OFFLINE, Answer, Labelling, Method
 from contact_tracker_lab.evaluation.scoring import scoring
-
-Ints = NDArray[np.int64]
-Function = Callable[..., Any]
 
 STILL: Final = "speed threshold"
 STILL_M_PER_S, STILL_RAD_PER_S = 0.01, 0.05
@@ -49,17 +45,12 @@ def load_function(name: str) -> tuple[Method, Labelling]:
     if not colon:
         raise UsageError(f"a method is module:function or file.py:function, not {name!r}")
     try:
-        if source.endswith(".py"):
-            spec = importlib.util.spec_from_file_location(Path(source).stem, source)
-            assert spec is not None
-            assert spec.loader is not None
-            module = importlib.util.module_from_spec(spec)
-            spec.loader.exec_module(module)
-        else:
-            module = importlib.import_module(source)
-        function: Function = getattr(module, function_name)
-    except (ImportError, OSError, AttributeError) as error:
+        names = run_path(source) if source.endswith(".py") else vars(import_module(source))
+    except (ImportError, OSError) as error:
         raise UsageError(f"{name}: {error}") from error
+    if function_name not in names:
+        raise UsageError(f"{name}: {source} has no {function_name}")
+    function: Callable[..., Any] = names[function_name]
 
     def answer(poses: Poses) -> Answer:
         return answer_of(function(poses.stamp_ns, poses.position_m, poses.quat_xyzw), len(poses), name)
@@ -88,7 +79,7 @@ def answer_of(found: Any, count: int, name: str) -> Answer:
 
 def answer_from_labels(poses: Poses, path: Path) -> Answer:
     """The labels in a file (``start``, ``end``, ``contact``), as ``evaluate --labels`` reads them."""
-    truth: Truth = read_labels(str(path), int(poses.stamp_ns[0]), int(poses.stamp_ns[-1]))[0]
+    truth = read_labels(str(path), int(poses.stamp_ns[0]), int(poses.stamp_ns[-1]))[0]
     return _per_frame(scoring(poses.stamp_ns, truth).truth.astype(np.int64))
 
 

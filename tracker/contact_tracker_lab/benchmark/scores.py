@@ -10,15 +10,12 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array, Ints
 from contact_tracker.motion.poses import Poses
 from contact_tracker.states import STATES
 from contact_tracker_lab.evaluation.metrics import Tally, tally
 from contact_tracker_lab.evaluation.scoring import Scoring, Subset
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 OFFLINE: Final = math.inf
 RESAMPLES: Final = 1000

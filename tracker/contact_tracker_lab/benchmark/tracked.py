@@ -4,8 +4,8 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Ints
 from contact_tracker.config.parameters import Model
 from contact_tracker.map.elements import NOTHING_LEARNED
 from contact_tracker.map.map import EMPTY_MAP, Map
@@ -18,51 +18,45 @@ from contact_tracker_lab.benchmark.scores import OFFLINE, Answer, Labelling, Met
 from contact_tracker_lab.evaluation.evaluate import answers_to
 from contact_tracker_lab.evaluation.scoring import tick_containing, tick_in_force
 
-Ints = NDArray[np.int64]
-
 NAME: Final = "tracker"
 WITH_MAP: Final = "tracker with a map"
 LAG_S: Final = 1.0
 
 
-def offline(poses: Poses, model: Model, known: Map = EMPTY_MAP) -> tuple[Segmentation, Map]:
-    """What ``segment`` finds in poses, and the map that it learns from them."""
+def methods(model: Model, earlier: Path | None = None) -> dict[Method, Labelling]:
+    """The ways to use the tracker on poses alone, or only that with the map of an ``earlier`` take."""
+    if earlier is not None:
+        return {Method(WITH_MAP, OFFLINE): lambda poses: _with_map(poses, model, earlier)}
+    return {
+        Method(NAME, OFFLINE): lambda poses: _offline(poses, model)[0],
+        Method(NAME, LAG_S): lambda poses: _with_lag(poses, model),
+        Method(NAME, 0.0): lambda poses: _online(poses, model),
+    }
+
+
+def _offline(poses: Poses, model: Model, known: Map = EMPTY_MAP) -> tuple[Answer, Map]:
+    """What ``segment`` finds, where each frame has the label of the tick that contains it, and its map."""
     tracker = OfflineTracker(model, known)
-    found = Segmentation.join(list(tracker.pieces(poses, None, Detail.SHARED)))
-    world = tracker.map
-    return found, Map(learned=NOTHING_LEARNED if world is None else world.learned)
+    found = Segmentation.join(list(tracker.pieces(poses, None, Detail.SHARED))).beliefs
+    learned = NOTHING_LEARNED if tracker.map is None else tracker.map.learned
+    return _answer(tick_containing(poses.stamp_ns, found.stamp_ns), found), Map(learned=learned)
 
 
-def answer_offline(poses: Poses, found: Segmentation) -> Answer:
-    """Each frame has the label of the tick that contains it."""
-    return _answer(tick_containing(poses.stamp_ns, found.beliefs.stamp_ns), found.beliefs)
+def _with_map(poses: Poses, model: Model, earlier: Path) -> Answer:
+    known = _offline(Poses.collect(open_log(str(earlier))), model)[1]
+    return _offline(poses, model, known)[0]
 
 
-def answer_online(poses: Poses, model: Model) -> Answer:
+def _online(poses: Poses, model: Model) -> Answer:
     """What ``live`` has said by each frame."""
     found = answers_to(poses, model)
     return _answer(tick_in_force(poses.stamp_ns, found.arrival_ns), found.beliefs)
 
 
-def answer_with_lag(poses: Poses, model: Model) -> Answer:
+def _with_lag(poses: Poses, model: Model) -> Answer:
     """What ``live --lag`` says about each frame, so much later."""
     found = answers_to(poses, model, lag_s=LAG_S).beliefs
     return _answer(tick_containing(poses.stamp_ns, found.stamp_ns), found)
-
-
-def answer_with_map(poses: Poses, model: Model, earlier: Path) -> Answer:
-    """Offline, with the map that was learned from an earlier take."""
-    known = offline(Poses.collect(open_log(str(earlier))), model)[1]
-    return answer_offline(poses, offline(poses, model, known)[0])
-
-
-def methods(model: Model) -> dict[Method, Labelling]:
-    """The ways to use the tracker on poses alone."""
-    return {
-        Method(NAME, OFFLINE): lambda poses: answer_offline(poses, offline(poses, model)[0]),
-        Method(NAME, LAG_S): lambda poses: answer_with_lag(poses, model),
-        Method(NAME, 0.0): lambda poses: answer_online(poses, model),
-    }
 
 
 def _answer(tick: Ints, beliefs: Beliefs) -> Answer:

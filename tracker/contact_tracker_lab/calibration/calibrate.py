@@ -7,7 +7,6 @@ from operator import add
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from contact_tracker.config.parameters import Model, Transitions
 from contact_tracker.config.table_reading import AS_NAMED, TableReading
@@ -35,7 +34,6 @@ from contact_tracker_lab.calibration.parameters import (
     value_of,
     with_value,
 )
-from contact_tracker_lab.calibration.recorded_pass import RecordedPass
 from contact_tracker_lab.calibration.residuals import (
     FEWEST,
     ContactSegment,
@@ -52,12 +50,12 @@ from contact_tracker_lab.calibration.transitions import (
     KnownStates,
     learn_transitions,
 )
-from contact_tracker_lab.calibration.trellis import smooth
+from contact_tracker_lab.calibration.trellis import RecordedPass, smooth
 from contact_tracker_lab.evaluation.evaluate import Evaluation, evaluate
+from contact_tracker_lab.evaluation.metrics import ratio
 from contact_tracker_lab.evaluation.scoring import scoring
 from contact_tracker_lab.evaluation.tables import number, table
 
-Ints = NDArray[np.int64]
 Run = Callable[[Callable[..., Any], Sequence[tuple[Any, ...]]], list[Any]]
 """Calls a function with the arguments of each job; the answers are in their order."""
 
@@ -173,8 +171,7 @@ def study_recording(source: Source, model: Model, score_it: bool, fit_it: bool) 
 
 def score_model(source: Source, model: Model) -> ModelScore:
     """Score ``model`` on a recording."""
-    poses, truth, _ = source.read()
-    return _pass(poses, truth, model, source.known_map)[0]
+    return _pass(*source.read()[:2], model, source.known_map)[0]
 
 
 def _pass(
@@ -258,7 +255,7 @@ def calibrate(plan: Plan, run: Run) -> Calibration:
     studies = run(study_recording, [(source, plan.start, plan.folds > 0, fit) for source in plan.sources])
     if plan.keys(How.SEARCH) and not any(study.has_truth for study in studies):
         raise NoTruth("a search is for the least log-loss: that needs recordings with truth")
-    left_out: tuple[str, ...] = ()
+    left_out = tuple[str, ...]()
     while True:
         held_out = _hold_out(plan, studies, run)
         is_worse = sum(one.after.log_evidence - one.before.log_evidence for one in held_out) < 0.0
@@ -291,9 +288,8 @@ def _hold_out(plan: Plan, studies: Sequence[Study], run: Run) -> list[HeldOut]:
 def mean_log_loss(scores: Sequence[ModelScore]) -> float:
     """Log-loss in nats over filtered and smoothed beliefs of all scored time; nan without any."""
     evaluations = [score.evaluation for score in scores if score.evaluation is not None]
-    tallies = [tally for e in evaluations for tally in (e.online, e.offline)]
-    seconds = sum(tally.seconds() for tally in tallies)
-    return sum(tally.log_loss_s for tally in tallies) / seconds if seconds else float("nan")
+    tallies = [tally for one in evaluations for tally in (one.online, one.offline)]
+    return ratio(sum(one.log_loss_s for one in tallies), sum(one.seconds() for one in tallies))
 
 
 def _learn(plan: Plan, studies: Sequence[Study], rows: Sequence[int], run: Run) -> LearnedModel:
@@ -307,8 +303,7 @@ def _learn(plan: Plan, studies: Sequence[Study], rows: Sequence[int], run: Run) 
 
     mine = [studies[row] for row in rows]
     model = plan.start
-    floors: tuple[Floor, ...] = ()
-    rounds: tuple[float, ...] = ()
+    floors, rounds = tuple[Floor, ...](), tuple[float, ...]()
     for key in plan.keys(How.STREAM):
         of_streams = [vars(study)[key.rpartition(".")[2]] for study in mine]
         model = with_value(model, key, float(np.exp(np.mean(np.log(of_streams)))))
@@ -330,10 +325,7 @@ def to_text(calibration: Calibration) -> str:
     before, after = plan.start, learned.model
     blocks = [_source(calibration), _scalars(plan, learned)]
     if learned.floors:
-        rows = [
-            [f.key, f.contacts, "-" if f.value is None else _short(f.value), str(f.residuals)]
-            for f in learned.floors
-        ]
+        rows = [[f.key, f.contacts, _short(f.value), str(f.residuals)] for f in learned.floors]
         blocks += [table(["floor", "contacts", "value", "residuals"], rows, left=2), FLOOR_NOTE]
     if plan.keys(How.CONTACTS):
         errors = zip(after.noise.contact_position_m, after.noise.contact_rotation_rad, strict=True)
@@ -341,10 +333,9 @@ def to_text(calibration: Calibration) -> str:
         blocks += [table(["contact", "contact_position_m", "contact_rotation_rad"], rows), ERROR_NOTE]
     if plan.keys(How.COUNTS):
         blocks += [_rates(before.transitions, after.transitions), RATE_NOTE]
-        names = [state.value for state in STATES]
-        shares = zip(names, 100.0 * destinations(after.transitions), strict=True)
-        rows = [[name, *(number(p, 1) if p else "." for p in row)] for name, row in shares]
-        blocks += [table(["", *names], rows), SPLIT_NOTE]
+        shares = zip(STATES, 100.0 * destinations(after.transitions), strict=True)
+        rows = [[state, *(number(p, 1) if p else "." for p in row)] for state, row in shares]
+        blocks += [table(["", *STATES], rows), SPLIT_NOTE]
     if calibration.held_out:
         blocks += [*_held_out(calibration), HELD_OUT_NOTE]
     return "\n\n".join(blocks)
@@ -380,12 +371,11 @@ def _scalars(plan: Plan, learned: LearnedModel) -> str:
 
 
 def _rates(before: Transitions, after: Transitions) -> str:
-    seen = np.array([after.counts.moving_s, np.array(after.counts.changes).sum(axis=1)]).T
-    values = np.array([leave_per_s(before), leave_per_s(after), initial(before), initial(after)]).T
-    rows = [
-        [state.value, *(number(n, 1) for n in counts), *map(number, row)]
-        for state, counts, row in zip(STATES, seen.tolist(), values.tolist(), strict=True)
-    ]
+    seen = after.counts.moving_s, np.array(after.counts.changes).sum(axis=1)
+    values = leave_per_s(before), leave_per_s(after), initial(before), initial(after)
+    columns = [[number(n, 1) for n in column] for column in seen]
+    columns += [[number(value) for value in column] for column in values]
+    rows = list(zip(STATES, *columns, strict=True))
     return table(["state", "seen s", "changes", "leave 1/s", "after", "begins", "after"], rows)
 
 
@@ -393,11 +383,10 @@ def _held_out(calibration: Calibration) -> list[str]:
     held_out, blocks, rows = calibration.held_out, [], []
     for when in ("before", "after"):
         evaluations = [e for h in held_out if (e := getattr(h, when).evaluation) is not None]
-        if evaluations:
-            whole: Evaluation = reduce(add, evaluations)
-            for mode, t in (("smoothed", whole.offline), ("filtered", whole.online)):
-                values = t.accuracy(), t.macro_f1, t.log_loss, t.brier, t.calibration_error, t.sure_wrong
-                rows.append([mode, when, *map(number, values)])
+        for name, mode in (("smoothed", "offline"), ("filtered", "online")) if evaluations else ():
+            t = reduce(add, (getattr(one, mode) for one in evaluations))
+            values = t.accuracy(), t.macro_f1, t.log_loss, t.brier, t.calibration_error, t.sure_wrong
+            rows.append([name, when, *map(number, values)])
     if rows:
         header = ["held out", "", "accuracy", "F1", "log-loss", "Brier", "ECE", "sure & wrong"]
         blocks.append(table(header, rows, left=2))
@@ -411,5 +400,5 @@ def _held_out(calibration: Calibration) -> list[str]:
     return blocks
 
 
-def _short(value: float) -> str:
-    return f"{value:.3g}"
+def _short(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3g}"

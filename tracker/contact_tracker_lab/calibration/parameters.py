@@ -5,7 +5,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, is_dataclass, replace
 from enum import StrEnum
 from operator import attrgetter
-from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -35,25 +34,21 @@ class How(StrEnum):
 
 
 ONLY_IF_NAMED: Final = (How.SEARCH, How.CONTACTS)
-
-
-LEARNED: Final[Mapping[str, How]] = MappingProxyType(
-    {
-        "noise.sigma_position_m": How.STREAM,
-        "noise.sigma_rotation_rad": How.STREAM,
-        "noise.floor_position_m": How.RESIDUALS,
-        "noise.floor_rotation_rad": How.RESIDUALS,
-        "noise.contact_position_m": How.CONTACTS,
-        "noise.contact_rotation_rad": How.CONTACTS,
-        "transitions.counts": How.COUNTS,
-        "motion.body_radius_m": How.SEARCH,
-        "motion.prior_predictive_share": How.SEARCH,
-        "motion.likelihood_exponent": How.SEARCH,
-        "geometry.reach_m": How.SEARCH,
-        "geometry.revisit_prior": How.SEARCH,
-        "certainty.posterior_power": How.SEARCH,
-    }
-)
+LEARNED: Final[Mapping[str, How]] = {
+    "noise.sigma_position_m": How.STREAM,
+    "noise.sigma_rotation_rad": How.STREAM,
+    "noise.floor_position_m": How.RESIDUALS,
+    "noise.floor_rotation_rad": How.RESIDUALS,
+    "noise.contact_position_m": How.CONTACTS,
+    "noise.contact_rotation_rad": How.CONTACTS,
+    "transitions.counts": How.COUNTS,
+    "motion.body_radius_m": How.SEARCH,
+    "motion.prior_predictive_share": How.SEARCH,
+    "motion.likelihood_exponent": How.SEARCH,
+    "geometry.reach_m": How.SEARCH,
+    "geometry.revisit_prior": How.SEARCH,
+    "certainty.posterior_power": How.SEARCH,
+}
 """How each parameter is learned, by its key in the file."""
 
 
@@ -89,6 +84,10 @@ def rounded(value: float) -> float:
     return float(f"{value:.3g}")
 
 
+Tried = list[tuple[float, float]]
+"""Values of a parameter, each with its loss (nats)."""
+
+
 class Searched(NamedTuple):
     """A parameter's loss (nats) before and after, and all (value, loss) that were tried."""
 
@@ -106,28 +105,22 @@ def coordinate_search(
     searched = []
     best = loss(model) if keys else 0.0
     for key in keys:
-        start, before = float(value_of(model, key)), best
-        tried = _tried(model, key, loss)
+        before, tried = best, [(float(value_of(model, key)), best)]
+
+        def at(log_value: float, key: str = key, model: Model = model, tried: Tried = tried) -> float:
+            value = rounded(float(np.exp(log_value)))
+            tried.append((value, loss(with_value(model, key, value))))
+            return tried[-1][1]
+
+        (start, _), (low, high) = tried[0], limits(key)
+        bounds = np.log([max(start / FACTOR, low * 1.01), min(start * FACTOR, high * 0.99)])
+        options = {"maxiter": EVALUATIONS, "xatol": 0.05}
+        minimize_scalar(at, bounds=bounds, method="bounded", options=options)
         value, least = min(tried, key=lambda pair: pair[1])
-        if least < best * (1.0 - WORTH):
+        if least < before * (1.0 - WORTH):
             model, best = with_value(model, key, value), least
-        searched.append(Searched(key, before, best, ((start, before), *tried)))
+        searched.append(Searched(key, before, best, tuple(tried)))
     return model, tuple(searched)
-
-
-def _tried(model: Model, key: str, loss: Callable[[Model], float]) -> list[tuple[float, float]]:
-    start, (low, high) = float(value_of(model, key)), limits(key)
-    tried: list[tuple[float, float]] = []
-
-    def at(log_value: float) -> float:
-        value = rounded(float(np.exp(log_value)))
-        tried.append((value, loss(with_value(model, key, value))))
-        return tried[-1][1]
-
-    bounds = np.log([max(start / FACTOR, low * 1.01), min(start * FACTOR, high * 0.99)])
-    options = {"maxiter": EVALUATIONS, "xatol": 0.05}
-    minimize_scalar(at, bounds=bounds, method="bounded", options=options)
-    return tried
 
 
 def model_text(model: Model, header: Sequence[str] = ()) -> str:
@@ -151,20 +144,14 @@ def _table(table: Any, name: str) -> list[str]:
 def _entry(key: str, kind: Any, value: Any) -> list[str]:
     if kind in (str, bool):  # written in TOML as in JSON
         return [f"{key} = {json.dumps(_printable(value) if kind is str else value, ensure_ascii=False)}"]
-    if kind == ByState:
-        return [f"{key} = {_inline(value)}"]
+    if kind == ByState:  # in one line; zeros are left out
+        inside = [f"{state} = {float(one)!r}" for state, one in zip(STATES, value, strict=True) if one]
+        return [f"{key} = {{ {', '.join(inside)} }}" if inside else f"{key} = {{}}"]
     if kind == ByChange:
-        rows = zip(STATES, value, strict=True)
-        lines = [f"{key}.{state.value} = {_inline(row)}" for state, row in rows if any(row)]
+        rows = [(state, row) for state, row in zip(STATES, value, strict=True) if any(row)]
+        lines = [line for state, row in rows for line in _entry(f"{key}.{state}", ByState, row)]
         return lines or [f"{key} = {{}}"]
     return [f"{key} = {float(value)!r}"]
-
-
-def _inline(values: ByState) -> str:
-    """One line of a table; zeros are left out."""
-    pairs = zip(STATES, values, strict=True)
-    inside = ", ".join(f"{state.value} = {float(value)!r}" for state, value in pairs if value)
-    return f"{{ {inside} }}" if inside else "{}"
 
 
 def _printable(text: str) -> str:

@@ -10,10 +10,10 @@ from math import sqrt
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq, least_squares
 from scipy.stats import chi2
 
+from contact_tracker.arrays import Array, Ints
 from contact_tracker.config.parameters import ZERO, Model
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.hypotheses.bank_update import fit_window
@@ -25,11 +25,8 @@ from contact_tracker.states import CONTACTS
 from contact_tracker.tracking.contact_filter import ticks_of
 from contact_tracker.tracking.state import scales_of
 from contact_tracker_lab.calibration.parameters import rounded, value_of, with_value
-from contact_tracker_lab.calibration.recorded_pass import window_of
 from contact_tracker_lab.calibration.transitions import runs
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from contact_tracker_lab.calibration.trellis import window_of
 
 MOVING: Final = 0.5
 """Activity above which a tick counts as motion."""
@@ -111,8 +108,8 @@ class Residuals(NamedTuple):
         """Squares, variances without the floor ``key``, and ``free`` of all residuals that the floor applies
         to: the floor of rotation to angles, that of position to distances, which the former enters."""
         if key == ROTATION:
-            variance = np.broadcast_to(self.variance[:, 1], self.residual[:-1].shape)
-            return self.residual[:-1].ravel() ** 2, variance.ravel(), self.free[:-1].ravel()
+            variance = np.tile(self.variance[:, 1], len(self.residual) - 1)
+            return self.residual[:-1].ravel() ** 2, variance, self.free[:-1].ravel()
         turned = (self.variance[:, 1] + model.noise.floor_rotation_rad**2) * self.lever_sq
         return self.residual[-1] ** 2, self.variance[:, 0] + turned, self.free[-1]
 
@@ -220,10 +217,8 @@ def _solved(key: str, contacts: str, model: Model, residuals: Sequence[Residuals
         return float(np.mean(squares(float(np.exp(log_floor))))) - _MEAN
 
     ends = np.log([LEAST, MOST])
-    if excess(ends[0]) <= 0.0:
-        return Floor(key, contacts, LEAST, size)
-    if excess(ends[1]) >= 0.0:
-        return Floor(key, contacts, MOST, size)
+    if excess(ends[0]) <= 0.0 or excess(ends[1]) >= 0.0:
+        return Floor(key, contacts, LEAST if excess(ends[0]) <= 0.0 else MOST, size)
     return Floor(key, contacts, float(np.exp(brentq(excess, *ends, xtol=1e-4))), size)
 
 

@@ -10,8 +10,8 @@ from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array, Ints
 from contact_tracker.config.parameters import Model, TransitionCounts
 from contact_tracker.states import STATES
 from contact_tracker.tracking.transition_model import (
@@ -24,9 +24,6 @@ from contact_tracker.tracking.transition_model import (
 )
 from contact_tracker_lab.calibration.trellis import Trellis, expect
 from contact_tracker_lab.evaluation.scoring import UNSCORED
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 UNKNOWN: Final = UNSCORED
 LONGEST_UNKNOWN_S: Final = 1.0
@@ -71,7 +68,10 @@ class KnownStates:
         if len(known) and known[0] <= longest:
             begins[self.label[known[0]]] = 1.0
             log_evidence = float(log_initial(model)[self.label[known[0]]])
-        steps = self._steps(model)
+        transitions = [tick_transitions(model, exposure) for exposure in self.exposure]
+        steps = np.array([change for change, _ in transitions]).reshape(-1, states, states)
+        # staying is a step like any other: the truth has no changes into the same contact
+        steps[:, _DIAGONAL, _DIAGONAL] = np.array([stay for _, stay in transitions]).reshape(-1, states)
         for piece in np.split(known, np.flatnonzero(np.diff(known) - 1 > longest) + 1):
             if len(piece) > 1:
                 first, end = piece[0], piece[-1] + 1
@@ -82,18 +82,11 @@ class KnownStates:
         changes[:, _DIAGONAL, _DIAGONAL] = 0.0
         return Expected(begins, stays, changes, log_evidence)
 
-    def _steps(self, model: Model) -> Array:
-        """Log probability (T, 7, 7) of each step; the truth has no changes into the same contact."""
-        transitions = [tick_transitions(model, exposure) for exposure in self.exposure]
-        steps = np.array([change for change, _ in transitions]).reshape(-1, len(STATES), len(STATES))
-        steps[:, _DIAGONAL, _DIAGONAL] = np.array([stay for _, stay in transitions]).reshape(-1, len(STATES))
-        return steps
-
 
 def _on_all_paths(label: Ints, steps: Array) -> tuple[Array, float]:
     """Changes (t, 7, 7) and log probability of a chain whose first tick is known.
 
-    A plain Markov chain with one hypothesis per tick and state: staying is a step like any other.
+    A plain Markov chain with one hypothesis per tick and state.
     """
     ticks, states = len(label), len(STATES)
     state, onset = np.tile(_DIAGONAL, ticks), np.repeat(np.arange(ticks), states)
@@ -189,17 +182,14 @@ def count(model: Model, chains: Sequence[Chain], expected: Sequence[Expected]) -
     With the rate lambda, and h the time in which the tick's motion could have ended the state, that part is
     1 / lambda - h / (exp(lambda h) - 1) on average: about half of h.
     """
-    rate = leave_per_s(model.transitions)
-    begins, moving = np.zeros(len(STATES)), np.zeros(len(STATES))
-    changes = np.zeros((len(STATES), len(STATES)))
+    rate, moving = leave_per_s(model.transitions), np.zeros(len(STATES))
     for chain, e in zip(chains, expected, strict=True):
         # without any exposure nothing has changed
         h = np.maximum(model.tick_s * chain.exposure, LEAST_EXPOSURE_S)[:, None]
-        begins += e.begins
-        changes += e.changes.sum(axis=0)
         left_after = 1.0 / rate - h / np.expm1(rate * h)
         moving += (e.stays * h + e.changes.sum(axis=2) * left_after).sum(axis=0)
-    return _counts(begins, moving, changes)
+    begins, changes = ([getattr(e, name) for e in expected] for name in ("begins", "changes"))
+    return _counts(np.sum(begins, axis=0), moving, np.concatenate(changes).sum(axis=0))
 
 
 def _counts(begins: Array, moving_s: Array, changes: Array) -> TransitionCounts:
@@ -209,11 +199,9 @@ def _counts(begins: Array, moving_s: Array, changes: Array) -> TransitionCounts:
 
 def log_prior(model: Model) -> float:
     """Log density, up to a constant, of the prior under which each M-step is the most probable model."""
-    t = model.transitions
-    nothing = _counts(np.zeros(len(STATES)), np.zeros(len(STATES)), np.zeros((len(STATES), len(STATES))))
-    empty = replace(t, counts=nothing)
+    t, none = model.transitions, np.zeros(len(STATES))
+    empty = replace(t, counts=_counts(none, none, np.diag(none)))
     rate, weight = leave_per_s(t), t.prior_changes
-    rates = weight * (np.log(rate) - rate / t.leave_per_s).sum()
-    rows = (initial(empty), *destinations(empty)), (initial(t), *destinations(t))
-    shares = sum(weight * float(p[p > 0] @ np.log(q[p > 0])) for p, q in zip(rows[0], rows[1], strict=True))
-    return float(rates) + shares
+    rows = zip((initial(empty), *destinations(empty)), (initial(t), *destinations(t)), strict=True)
+    shares = sum(float(p[p > 0] @ np.log(q[p > 0])) for p, q in rows)
+    return weight * (float((np.log(rate) - rate / t.leave_per_s).sum()) + shares)

@@ -1,15 +1,20 @@
-"""Viterbi and smoothing of a whole recording with all its hypotheses: what ``hmm`` does tick by tick."""
+"""A whole recording at once: its ticks as one window, the hypotheses of a forward pass, and the Viterbi path
+and smoothing of these, which ``hmm`` does tick by tick."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array, Ints
+from contact_tracker.config.parameters import Model
 from contact_tracker.hmm import birth_log_weights, log_sum_exp
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
+from contact_tracker.hypotheses.bank_update import LiveHypotheses
+from contact_tracker.motion.tick_averaging import Tick, tick_anisotropy, tick_variances
+from contact_tracker.motion.window import Window
+from contact_tracker.tracking.contact_filter import FilteredTick
+from contact_tracker.tracking.transition_model import FREE
 
 
 class Trellis(NamedTuple):
@@ -19,13 +24,13 @@ class Trellis(NamedTuple):
     active hypotheses and their log-likelihoods up to b.
     """
 
-    state: Index
-    onset: Index
-    alive: Sequence[Index]
+    state: Ints
+    onset: Ints
+    alive: Sequence[Ints]
     log_likelihood: Sequence[Array]
 
 
-def _by_state(values: Array, state: Index, states: int) -> Array:
+def _by_state(values: Array, state: Ints, states: int) -> Array:
     """Log-sum of ``values`` (H,) over the hypotheses of each state, (states,)."""
     table = np.full((states, len(values)), -np.inf)
     table[state, np.arange(len(values))] = values
@@ -50,16 +55,13 @@ def viterbi(trellis: Trellis, log_initial: Array, log_transition: Array) -> list
             into = left[b - 1][:, None] + log_transition[b - 1][:, trellis.state[fresh]]
             origin[fresh] = np.argmax(into, axis=0)
             entry[fresh] = np.max(into, axis=0)
-        score = entry[alive] + likelihood
-        for state in range(states):
-            mine = np.flatnonzero(trellis.state[alive] == state)
-            if len(mine):
-                best = mine[np.argmax(score[mine])]
-                left[b, state], leaver[b, state] = score[best], alive[best]
+        for number, score in zip(alive.tolist(), entry[alive] + likelihood, strict=True):
+            state = trellis.state[number]
+            if score > left[b, state]:
+                left[b, state], leaver[b, state] = score, number
     if not np.isfinite(left[ticks]).any():
         raise ValueError("no path covers all ticks")
-    path = []
-    b, state = ticks, int(np.argmax(left[ticks]))
+    path, b, state = [], ticks, int(np.argmax(left[ticks]))
     while b > 0:
         hypothesis = int(leaver[b, state])
         path.append((hypothesis, int(trellis.onset[hypothesis]), b))
@@ -110,3 +112,49 @@ def expect(trellis: Trellis, log_initial: Array, log_transition: Array) -> tuple
             changes[b - 1] = np.exp(left[b - 1][:, None] + log_transition[b - 1] + begin - log_evidence)
     total = posterior.sum(axis=1)  # one, but for rounding
     return posterior / total[:, None], changes / total[:, None, None], log_evidence
+
+
+def window_of(ticks: Sequence[Tick], model: Model) -> Window:
+    """All ticks of a recording, at least one, with the noise that is known at its end."""
+    noise, count = ticks[-1].noise, np.array([float(tick.count) for tick in ticks])
+    return Window(
+        np.arange(len(ticks)),
+        np.array([tick.zeta for tick in ticks]),
+        tick_variances(noise, count, model),
+        np.array([tick.innovation_excess for tick in ticks]),
+        tick_anisotropy(noise, count, model),
+        frames=count,
+    )
+
+
+@dataclass
+class RecordedPass:
+    """The hypotheses of a forward pass, for recordings that are evaluated as a whole."""
+
+    exposures: list[float] = field(default_factory=list)
+    alive: list[LiveHypotheses] = field(default_factory=list)
+    numbers: list[Ints] = field(default_factory=list)
+
+    def note(self, result: FilteredTick) -> None:
+        """Append a tick."""
+        self.exposures.append(result.state.hazard_exposure)
+        self.alive.append(result.state.live_hypotheses)
+        self.numbers.append(result.numbers)
+
+    @property
+    def exposure(self) -> Array:
+        """Exposure to change at the boundary before each tick (T,), in ticks of motion.
+
+        Exposure that is deferred at the end of the recording is missing. It has no effect, since no data
+        follow.
+        """
+        return np.array(self.exposures)
+
+    @property
+    def trellis(self) -> Trellis:
+        """All hypotheses of the pass."""
+        count = 1 + int(self.numbers[-1].max())
+        states, onsets = np.full(count, FREE), np.zeros(count, np.int64)
+        for number, alive in zip(self.numbers, self.alive, strict=True):
+            states[number], onsets[number] = alive.state, alive.onset
+        return Trellis(states, onsets, self.numbers, [alive.log_likelihood for alive in self.alive])

@@ -6,6 +6,7 @@ import shlex
 import textwrap
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
+from dataclasses import replace
 from itertools import count, starmap
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -58,18 +59,15 @@ def _folds(text: str) -> int:
 
 def run(args: argparse.Namespace) -> int:
     from contact_tracker.config.loading import load_model
+    from contact_tracker.files import whole_file
     from contact_tracker.processes import Workers
     from contact_tracker_lab.calibration.calibrate import Plan, calibrate, to_text
-    from contact_tracker_lab.calibration.parameters import select
+    from contact_tracker_lab.calibration.parameters import model_text, select
 
-    check = check_output(
-        args.output,
-        args.overwrite,
-        arguments.files_read(arguments.recordings_in(args.logs, "calibrate"), args.start, args.known),
-    )
-    wanted = select(args.only)
-    start = load_model(args.start)
-    sources = _sources(args)
+    names = arguments.recordings_in(args.logs, "calibrate")
+    files = arguments.files_read(names, args.start, args.known)
+    check = check_output(args.output, args.overwrite, files)
+    wanted, start, sources = select(args.only), load_model(args.start), _sources(args, names)
     plan = Plan(sources, start, wanted, _how_many_folds(args.folds, len(sources)))
     processes = min(args.processes, len(sources))
     with (
@@ -88,7 +86,10 @@ def run(args: argparse.Namespace) -> int:
             return answers
 
         found = calibrate(plan, run_jobs)
-    _write(found, args, check)
+    text = model_text(replace(found.learned.model, name=args.output.stem), _header(found, args))
+    with whole_file(args.output, check) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+    say(f"wrote {args.output}")
     show(to_text(found))
     if found.log_loss is not None and found.log_loss[1] > found.log_loss[0]:
         loss = "{:.3f} before, {:.3f} after".format(*found.log_loss)
@@ -98,24 +99,21 @@ def run(args: argparse.Namespace) -> int:
             f"not learned: {', '.join(found.left_out)}; without truth they make recordings held out less "
             "probable; give recordings with truth to learn them"
         )
-    code = DONE
-    for study in found.studies:
-        if study.damage is not None:
-            warn(f"{study.name}: {study.damage}")
-            code = DAMAGED
-    return code
+    damaged = [study for study in found.studies if study.damage is not None]
+    for study in damaged:
+        warn(f"{study.name}: {study.damage}")
+    return DAMAGED if damaged else DONE
 
 
-def _sources(args: argparse.Namespace) -> "tuple[Source, ...]":
+def _sources(args: argparse.Namespace, names: Sequence[str]) -> "tuple[Source, ...]":
     from contact_tracker.recording import need_truth
     from contact_tracker_lab.calibration.calibrate import Source
 
-    names = arguments.recordings_in(args.logs, "calibrate")
     for name in names:
         if os.path.exists(name) and not (os.path.isfile(name) or os.path.isdir(name)):
             raise UsageError(f"calibrate reads a recording several times: {name} is not a regular file")
-    known_map = arguments.load_map(args)
-    chosen = args.topic, args.frame, not args.unlabelled, known_map, args.relative_to, args.table
+    known = arguments.load_map(args)
+    chosen = args.topic, args.frame, not args.unlabelled, known, args.relative_to, args.table
     sources = tuple(Source(name, *chosen) for name in names)
     for source in sources if args.labelled else ():
         need_truth(source.name, source.topic, source.frame)
@@ -130,18 +128,6 @@ def _how_many_folds(asked: int | None, recordings: int) -> int:
     if asked > recordings:
         raise UsageError(f"--folds {asked} of {recordings} recordings: there is not one for each")
     return asked
-
-
-def _write(found: "Calibration", args: argparse.Namespace, check: Callable[[], None]) -> None:
-    from dataclasses import replace
-
-    from contact_tracker.files import whole_file
-    from contact_tracker_lab.calibration.parameters import model_text
-
-    model = replace(found.learned.model, name=args.output.stem)
-    with whole_file(args.output, check) as temporary:
-        temporary.write_text(model_text(model, _header(found, args)), encoding="utf-8")
-    say(f"wrote {args.output}")
 
 
 def _header(found: "Calibration", args: argparse.Namespace) -> list[str]:

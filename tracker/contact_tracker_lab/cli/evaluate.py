@@ -9,8 +9,6 @@ from contact_tracker.cli.terminal import progress, say, show, warn
 from contact_tracker.errors import DAMAGED, DONE, UsageError
 
 if TYPE_CHECKING:
-    from contact_tracker.config.parameters import Model
-    from contact_tracker.map.map import Map
     from contact_tracker_lab.evaluation.evaluate import Evaluation
 
 HELP: Final = "compare with the truth that recordings carry, or with your own labels"
@@ -33,6 +31,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
+    from contact_tracker.motion.poses import Poses
+    from contact_tracker.offline import segmented
+    from contact_tracker.recording import need_truth
+    from contact_tracker.tracking.belief import Detail
+    from contact_tracker.trajectory import Trajectory
+    from contact_tracker_lab.evaluation.evaluate import Answering, evaluate
     from contact_tracker_lab.evaluation.report import Report
 
     model, known_map = arguments.load_model(args), arguments.load_map(args)
@@ -43,11 +47,28 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError("--map is of use with --labels only")
     evaluations = dict[str, "Evaluation"]()
 
-    def evaluate(name: str) -> int:
-        evaluations[name], is_damaged = _evaluate(name, args, model, known_map)
-        return DAMAGED if is_damaged else DONE
+    def evaluate_recording(name: str) -> int:
+        chosen = name, args.topic, args.frame, args.table
+        truth = need_truth(*chosen) if args.labels is None else arguments.load_labels(args, name)
+        if args.relative_to is not None and any(interval.geometry for interval in truth.intervals):
+            why = f"the truth has them in the recording's frame, not that of --relative-to {args.relative_to}"
+            warn(f"{name}: elements are not compared: {why}")
+            truth = truth.without_geometry()
+        wrenches = arguments.load_wrenches(name, args, model, known_map)
+        log = arguments.open_poses(args, name)
+        answering = Answering(model, known_map, log.source.read_as)
+        poses = Poses.collect(answering.through(log.arrivals()))
+        if not len(poses):
+            raise log.no_poses(name)
+        trajectory, detail = Trajectory.from_log(log, name, poses, True), Detail.FORMATION
+        with progress(name, "poses", len(poses)) as set_done:
+            found = segmented(trajectory, model, known_map, wrenches, progress=set_done, detail=detail)
+        for line in found.warnings:
+            warn(f"{name}: {line}")
+        evaluations[name] = evaluate(poses, truth, found.segmentation, answering.finish())
+        return DONE if log.damage is None else DAMAGED
 
-    codes = list(arguments.run_each(partial(evaluate, name) for name in names))
+    codes = list(arguments.run_each(partial(evaluate_recording, name) for name in names))
     if args.wrench is not None and evaluations:
         say("the online figures are those of the motion alone: wrenches are used offline")
     if evaluations:
@@ -55,38 +76,3 @@ def run(args: argparse.Namespace) -> int:
         show(report.to_json() if args.json else report.to_text())
     unusable = [code for code in codes if code not in (DONE, DAMAGED)]
     return unusable[-1] if unusable else max(codes, default=DONE)
-
-
-def _evaluate(
-    name: str, args: argparse.Namespace, model: "Model", known_map: "Map"
-) -> "tuple[Evaluation, bool]":
-    from contact_tracker.motion.poses import Poses
-    from contact_tracker.offline import segmented
-    from contact_tracker.recording import need_truth
-    from contact_tracker.tracking.belief import Detail
-    from contact_tracker.trajectory import Trajectory
-    from contact_tracker_lab.evaluation import evaluate
-    from contact_tracker_lab.evaluation.evaluate import Answering
-
-    if args.labels is None:
-        truth = need_truth(name, args.topic, args.frame, args.table)
-    else:
-        truth = arguments.load_labels(args, name)
-    if args.relative_to is not None and any(interval.geometry for interval in truth.intervals):
-        warn(
-            f"{name}: elements are not compared: the truth has them in the recording's frame, not in that of "
-            f"--relative-to {args.relative_to}"
-        )
-        truth = truth.without_geometry()
-    wrenches = arguments.load_wrenches(name, args, model, known_map)
-    log = arguments.open_poses(args, name)
-    answering = Answering(model, known_map, log.source.read_as)
-    poses = Poses.collect(answering.through(log.arrivals()))
-    if not len(poses):
-        raise log.no_poses(name)
-    trajectory = Trajectory.from_log(log, name, poses, True)
-    with progress(name, "poses", len(poses)) as set_done:
-        found = segmented(trajectory, model, known_map, wrenches, progress=set_done, detail=Detail.FORMATION)
-    for line in found.warnings:
-        warn(f"{name}: {line}")
-    return evaluate.evaluate(poses, truth, found.segmentation, answering.finish()), log.damage is not None

@@ -2,15 +2,12 @@
 
 import argparse
 from functools import partial
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from contact_tracker.cli import arguments
 from contact_tracker.cli.terminal import say, show
 from contact_tracker.errors import DONE, UsageError
 from contact_tracker.exports.formats import check_output
-
-if TYPE_CHECKING:
-    from contact_tracker_lab.simulate.scenarios import Further
 
 HELP: Final = "make a labelled recording"
 DESCRIPTION: Final = """\
@@ -46,12 +43,6 @@ def run(args: argparse.Namespace) -> int:
     return DONE
 
 
-def _when(further: "Further") -> str:
-    """The time of a second contact in words; empty if it always holds."""
-    since = "" if further.start_s is None else f" from {further.start_s:g} s"
-    return since + ("" if further.end_s is None else f" to {further.end_s:g} s")
-
-
 def _list(seed: int) -> int:
     from contact_tracker_lab.simulate import SCENARIOS, named_scenario
 
@@ -59,7 +50,10 @@ def _list(seed: int) -> int:
         made = named_scenario(name, seed)
         contacts = " ".join(phase.contact.value for phase in made.phases)
         if made.further is not None:
-            contacts += f" + {made.further.contact.value}{_when(made.further)}"
+            contact, start_s, end_s = made.further
+            contacts += f" + {contact.value}"
+            contacts += "" if start_s is None else f" from {start_s:g} s"
+            contacts += "" if end_s is None else f" to {end_s:g} s"
         what = f"{made.object} on {made.surroundings}: {contacts}"
         what += ", with wrenches" if made.has_wrench else ""
         if made.joint is not None:

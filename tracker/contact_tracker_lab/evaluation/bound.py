@@ -10,17 +10,15 @@ from collections.abc import Iterator
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from contact_tracker.arrays import Array
 from contact_tracker.contacts import ContactModel
 from contact_tracker.geometry.elements import ContactGeometry, Plane, numbers
 from contact_tracker.geometry.lifted_pose import lift
 from contact_tracker.motion.poses import Poses
 from contact_tracker.states import Contact
 from contact_tracker_lab.evaluation.geometry_errors import error_at, places
-
-Array = NDArray[np.float64]
 
 DRAWS: Final = 400
 _STEP: Final = 1e-5
@@ -40,26 +38,24 @@ def errors(found: ContactGeometry, true: ContactGeometry, true_poses: Poses) -> 
 
 
 def cramer_rao(
-    model: ContactModel,
-    true: ContactGeometry,
-    true_poses: Poses,
-    sigma_position_m: float,
-    sigma_rotation_rad: float,
+    model: ContactModel, true: ContactGeometry, true_poses: Poses, sigma: tuple[float, float]
 ) -> tuple[Array, Array]:
     """Least covariances (d, d) of the object's and environment's ``errors`` for unbiased estimates.
 
     Parameters
     ----------
     true_poses : poses without noise, one for each measured frame.
-    sigma_position_m, sigma_rotation_rad : white noise per axis of a measured frame.
+    sigma : white noise (m, rad) per axis of a measured frame.
     """
-    x = _stacked(model, _identifiable(true, true_poses))
+    pair = _identifiable(true, true_poses)
+    first, second = (pair.object, pair.environment) if model.body_in_1 else (pair.environment, pair.object)
+    x = np.concatenate([numbers(first)[:3] if _are_faces(pair) else numbers(first), numbers(second)])
     anchors = model.anchors(true_poses.position_m.mean(axis=0))
     x = model.family.normalise(x, anchors)
     tangent = model.family.tangent(x, anchors)
     steps = np.concatenate([tangent.T, -tangent.T]) * _STEP
     around = model.family.normalise(x + steps, anchors)
-    information = _information(model, x, around, true_poses, (sigma_position_m, sigma_rotation_rad))
+    information = _information(model, x, around, true_poses, sigma)
     none = np.zeros((len(x), len(x)))
     moved = [errors(model.geometry(one, none, 0.0), true, true_poses) for one in around]
     half = len(moved) // 2
@@ -126,10 +122,3 @@ def _identifiable(pair: ContactGeometry, poses: Poses) -> ContactGeometry:
             sign = np.sign(np.mean(poses.rotation @ m, axis=0) @ n)
             return ContactGeometry(Plane(m, 0.0), Plane(n, float(offset_m - sign * object_offset_m)))
     return pair
-
-
-def _stacked(model: ContactModel, pair: ContactGeometry) -> Array:
-    """The parameter vector x (S,) whose elements are ``pair``."""
-    first, second = (pair.object, pair.environment) if model.body_in_1 else (pair.environment, pair.object)
-    of_first = numbers(first)
-    return np.concatenate([of_first[:3] if _are_faces(pair) else of_first, numbers(second)])

@@ -8,8 +8,8 @@ from operator import add
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Ints
 from contact_tracker.config.parameters import Model
 from contact_tracker.ground_truth import Truth
 from contact_tracker.map.map import EMPTY_MAP, Map
@@ -20,7 +20,7 @@ from contact_tracker.tracker import Tracker
 from contact_tracker.tracking.belief import Belief, Detail
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker_lab.evaluation.geometry_errors import GeometryErrors, geometry_errors
-from contact_tracker_lab.evaluation.metrics import Ints, Tally, tally
+from contact_tracker_lab.evaluation.metrics import Tally, ratio, tally
 from contact_tracker_lab.evaluation.scoring import Scoring, Subset, scoring, tick_containing, tick_in_force
 
 
@@ -30,7 +30,7 @@ class Answers(NamedTuple):
     its last pose."""
 
     beliefs: Beliefs
-    arrival_ns: NDArray[np.int64]
+    arrival_ns: Ints
 
 
 class Answering:
@@ -111,17 +111,17 @@ class FurtherScore:
     @property
     def right(self) -> float:
         """Share of the time with several contacts in which exactly these are reported; nan without."""
-        return self.right_s / self.several_s if self.several_s else float("nan")
+        return ratio(self.right_s, self.several_s)
 
     @property
     def open(self) -> float:
         """Share of that time in which a true kind is only reported as inseparable."""
-        return self.open_s / self.several_s if self.several_s else float("nan")
+        return ratio(self.open_s, self.several_s)
 
     @property
     def false(self) -> float:
         """Share of the time without a further contact in which one is reported; nan without."""
-        return self.false_s / self.alone_s if self.alone_s else float("nan")
+        return ratio(self.false_s, self.alone_s)
 
 
 def score_further(scored: Scoring, truth: Truth, tick: Ints, beliefs: Beliefs) -> FurtherScore:
@@ -138,9 +138,11 @@ def score_further(scored: Scoring, truth: Truth, tick: Ints, beliefs: Beliefs) -
     total = FurtherScore()
     for true, frames in _true_sets(scored, truth):
         cells = np.stack([found[frames], labelled[frames]], axis=1)
-        for (number, column), seconds in _summed(cells, scored.seconds[frames]):
+        reported, of_frame = np.unique(cells, axis=0, return_inverse=True)
+        seconds = np.bincount(of_frame.ravel(), scored.seconds[frames], len(reported)).tolist()
+        for (number, column), reported_s in zip(reported.tolist(), seconds, strict=True):
             first = () if column == NONE else (STATES[column],)
-            total += _score(true, first, () if number == NONE else kinds[number], seconds)
+            total += _score(true, first, () if number == NONE else kinds[number], reported_s)
     return total
 
 
@@ -156,17 +158,8 @@ def _true_sets(scored: Scoring, truth: Truth) -> Iterator[tuple[tuple[Contact, .
         holds = np.array([(one.start_ns <= at) & (at <= one.end_ns) for one in interval.further], bool)
         holds = holds.reshape(len(interval.further), len(frames)).T
         for present in np.unique(holds, axis=0):
-            contacts = (
-                one.contact for one, is_there in zip(interval.further, present, strict=True) if is_there
-            )
+            contacts = [interval.further[number].contact for number in np.flatnonzero(present)]
             yield (interval.contact, *contacts), frames[(holds == present).all(axis=1)]
-
-
-def _summed(cells: Ints, seconds: NDArray[np.float64]) -> Iterator[tuple[tuple[int, int], float]]:
-    """Distinct rows of (N, 2), each with the sum of its seconds."""
-    rows, number = np.unique(cells, axis=0, return_inverse=True)
-    sums = np.bincount(number.ravel(), seconds, len(rows))
-    yield from zip(map(tuple, rows.tolist()), sums.tolist(), strict=True)
 
 
 def _score(
@@ -176,10 +169,9 @@ def _score(
     if len(true) == 1:
         return FurtherScore(alone_s=seconds, false_s=seconds if further else 0.0)
     first = tuple((one,) for one in label)
-    score = FurtherScore(several_s=seconds)
-    if _matches(true, (*first, *((one[0],) for one in further))):
-        return score + FurtherScore(right_s=seconds)
-    return score + FurtherScore(open_s=seconds if _matches(true, (*first, *further)) else 0.0)
+    is_right = _matches(true, (*first, *((one[0],) for one in further)))
+    is_open = not is_right and _matches(true, (*first, *further))
+    return FurtherScore(seconds, seconds * is_right, seconds * is_open)
 
 
 def _matches(true: tuple[Contact, ...], found: Kinds) -> bool:
@@ -232,14 +224,9 @@ def evaluate(
     arrival = None
     if answers is not None:
         arrival = _tally(scored, tick_in_force(scored.stamp_ns, answers.arrival_ns), answers.beliefs)
-    return Evaluation(
-        _tally(scored, contains, offline),
-        _tally(scored, in_force, online),
-        arrival,
-        geometry,
-        score_further(scored, truth, contains, offline),
-        score_further(scored, truth, in_force, online),
-    )
+    further = (score_further(scored, truth, *one) for one in ((contains, offline), (in_force, online)))
+    tallies = _tally(scored, contains, offline), _tally(scored, in_force, online)
+    return Evaluation(*tallies, arrival, geometry, *further)
 
 
 def _tally(scored: Scoring, tick: Ints, beliefs: Beliefs) -> Tally:

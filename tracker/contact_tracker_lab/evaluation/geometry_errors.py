@@ -14,18 +14,16 @@ from operator import add
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import erfcinv, gammaincc
 
+from contact_tracker.arrays import Array
 from contact_tracker.errors import NoTruth
-from contact_tracker.geometry.elements import ContactGeometry, Element, Line, Plane, Point, nearest
+from contact_tracker.geometry.elements import ContactGeometry, Element, Line, Plane, Point, nearest, numbers
 from contact_tracker.geometry.linalg import angle_of_lines, sphere_tangent
 from contact_tracker.ground_truth import Truth, TruthInterval
 from contact_tracker.motion.poses import Poses
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Segment
-
-Array = NDArray[np.float64]
 
 NEGLIGIBLE: Final = 1e-13
 """Directions with less than this share of the largest variance are no degrees of freedom of the element."""
@@ -63,21 +61,20 @@ def angle_rad(found: Element, true: Element) -> float:
     return float("nan")
 
 
-def deviation(found: Element, true: Element, place: Array) -> Deviation:
+def deviation(found: Element, true: Element, place: Array, of: slice = slice(None)) -> Deviation:
     """Error of ``found`` against its covariance.
 
     On the element's tangent space: 3 dimensions for planes and points, 4 for lines, fewer where the
-    covariance is singular.
+    covariance is singular. ``of`` some of these only, as the first two, of the normal of a plane.
     """
-    error, to_tangent = _error(found, true, place)
-    return _deviation(found.covariance, to_tangent, error)
-
-
-def normal_deviation(found: Plane, true: Plane) -> Deviation:
-    """As ``deviation``, of the normal alone: where the offset cannot be determined (f-f)."""
-    tangent = sphere_tangent(found.normal)
-    covariance = None if found.covariance is None else found.covariance[:3, :3]
-    return _deviation(covariance, tangent.T, tangent.T @ _turn(found.normal, true.normal))
+    error, to_tangent = (part[of] for part in _error(found, true, place))
+    if found.covariance is None or not np.isfinite(found.covariance).all():
+        return UNKNOWN
+    variance, axes = np.linalg.eigh(to_tangent @ found.covariance @ to_tangent.T)
+    free = variance > NEGLIGIBLE * variance[-1]
+    if not free.any() or variance[-1] <= 0:
+        return UNKNOWN
+    return Deviation(float(np.sum((axes[:, free].T @ error) ** 2 / variance[free])), int(free.sum()))
 
 
 def error_at(found: Element, true: Element, place: Array) -> Array:
@@ -85,8 +82,7 @@ def error_at(found: Element, true: Element, place: Array) -> Array:
 
     ``place`` lies on ``true``; shapes are (3,) for planes and points, (4,) for lines.
     """
-    at = Line(true.direction, place) if isinstance(true, Line) else true
-    return _error(at, found, place)[0]
+    return _error(Line(true.direction, place) if isinstance(true, Line) else true, found, place)[0]
 
 
 def _error(found: Element, true: Element, place: Array) -> tuple[Array, Array]:
@@ -116,16 +112,6 @@ def _turn(found: Array, true: Array) -> Array:
     across = true - (found @ true) * found
     sine = np.linalg.norm(across)
     return across * (np.arctan2(sine, found @ true) / sine) if sine > 0 else across
-
-
-def _deviation(covariance: Array | None, to_tangent: Array, error: Array) -> Deviation:
-    if covariance is None or not np.isfinite(covariance).all():
-        return UNKNOWN
-    variance, axes = np.linalg.eigh(to_tangent @ covariance @ to_tangent.T)
-    free = variance > NEGLIGIBLE * variance[-1]
-    if not free.any() or variance[-1] <= 0:
-        return UNKNOWN
-    return Deviation(float(np.sum((axes[:, free].T @ error) ** 2 / variance[free])), int(free.sum()))
 
 
 KIND: Final = {"f": Plane, "e": Line, "v": Point}
@@ -164,8 +150,7 @@ class GeometryErrors:
 
     def of_kind(self, *kinds: str) -> "GeometryErrors":
         """Only the errors of ``plane``, ``line`` or ``point``."""
-        rows = tuple(row for row in self.rows if row.kind in kinds)
-        return GeometryErrors(rows, self.true_segments, self.found_segments)
+        return replace(self, rows=tuple(row for row in self.rows if row.kind in kinds))
 
     @property
     def angle_deg(self) -> Array:
@@ -178,14 +163,12 @@ class GeometryErrors:
     @property
     def within_3_sd(self) -> float:
         """Share of the elements with a covariance that lie within 3 standard deviations of the truth."""
-        sd = self._sd
-        return float(np.mean(sd <= 3)) if len(sd) else float("nan")
+        return float(np.mean(self._sd <= 3)) if len(self._sd) else float("nan")
 
     @property
     def median_sd(self) -> float:
         """Median error in standard deviations; 0.67 if they are right, less if they are too large."""
-        sd = self._sd
-        return float(np.median(sd)) if len(sd) else float("nan")
+        return float(np.median(self._sd)) if len(self._sd) else float("nan")
 
     @property
     def _sd(self) -> Array:
@@ -204,13 +187,20 @@ def geometry_errors(poses: Poses, truth: Truth, segments: Sequence[Segment]) -> 
     true_segments = found_segments = 0
     for true in _true_segments(truth):
         inside = poses[(poses.stamp_ns >= true.start_ns) & (poses.stamp_ns <= true.end_ns)]
-        if true.geometry is None or len(inside) == 0:
+        if true.contact is None or true.geometry is None or not len(inside):
             continue
         true_segments += 1
-        found = _found_segment(true, segments)
-        if found is not None and found.geometry is not None:
+        overlaps_ns = [
+            min(one.end_ns, true.end_ns) - max(one.start_ns, true.start_ns)
+            if one.contact is true.contact
+            else -1
+            for one in segments
+        ]
+        longest_ns = max(overlaps_ns, default=-1)
+        found = segments[overlaps_ns.index(longest_ns)].geometry if longest_ns >= 0 else None
+        if found is not None:
             found_segments += 1
-            rows += _compare(found.contact, found.geometry, true.geometry, inside)
+            rows += _compare(true.contact, found, true.geometry, inside)
     return GeometryErrors(tuple(rows), true_segments, found_segments)
 
 
@@ -220,7 +210,10 @@ def _true_segments(truth: Truth) -> list[TruthInterval]:
     previous: TruthInterval | None = None
     for interval in truth.intervals:
         if interval.contact is not None and interval.geometry is not None:
-            _check_kinds(interval.contact, interval.geometry, interval.start_ns)
+            kinds = [KIND.get(kind) for kind in interval.contact.value.split("-")]
+            if [type(interval.geometry.object), type(interval.geometry.environment)] != kinds:
+                what = f"the true elements at {interval.start_ns} ns"
+                raise NoTruth(f"{what} are not those of {interval.contact.value}")
             start_ns = interval.start_ns
             if previous is not None and _is_same(previous, interval):
                 start_ns = joined.pop().start_ns
@@ -233,38 +226,45 @@ def _is_same(before: TruthInterval, after: TruthInterval) -> bool:
     """Whether both have the same contact between the same elements."""
     if before.contact != after.contact or before.geometry is None or after.geometry is None:
         return False
-    pairs = (
-        (before.geometry.object, after.geometry.object),
-        (before.geometry.environment, after.geometry.environment),
-    )
-    return all(distance_m(a, nearest(b, np.zeros(3))) < 1e-6 and not angle_rad(a, b) > 1e-6 for a, b in pairs)
+    first, second = before.geometry, after.geometry
+    return is_same(first.object, second.object) and is_same(first.environment, second.environment)
 
 
-def _check_kinds(contact: Contact, geometry: ContactGeometry, start_ns: int) -> None:
-    kinds = [] if contact is Contact.FREE else [KIND[contact.value[0]], KIND[contact.value[2]]]
-    if [type(geometry.object), type(geometry.environment)] != kinds:
-        raise NoTruth(f"the true elements at {start_ns} ns are not those of {contact.value}")
-
-
-def _found_segment(true: TruthInterval, segments: Sequence[Segment]) -> Segment | None:
-    def overlap_ns(segment: Segment) -> int:
-        return min(segment.end_ns, true.end_ns) - max(segment.start_ns, true.start_ns)
-
-    same = [s for s in segments if s.contact == true.contact and overlap_ns(s) >= 0]
-    return max(same, key=overlap_ns, default=None)
+def is_same(first: Element, second: Element) -> bool:
+    """Whether two exact elements of one kind are one, up to rounding."""
+    is_apart = distance_m(first, nearest(second, np.zeros(3))) > 1e-6
+    return not is_apart and not angle_rad(first, second) > 1e-6  # that of points is nan
 
 
 def _compare(
     contact: Contact, found: ContactGeometry, true: ContactGeometry, poses: Poses
 ) -> list[ElementError]:
-    match found.object, found.environment, true.object, true.environment:
-        case Plane() as body, Plane() as world, Plane() as true_body, Plane() as true_world:
-            return _compare_faces((body, world), (true_body, true_world), poses)
-    in_body, in_world = places(true, poses)
-    return [
-        _element_error(contact, "object", found.object, true.object, in_body),
-        _element_error(contact, "environment", found.environment, true.environment, in_world),
+    is_ff = contact is Contact.FF
+    pairs = (found.object, true.object), (found.environment, true.environment)
+    rows = [
+        ElementError(
+            contact,
+            side,
+            type(true_one).__name__.lower(),
+            float(np.degrees(angle_rad(one, true_one))),
+            1e3 * distance_m(one, place),
+            deviation(one, true_one, place, slice(2 if is_ff else None)),
+        )
+        for side, (one, true_one), place in zip(SIDES, pairs, places(true, poses), strict=True)
     ]
+    if is_ff:
+        off_m = abs(_height_m(found, true, poses) - _height_m(true, true, poses))
+        rows = [replace(rows[0], distance_mm=float("nan")), replace(rows[1], distance_mm=1e3 * off_m)]
+    return rows
+
+
+def _height_m(pair: ContactGeometry, true: ContactGeometry, poses: Poses) -> float:
+    """Distance of the body's mean position from the plane of motion, n . t + h_obj = h_env, along the true
+    normal."""
+    (*body, body_m), (*world, world_m) = numbers(pair.object), numbers(pair.environment)
+    sign = np.sign(np.mean(poses.rotation @ body, axis=0) @ world)
+    upward = np.sign(world @ numbers(true.environment)[:3]) or 1.0
+    return float(upward * (world @ poses.position_m.mean(axis=0) - (world_m - sign * body_m)))
 
 
 def places(true: ContactGeometry, poses: Poses) -> tuple[Array, Array]:
@@ -276,37 +276,6 @@ def places(true: ContactGeometry, poses: Poses) -> tuple[Array, Array]:
     partner_in_world = np.mean(rotation @ on_object + position, axis=0)
     partner_in_body = np.mean(np.einsum("nji,nj->ni", rotation, on_environment - position), axis=0)
     return nearest(true.object, partner_in_body), nearest(true.environment, partner_in_world)
-
-
-def _element_error(contact: Contact, side: str, found: Element, true: Element, place: Array) -> ElementError:
-    return ElementError(
-        contact,
-        side,
-        type(true).__name__.lower(),
-        float(np.degrees(angle_rad(found, true))),
-        1e3 * distance_m(found, place),
-        deviation(found, true, place),
-    )
-
-
-def _compare_faces(found: tuple[Plane, Plane], true: tuple[Plane, Plane], poses: Poses) -> list[ElementError]:
-    def height_m(body: Plane, world: Plane) -> float:
-        """Distance of the body's mean position from the plane of motion, n . t + h_obj = h_env, along the
-        true normal."""
-        sign = np.sign(np.mean(poses.rotation @ body.normal, axis=0) @ world.normal)
-        relative_offset_m = world.offset_m - sign * body.offset_m
-        upward = np.sign(world.normal @ true[1].normal) or 1.0
-        return float(upward * (world.normal @ poses.position_m.mean(axis=0) - relative_offset_m))
-
-    distances_mm = float("nan"), 1e3 * abs(height_m(*found) - height_m(*true))
-    return [
-        replace(
-            _element_error(Contact.FF, side, face, true_face, np.zeros(3)),
-            distance_mm=distance_mm,
-            deviation=normal_deviation(face, true_face),
-        )
-        for side, face, true_face, distance_mm in zip(SIDES, found, true, distances_mm, strict=True)
-    ]
 
 
 def _known(values: Iterable[float]) -> Array:

@@ -8,15 +8,12 @@ from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array, Bools, Ints
 from contact_tracker.ground_truth import CoarseLabel
 from contact_tracker.outputs.text import SURE_PROBABILITY
 from contact_tracker.states import STATES
 from contact_tracker_lab.evaluation.scoring import SHORTEST_PHASE_NS, Change, Columns, Scoring, Subset
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 CALIBRATION_BINS: Final = 15
 SMALLEST_PROBABILITY: Final = 1e-12
@@ -77,7 +74,7 @@ class Tally:
 
     def accuracy(self, subset: Subset = Subset.ALL) -> float:
         """Share of the time in which the label was right; nan where there was none."""
-        return _ratio(float(self.right_s(subset).sum()), self.seconds(subset))
+        return ratio(float(self.right_s(subset).sum()), self.seconds(subset))
 
     @property
     def seconds_by_state(self) -> Array:
@@ -100,52 +97,52 @@ class Tally:
     @property
     def macro_f1(self) -> float:
         """Mean F1 over the states that occur in the truth."""
-        known = self.f1[np.isfinite(self.f1)]
-        return float(known.mean()) if len(known) else float("nan")
+        occurring = known(self.f1)
+        return float(occurring.mean()) if len(occurring) else float("nan")
 
     @property
     def log_loss(self) -> float:
         """Mean of -log p(truth), in nats."""
-        return _ratio(self.log_loss_s, self.seconds())
+        return ratio(self.log_loss_s, self.seconds())
 
     @property
     def brier(self) -> float:
         """Mean squared distance of posterior and truth, summed over the states: 0 perfect, 2 worst."""
-        return _ratio(self.brier_s, self.seconds())
+        return ratio(self.brier_s, self.seconds())
 
     @property
     def calibration_error(self) -> float:
         """Expected calibration error: mean |share true - probability| of the bins, weighted by time."""
         expected_s, right_s = self.calibration[:, 1], self.calibration[:, 2]
-        return _ratio(float(np.abs(right_s - expected_s).sum()), self.seconds())
+        return ratio(float(np.abs(right_s - expected_s).sum()), self.seconds())
 
     @property
     def sure_wrong(self) -> float:
         """Share of the time with a probability above 0.9 on a wrong state."""
-        return _ratio(self.sure_wrong_s, self.seconds())
+        return ratio(self.sure_wrong_s, self.seconds())
 
     @property
     def boundary_s(self) -> Array:
         """Errors (B,) of the true changes that have a found one."""
-        return _found(self.boundary_error_s)
+        return known(self.boundary_error_s)
 
     @property
     def delay_s(self) -> Array:
         """Delays (D,) of the true phases that were detected."""
-        return _found(self.detection_delay_s)
+        return known(self.detection_delay_s)
 
     @property
     def missed_share(self) -> float:
         """Share of the true changes that have no found one."""
-        return _ratio(len(self.into) - len(self.boundary_s), len(self.into))
+        return ratio(len(self.into) - len(self.boundary_s), len(self.into))
 
     @property
     def never_share(self) -> float:
         """Share of the true phases that were never detected."""
-        return _ratio(len(self.into) - len(self.delay_s), len(self.into))
+        return ratio(len(self.into) - len(self.delay_s), len(self.into))
 
 
-def right_states(coarse: tuple[CoarseLabel, ...]) -> NDArray[np.bool_]:
+def right_states(coarse: tuple[CoarseLabel, ...]) -> Bools:
     """Which states (7 + C, 7) each state and each coarse label admits."""
     rows = [[state in label.states for state in STATES] for label in coarse]
     return np.array([*np.eye(len(STATES), dtype=bool), *rows], bool)
@@ -156,7 +153,8 @@ def quantile(values: Array, q: float) -> float:
     return float(np.quantile(values, q)) if len(values) else float("nan")
 
 
-def _found(values: Array) -> Array:
+def known(values: Array) -> Array:
+    """The values that are finite."""
     return values[np.isfinite(values)]
 
 
@@ -164,7 +162,8 @@ def _ratios(part: Array, whole: Array) -> Array:
     return np.asarray(np.divide(part, whole, out=np.full(len(part), np.nan), where=whole > 0))
 
 
-def _ratio(part: float, whole: float) -> float:
+def ratio(part: float, whole: float) -> float:
+    """The share of a whole; nan without one."""
     return part / whole if whole > 0 else float("nan")
 
 
@@ -207,9 +206,15 @@ def _sums(scoring: Scoring, frame_label: Columns, posterior: Array) -> Tally:
     shares = np.maximum(p, SMALLEST_PROBABILITY) * is_one
     p_true = shares.sum(axis=1)
     is_true = shares / p_true[:, None]  # of a coarse label the states are as probable as they are found
+    confusion_s = np.zeros((len(Subset), len(states), len(STATES) + 1))
+    for subset, frames in enumerate(scoring.subsets):  # NO_LABEL indexes the last column
+        cells = scoring.truth[frames], frame_label[frames]
+        np.add.at(confusion_s[subset], cells, scoring.seconds[frames])
+    bins = np.clip((top_p * CALIBRATION_BINS).astype(int), 0, CALIBRATION_BINS - 1)
+    columns = (seconds, seconds * top_p, seconds * right)
     return Tally(
-        confusion_s=np.stack([_confusion(scoring, frame_label, subset) for subset in Subset]),
-        calibration=_calibration(seconds, top_p, right),
+        confusion_s=confusion_s,
+        calibration=np.stack([np.bincount(bins, one, CALIBRATION_BINS) for one in columns], axis=1),
         log_loss_s=float(seconds @ -np.log(p_true)),
         brier_s=float((seconds @ (p - is_true) ** 2).sum()),
         sure_wrong_s=float(seconds @ ((top_p > SURE_PROBABILITY) & ~right)),
@@ -220,25 +225,11 @@ def _sums(scoring: Scoring, frame_label: Columns, posterior: Array) -> Tally:
     )
 
 
-def _confusion(scoring: Scoring, frame_label: Columns, subset: Subset) -> Array:
-    confusion = np.zeros((len(STATES) + len(scoring.coarse), len(STATES) + 1))
-    rows = scoring.subsets[subset]  # NO_LABEL indexes the last column
-    np.add.at(confusion, (scoring.truth[rows], frame_label[rows]), scoring.seconds[rows])
-    return confusion
-
-
-def _calibration(seconds: Array, p: Array, right: NDArray[np.bool_]) -> Array:
-    bins = np.clip((p * CALIBRATION_BINS).astype(int), 0, CALIBRATION_BINS - 1)
-    columns = (seconds, seconds * p, seconds * right)
-    return np.stack([np.bincount(bins, c, CALIBRATION_BINS) for c in columns], axis=1)
-
-
-def _boundary_error(scoring: Scoring, is_new: NDArray[np.bool_], change: Change) -> float:
+def _boundary_error(scoring: Scoring, is_new: Bools, change: Change) -> float:
     """Seconds from the true change to the nearest found one into the same state; nan where there is none.
-    ``is_new``: whether the label is that, from the begin of the old phase to the end of the new one.
 
-    The search is from the begin of the old phase to the end of the new one. A label that is already the new
-    state at the begin is no change.
+    ``is_new``: whether the label is that, from the begin of the old phase to the end of the new one, where
+    the search is. A label that is already the new state at the begin is no change.
     """
     changed = change.begin + 1 + np.flatnonzero(is_new[1:] & ~is_new[:-1])
     if len(changed) == 0:
@@ -249,7 +240,7 @@ def _boundary_error(scoring: Scoring, is_new: NDArray[np.bool_], change: Change)
     return float(np.maximum(np.maximum(early, late), 0).min()) * 1e-9
 
 
-def _delay(scoring: Scoring, is_new: NDArray[np.bool_], change: Change) -> float:
+def _delay(scoring: Scoring, is_new: Bools, change: Change) -> float:
     """Seconds from the true onset until the label is right for 0.3 s within the phase; nan if never."""
     right = np.concatenate([[False], is_new[change.onset - change.begin :], [False]])
     start, stop = np.flatnonzero(right[1:] & ~right[:-1]), np.flatnonzero(right[:-1] & ~right[1:])

@@ -10,13 +10,14 @@ from pathlib import Path
 from typing import Any, Final
 
 from contact_tracker.api.offline import Labels, Result
+from contact_tracker.arrays import Array
 from contact_tracker.errors import UsageError, printable
 from contact_tracker.states import STATES
-from contact_tracker.trajectory.arguments import ModelLike, model_from
+from contact_tracker.trajectory.arguments import ModelLike, model_from, with_known_arguments
 from contact_tracker_lab.evaluation.evaluate import Evaluation, FurtherScore, answers_to
 from contact_tracker_lab.evaluation.evaluate import evaluate as evaluate_segmentation
 from contact_tracker_lab.evaluation.geometry_errors import GeometryErrors
-from contact_tracker_lab.evaluation.metrics import Array, Tally, quantile
+from contact_tracker_lab.evaluation.metrics import Tally, quantile
 from contact_tracker_lab.evaluation.scoring import Subset
 from contact_tracker_lab.evaluation.tables import number, table
 
@@ -91,13 +92,14 @@ class Report:
     def to_json(self) -> str:
         """One object with ``recordings`` by name, ``total`` and ``states``; null where there is no value."""
         found = {
-            "states": [s.value for s in STATES],
+            "states": STATES,
             "recordings": {name: _evaluation_json(value) for name, value in self.recordings.items()},
             "total": _evaluation_json(self.total),
         }
         return json.dumps(_without_nan(found), indent=1, allow_nan=False)
 
 
+@with_known_arguments
 def evaluate(
     result: Result,
     labels: Labels,
@@ -138,6 +140,7 @@ def evaluate(
 
 _ACCURACY: Final = ("recording", "scored s", *(s.name.lower() for s in Subset), "F1")
 _BELIEF: Final = ("recording", "log-loss", "Brier", "ECE", "sure & wrong")
+_BELIEF_FIGURES: Final = ("log_loss", "brier", "calibration_error", "sure_wrong")
 _CHANGE: Final = ("recording", "changes", "boundary s", "90 %", "missed", "delay s", "90 %", "never")
 _FURTHER: Final = ("recording", "several s", "right", "open", "alone s", "false")
 _FURTHER_FIGURES: Final = ("several_s", "right", "open", "alone_s", "false")
@@ -170,8 +173,7 @@ def _accuracy_cells(tally: Tally) -> list[str]:
 
 
 def _belief_cells(tally: Tally) -> list[str]:
-    values = (tally.log_loss, tally.brier, tally.calibration_error, tally.sure_wrong)
-    return [number(value) for value in values]
+    return [number(getattr(tally, name)) for name in _BELIEF_FIGURES]
 
 
 def _median_and_most(values: Array) -> list[str]:
@@ -203,23 +205,19 @@ def _geometry_cells(errors: GeometryErrors, with_found: bool = True) -> list[str
 
 
 def _confusion_text(mode: str, tally: Tally) -> str:
-    rows = zip(tally.rows, tally.confusion_s[Subset.ALL], strict=True)
     cells = [
         [_short(name, WIDEST_NAME), *(number(s, 1) if s > 0 else "." for s in row)]
-        for name, row in rows
+        for name, row in zip(tally.rows, tally.confusion_s[Subset.ALL], strict=True)
         if row.any() or not tally.coarse  # a state that no coarse label names has no row
     ]
-    return f"Confusion {mode}, seconds: true state by row, label by column\n" + table(
-        ["", *(s.value for s in STATES), "none"], cells
-    )
+    title = f"Confusion {mode}, seconds: true state by row, label by column\n"
+    return title + table(["", *STATES, "none"], cells)
 
 
 def _evaluation_json(value: Evaluation) -> dict[str, Any]:
     kinds = {kind: _geometry_json(value.geometry.of_kind(kind)) for kind in ("plane", "line", "point")}
     return {
-        "offline": _tally_json(value.offline),
-        "online": _tally_json(value.online),
-        "arrival": None if value.arrival is None else _tally_json(value.arrival),
+        **{mode: _tally_json(getattr(value, mode)) for mode in ("offline", "online", "arrival")},
         "geometry": {
             "true_segments": value.geometry.true_segments,
             "found_segments": value.geometry.found_segments,
@@ -233,14 +231,15 @@ def _evaluation_json(value: Evaluation) -> dict[str, Any]:
     }
 
 
-def _tally_json(tally: Tally) -> dict[str, Any]:
+def _tally_json(tally: Tally | None) -> dict[str, Any] | None:
+    if tally is None:
+        return None
     confusion = tally.confusion_s[Subset.ALL]
     return {
         "scored_s": tally.seconds(),
         "accuracy": {s.name.lower(): tally.accuracy(s) for s in Subset},
         "subset_s": {s.name.lower(): tally.seconds(s) for s in Subset},
-        **{name: getattr(tally, name) for name in ("macro_f1", "log_loss", "brier")},
-        **{name: getattr(tally, name) for name in ("calibration_error", "sure_wrong")},
+        **{name: getattr(tally, name) for name in ("macro_f1", *_BELIEF_FIGURES)},
         "boundary_s": {**_quantiles(tally.boundary_s), "missed_share": tally.missed_share},
         "delay_s": {**_quantiles(tally.delay_s), "never_share": tally.never_share},
         "rows": tally.rows,

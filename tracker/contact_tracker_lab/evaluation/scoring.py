@@ -4,7 +4,6 @@ All of it is independent of beliefs. The weight of a frame is the time until the
 that neither irregular rates nor dropouts distort a figure. Frames without truth (``?``) are not scored.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from itertools import pairwise
@@ -13,12 +12,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.ground_truth import CoarseLabel, Truth, TruthInterval
+from contact_tracker.arrays import Array, Bools, Ints
+from contact_tracker.ground_truth import CoarseLabel, Truth
 from contact_tracker.states import STATES
 
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Ints = NDArray[np.int64]
 Columns = NDArray[np.int8]
 
 LONGEST_FRAME_NS: Final = 100_000_000
@@ -110,27 +107,29 @@ def scoring(stamp_ns: Ints, truth: Truth) -> Scoring:
     column = np.full(len(stamp_ns), UNSCORED, np.int8)
     subsets = np.zeros((len(Subset), len(stamp_ns)), bool)
     moved = False
-    for interval, frames in _frames(stamp_ns, truth):
+    first = np.searchsorted(stamp_ns, [one.start_ns for one in truth.intervals])
+    end = np.searchsorted(stamp_ns, [one.end_ns for one in truth.intervals], side="right")
+    later = np.append(first[1:], len(stamp_ns))  # where two overlap, frames are those of the later one
+    for interval, *ends in zip(truth.intervals, first, np.minimum(end, later), strict=True):
+        frames = slice(*ends)
         moved |= interval.motion != "rest"
         if interval.contact is not None or interval.coarse is not None:
-            column[frames] = _column(interval, truth.coarse)
+            state, coarse = interval.contact, interval.coarse
+            column[frames] = len(STATES) + truth.coarse.index(coarse) if state is None else state.column
             subsets[Subset.MOVED, frames] = moved
             subsets[Subset.AMBIGUOUS, frames] = interval.singular or not moved
     subsets[Subset.ALL] = column != UNSCORED
     subsets[Subset.IDENTIFIABLE] = subsets[Subset.ALL] & ~subsets[Subset.AMBIGUOUS]
     subsets[Subset.CLEAR] = subsets[Subset.ALL]
     runs = _runs(stamp_ns, column)
-    for near in _near_changes(stamp_ns, column, runs):
-        subsets[Subset.CLEAR, near] = False
-    edges_ns = _edges(stamp_ns)
+    for (_, last), (onset, _) in pairwise(runs):
+        if column[last] != column[onset]:
+            begin = np.searchsorted(stamp_ns, stamp_ns[last + 1] - NEAR_CHANGE_NS)
+            end = np.searchsorted(stamp_ns, stamp_ns[onset] + NEAR_CHANGE_NS, side="right")
+            subsets[Subset.CLEAR, begin:end] = False
+    end_ns = 2 * stamp_ns[-1:] - stamp_ns[-2:-1] if len(stamp_ns) > 1 else stamp_ns
+    edges_ns = np.append(stamp_ns, end_ns)
     return Scoring(edges_ns, column, subsets, _changes(edges_ns, column, runs), truth.coarse)
-
-
-def _column(interval: TruthInterval, coarse: tuple[CoarseLabel, ...]) -> int:
-    if interval.contact is not None:
-        return interval.contact.column
-    assert interval.coarse is not None
-    return len(STATES) + coarse.index(interval.coarse)
 
 
 def tick_containing(frame_ns: Ints, tick_ns: Ints) -> Ints:
@@ -143,20 +142,6 @@ def tick_containing(frame_ns: Ints, tick_ns: Ints) -> Ints:
 def tick_in_force(frame_ns: Ints, tick_ns: Ints) -> Ints:
     """Online: index of the latest tick that is reported at each frame; -1 before the first."""
     return np.searchsorted(tick_ns, frame_ns, side="right") - 1
-
-
-def _edges(stamp_ns: Ints) -> Ints:
-    last = 2 * stamp_ns[-1:] - stamp_ns[-2:-1] if len(stamp_ns) > 1 else stamp_ns
-    return np.append(stamp_ns, last)
-
-
-def _frames(stamp_ns: Ints, truth: Truth) -> Iterator[tuple[TruthInterval, slice]]:
-    """The frames of each interval; where two overlap, they are those of the later one."""
-    first = np.searchsorted(stamp_ns, [i.start_ns for i in truth.intervals])
-    end = np.searchsorted(stamp_ns, [i.end_ns for i in truth.intervals], side="right")
-    later = np.append(first[1:], len(stamp_ns))
-    for interval, begins, ends in zip(truth.intervals, first, np.minimum(end, later), strict=True):
-        yield interval, slice(begins, ends)
 
 
 def _runs(stamp_ns: Ints, column: Columns) -> list[tuple[int, int]]:
@@ -175,16 +160,6 @@ def _runs(stamp_ns: Ints, column: Columns) -> list[tuple[int, int]]:
         else:
             runs.append((first, last))
     return runs
-
-
-def _near_changes(stamp_ns: Ints, column: Columns, runs: list[tuple[int, int]]) -> Iterator[slice]:
-    for (_, last), (onset, _) in pairwise(runs):
-        if column[last] != column[onset]:
-            from_ns, until_ns = stamp_ns[last + 1] - NEAR_CHANGE_NS, stamp_ns[onset] + NEAR_CHANGE_NS
-            yield slice(
-                int(np.searchsorted(stamp_ns, from_ns)),
-                int(np.searchsorted(stamp_ns, until_ns, side="right")),
-            )
 
 
 def _changes(edges_ns: Ints, column: Columns, runs: list[tuple[int, int]]) -> tuple[Change, ...]:

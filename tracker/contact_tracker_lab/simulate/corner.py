@@ -8,9 +8,9 @@ object is at positive z and x.
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from contact_tracker.arrays import Array
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.errors import UsageError
 from contact_tracker.explanations.conditional_contact import coefficients
@@ -20,9 +20,7 @@ from contact_tracker.geometry.polyhedron import Feature, Polyhedron, unit
 from contact_tracker.states import Contact
 from contact_tracker_lab.simulate.motion import band_limited, smooth_step, within
 from contact_tracker_lab.simulate.plan import Rigid
-from contact_tracker_lab.simulate.scenarios import Further, Scenario
-
-Array = NDArray[np.float64]
+from contact_tracker_lab.simulate.scenarios import Scenario
 
 TABLE: Final = np.array([0.0, 0.0, 1.0])
 WALL: Final = np.array([1.0, 0.0, 0.0])
@@ -78,8 +76,12 @@ class Touch(NamedTuple):
         return ContactGeometry(self.feature.element(body.rotation, body.translation, near), plane)
 
 
+Chosen = tuple[Touch, Touch, Array]
+"""What touches the table and the wall, and a rotation (3, 3) of the object at which both do."""
+
+
 def move_in_corner(
-    rng: np.random.Generator, object: Polyhedron, scenario: Scenario, further: Further, time_s: Array
+    rng: np.random.Generator, object: Polyhedron, scenario: Scenario, further: Contact, time_s: Array
 ) -> tuple[Rigid, Touch, Touch]:
     """The motion of a scenario of one phase with a ``further`` contact at times (N,): poses, object to scene,
     the contact with the table, and that with the wall, which lasts only for part of the time.
@@ -89,23 +91,25 @@ def move_in_corner(
     UsageError : the object has no two features that can touch table and wall in these contacts.
     """
     for attempt in range(_TRIES):
-        first, second, base = _choose(rng, object, scenario.phases[0].contact, further.contact)
-        pose = _motion(rng, first, second, base, scenario, further, time_s, 0.97**attempt)
-        if pose is not None and _is_outside(object, pose):
-            return pose, first, second
+        chosen = _choose(rng, object, scenario.phases[0].contact, further)
+        pose = _motion(rng, chosen, scenario, time_s, 0.97**attempt)
+        if pose is None:
+            continue
+        corners = np.einsum("nij,vj->nvi", pose.rotation, object.vertices) + pose.translation[:, None]
+        if corners[..., [0, 2]].min() > -1e-7:  # no vertex penetrates the table or the wall
+            return pose, *chosen[:2]
     raise UsageError(f"scenario: a {scenario.object} cannot be moved like that between table and wall")
 
 
-def _choose(
-    rng: np.random.Generator, object: Polyhedron, first: Contact, second: Contact
-) -> tuple[Touch, Touch, Array]:
+def _choose(rng: np.random.Generator, object: Polyhedron, first: Contact, second: Contact) -> Chosen:
     """Choose features and a rotation (3, 3) at which both touch, away from the sides of their cones."""
     options = []
+    kinds = [object.of_kind(contact.value[0]) for contact in (first, second)]
     for _ in range(_DRAWS):
-        on_table = _random_feature(rng, object, first.value[0])
-        on_wall = _random_feature(rng, object, second.value[0])
-        down = _inner_normal(rng, on_table)
-        aside = _inner_normal(rng, on_wall)
+        on_table, on_wall = (features[int(rng.integers(len(features)))] for features in kinds)
+        down, aside = (
+            unit(rng.dirichlet(np.full(len(one.normals), 4.0)) @ one.normals) for one in (on_table, on_wall)
+        )
         aside = aside - down * (down @ aside)
         if np.linalg.norm(aside) < 0.3:
             continue
@@ -123,16 +127,6 @@ def _choose(
     return Touch(first, on_table, TABLE), Touch(second, on_wall, WALL), scene.T @ body
 
 
-def _random_feature(rng: np.random.Generator, object: Polyhedron, kind: str) -> Feature:
-    features = object.of_kind(kind)
-    return features[int(rng.integers(len(features)))]
-
-
-def _inner_normal(rng: np.random.Generator, feature: Feature) -> Array:
-    weights = rng.dirichlet(np.full(len(feature.normals), 4.0))
-    return np.asarray(unit(weights @ feature.normals))
-
-
 def _room(feature: Feature, normal: Array) -> float:
     """Angle (rad) by which the normal may turn; infinite for a face, whose normal is fixed."""
     return _ANY_TURN_RAD if feature.kind == "f" else feature.normal_clearance(normal)
@@ -140,21 +134,24 @@ def _room(feature: Feature, normal: Array) -> float:
 
 def _motion(
     rng: np.random.Generator,
-    first: Touch,
-    second: Touch,
-    base: Array,
+    chosen: Chosen,
     scenario: Scenario,
-    further: Further,
     time_s: Array,
     calm: float,
 ) -> Rigid | None:
-    """Poses that satisfy ``first`` always and ``second`` while it lasts; None if there are none."""
+    """Poses that satisfy the first touch always and the second while it lasts; None if there are none."""
+    first, second, base = chosen
+    assert scenario.further is not None
+    _, start_s, end_s = scenario.further
     wave = band_limited(rng, time_s, 6, rng.uniform(*scenario.bandwidth_hz))
     down, aside = base.T @ -TABLE, base.T @ -WALL
     room = _ROOM_SHARE * min(_room(first.feature, down), _room(second.feature, aside))
     turn = within(calm * scenario.amplitude_rad * wave[:, :3], room)
     rotation = base @ Rotation.from_rotvec(turn).as_matrix()
-    apart = _separation(further, time_s)
+    # 0 while the further contact lasts, 1 otherwise, with smooth transitions
+    before = 0.0 if start_s is None else smooth_step((start_s - time_s) / _RAMP_S)
+    after = 0.0 if end_s is None else smooth_step((time_s - end_s) / _RAMP_S)
+    apart = np.maximum(before, after) + 0.0 * time_s
     place = scenario.amplitude_m * wave[:, 3:]
     place[:, 2] = -rotation[:, 2] @ first.feature.points.mean(axis=0)  # touching, up to the tilt
     away = place[:, 0] * apart + _AWAY_M * apart
@@ -168,13 +165,6 @@ def _motion(
     free[:, -1] = _SOFT_M * np.logaddexp(0.0, free[:, -1] / _SOFT_M)
     goals = np.concatenate([touching, apart[:, None] * free], axis=1)
     return _project(on_first, np.concatenate([first.c, second.c]), goals)
-
-
-def _separation(further: Further, time_s: Array) -> Array:
-    """(N,) 0 while the further contact lasts, 1 otherwise, with smooth transitions."""
-    before = 0.0 if further.start_s is None else smooth_step((further.start_s - time_s) / _RAMP_S)
-    after = 0.0 if further.end_s is None else smooth_step((time_s - further.end_s) / _RAMP_S)
-    return np.asarray(np.broadcast_to(np.maximum(before, after), time_s.shape), float)
 
 
 def _project(pose: Rigid, c: Array, goals: Array) -> Rigid | None:
@@ -193,9 +183,3 @@ def _project(pose: Rigid, c: Array, goals: Array) -> Rigid | None:
         rotation = rotation @ Rotation.from_rotvec(step[:, :3]).as_matrix()
         place = place + step[:, 3:]
     return Rigid(rotation, place) if np.abs(miss).max() < _EXACT else None
-
-
-def _is_outside(object: Polyhedron, pose: Rigid) -> bool:
-    """Whether no vertex penetrates the table or the wall."""
-    corners = np.einsum("nij,vj->nvi", pose.rotation, object.vertices) + pose.translation[:, None]
-    return bool(corners[..., [0, 2]].min() > -1e-7)

@@ -4,16 +4,14 @@ import json
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from contact_tracker.arrays import Array
 from contact_tracker.explanations.joint_models import JointKind
 from contact_tracker.geometry.elements import Element, Line, Point
 from contact_tracker_lab.simulate.motion import band_limited
 from contact_tracker_lab.simulate.plan import Rigid
 from contact_tracker_lab.simulate.scenarios import Scenario
-
-Array = NDArray[np.float64]
 
 _ARM_M: Final = {
     JointKind.HINGE: (0.1, 0.4),
@@ -38,14 +36,8 @@ class TrueJoint(NamedTuple):
 
     def to_json(self) -> str:
         """As recordings have it in their metadata."""
-        return json.dumps(
-            {
-                "kind": self.kind.value,
-                "object": self.object.to_json(),
-                "environment": self.environment.to_json(),
-                "pitch_m_per_rad": self.pitch_m_per_rad,
-            }
-        )
+        elements = {"object": self.object.to_json(), "environment": self.environment.to_json()}
+        return json.dumps(self._asdict() | elements)
 
 
 def move_in_joint(

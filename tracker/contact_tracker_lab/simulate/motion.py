@@ -3,16 +3,16 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from contact_tracker.arrays import Array
 from contact_tracker.geometry.polyhedron import Feature, unit
 from contact_tracker.states import Contact
 from contact_tracker_lab.simulate.plan import SETTLE_S, Anchor, Chart, Leg, Rigid, sample_normal, sample_point
 from contact_tracker_lab.simulate.scenarios import Scenario
 
-Array = NDArray[np.float64]
 Weights = tuple[Array, Array, Array]
+Ends = tuple[Array, Array]
 
 _TILT_RAMP_S = 0.6  # short, so that a changed constraint is soon observable
 _TURN_RAD_S = 1.2
@@ -83,22 +83,18 @@ def _touch(leg: Leg, hand: Hand) -> Path:
         tilt = blend(time_s, leg.duration_s, max(_TILT_RAMP_S, farthest / _TURN_RAD_S))
         return unit(_mix(tilt, first, hand.turn(feature, centre), last))
 
-    def moved(feature: Feature, ends: Array, rates: Array) -> Array:
-        middle = hand.slide(feature, sample_point(rng, feature, ends.mean(axis=0)))
+    def moved(feature: Feature, ends: Ends, rates: Ends) -> Array:
+        middle = hand.slide(feature, sample_point(rng, feature, (ends[0] + ends[1]) / 2.0))
         return _mix(slide, ends[0] + drifts[0] * rates[0], middle, ends[1] + drifts[1] * rates[1])
 
     normal = turned(chart.environment, start.normal, end.normal)
     object_normal = turned(chart.object, start.object_normal, end.object_normal)
     spin = _spin(leg, hand, slide)
     touch_object = moved(
-        chart.object,
-        np.array([start.touch_object, end.touch_object]),
-        np.array([start.object_rate, end.object_rate]),
+        chart.object, (start.touch_object, end.touch_object), (start.object_rate, end.object_rate)
     )
     touch_scene = moved(
-        chart.environment,
-        np.array([start.touch_scene, end.touch_scene]),
-        np.array([start.scene_rate, end.scene_rate]),
+        chart.environment, (start.touch_scene, end.touch_scene), (start.scene_rate, end.scene_rate)
     )
     return _path(chart.rotation(normal, object_normal, spin), touch_object, touch_scene)
 
@@ -114,12 +110,9 @@ def _spin(leg: Leg, hand: Hand, weights: Weights) -> Array:
     if leg.contact is Contact.EE:
         middle = np.copysign(np.clip(abs(middle), *_CROSSING), middle)
     wave = within(hand.amplitude_rad * hand.waves(1), room)[:, 0]
-    return np.asarray(
-        weights[0] * (first + leg.start.spin_rate * drift(time_s))
-        + weights[1] * (middle + wave)
-        + weights[2] * (last + leg.end.spin_rate * drift(time_s - leg.duration_s)),
-        float,
-    )
+    begin = first + leg.start.spin_rate * drift(time_s)
+    end = last + leg.end.spin_rate * drift(time_s - leg.duration_s)
+    return np.asarray(weights[0] * begin + weights[1] * (middle + wave) + weights[2] * end, float)
 
 
 def _singular(leg: Leg, hand: Hand) -> Path:
@@ -171,11 +164,8 @@ def _free_motion(leg: Leg, hand: Hand) -> Path:
     height = (1.0 if leg.from_air else 1.0 - leave) * (1.0 if leg.to_air else 1.0 - land)
     wave = leg.wander * height * hand.waves(6)
     turn = Rotation.from_matrix(np.swapaxes(first.pose.rotation, 1, 2) @ last.pose.rotation).as_rotvec()
-    rotation = (
-        first.pose.rotation
-        @ Rotation.from_rotvec(share * turn).as_matrix()
-        @ Rotation.from_rotvec(hand.amplitude_rad * wave[:, :3]).as_matrix()
-    )
+    rotation = first.pose.rotation @ Rotation.from_rotvec(share * turn).as_matrix()
+    rotation = rotation @ Rotation.from_rotvec(hand.amplitude_rad * wave[:, :3]).as_matrix()
     over = (1.0 - share) * first.pose.translation + share * last.pose.translation
     up = unit((1.0 - share) * leg.start.normal + share * leg.end.normal)
     translation = over + leg.lift_m * height * up + hand.amplitude_m * wave[:, 3:]

@@ -14,15 +14,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from contact_tracker.arrays import Array
 from contact_tracker.geometry.elements import ContactGeometry
 from contact_tracker.geometry.polyhedron import Feature, Polyhedron, unit
 from contact_tracker.states import Contact
 from contact_tracker_lab.simulate.scenarios import Phase
-
-Array = NDArray[np.float64]
 
 _FACING = np.diag([1.0, -1.0, -1.0])  # the normals of touching surfaces are opposite
 
@@ -89,6 +87,10 @@ def _frame(normal: Array, reference: Array) -> Array:
     return np.stack([x, np.cross(normal, x), normal], axis=-1)
 
 
+Neighbours = tuple[Phase | None, Phase | None]
+"""The phase of a leg and the next one; None is a lift."""
+Bodies = tuple[Polyhedron, Polyhedron]
+"""The object and the scene."""
 SETTLE_S = 0.15  # time constant of the decay of an anchor's rates
 _CROSSING = (np.radians(50.0), np.radians(130.0))  # crossing angle of edges at a change of contact
 _DRIFT_M_S = 0.06
@@ -130,25 +132,20 @@ class Anchor:
 
 
 def choose_chart(
-    rng: np.random.Generator,
-    contact: Contact,
-    object: Polyhedron,
-    scene: Polyhedron,
-    related: Chart | None = None,
+    rng: np.random.Generator, contact: Contact, bodies: Bodies, related: Chart | None = None
 ) -> Chart:
     """Choose features for ``contact`` that are contained in those of ``related`` or contain them."""
     features = []
     for kind, choice, given in (
-        (contact.value[0], object.features, related.object if related else None),
-        (contact.value[2], scene.top, related.environment if related else None),
+        (contact.value[0], bodies[0].features, related.object if related else None),
+        (contact.value[2], bodies[1].top, related.environment if related else None),
     ):
-        fitting = [f for f in choice if f.kind == kind and (given is None or _nested(f, given))]
+        fitting = [one for one in choice if one.kind == kind]
+        if given is not None:
+            near = given.indices
+            fitting = [one for one in fitting if one.indices <= near or one.indices >= near]
         features.append(fitting[rng.integers(len(fitting))])
     return Chart(contact, *features)
-
-
-def _nested(a: Feature, b: Feature) -> bool:
-    return a.indices <= b.indices or b.indices <= a.indices
 
 
 def sample_anchor(
@@ -166,10 +163,9 @@ def sample_anchor(
     object_normal = sample_normal(rng, higher.object, before.object_normal if before else None)
     if before is None:
         spin = rng.uniform(-np.pi, np.pi)
-    elif leaving is None:
-        spin = lower.spin(before.rotation, normal, object_normal)
     else:
-        spin = lower.spin(before.rotation, before.normal, before.object_normal)
+        normals = (normal, object_normal) if leaving is None else (before.normal, before.object_normal)
+        spin = lower.spin(before.rotation, *normals)
     wanted = spin + rng.normal(0.0, np.radians(20.0))
     if lower.contact is Contact.EE:
         side = 1.0 if spin > 0.0 else -1.0
@@ -245,20 +241,21 @@ def plan(
     """The legs of ``phases``; each begins at the anchor at which the previous one ended. ``lead_s`` is as of
     ``Scenario``."""
     with_transitions = _with_transitions(phases, lead_s)
-    chart = choose_chart(rng, _touching(phases[0]), object, scene)
+    bodies = object, scene
+    chart = choose_chart(rng, _touching(phases[0]), bodies)
     anchor = sample_anchor(rng, None, None, chart)
     legs: list[Leg] = []
     for index, phase in enumerate(with_transitions):
         after = with_transitions[index + 1] if index + 1 < len(with_transitions) else None
-        following, end = _leg_end(rng, phase, after, chart, anchor, object, scene)
+        following, end = _leg_end(rng, (phase, after), chart, anchor, bodies)
         is_same = after and phase and after.contact is phase.contact
         if is_same or _is_restricted(phase) or _is_restricted(after):
             end = replace(end, object_rate=0 * end.object_rate, scene_rate=0 * end.scene_rate, spin_rate=0.0)
         legs.append(_leg(phase, anchor, end, chart, following, object.radius))
         chart, anchor = following, end
-    return [
-        replace(leg, from_air=index == 0, to_air=index == len(legs) - 1) for index, leg in enumerate(legs)
-    ]
+    legs[0] = replace(legs[0], from_air=True)
+    legs[-1] = replace(legs[-1], to_air=True)
+    return legs
 
 
 def _is_restricted(phase: Phase | None) -> bool:
@@ -271,7 +268,7 @@ def _with_transitions(phases: Sequence[Phase], lead_s: float) -> list[Phase | No
     result: list[Phase | None] = []
     for before, phase, after in zip((None, *phases), phases, (*phases[1:], None), strict=False):
         lead = [Phase(phase.contact, lead_s)] if lead_s else []
-        if before and not _comparable(before.contact, phase.contact):
+        if before and not (before.contact.contains(phase.contact) or phase.contact.contains(before.contact)):
             result.append(None)
         is_singular = _is_restricted(phase) and phase.motion != "rest"
         if is_singular and before and before.contact is not phase.contact:
@@ -282,43 +279,34 @@ def _with_transitions(phases: Sequence[Phase], lead_s: float) -> list[Phase | No
     return result
 
 
-def _comparable(a: Contact, b: Contact) -> bool:
-    return a.contains(b) or b.contains(a)
-
-
 def _touching(phase: Phase | None) -> Contact:
     """The contact of a phase; vertex on face for free motion at an end of the recording."""
     return phase.contact if phase and phase.contact is not Contact.FREE else Contact.VF
 
 
 def _leg_end(
-    rng: np.random.Generator,
-    phase: Phase | None,
-    after: Phase | None,
-    chart: Chart,
-    anchor: Anchor,
-    object: Polyhedron,
-    scene: Polyhedron,
+    rng: np.random.Generator, phases: Neighbours, chart: Chart, anchor: Anchor, bodies: Bodies
 ) -> tuple[Chart, Anchor]:
     """The anchor at which a leg that begins at ``anchor`` ends, and the chart of the next."""
+    phase, after = phases
 
     def option() -> tuple[Chart, Anchor]:
         if phase is None or phase.contact is Contact.FREE:
-            arriving = choose_chart(rng, _touching(after), object, scene)
+            arriving = choose_chart(rng, _touching(after), bodies)
             return arriving, sample_anchor(rng, anchor, None, arriving)
         if after is None or after.contact in (Contact.FREE, phase.contact):
             return chart, sample_anchor(rng, anchor, chart, chart)
-        arriving = choose_chart(rng, after.contact, object, scene, related=chart)
+        arriving = choose_chart(rng, after.contact, bodies, related=chart)
         return arriving, sample_anchor(rng, anchor, chart, arriving)
 
     if _is_restricted(phase):
         return chart, anchor
-    options = [option() for _ in range(60 if phase is None else 6)]
-    return min(options, key=lambda chosen: _effort(*anchor.distance_to(chosen[1])))
 
+    def effort(chosen: tuple[Chart, Anchor]) -> float:
+        distance_m, angle_rad = anchor.distance_to(chosen[1])
+        return distance_m / 0.2 + angle_rad
 
-def _effort(distance_m: float, angle_rad: float) -> float:
-    return distance_m / 0.2 + angle_rad
+    return min((option() for _ in range(60 if phase is None else 6)), key=effort)
 
 
 def _leg(
@@ -327,10 +315,8 @@ def _leg(
     distance, angle = start.distance_to(end)
     shortest_s = max(distance / _TRAVEL_M_S, angle / _TURN_RAD_S)
     lift_m = 0.03 + 0.4 * (distance + angle * radius)
+    ends = start, end, chart, following
     if phase is None:
-        seconds = max(0.6, 6.5 * lift_m, shortest_s)
-        return Leg(Contact.FREE, "normal", seconds, start, end, chart, following, lift_m, wander=0.0)
-    seconds = max(phase.duration_s, shortest_s)
-    if phase.contact is Contact.FREE:
-        return Leg(Contact.FREE, "normal", seconds, start, end, chart, following, lift_m + 0.15)
-    return Leg(phase.contact, phase.motion, seconds, start, end, chart, chart)
+        return Leg(Contact.FREE, "normal", max(0.6, 6.5 * lift_m, shortest_s), *ends, lift_m, wander=0.0)
+    lift_m = lift_m + 0.15 if phase.contact is Contact.FREE else 0.0
+    return Leg(phase.contact, phase.motion, max(phase.duration_s, shortest_s), *ends, lift_m)

@@ -3,18 +3,14 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import product
-from types import MappingProxyType
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array
 from contact_tracker.errors import UsageError
 from contact_tracker.explanations.joint_models import JointKind
-from contact_tracker.geometry.polyhedron import Polyhedron, convex
 from contact_tracker.states import STATES, Contact
-
-Array = NDArray[np.float64]
 
 
 def box(x: float, y: float, z: float) -> Array:
@@ -26,44 +22,23 @@ def _prism(polygon: list[tuple[float, float]], length: float) -> Array:
     return np.array([(x, y, z) for y in (-length / 2, length / 2) for x, z in polygon])
 
 
-def _frustum(bottom: float, top: float, height: float) -> Array:
-    corners = list(product((-0.5, 0.5), repeat=2))
-    low = [(bottom * x, bottom * y, -height / 2) for x, y in corners]
-    return np.array([*low, *((top * x, top * y, height / 2) for x, y in corners)])
-
-
 _HEXAGON: Final = [(0.12 * float(np.cos(a)), 0.12 * float(np.sin(a))) for a in np.radians(range(0, 360, 60))]
-_TETRAHEDRON: Final = 0.12 * np.array([(1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1)], float)
-
-OBJECTS: Final[Mapping[str, Array]] = MappingProxyType(
-    {
-        "cube": box(0.2, 0.2, 0.2),
-        "box": box(0.16, 0.22, 0.3),
-        "prism": _prism(_HEXAGON, 0.26),
-        "wedge": _prism([(-0.1, -0.09), (0.16, -0.09), (-0.1, 0.12)], 0.24),
-        "tetrahedron": _TETRAHEDRON,
-    }
-)
-SURROUNDINGS: Final[Mapping[str, Array]] = MappingProxyType(
-    {
-        "desk": box(0.8, 0.6, 0.7),
-        "block": box(0.45, 0.4, 0.35),
-        "ridge": _prism([(-0.4, -0.2), (0.4, -0.2), (0.15, 0.2), (-0.15, 0.2)], 0.6),
-        "frustum": _frustum(0.7, 0.36, 0.4),
-    }
-)
+OBJECTS: Final[Mapping[str, Array]] = {
+    "cube": box(0.2, 0.2, 0.2),
+    "box": box(0.16, 0.22, 0.3),
+    "prism": _prism(_HEXAGON, 0.26),
+    "wedge": _prism([(-0.1, -0.09), (0.16, -0.09), (-0.1, 0.12)], 0.24),
+    "tetrahedron": 0.12 * np.array([(1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1)], float),
+}
+SURROUNDINGS: Final[Mapping[str, Array]] = {
+    "desk": box(0.8, 0.6, 0.7),
+    "block": box(0.45, 0.4, 0.35),
+    "ridge": _prism([(-0.4, -0.2), (0.4, -0.2), (0.15, 0.2), (-0.15, 0.2)], 0.6),
+    "frustum": np.concatenate([box(0.7, 0.7, 0.4)[::2], box(0.36, 0.36, 0.4)[1::2]]),
+}
 
 
-def object_shape(name: str) -> Polyhedron:
-    """The object ``name``, centred at its middle."""
-    return convex(OBJECTS[name])
-
-
-def surroundings_shape(name: str) -> Polyhedron:
-    """The fixed body ``name``; objects touch its top face (+z) or an edge or corner of it."""
-    return convex(SURROUNDINGS[name])
-
-
+"""Fixed bodies; objects touch the top face (+z), or an edge or corner of it."""
 CORNER: Final = "table and wall"
 """Surroundings of scenarios with a further contact: two planes at a right angle."""
 MOTIONS: Final = ("normal", "rest", "translation", "one-axis", "tilt")
@@ -139,9 +114,10 @@ class Scenario:
         """Raises UsageError if the scenario is not possible."""
         _require(len(self.phases) > 0, "a scenario needs at least one phase")
         _require(1.0 <= self.rate_hz <= 1e5, "rate_hz must be in 1..100000")
-        for key in ("sigma_position_m", "sigma_rotation_rad", "amplitude_m", "amplitude_rad"):
-            _require(0.0 <= getattr(self, key) < 1.0, f"{key} must be in 0..1")
-        for key in ("outlier_probability", "drop_probability", "hold_probability"):
+        for key in (
+            *("sigma_position_m", "sigma_rotation_rad", "amplitude_m", "amplitude_rad"),
+            *("outlier_probability", "drop_probability", "hold_probability"),
+        ):
             _require(0.0 <= getattr(self, key) < 1.0, f"{key} must be at least 0 and less than 1")
         _require(0.0 <= self.lead_s < 60.0, "lead_s must be in 0..60")
         _require(0.0 <= self.jitter_s <= 0.2 / self.rate_hz, "jitter_s must be in 0..0.2 / rate_hz")
@@ -169,18 +145,15 @@ def _check_further(scenario: Scenario, further: Further) -> None:
     _require(both <= on_a_plane, "with a further contact, both must be f-f, e-f or v-f")
     _require(scenario.surroundings == CORNER, f"with a further contact, surroundings must be {CORNER!r}")
     start, end = further.start_s or 0.0, further.end_s or scenario.phases[0].duration_s
-    _require(
-        0.0 <= start < end <= scenario.phases[0].duration_s, "a further contact must end after its start"
-    )
+    is_within = 0.0 <= start < end <= scenario.phases[0].duration_s
+    _require(is_within, "a further contact must end after its start")
 
 
 def _check(phase: Phase, before: Phase | None) -> None:
     shortest = 0.5 if phase.motion in ("normal", "rest") else 2.5
     _require(phase.motion in MOTIONS, f"motion must be one of {', '.join(MOTIONS)}")
-    _require(
-        shortest <= phase.duration_s <= 86_400.0,
-        f"a phase of motion {phase.motion} must last {shortest} s to one day",
-    )
+    lasts = shortest <= phase.duration_s <= 86_400.0
+    _require(lasts, f"a phase of motion {phase.motion} must last {shortest} s to one day")
     _require(phase.motion != "tilt" or phase.contact is not Contact.FF, "in f-f the object cannot tilt")
     if phase.contact is Contact.FREE:
         _require(phase.motion == "normal", "free motion can only be normal")
@@ -200,40 +173,33 @@ def _phases(duration_s: float, *contacts: Contact) -> tuple[Phase, ...]:
     return tuple(Phase(contact, duration_s) for contact in contacts)
 
 
-FORMATIONS: Final[Mapping[str, Scenario]] = MappingProxyType(
-    {
-        name: Scenario(_phases(24.0, first), surroundings=CORNER, further=further, name=name)
-        for name, first, further in (
-            ("vertex_and_vertex", Contact.VF, Further(Contact.VF)),
-            ("edge_and_vertex", Contact.EF, Further(Contact.VF)),
-            ("face_and_edge", Contact.FF, Further(Contact.EF)),
-            ("face_and_face", Contact.FF, Further(Contact.FF)),
-            ("wall_in_between", Contact.VF, Further(Contact.VF, 8.0, 16.0)),
-            ("edge_then_wall", Contact.EF, Further(Contact.VF, 8.0, 16.0)),
-        )
-    }
-)
+FORMATIONS: Final[Mapping[str, Scenario]] = {
+    name: Scenario(_phases(24.0, first), surroundings=CORNER, further=further, name=name)
+    for name, first, further in (
+        ("vertex_and_vertex", Contact.VF, Further(Contact.VF)),
+        ("edge_and_vertex", Contact.EF, Further(Contact.VF)),
+        ("face_and_edge", Contact.FF, Further(Contact.EF)),
+        ("face_and_face", Contact.FF, Further(Contact.FF)),
+        ("wall_in_between", Contact.VF, Further(Contact.VF, 8.0, 16.0)),
+        ("edge_then_wall", Contact.EF, Further(Contact.VF, 8.0, 16.0)),
+    )
+}
 """Scenarios with two contacts at once: the first named on a table, the other on a wall."""
-JOINTS: Final[Mapping[str, Scenario]] = MappingProxyType(
-    {
-        kind.value: Scenario(
-            _phases(24.0, Contact.FREE),
-            amplitude_m=0.1,
-            amplitude_rad=float(np.radians(15.0 if kind is JointKind.BALL else 25.0)),
-            joint=kind,
-            name=kind.value,
-        )
-        for kind in JointKind
-    }
-)
+JOINTS: Final[Mapping[str, Scenario]] = {
+    kind.value: Scenario(
+        _phases(24.0, Contact.FREE),
+        amplitude_m=0.1,
+        amplitude_rad=float(np.radians(15.0 if kind is JointKind.BALL else 25.0)),
+        joint=kind,
+        name=kind.value,
+    )
+    for kind in JointKind
+}
 """Scenarios of an object in a joint: a door, a drawer, a cap, a ball in its socket."""
 _RANDOM: Final = "random"
 _OTHERS: Final = (
     Scenario(
-        (
-            Phase(Contact.FF, 5.0, "rest"),
-            *_phases(10.0, Contact.FF, Contact.EF, Contact.VF, Contact.EE),
-        ),
+        (Phase(Contact.FF, 5.0, "rest"), *_phases(10.0, Contact.FF, Contact.EF, Contact.VF, Contact.EE)),
         name="paper_experiment",
     ),
     Scenario(

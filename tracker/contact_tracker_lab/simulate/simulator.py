@@ -5,12 +5,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import butter, filtfilt
 from scipy.spatial.transform import Rotation
 
+from contact_tracker.arrays import Array, Ints
 from contact_tracker.errors import UsageError
-from contact_tracker.geometry.polyhedron import Polyhedron, unit
+from contact_tracker.geometry.polyhedron import Polyhedron, convex, unit
 from contact_tracker.ground_truth import FurtherTruth, Truth, TruthInterval
 from contact_tracker.motion.poses import Poses
 from contact_tracker.states import Contact
@@ -20,28 +20,28 @@ from contact_tracker_lab.simulate.jointed import TrueJoint, move_in_joint
 from contact_tracker_lab.simulate.motion import Path, move
 from contact_tracker_lab.simulate.plan import Leg, Rigid, plan
 from contact_tracker_lab.simulate.scenarios import (
+    OBJECTS,
+    SURROUNDINGS,
     Scenario,
     named_scenario,
-    object_shape,
-    surroundings_shape,
 )
 from contact_tracker_lab.simulate.wrench import measure_wrenches
 
-Array = NDArray[np.float64]
-
 START_NS = 1_700_000_000_000_000_000
+WORLD_M, BODY_M = 1.0, 0.06
+"""Spread of the scene's origin in the world, and of the object's middle in the body frame."""
 OUTLIER_M = (0.01, 0.06)
 OUTLIER_RAD = (float(np.radians(4.0)), float(np.radians(25.0)))
 
 
-def stamps(rng: np.random.Generator, count: int, scenario: Scenario) -> NDArray[np.int64]:
+def stamps(rng: np.random.Generator, count: int, scenario: Scenario) -> Ints:
     """Stamps (count,) in ns, strictly increasing; jitter moves the stamp, not the pose."""
     period = 1e9 / scenario.rate_hz
     jitter = np.clip(rng.normal(0.0, 1.0, count) * scenario.jitter_s * 1e9, -0.4 * period, 0.4 * period)
     return START_NS + np.rint(np.arange(count) * period + jitter).astype(np.int64)
 
 
-def measure(rng: np.random.Generator, stamp_ns: NDArray[np.int64], pose: Rigid, scenario: Scenario) -> Poses:
+def measure(rng: np.random.Generator, stamp_ns: Ints, pose: Rigid, scenario: Scenario) -> Poses:
     """Measured poses of the true poses ``pose`` (N,) of the body in the world."""
     count = len(stamp_ns)
     turn = rng.normal(0.0, 1.0, (count, 3)) * scenario.sigma_rotation_rad
@@ -86,10 +86,6 @@ def low_pass(poses: Poses, cutoff_hz: float) -> Poses:
     return smoothed(poses, lambda rows: np.asarray(filtfilt(b, a, rows, axis=0)))
 
 
-_WORLD_M = 1.0  # spread of the scene's origin in the world
-_BODY_M = 0.06  # spread of the object's middle in the body frame
-
-
 @dataclass(frozen=True, eq=False)
 class Simulated:
     """A labelled recording: measured poses, ground truth, the metadata of its generation; the joint in which
@@ -121,40 +117,38 @@ def simulate(scenario: str | Scenario, seed: int) -> Simulated:
         scenario = named_scenario(scenario, seed)
     streams = np.random.SeedSequence(seed).spawn(4)
     motion_rng, frame_rng, sensor_rng, wrench_rng = (np.random.default_rng(stream) for stream in streams)
-    object = object_shape(scenario.object)
-    world = random_frame(frame_rng, _WORLD_M)
-    body = random_frame(frame_rng, _BODY_M)
+    object = convex(OBJECTS[scenario.object])
+    world, body = random_frame(frame_rng, WORLD_M), random_frame(frame_rng, BODY_M)
 
-    def measured(pose: Rigid) -> tuple[NDArray[np.int64], Poses]:
+    def measured(pose: Rigid) -> tuple[Ints, Poses]:
         """Stamps and measurements of the poses of the object in its surroundings."""
         stamp_ns = stamps(sensor_rng, len(pose.translation), scenario)
         return stamp_ns, measure(sensor_rng, stamp_ns, world @ pose @ body.inverse(), scenario)
 
-    duration_s = scenario.phases[0].duration_s  # joints and further contacts have one phase
+    contact, duration_s, _ = scenario.phases[0]  # joints and further contacts have one phase
     time_s = np.linspace(0.0, duration_s, round(duration_s * scenario.rate_hz), endpoint=False)
-    metadata = _metadata(scenario, seed, moved_vertices(object, body), None)
+    metadata = _metadata(scenario, seed, moved_vertices(object, body))
     if scenario.joint is not None:  # no contact is scored
         pose, joint = move_in_joint(motion_rng, scenario.joint, scenario, time_s, body, world)
         stamp_ns, poses = measured(pose)
         truth = Truth((TruthInterval(int(stamp_ns[0]), int(stamp_ns[-1]), None),))
         return Simulated(poses, truth, metadata | {"joint": joint.to_json()}, joint)
     if scenario.further is not None:
-        pose, *touches = move_in_corner(motion_rng, object, scenario, scenario.further, time_s)
+        pose, *touches = move_in_corner(motion_rng, object, scenario, scenario.further.contact, time_s)
         stamp_ns, poses = measured(pose)
         on_table, on_wall = (touch.geometry(body, world) for touch in touches)
         since_s, until_s = scenario.further.start_s or 0.0, scenario.further.end_s or duration_s
         rows = np.minimum(np.searchsorted(time_s, (0.0, duration_s, since_s, until_s)), len(time_s) - 1)
         start_ns, end_ns, since_ns, until_ns = stamp_ns[rows].tolist()
         second = FurtherTruth(since_ns, until_ns, scenario.further.contact, on_wall)
-        contact = scenario.phases[0].contact
         truth = Truth((TruthInterval(start_ns, end_ns, contact, geometry=on_table, further=(second,)),))
         return Simulated(poses, truth, metadata)
-    scene = surroundings_shape(scenario.surroundings)
+    scene = convex(SURROUNDINGS[scenario.surroundings])
     legs = plan(motion_rng, scenario.phases, object, scene, scenario.lead_s)
     paths = [move(motion_rng, leg, scenario.rate_hz, scenario) for leg in legs]
     stamp_ns, poses = measured(Rigid.join([path.pose for path in paths]))
     truth = Truth(tuple(_intervals(legs, paths, stamp_ns, body, world)))
-    metadata = _metadata(scenario, seed, moved_vertices(object, body), moved_vertices(scene, world))
+    metadata["surroundings_vertices_m"] = moved_vertices(scene, world)  # table and wall have none
     wrenches = None
     if scenario.has_wrench:
         wrenches = measure_wrenches(wrench_rng, stamp_ns, scenario.rate_hz, legs, paths, object, body)
@@ -162,7 +156,7 @@ def simulate(scenario: str | Scenario, seed: int) -> Simulated:
 
 
 def _intervals(
-    legs: list[Leg], paths: list[Path], stamp_ns: NDArray[np.int64], body: Rigid, world: Rigid
+    legs: list[Leg], paths: list[Path], stamp_ns: Ints, body: Rigid, world: Rigid
 ) -> list[TruthInterval]:
     """Intervals of contacts; the pose between two legs counts to the more constrained contact."""
     result, start, frame = list[TruthInterval](), 0, 0
@@ -183,13 +177,12 @@ def random_frame(rng: np.random.Generator, spread_m: float) -> Rigid:
     return Rigid(Rotation.from_quat(rng.normal(size=4)).as_matrix(), rng.uniform(-spread_m, spread_m, 3))
 
 
-def moved_vertices(shape: Polyhedron, frame: Rigid) -> Array:
-    return np.asarray(shape.vertices @ frame.rotation.T + frame.translation, float)
+def moved_vertices(shape: Polyhedron, frame: Rigid) -> str:
+    """The vertices in the frame of the recording, as metadata have them."""
+    return json.dumps((shape.vertices @ frame.rotation.T + frame.translation).tolist())
 
 
-def _metadata(scenario: Scenario, seed: int, object: Array, surroundings: Array | None) -> dict[str, str]:
-    """The recording's metadata; table and wall have no vertices."""
-    vertices = {} if surroundings is None else {"surroundings_vertices_m": json.dumps(surroundings.tolist())}
+def _metadata(scenario: Scenario, seed: int, vertices_m: str) -> dict[str, str]:
     noise = {
         "rate": scenario.rate_hz,
         "pos_std_m": scenario.sigma_position_m,
@@ -206,8 +199,7 @@ def _metadata(scenario: Scenario, seed: int, object: Array, surroundings: Array 
         "seed": str(seed),
         "generator": "contact_tracker.simulate",
         "object": scenario.object,
-        "object_vertices_m": json.dumps(object.tolist()),
+        "object_vertices_m": vertices_m,
         "surroundings": scenario.surroundings,
-        **vertices,
         "noise": json.dumps(noise),
     }

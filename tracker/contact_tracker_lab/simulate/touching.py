@@ -10,14 +10,12 @@ from itertools import groupby
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array, Bools, Ints
 from contact_tracker.geometry.polyhedron import Feature, Polyhedron
 from contact_tracker.ground_truth import TruthInterval
 from contact_tracker.states import Contact
 from contact_tracker_lab.simulate.plan import Chart, Rigid
-
-Array = NDArray[np.float64]
 
 TOLERANCES_M: Final = (0.00015, 0.0005)
 """Of the gap between two bodies, and of the distance of a feature's vertices from the common plane: above
@@ -39,30 +37,25 @@ class Touch(NamedTuple):
 
 def touch_at(object: Polyhedron, bodies: Sequence[Polyhedron], rotation: Array, translation: Array) -> Touch:
     """What of ``object``, at a pose in the scene (3, 3) and (3,), touches what of the ``bodies``."""
-    first, second = (_touch(object, bodies, rotation, translation, tolerance) for tolerance in TOLERANCES_M)
-    return first if first == second else Touch(None)
-
-
-def _touch(
-    object: Polyhedron, bodies: Sequence[Polyhedron], rotation: Array, translation: Array, tolerance_m: float
-) -> Touch:
-    moved = object.vertices @ rotation.T + translation
-    found = [_touched(object, moved, rotation, body, tolerance_m) for body in bodies]
-    touching = [one for one in found if one.contact is not Contact.FREE]
-    if len(touching) > 1:
-        return Touch(None)
-    return touching[0] if touching else Touch(Contact.FREE)
+    moved, touches = object.vertices @ rotation.T + translation, set[Touch]()
+    for tolerance_m in TOLERANCES_M:
+        found = [_touched(object, moved, rotation, body, tolerance_m) for body in bodies]
+        touching = [one for one in found if one.contact is not Contact.FREE] or [Touch(Contact.FREE)]
+        touches.add(touching[0] if len(touching) == 1 else Touch(None))
+    return touches.pop() if len(touches) == 1 else Touch(None)
 
 
 def _touched(
     object: Polyhedron, moved: Array, rotation: Array, body: Polyhedron, tolerance_m: float
 ) -> Touch:
-    faces = np.concatenate([_normals(body), -_normals(object) @ rotation.T])
+    of_object, of_body = ([face.normals[0] for face in shape.of_kind("f")] for shape in (object, body))
+    faces = np.concatenate([of_body, -np.array(of_object) @ rotation.T])
     gap = _separations(faces, moved, body)
     if gap.max() > tolerance_m:
         return Touch(Contact.FREE)
     axis, best = faces[gap.argmax()], float(gap.max())
-    crossed = np.cross((_edges(object) @ rotation.T)[:, None], _edges(body)).reshape(-1, 3)
+    own, edges = (np.array([edge.span[0] for edge in shape.of_kind("e")]) for shape in (object, body))
+    crossed = np.cross((own @ rotation.T)[:, None], edges).reshape(-1, 3)
     length = np.linalg.norm(crossed, axis=1)
     crossed = crossed[length > _PARALLEL] / length[length > _PARALLEL, None]
     crossed = np.concatenate([crossed, -crossed])
@@ -72,34 +65,24 @@ def _touched(
     if best > tolerance_m:
         return Touch(Contact.FREE)
     heights, below = moved @ axis, body.vertices @ axis
-    of_object = _feature(object, heights < heights.min() + tolerance_m)
-    of_body = _feature(body, below > below.max() - tolerance_m)
-    if of_object is None or of_body is None:
-        return Touch(None)
-    name = f"{of_object.kind}-{of_body.kind}"
-    return Touch(Contact(name), of_object, of_body) if name in set(Contact) else Touch(None)
+    lowest = _feature(object, heights < heights.min() + tolerance_m)
+    highest = _feature(body, below > below.max() - tolerance_m)
+    name = "" if lowest is None or highest is None else f"{lowest.kind}-{highest.kind}"
+    return Touch(Contact(name), lowest, highest) if name in set(Contact) else Touch(None)
 
 
 def _separations(axes: Array, moved: Array, body: Polyhedron) -> Array:
     return np.asarray((axes @ moved.T).min(axis=1) - (axes @ body.vertices.T).max(axis=1))
 
 
-def _normals(shape: Polyhedron) -> Array:
-    return np.array([face.normals[0] for face in shape.of_kind("f")])
-
-
-def _edges(shape: Polyhedron) -> Array:
-    return np.array([edge.span[0] for edge in shape.of_kind("e")])
-
-
-def _feature(shape: Polyhedron, is_near: NDArray[np.bool_]) -> Feature | None:
+def _feature(shape: Polyhedron, is_near: Bools) -> Feature | None:
     """The feature with exactly these vertices."""
     indices = frozenset(np.flatnonzero(is_near).tolist())
     return next((one for one in shape.features if one.indices == indices), None)
 
 
 def intervals(
-    stamp_ns: NDArray[np.int64], touches: Sequence[Touch], motion: Sequence[str], body: Rigid, world: Rigid
+    stamp_ns: Ints, touches: Sequence[Touch], motion: Sequence[str], body: Rigid, world: Rigid
 ) -> list[TruthInterval]:
     """Intervals in which what touches, and the ``motion`` of the hand, stay the same at poses (N,).
 

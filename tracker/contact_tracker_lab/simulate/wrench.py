@@ -5,15 +5,13 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array, Bools, Ints
 from contact_tracker.geometry.polyhedron import Polyhedron, unit
 from contact_tracker.states import Contact
 from contact_tracker.wrenches.wrenches import Wrenches
 from contact_tracker_lab.simulate.motion import Path, band_limited, blend, within
 from contact_tracker_lab.simulate.plan import Leg, Rigid
-
-Array = NDArray[np.float64]
 
 MASS_KG: Final = 0.5
 """Of the object, in equal parts at its vertices."""
@@ -39,7 +37,7 @@ BIAS: Final = (0.3, 0.03)
 
 def measure_wrenches(
     rng: np.random.Generator,
-    stamp_ns: NDArray[np.int64],
+    stamp_ns: Ints,
     rate_hz: float,
     legs: Sequence[Leg],
     paths: Sequence[Path],
@@ -61,10 +59,17 @@ def measure_wrenches(
     velocity = np.gradient(masses, axis=0, edge_order=2)
     acceleration = np.gradient(velocity, axis=0, edge_order=2) * rate_hz**2
     pushes = MASS_KG / len(object.vertices) * (acceleration - GRAVITY_M_S2)
-    contact_force = _contact_force(rng, time_s, rate_hz, legs, paths)
-    pressed = np.concatenate(
-        [_pressed_points(rng, leg, path, rate_hz) for leg, path in zip(legs, paths, strict=True)]
-    )
+    moves = list(zip(legs, paths, strict=True))
+    normal = np.concatenate([contact_normals(leg, path) for leg, path in moves])
+    touches = [leg.contact is not Contact.FREE for leg in legs]
+    is_touching = np.repeat(touches, [len(path.touch_scene) for path in paths])
+    along, *across = band_limited(rng, time_s, 4, _BANDWIDTH_HZ).T
+    friction = np.stack(across, axis=1)
+    friction -= np.einsum("ni,ni->n", friction, normal)[:, None] * normal
+    # of the surroundings on the object, at the touching point, in the scene
+    contact_force = (1.0 + _VARYING[0] * along)[:, None] * normal + _VARYING[1] * friction
+    contact_force = PRESS_N * press_share(is_touching, rate_hz)[:, None] * contact_force
+    pressed = np.concatenate([_pressed_points(rng, leg, path, rate_hz) for leg, path in moves])
     force = pushes.sum(axis=1) - contact_force
     moment = np.cross(masses - origin[:, None], pushes).sum(axis=1)
     moment -= np.cross(pressed - origin, contact_force)
@@ -78,37 +83,16 @@ def measure_wrenches(
     return Wrenches(stamp_ns, force_n, moment_nm)
 
 
-def _contact_force(
-    rng: np.random.Generator, time_s: Array, rate_hz: float, legs: Sequence[Leg], paths: Sequence[Path]
-) -> Array:
-    """(N, 3) of the surroundings on the object, at the touching point, in the scene."""
-    normal = np.concatenate([contact_normals(leg, path) for leg, path in zip(legs, paths, strict=True)])
-    touches = [leg.contact is not Contact.FREE for leg in legs]
-    is_touching = np.repeat(touches, [len(path.touch_scene) for path in paths])
-    along, *across = band_limited(rng, time_s, 4, _BANDWIDTH_HZ).T
-    friction = np.stack(across, axis=1)
-    friction -= np.einsum("ni,ni->n", friction, normal)[:, None] * normal
-    force = (1.0 + _VARYING[0] * along)[:, None] * normal + _VARYING[1] * friction
-    return np.asarray(PRESS_N * press_share(is_touching, rate_hz)[:, None] * force, float)
-
-
 def _pressed_points(rng: np.random.Generator, leg: Leg, path: Path, rate_hz: float) -> Array:
     """(N, 3) centre of pressure, in the scene: the touching point; where lines or faces touch, a point that
     wanders about it, as the hand presses harder here or there."""
-    extents = {
-        Contact.FF: (leg.chart.object, path.pose.rotation),
-        Contact.EF: (leg.chart.object, path.pose.rotation),
-        Contact.FE: (leg.chart.environment, np.eye(3)),
-    }
-    if leg.contact not in extents:
+    thing, fixed = leg.chart.object, leg.chart.environment
+    if leg.contact not in (Contact.FF, Contact.EF, Contact.FE):
         return path.touch_scene
-    feature, to_scene = extents[leg.contact]
+    feature, to_scene = (fixed, np.eye(3)) if leg.contact is Contact.FE else (thing, path.pose.rotation)
     clearance_m = min(
         touched.point_clearance(point)
-        for touched, points in (
-            (leg.chart.object, path.touch_object),
-            (leg.chart.environment, path.touch_scene),
-        )
+        for touched, points in ((thing, path.touch_object), (fixed, path.touch_scene))
         for point in points[:: max(len(points) // _CLEARANCE_SAMPLES, 1)]
     )
     time_s = np.arange(len(path.touch_scene)) / rate_hz
@@ -128,7 +112,7 @@ def contact_normals(leg: Leg, path: Path) -> Array:
     return np.asarray(normal * np.sign(normal @ leg.start.normal)[:, None], float)
 
 
-def press_share(is_touching: NDArray[np.bool_], rate_hz: float) -> Array:
+def press_share(is_touching: Bools, rate_hz: float) -> Array:
     """(N,) from 0 in free motion to 1; a recording begins and ends with a hand that presses or does not."""
     share = np.zeros(len(is_touching))
     changes = np.flatnonzero(np.diff(is_touching)) + 1

@@ -1,0 +1,221 @@
+"""Poses in arrays by name: files of MATLAB, HDF5, Feather and NumPy, with time on any axis; damaged ones."""
+
+import shlex
+import struct
+import sys
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from random import Random
+from typing import Any
+
+import numpy as np
+import pyarrow
+import pytest
+from pyarrow import feather
+from scipy.io import savemat
+from test_table_readings import MATRICES, NAMES, POSE, REAL_FIRST, WHOLE, P, Q, T, assert_read, proposed
+
+import contact_tracker
+from contact_tracker.cli.main import run
+from contact_tracker.errors import ContactTrackerError, UnreadableRecording
+from contact_tracker.motion.poses import Poses
+from contact_tracker.recording import open_log
+
+Arrays = dict[str, Any]
+ALL_NAMES = ["t", *NAMES.split(",")]
+BY_TIME_LAST = np.moveaxis(WHOLE, 0, -1)
+
+
+def write_hdf5(path: Path, arrays: Arrays, **how: Any) -> None:
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(path, "w", **how) as file:
+        for name, values in arrays.items():
+            if isinstance(values, dict):
+                for own, inner in values.items():
+                    packed = {"compression": "gzip"} if np.size(inner) > 1 else {}
+                    file.create_dataset(f"{name}/{own}", data=inner, **packed)
+            else:
+                file[name] = values
+
+
+def write_matlab_7_3(path: Path, arrays: Arrays) -> None:
+    """HDF5 behind 512 bytes of text, with axes in reverse, and vectors as matrices."""
+    turned = {
+        name: {own: np.atleast_2d(inner).T for own, inner in values.items()}
+        if isinstance(values, dict)
+        else np.atleast_2d(values).T
+        for name, values in arrays.items()
+    }
+    write_hdf5(path, turned, userblock_size=512)
+    with path.open("r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + struct.pack("<HH", 0x200, 0x4D49))
+
+
+WRITERS: dict[str, Callable[[Path, Arrays], object]] = {
+    "v7.mat": lambda path, arrays: savemat(path, arrays, do_compression=True),
+    "v6.mat": savemat,
+    "v4.mat": lambda path, arrays: savemat(path, arrays, format="4"),
+    "v7.3.mat": write_matlab_7_3,
+    "a.h5": write_hdf5,
+    "a.npz": lambda path, arrays: np.savez_compressed(path, **arrays),
+}
+FLAT: dict[str, tuple[Arrays, str]] = {
+    "rows": ({"t": T, "p": P, "q": Q, "rate": 200.0}, "--columns position=p,quaternion=q"),
+    "time last": ({"t": T, "p": P.T, "wxyz": REAL_FIRST.T}, "--columns position=p,wxyz=wxyz"),
+    "vectors": (dict(zip(ALL_NAMES, np.c_[T, POSE].T, strict=True)), ""),
+    "one matrix": (
+        {"data": np.c_[T, POSE]},
+        "--columns time=data[0],position=data[1:4],quaternion=data[4:8]",
+    ),
+}
+NESTED: dict[str, tuple[Arrays, str]] = {
+    "a struct": (
+        {"body": {"time": T, "pose": BY_TIME_LAST, "id": 3}, "K": np.eye(3)},
+        "--matrix rows --columns time=body.time,matrix=body.pose",
+    ),
+    "Qualisys": (
+        {
+            "take": {
+                "FrameRate": 200.0,
+                "Positions": np.stack([1e3 * P.T, 1e3 * P.T + 50.0]),
+                "Rotations": np.stack([MATRICES.transpose(2, 1, 0).reshape(9, -1)] * 2),
+            }
+        },
+        "--unit mm --time-unit 200Hz --matrix columns --columns "
+        "position=take.Positions[3:6],matrix=take.Rotations[9:18]",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", WRITERS)
+@pytest.mark.parametrize("shape", FLAT)
+def test_arrays_are_read_by_their_names(tmp_path: Path, name: str, shape: str) -> None:
+    arrays, options = FLAT[shape]
+    WRITERS[name](tmp_path / name, arrays)
+    assert_read(tmp_path / name, *shlex.split(options))
+
+
+@pytest.mark.parametrize("name", ["v7.mat", "v6.mat", "v7.3.mat", "a.h5"])
+def test_what_is_in_structs_has_their_names(tmp_path: Path, name: str) -> None:
+    for arrays, options in NESTED.values():
+        arrays = {n: dict(values) if isinstance(values, dict) else values for n, values in arrays.items()}
+        if name == "a.h5":
+            options = options.replace("body.", "body/").replace("take.", "take/")
+        if "take" in arrays:
+            arrays["take"]["Positions"] = arrays["take"]["Positions"] - np.array([[[0.0]], [[50.0]]])
+        WRITERS[name](tmp_path / name, arrays)
+        assert_read(tmp_path / name, *shlex.split(options))
+
+
+@pytest.mark.parametrize("name", [*WRITERS, "a.feather"])
+@pytest.mark.parametrize("matrices", [WHOLE, BY_TIME_LAST], ids=["first", "last"])
+def test_a_refusal_proposes_what_reads_the_arrays(tmp_path: Path, name: str, matrices: np.ndarray) -> None:
+    if name == "v4.mat":
+        pytest.skip("MATLAB 4 has no axes but two")
+    if name == "a.feather":
+        feather.write_feather(pyarrow.table({"t": T, "T": list(WHOLE.reshape(-1, 16))}), str(tmp_path / name))
+    else:
+        WRITERS[name](tmp_path / name, {"t": T, "T": matrices})
+    assert_read(tmp_path / name, *proposed(tmp_path / name))
+
+
+def test_arrays_of_other_lengths_are_named_and_can_be_chosen(tmp_path: Path) -> None:
+    """Also wide ones, as of all bodies of a simulation."""
+    bodies = np.zeros((len(T), 30, 7))
+    bodies[:, 20] = POSE
+    arrays = {"time": T[:-1], "clock": T, "bodies": bodies, "images": np.zeros((len(T), 90, 90), np.uint8)}
+    for name in ("v7.mat", "a.npz"):
+        WRITERS[name](
+            tmp_path / name, {"t_markers": np.arange(900.0), "markers": np.ones((900, 60)), **arrays}
+        )
+        with pytest.raises(
+            UnreadableRecording, match=r"left out, are time \(\d.*bodies \(120, 30, 7\)"
+        ) as raised:
+            open_log(str(tmp_path / name))
+        assert "images (120, 90, 90)" in str(raised.value)
+        columns = "time=clock,position=bodies[140:143],quaternion=bodies[143:147]"
+        assert_read(tmp_path / name, "--columns", columns)
+
+
+@pytest.mark.parametrize("compression", ["lz4", "zstd", "uncompressed"])
+def test_feather_is_read_like_parquet(tmp_path: Path, compression: str) -> None:
+    path = str(tmp_path / "a.feather")
+    table = {"time": pyarrow.array((T * 1e9).astype(np.int64), pyarrow.timestamp("ns"))}
+    table |= {"pose": pyarrow.array([{"p": p, "q": q} for p, q in zip(P.tolist(), Q.tolist(), strict=True)])}
+    feather.write_feather(pyarrow.table(table), path, compression=compression, chunksize=50)
+    assert_read(Path(path), "--columns", "position=pose.p,quaternion=pose.q")
+
+
+def test_without_h5py_hdf5_is_refused_with_what_reads_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "a.h5").write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(100))
+    monkeypatch.setitem(sys.modules, "h5py", None)
+    assert run(["info", str(tmp_path / "a.h5")]) == 1
+    assert "it is HDF5: pip install h5py, with which it is read" in capsys.readouterr().err
+
+
+def cells_that_are_not_there(path: Path) -> None:
+    """A list of so many cells takes scipy 800 MB."""
+    savemat(path, {"s": {"c": np.array([["a"], ["b"], ["c"]], object)}, "x": np.zeros(9)})
+    whole = path.read_bytes()
+    path.write_bytes(whole.replace(struct.pack("<ii", 3, 1), struct.pack("<ii", 10**8, 1)))
+
+
+HOSTILE: dict[str, tuple[Callable[[Path], object], str]] = {
+    "cells.mat": (cells_that_are_not_there, "no columns of a pose among x"),
+    "bomb.mat": (
+        lambda path: savemat(path, {"t": np.zeros(4_500_000)}, do_compression=True),
+        "it is too much for its size",
+    ),
+    "bomb.feather": (
+        lambda path: feather.write_feather(
+            pyarrow.table({name: np.zeros(5_000_000) for name in ALL_NAMES}), str(path), compression="zstd"
+        ),
+        "it is too much for its size",
+    ),
+    "bomb.h5": (
+        lambda path: write_hdf5(path, {"a": {"t": np.zeros(5_000_000)}}),
+        "it is too much for its size",
+    ),
+    "text.mat": (
+        lambda path: savemat(path, {"name": "cup", "cells": np.array(["a", 1], object)}),
+        "it has no array of numbers with a row for each pose",
+    ),
+    "cut.mat": (lambda path: path.write_bytes(b"MATLAB 5.0".ljust(126) + b"IM\x0e\0\0\0\xff"), "no array"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_hostile_files_are_refused(tmp_path: Path, name: str) -> None:
+    make, message = HOSTILE[name]
+    make(tmp_path / name)
+    with pytest.raises(UnreadableRecording, match=message):
+        open_log(str(tmp_path / name))
+
+
+@pytest.mark.parametrize("name", ["v7.mat", "v6.mat", "v4.mat", "a.feather"])
+def test_damaged_files_give_poses_or_one_line(tmp_path: Path, name: str) -> None:
+    path, random = tmp_path / name, Random(0)
+    table = dict(zip(ALL_NAMES, np.c_[T, POSE][:20].T, strict=True))
+    if name == "a.feather":
+        feather.write_feather(pyarrow.table(table | {"l": [[1.0]] * 20}), str(path), compression="lz4")
+    else:
+        WRITERS[name](path, table)
+    whole = path.read_bytes()
+    assert len(Poses.collect(open_log(str(path)))) == 20
+    for _ in range(25):
+        damaged = bytearray(whole[: random.choice((len(whole), random.randrange(len(whole))))])
+        for at in random.sample(range(len(damaged)), min(3, len(damaged))):
+            damaged[at] = random.randrange(256)
+        path.write_bytes(damaged)
+        with suppress(ContactTrackerError):
+            Poses.collect(open_log(str(path)))
+
+
+def test_python_takes_the_same(tmp_path: Path) -> None:
+    savemat(tmp_path / "a.mat", {"body": {"time": T, "pose": BY_TIME_LAST}})
+    columns = {"time": "body.time", "matrix": "body.pose"}
+    found = contact_tracker.read(tmp_path / "a.mat", matrix="rows", columns=columns)
+    np.testing.assert_allclose(found.position_m, P, atol=1e-12)

@@ -1,0 +1,261 @@
+"""Exports that people have, which need a command, or a few lines, that the refusal has."""
+
+import glob
+import json
+import os
+import re
+import shlex
+import warnings
+from collections.abc import Callable
+from decimal import Decimal
+from pathlib import Path
+
+import numpy
+import numpy as np
+import pyarrow
+import pytest
+import zstandard
+from pyarrow import feather
+from test_table_readings import (
+    MATRICES,
+    NAMES,
+    POSE,
+    SINCE_NS,
+    TURN,
+    WHOLE,
+    P,
+    Q,
+    T,
+    assert_read,
+    proposed,
+    rows,
+    write,
+)
+
+from contact_tracker.cli.main import build_parser, run
+from contact_tracker.errors import UnreadableRecording
+from contact_tracker.motion.poses import Poses
+from contact_tracker.recording import open_log
+
+P_MM = 1e3 * P
+NUMBERS = [str(i) for i in range(len(T))]
+
+
+def by_frame(values: list[object]) -> str:
+    return json.dumps(dict(zip(NUMBERS, values, strict=True)))
+
+
+def in_cell(values: np.ndarray) -> list[str]:
+    """Numbers between blanks, as in the results of BOP."""
+    return [" ".join(map(repr, row)) for row in values.reshape(len(values), -1).tolist()]
+
+
+def days_since(epoch: int) -> list[str]:
+    """Times in days since another year, from 2024 on."""
+    return [str(epoch + 19_800 + Decimal(int(n)) / (86_400 * 10**9)) for n in SINCE_NS]
+
+
+def in_fortran(values: np.ndarray) -> list[list[str]]:
+    return [[f"{value:.16E}".replace("E", "D") for value in row] for row in values.tolist()]
+
+
+def with_thousands(marks: str) -> list[list[str]]:
+    """Positions 2 m away, in millimetres with marks of thousands and of decimals."""
+    swap = str.maketrans(",.", marks)
+    return [
+        [repr(t), *(f"{v:,.9f}".translate(swap) for v in p), *map(repr, q)]
+        for t, p, q in zip(T.tolist(), (P_MM + 2e3).tolist(), Q.tolist(), strict=True)
+    ]
+
+
+@pytest.mark.parametrize("marks", [",.", ".,"])
+def test_marks_of_thousands_are_told_by_those_of_decimals(tmp_path: Path, marks: str) -> None:
+    head = "t;x [mm];y [mm];z [mm];qx;qy;qz;qw"
+    poses = Poses.collect(open_log(str(write(tmp_path / "a.csv", [head], with_thousands(marks), ";"))))
+    np.testing.assert_allclose(poses.position_m, P + 2.0, rtol=0, atol=1e-9)
+
+
+NDI = "Tools,Frame,Face,State,Rz,Ry,Rx,Tx,Ty,Tz,Error"
+SCENE = [
+    {"cam_R_m2c": m.ravel().tolist(), "cam_t_m2c": p.tolist(), "obj_id": 5}
+    for m, p in zip(MATRICES, P_MM, strict=True)
+]
+OF_NDI = rows(
+    ["1"] * len(T), NUMBERS, [""] * len(T), ["OK"] * len(T), TURN.as_euler("ZYX", degrees=True), P_MM, T
+)
+LISTS = [
+    {"t": t, "R": matrix, "position": p}
+    for t, matrix, p in zip(T.tolist(), MATRICES.tolist(), P.tolist(), strict=True)
+]
+OF_BOP = rows(*(["1"] * len(T), NUMBERS, ["5"] * len(T), in_cell(MATRICES), in_cell(P_MM), ["-1"] * len(T)))
+EXPORTS: dict[str, Callable[[Path], object]] = {
+    "bop.json": lambda path: path.write_text(by_frame([[one] for one in SCENE])),
+    "matrices.json": lambda path: path.write_text(by_frame(WHOLE.tolist())),
+    "apriltag.json": lambda path: path.write_text(json.dumps(LISTS)),
+    "bop.csv": lambda path: write(path, ["scene_id,im_id,obj_id,R,t,time"], OF_BOP),
+    "ndi.csv": lambda path: write(path, [NDI], OF_NDI),
+    "excel.csv": lambda path: write(path, [f"time,{NAMES}"], rows(days_since(25_569), POSE)),
+    "fortran.csv": lambda path: write(path, [f"c0,{NAMES}"], in_fortran(np.c_[T, POSE])),
+    "matlab.csv": lambda path: write(path, [f"time,{NAMES}"], rows(days_since(719_529), POSE)),
+}
+
+
+@pytest.mark.parametrize("name", EXPORTS)
+def test_the_proposed_command_reads_an_export(tmp_path: Path, name: str) -> None:
+    EXPORTS[name](tmp_path / name)
+    assert_read(tmp_path / name, *(re.sub("100Hz|30Hz", "200Hz", word) for word in proposed(tmp_path / name)))
+
+
+@pytest.mark.parametrize("kind", ["folder", "four lines", "three lines"])
+def test_the_lines_of_python_that_are_proposed_make_a_file_that_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str
+) -> None:
+    path = tmp_path / "poses"
+    if kind == "folder":
+        path.mkdir()
+        for number, matrix in enumerate(WHOLE):
+            np.savetxt(path / f"{number:06d}.txt", matrix)
+    else:
+        np.savetxt(path, WHOLE[:, : 3 if kind == "three lines" else 4].reshape(-1, 4))
+    with pytest.raises(UnreadableRecording) as raised:
+        open_log(str(path))
+    monkeypatch.chdir(tmp_path)
+    code = str(raised.value).partition("numpy.save")[2].partition(" makes")[0]
+    eval(f"numpy.save{code}", {"numpy": numpy, "glob": glob})
+    assert_read(
+        tmp_path / "poses.npy",
+        *(
+            word.replace("100Hz", "200Hz").replace("10Hz", "200Hz")
+            for word in proposed(tmp_path / "poses.npy")
+        ),
+    )
+
+
+def test_stamps_in_another_unit_than_their_name_are_told_of(tmp_path: Path) -> None:
+    path = write(
+        tmp_path / "a.csv", [f"time_s,{NAMES}"], rows([str(round(1e9 * (4.3 + t))) for t in T], POSE)
+    )
+    log = open_log(str(path))
+    assert len(Poses.collect(log)) < len(T)
+    assert "they look like nanoseconds: give --time-unit ns" in " ".join(log.warnings)
+    assert "more than 146 years from 1970" in str(log.damage)
+    assert_read(path, "--time-unit", "ns")
+
+
+@pytest.mark.parametrize("kind", ["bop.json", "bop.csv", "lines.jsonl"])
+def test_entries_of_several_bodies_are_refused(tmp_path: Path, kind: str) -> None:
+    """Also where cells have several values."""
+    path, options = tmp_path / kind, ["--matrix", "rows", "--unit", "mm", "--time-unit", "200Hz"]
+    if kind == "bop.json":
+        path.write_text(by_frame([[one, {**one, "obj_id": 7}] for one in SCENE]))
+        options += ["--columns", "position=cam_t_m2c,matrix=cam_R_m2c"]
+    elif kind == "bop.csv":
+        twice = [[*row[:2], body, *row[3:]] for row in OF_BOP for body in "57"]
+        write(path, ["scene_id,im_id,obj_id,R,t,time"], twice)
+        options += ["--columns", "time=im_id,position=t,matrix=R"]
+    else:
+        poses = (dict(zip(NAMES.split(","), row, strict=True)) for row in POSE.tolist())
+        entries = ({"t": t, **pose} for t, pose in zip(T.tolist(), poses, strict=True))
+        path.write_text("\n".join(json.dumps({"name": name, **one}) for one in entries for name in "ab"))
+        options = []
+    with pytest.raises(UnreadableRecording, match="its rows are of several bodies") as raised:
+        open_log(str(path), table=build_parser().parse_args(["info", str(path), *options]).table)
+    assert f"as by {'awk -F ,' if kind == 'bop.csv' else 'jq -c'}" in str(raised.value)
+
+
+DTRACK = "fr {}\nts {:.9f}\n6dcal 2\n6d 2 [1 1.0][9 9 9 9 9 9][1 0 0 0 1 0 0 0 1] [0 1.000][{}][{}]\n"
+
+
+@pytest.mark.parametrize("name", ["dtrack.txt", "v1.feather", "stream.arrow"])
+def test_the_line_of_python_makes_a_file_that_the_command_reads(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    path, table = Path(name), pyarrow.table({"t": T, **dict(zip(NAMES.split(","), POSE.T, strict=True))})
+    if name == "dtrack.txt":
+        bodies = (" ".join(map(repr, row)) for row in np.c_[P_MM, P_MM].tolist())
+        turns = in_cell(MATRICES.transpose(0, 2, 1))
+        path.write_text("".join(DTRACK.format(*one) for one in zip(NUMBERS, T, bodies, turns, strict=True)))
+    elif name == "v1.feather":
+        with pytest.warns(DeprecationWarning, match="Feather V1"):
+            feather.write_feather(table, name, version=1)
+    else:
+        with pyarrow.OSFile(name, "wb") as file, pyarrow.ipc.new_stream(file, table.schema) as stream:
+            stream.write_table(table)
+    with pytest.raises(UnreadableRecording, match=" makes a file ") as raised:
+        open_log(name)
+    code, _, command = str(raised.value).partition(": ")[2].partition(": ")[2].partition(" makes a file")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)
+        exec(code, {"np": np, "numpy": np, "pyarrow": pyarrow, "re": re})
+    _, _, file, *options = shlex.split(command.partition("read by ")[2]) or ["", "", "a.feather"]
+    assert_read(Path(file), *options)
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "message"),
+    [
+        ("a.xlsx", b"PK\3\4", "a workbook of Excel: save the sheet as CSV; or .*read_excel"),
+        ("a.xls", b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", "a workbook of Excel"),
+        ("a.mp4", bytes(100), "not an MCAP file. What is read: MCAP files, ROS bags"),
+        (
+            "a.csv.zst",
+            zstandard.compress(b"t,x,y,z,qx,qy,qz,qw\n"),
+            "if it is a table, decompress it: zstd -d",
+        ),
+        ("a.mcap", b"<html><body>404", "if it is a table, name it .csv"),
+    ],
+)
+def test_other_files_are_named_with_what_to_do(tmp_path: Path, name: str, data: bytes, message: str) -> None:
+    (tmp_path / name).write_bytes(data)
+    with pytest.raises(UnreadableRecording, match=message):
+        open_log(str(tmp_path / name))
+
+
+def test_a_table_in_a_pipe_is_refused(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    reader, writer = os.pipe()
+    os.write(writer, b"t,x,y,z,qx,qy,qz,qw\n")
+    os.close(writer)
+    with os.fdopen(reader) as stdin:
+        monkeypatch.setattr("sys.stdin", stdin)
+        assert run(["info", "-"]) == 1
+    assert "save it to a file: tables are not read from a pipe" in capsys.readouterr().err
+
+
+MILLIONTHS = [str(n // 1000) for n in SINCE_NS]
+TIMED: dict[str, tuple[str, list[list[str]]]] = {
+    "seconds and microseconds": ("sec,usec", rows(["1700000000"] * len(T), MILLIONTHS)),
+    "durations of pandas": ("time", [[f"1 days 00:00:{t:09.6f}"] for t in T.tolist()]),
+    "marks of thousands": ("t_ms", [[f'"{1e3 * (t + 90):,.6f}"'] for t in T.tolist()]),
+}
+
+
+@pytest.mark.parametrize("kind", TIMED)
+def test_times_are_read(tmp_path: Path, kind: str) -> None:
+    head, times = TIMED[kind]
+    lines = [time + row for time, row in zip(times, rows(POSE), strict=True)]
+    assert_read(write(tmp_path / "a.csv", [f"{head},{NAMES}"], lines))
+
+
+def test_frames_after_a_time_of_day_are_no_fraction(tmp_path: Path) -> None:
+    """As in SMPTE's timecode."""
+    times = [f"10:00:{i // 25:02d}:{i % 25:02d}" for i in range(len(T))]
+    with pytest.raises(UnreadableRecording, match="no time that is a number or a date \\('10:00:00:00'"):
+        open_log(str(write(tmp_path / "a.csv", [f"time,{NAMES}"], rows(times, POSE))))
+
+
+@pytest.mark.parametrize("lost", ["null", "NaN"])
+def test_poses_of_json_may_be_lost_at_first(tmp_path: Path, lost: str) -> None:
+    entries = [dict(zip(["t", *NAMES.split(",")], row, strict=True)) for row in np.c_[T, POSE].tolist()]
+    texts = [json.dumps({**one, "x": None} if i < 70 else one) for i, one in enumerate(entries)]
+    (tmp_path / "a.json").write_text(f"[{','.join(texts)}]".replace("null", lost))
+    assert len(Poses.collect(open_log(str(tmp_path / "a.json")))) == len(T) - 70
+
+
+@pytest.mark.parametrize("text", ['{"meta": {"a": 1}, "data": {"t": [1, 2]}}', "{}"])
+def test_json_without_entries_is_refused(tmp_path: Path, text: str) -> None:
+    (tmp_path / "a.json").write_text(text)
+    with pytest.raises(UnreadableRecording, match=r"without entries in a list.* as by jq \.data"):
+        open_log(str(tmp_path / "a.json"))

@@ -1,0 +1,196 @@
+"""Arrays of numbers by name in files of NumPy, MATLAB and HDF5.
+
+MATLAB's files up to version 7 are elements with a type, a size and data; variables are compressed one by
+one, and structs have variables in them (https://www.mathworks.com/help/pdf_doc/matlab/matfile_format.pdf).
+They are read here, as scipy makes lists as long as a file says: 400 bytes take 800 MB. Those of version 7.3
+are HDF5 with axes in reverse, which h5py reads where it is installed.
+"""
+
+import math
+import mmap
+import os
+import struct
+import zipfile
+import zlib
+from collections.abc import Callable, Iterator, Set
+from contextlib import closing
+from itertools import islice
+from typing import IO, Any, Final
+
+import numpy as np
+from numpy.lib import format as npy
+from numpy.typing import NDArray
+
+from contact_tracker.errors import UnreadableRecording, first_line, printable
+from contact_tracker.recording.bytestream import TooMuchWork, WorkBudget
+from contact_tracker.recording.table_layouts import MOST_COLUMNS, UNNAMED
+
+Shape = tuple[int, ...]
+Arrays = Iterator[tuple[str, tuple[Shape, NDArray[Any] | None]]]
+"""Names, shapes, and values where these are read."""
+WIDEST: Final = 64
+"""Values of a row, of a list or an array, that are columns unless they are named; an image has more."""
+_MOST_ARRAYS: Final = 200
+_DEEPEST: Final = 5
+_ERRORS: Final = (
+    *(ValueError, OSError, EOFError, RuntimeError, MemoryError, LookupError, TypeError, struct.error),
+    *(zipfile.BadZipFile, zlib.error, NotImplementedError),
+)
+Wanted = Callable[[str, Shape], bool]
+"""Whether the values of an array with this name and shape are read."""
+
+
+def arrays_in(
+    path: str, kind: str, stated: Set[str], budget: WorkBudget
+) -> dict[str, tuple[Shape, NDArray[Any] | None]]:
+    """The shapes and values of arrays of numbers by name, in structs and groups by a path; that of
+    an ``.npy`` file has none.
+
+    Parameters
+    ----------
+    kind : of the file: ``NumPy``, ``MATLAB`` or ``HDF5``.
+    stated : names of arrays, in lower case, that are read whatever their width; of others whose rows have
+        more than 64 values there is only the shape.
+
+    Raises
+    ------
+    UnreadableRecording
+        It is damaged, too large when decompressed, or h5py is not installed.
+    """
+
+    def is_read(name: str, shape: Shape) -> bool:
+        widest = MOST_COLUMNS if (name or UNNAMED).lower() in stated else WIDEST
+        return math.prod(shape) <= widest * max(shape[0], shape[-1])
+
+    try:
+        found = {"NumPy": _of_numpy, "MATLAB": _of_matlab, "HDF5": _of_hdf5}[kind](path, is_read, budget)
+        return {printable(name): array for name, array in islice(found, _MOST_ARRAYS)}
+    except TooMuchWork as error:
+        raise UnreadableRecording(f"it is too much for its size: {error}") from error
+    except _ERRORS as error:
+        raise UnreadableRecording(f"it cannot be read as arrays of {kind}: {first_line(error)}") from error
+
+
+def _of_numpy(path: str, wanted: Wanted, budget: WorkBudget) -> Arrays:
+    if not path.lower().endswith(".npz"):
+        with open(path, "rb") as file:
+            yield from _numpy_array("", file, os.path.getsize(path), os.path.getsize(path), wanted, budget)
+        return
+    with closing(zipfile.ZipFile(path)) as archive:
+        for info in archive.infolist():
+            name, sizes = info.filename.removesuffix(".npy"), (info.compress_size, info.file_size)
+            with archive.open(info) as file:
+                yield from _numpy_array(name, file, *sizes, wanted, budget)
+
+
+def _numpy_array(
+    name: str, file: IO[bytes], packed: int, size: int, wanted: Wanted, budget: WorkBudget
+) -> Arrays:
+    """An array in a file of so many bytes, ``packed`` and not, if it has numbers."""
+    version = npy.read_magic(file)
+    read_header = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
+    shape, by_columns, kind = read_header(file)
+    count = math.prod(shape)
+    if not shape or not count or kind.kind not in "iuf":
+        return
+    if min(shape) < 0 or count * kind.itemsize > size:
+        raise ValueError("an array is longer than its file")
+    values = None
+    if wanted(name, shape):
+        budget.inflate(packed, size)
+        flat = np.frombuffer(file.read(count * kind.itemsize), kind)
+        values = flat.reshape(shape, order="F" if by_columns else "C")
+    yield name, (shape, values)
+
+
+_COMPRESSED, _MATRIX, _STRUCT = 15, 14, 2
+_CLASSES: Final = range(6, 16)
+"""Classes of arrays of numbers."""
+_COMPLEX: Final = 8
+_TYPES: Final = dict(
+    zip((*range(1, 8), 9, 12, 13), ("i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8", "i8", "u8"), strict=True)
+)
+_HEAD: Final = 128
+
+
+def _of_matlab(path: str, wanted: Wanted, budget: WorkBudget) -> Arrays:
+    with open(path, "rb") as file:
+        data = memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
+    if bytes(data[:6]) != b"MATLAB":
+        from scipy.io import loadmat
+
+        for name, one in loadmat(path, appendmat=False).items():  # of version 4, which has no lists
+            if isinstance(one, np.ndarray) and one.dtype.kind in "iuf" and one.size:
+                yield name, (one.shape, one if wanted(name, one.shape) else None)
+        return
+    order = "<" if bytes(data[126:128]) == b"IM" else ">"
+    for kind, element in _elements(data[_HEAD:], order):
+        if kind == _COMPRESSED:
+            unpack = zlib.decompressobj()
+            kind, size = struct.unpack(f"{order}II", unpack.decompress(element, 8))
+            budget.inflate(len(element), size)
+            element = memoryview(unpack.decompress(unpack.unconsumed_tail, max(size, 1)))
+        if kind == _MATRIX:
+            yield from _variable(element, order, "", wanted, budget)
+
+
+def _elements(data: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
+    """Types and data of the elements one after the other; the last may be cut off."""
+    at = 0
+    while at + 8 <= len(data):
+        kind, size = struct.unpack_from(f"{order}II", data, at)
+        if kind >> 16:  # a small one, in eight bytes
+            yield kind & 0xFFFF, data[at + 4 : at + 4 + min(kind >> 16, 4)]
+            at += 8
+        else:
+            yield kind, data[at + 8 : at + 8 + size]
+            at += 8 + size + (0 if kind == _COMPRESSED else -size % 8)
+
+
+def _variable(
+    data: memoryview, order: str, path: str, wanted: Wanted, budget: WorkBudget, depth: int = 0
+) -> Arrays:
+    """The arrays of numbers in a variable, those in a struct as ``path.name``."""
+    budget.spend(1)
+    elements = _elements(data, order)
+    if depth > _DEEPEST or (first := next(elements, None)) is None:
+        return
+    (flags,) = struct.unpack_from(f"{order}I", first[1])
+    shape = tuple(np.frombuffer(next(elements)[1], f"{order}i4").tolist())
+    own, kind = bytes(next(elements)[1]).decode("latin-1"), flags & 0xFF
+    path = path or own
+    count = math.prod(shape)
+    if kind == _STRUCT and count == 1:
+        (width,), names = np.frombuffer(next(elements)[1], f"{order}i4"), bytes(next(elements)[1])
+        starts = range(0, len(names), max(int(width), 1))
+        for start, (_, element) in zip(starts, elements, strict=False):
+            name = names[start : start + width].split(b"\0")[0].decode("latin-1")
+            yield from _variable(element, order, f"{path}.{name}", wanted, budget, depth + 1)
+    elif kind in _CLASSES and not flags >> 8 & _COMPLEX and count > 0:
+        stored, flat = next(elements)
+        values = None
+        if wanted(path, shape):
+            values = np.frombuffer(flat, f"{order}{_TYPES[stored]}").reshape(shape, order="F")
+        yield path, (shape, values)
+
+
+def _of_hdf5(path: str, wanted: Wanted, budget: WorkBudget) -> Arrays:
+    try:
+        import h5py
+    except ImportError:
+        raise UnreadableRecording("it is HDF5: pip install h5py, with which it is read") from None
+    with open(path, "rb") as start:
+        is_matlab = start.read(6) == b"MATLAB"
+    with h5py.File(path, "r") as file:
+        names = list[str]()
+        file.visit(names.append)
+        for name, one in ((name, file[name]) for name in names if not name.startswith("#")):
+            is_own = isinstance(one, h5py.Dataset) and not (one.is_virtual or one.external)
+            if not is_own or not one.shape or not one.size or one.dtype.kind not in "iuf":
+                continue
+            name, shape = (name.replace("/", "."), one.shape[::-1]) if is_matlab else (name, one.shape)
+            values = None
+            if wanted(name, shape):
+                budget.inflate(one.id.get_storage_size(), one.nbytes)
+                values = one[()].T if is_matlab else one[()]
+            yield name, (shape, values)
