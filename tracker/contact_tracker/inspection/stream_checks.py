@@ -351,7 +351,7 @@ class Inspection(NamedTuple):
     def basis(self) -> tuple[object, ...]:
         """What doubts depend on: values that do not change, so that the same objects mean the same doubts."""
         counts = self.total >= ENOUGH_CONSTANT, self.blocks > 0
-        return self.units, self.bodies, self.moved, self.turning.distances, *counts
+        return self.units, self.bodies, *self.moved, self.turning.distances, *counts
 
 
 NOTHING_INSPECTED: Final = Inspection()
