@@ -366,6 +366,7 @@ class Segmenter:
             around = np.concatenate([self._before, after])
             resting = self._rests(self._first - first, around)
             count = end_at_rest(resting, first + end, beside) - first
+            self._posterior.move_change(end, count)
             if count <= 0:  # the rest beside it is that of another segment
                 continue
             rows = _continued(self._ticks.take(count))
@@ -479,6 +480,18 @@ class Columns:
             copy[len(copy) - (end - first) :][:count] = self._blocks[block][row : row + count]
             first, place = first + count, place + count
         return copy
+
+    def move_change(self, before: int, after: int) -> None:
+        """Move a change between rows ``before`` - 1 and ``before`` to that before row ``after``: the rows
+        between are as the last one before it, or as the first one after it."""
+        first, end = sorted((max(before, 0), max(after, 0)))
+        row = before - 1 if after > before else before
+        if first == end or not 0 <= row < len(self):
+            return
+        kept = self.rows(row, row + 1)[0]
+        for place in range(first + self._start, min(end, len(self)) + self._start):
+            block, one = divmod(place, _BLOCK)
+            self._blocks[block][one] = kept
 
     def drop(self, count: int) -> None:
         """Drop the oldest rows."""
