@@ -6,7 +6,7 @@ from itertools import groupby
 
 import numpy as np
 import pytest
-from scipy.stats import binomtest
+from scipy.stats import binomtest, nbinom
 
 from contact_tracker.config import preset_names
 from contact_tracker.config.loading import load_model
@@ -15,6 +15,7 @@ from contact_tracker.recording import read_truth
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.transition_model import (
     LIFTED_AFTER_REST,
+    PACE_SHAPE,
     REST_EXPOSURE,
     destinations,
     initial,
@@ -199,3 +200,28 @@ def test_the_probability_of_a_lift_is_as_often_as_recordings_with_truth_show(sha
     assert set(ends) == {(True, "lifted"), (True, True), (False, True)}
     lifts = binomtest(ends[True, "lifted"], ends[True, "lifted"] + ends[True, True])
     assert lifts.proportion_ci(0.5).low < LIFTED_AFTER_REST < lifts.proportion_ci(0.5).high
+
+
+def true_changes(truth, rate_per_s):
+    """The number of changes between phases of 0.1 s or more, and the number that rates let expect."""
+    known = [one for one in truth.intervals if one.contact is not None and one.end_ns - one.start_ns >= 1e8]
+    expected = sum(
+        rate_per_s[one.contact.column] * (one.end_ns - one.start_ns) * 1e-9
+        for one in known
+        if one.motion != "rest"
+    )
+    return len(list(groupby(one.contact for one in known))) - 1, expected
+
+
+def test_the_pace_varies_as_much_as_recordings_with_truth_show(shared_recordings):
+    """Changes of a recording are Poisson with its own pace: over recordings negative binomial."""
+    rate_per_s = leave_per_s(load_model().transitions)
+    paths = *shared_recordings.glob("everyday/*.mcap"), *shared_recordings.glob("physics/*/*.mcap")
+    changes, expected = np.array([true_changes(read_truth(str(path)), rate_per_s) for path in paths]).T
+
+    def log_likelihood(shape):
+        return nbinom.logpmf(changes, shape, shape / (shape + expected)).sum()
+
+    best = max(map(log_likelihood, np.geomspace(0.2, 20.0, 60)))
+    assert log_likelihood(PACE_SHAPE) > best - 0.5
+    assert log_likelihood(PACE_SHAPE) > log_likelihood(1e4) + 50.0  # one pace for all

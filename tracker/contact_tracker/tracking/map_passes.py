@@ -3,12 +3,14 @@
 A contact may touch elements that others have touched, at little cost, or new ones, at a price.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from dataclasses import replace
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from contact_tracker.map.association import log_prior_of_new
 from contact_tracker.map.map import Map
@@ -18,7 +20,9 @@ from contact_tracker.tracking import ambiguity
 from contact_tracker.tracking.belief import Segment
 from contact_tracker.tracking.contact_filter import ContactFilter
 from contact_tracker.tracking.offline_smoother import PassRecord, Segmenter, pieces
+from contact_tracker.tracking.segment_fit import without_short_gaps
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
+from contact_tracker.tracking.transition_model import FREE
 
 MOST_PASSES: Final = 2
 """Most passes after the first."""
@@ -31,8 +35,8 @@ contacts they win by up to 32, and one of two that win by 30 or more is less oft
 def with_map(
     first_pass: Iterator[Segmentation], record: PassRecord, executor: Executor | None = None
 ) -> Iterator[Segmentation]:
-    """The pieces of a recording's first pass, or, if its map explains the recording better, the whole as a
-    pass with that map segments it. Of a very long recording the first pass as it goes.
+    """The whole recording as its first pass segments it, or a pass with its map, if that explains it better;
+    free motion is open where a touch is not excluded. Of a very long recording the first pass as it goes.
 
     Parameters
     ----------
@@ -45,12 +49,13 @@ def with_map(
             yield from waiting
             yield from first_pass
             return
-    better = _better_pass(record, executor)
-    if better is None:
+    if record.state is None:
         yield from waiting
         return
     first = Segmentation.join(waiting)
-    yield replace(better, filtered=first.filtered, outliers=first.outliers)
+    found = _better_pass(record, executor) or first
+    found = _with_touches(found, first, record.pace, record.state.model.certainty.posterior_power)
+    yield replace(found, filtered=first.filtered, outliers=first.outliers)
 
 
 def _better_pass(first: PassRecord, executor: Executor | None) -> Segmentation | None:
@@ -59,18 +64,18 @@ def _better_pass(first: PassRecord, executor: Executor | None) -> Segmentation |
     In the first pass only sure contacts had a price, a small one. So that evidences compare, each of its
     contacts pays that of new elements, and a map the complexity of what its contacts share.
     """
+    assert first.state is not None
     best: Segmentation | None = None
+    allowed = first.state.known_map.allowed
     best_evidence = first.log_evidence + log_prior_of_new(len(first.contacts)) + DECISIVE_NATS
     before = first
     for _ in range(MOST_PASSES):
-        if first.state is None:
-            break
         start = first.state.map
         world = GrowingMap.learn(before.sightings, start.reach_m, len(first.contacts), start.prior)
         after = PassRecord()
         found = _pass(first, world, after, executor)
         if not world.complexity:
-            found = _with_open_free(found, first.state.known_map.allowed)
+            found = _with_open_free(found, np.ones(len(found.beliefs), bool), lambda _: allowed)
         evidence = after.log_evidence - world.complexity
         if evidence <= best_evidence:
             break
@@ -94,25 +99,47 @@ def _pass(
     return Segmentation.join(list(pieces(first.ticks, start, Segmenter(executor, record=record))))
 
 
-def _with_open_free(found: Segmentation, contacts: tuple[Contact, ...]) -> Segmentation:
-    """The segmentation of a pass with a map in which nothing was touched twice: by the price of new elements
-    alone short contacts are taken for free motion, so that this does not exclude any of the ``contacts`` that
-    can occur."""
+def _with_touches(found: Segmentation, first: Segmentation, pace: float, power: float) -> Segmentation:
+    """The segmentation with free motion open to the most probable contact where the ``first`` pass, without a
+    map, is not sure of it at the ``pace`` of the recording.
+
+    By the price of new elements alone a map takes short contacts for free motion. A touch within free motion
+    is two changes, so that its odds follow the square of the pace; the posterior has the ``power``.
+    """
+    probability = first.beliefs.probability
+    odds = pace ** (2.0 * power) * probability[:, :FREE]
+    is_open = odds.sum(axis=1) >= ambiguity.NOT_EXCLUDED * probability[:, FREE]
+    return _with_open_free(found, is_open, lambda rows: (STATES[int(odds[rows].sum(axis=0).argmax())],))
+
+
+def _with_open_free(
+    found: Segmentation, is_open: NDArray[np.bool_], rivals: Callable[[slice], tuple[Contact, ...]]
+) -> Segmentation:
+    """The segmentation with free motion open to ``rivals`` of each stretch of ticks that ``is_open`` (T,).
+    Where these begin and end, segments are divided."""
     known, rows = found.beliefs, found.beliefs.rows.copy()
-    for row in np.flatnonzero(rows["contact"] == Contact.FREE.column):
-        shared = ambiguity.with_rivals(rows["probability"][row], Contact.FREE, contacts)
-        rows["probability"][row] = shared
-        rows["inseparable"][row] = [state in contacts for state in STATES]
-    beliefs = Beliefs(rows, known.geometries, known.formations, known.joints)
     segments = list[Segment]()
     for one in found.segments:
-        if one.contact is Contact.FREE:
-            within = (rows["stamp_ns"] >= one.start_ns) & (rows["stamp_ns"] <= one.end_ns)
-            p = rows["probability"][within, Contact.FREE.column]
-            one = replace(
-                one, probability=float(p.mean()) if len(p) else one.probability, inseparable=contacts
+        first, end = rows["stamp_ns"].searchsorted([one.start_ns, one.end_ns + 1])
+        within = without_short_gaps(is_open[first:end])
+        if one.contact is not Contact.FREE or not within.any():
+            segments.append(one)
+            continue
+        changes = first + np.flatnonzero(np.diff(within)) + 1
+        starts_ns = [one.start_ns, *(rows["stamp_ns"][changes - 1] + 1).tolist(), one.end_ns + 1]
+        parts = zip(pairwise([first, *changes, end]), pairwise(starts_ns), strict=True)
+        for (begin, stop), (start_ns, next_ns) in parts:
+            part, others = rows[begin:stop], one.inseparable
+            if within[begin - first]:
+                others = tuple(s for s in STATES if s in {*others, *rivals(slice(begin, stop))})
+                for row in part:
+                    row["probability"] = ambiguity.with_rivals(row["probability"], Contact.FREE, others)
+                part["inseparable"] = [state in others for state in STATES]
+            p = float(part["probability"][:, FREE].mean())
+            segments.append(
+                replace(one, start_ns=start_ns, end_ns=next_ns - 1, probability=p, inseparable=others)
             )
-        segments.append(one)
+    beliefs = Beliefs(rows, known.geometries, known.formations, known.joints)
     return replace(found, segments=tuple(segments), beliefs=beliefs)
 
 

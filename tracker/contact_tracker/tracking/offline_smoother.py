@@ -38,7 +38,7 @@ from contact_tracker.tracking.segment_fit import (
 )
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker.tracking.state import FilterState
-from contact_tracker.tracking.transition_model import FREE
+from contact_tracker.tracking.transition_model import FREE, PACE_SHAPE, leave_per_s
 from contact_tracker.wrenches.contact_evidence import WrenchEvidence
 
 Array = NDArray[np.float64]
@@ -155,6 +155,9 @@ class PassRecord:
         self._count = 0
         self.contacts: list[Contact] = []
         self.sightings: list[Sighting] = []
+        self._exposure: list[float] = []  # of each tick, in ticks of motion
+        self._changes = self._expected_changes = 0.0
+        self._last_posterior = np.zeros((0, len(STATES)))
         self.state: FilterState | None = None
         self.is_full = False
         self.best = self
@@ -171,6 +174,11 @@ class PassRecord:
         return replace(world, origins=start.origins, prior_is_dropped=start.prior_is_dropped)
 
     @property
+    def pace(self) -> float:
+        """How much more often states end in this recording than by the model: mean of its posterior."""
+        return (PACE_SHAPE + self._changes) / (PACE_SHAPE + self._expected_changes)
+
+    @property
     def log_evidence(self) -> float:
         """Log probability of all ticks, relative to that of free motion (nats)."""
         return 0.0 if self.state is None else self.state.log_evidence
@@ -184,12 +192,14 @@ class PassRecord:
             self.sightings.clear()
             return
         self._count += 1
+        self._exposure.append(state.hazard_exposure)
         if self.keeps_ticks:
             self.ticks.append(tick)
 
     def note_segment(self, finished: FinishedSegment, fit: SegmentFit, parts: Sequence[Segment]) -> None:
         """Append a segment with its moved and resting parts; only a sure one says something about its
         elements."""
+        self._count_changes(finished)
         if fit.contact is not Contact.FREE:
             self.contacts.append(fit.contact)
         is_sure = any(one.probability >= MAP_INSERTION_PROBABILITY and not one.inseparable for one in parts)
@@ -197,6 +207,19 @@ class PassRecord:
             index, start_ns = finished.ticks.window.index, int(finished.rows["start_ns"][0])
             span = int(index[0]), int(index[-1]) + 1
             self.sightings.append(Sighting(*span, fit.estimate, start_ns, finished.end_ns))
+
+    def _count_changes(self, finished: FinishedSegment) -> None:
+        """Add the changes of state that the posterior (n, 7) shows, the least number whose expectation agrees
+        with it, and the number that the model expects in its states."""
+        if self.is_full:
+            return
+        model, posterior = finished.ticks.model, finished.posterior
+        steps = np.diff(np.concatenate([self._last_posterior, posterior]), axis=0)
+        first = int(finished.ticks.window.index[0])
+        exposure = np.array(self._exposure[first : first + len(posterior)])
+        self._changes += 0.5 * float(np.abs(steps).sum())
+        self._expected_changes += model.tick_s * float(exposure @ posterior @ leave_per_s(model.transitions))
+        self._last_posterior = posterior[-1:]
 
 
 class Segmenter:
@@ -366,6 +389,7 @@ class Segmenter:
             around = np.concatenate([self._before, after])
             resting = self._rests(self._first - first, around)
             count = end_at_rest(resting, first + end, beside) - first
+            self._posterior.move_change(end, count)
             if count <= 0:  # the rest beside it is that of another segment
                 continue
             rows = _continued(self._ticks.take(count))
@@ -479,6 +503,18 @@ class Columns:
             copy[len(copy) - (end - first) :][:count] = self._blocks[block][row : row + count]
             first, place = first + count, place + count
         return copy
+
+    def move_change(self, before: int, after: int) -> None:
+        """Move a change between rows ``before`` - 1 and ``before`` to that before row ``after``: the rows
+        between are as the last one before it, or as the first one after it."""
+        first, end = sorted((max(before, 0), max(after, 0)))
+        row = before - 1 if after > before else before
+        if first == end or not 0 <= row < len(self):
+            return
+        kept = self.rows(row, row + 1)[0]
+        for place in range(first + self._start, min(end, len(self)) + self._start):
+            block, one = divmod(place, _BLOCK)
+            self._blocks[block][one] = kept
 
     def drop(self, count: int) -> None:
         """Drop the oldest rows."""
