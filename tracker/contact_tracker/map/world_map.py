@@ -212,7 +212,7 @@ class GrowingMap:
             dict(counts),
             slots,
             covariance,
-            log_probabilities_of_new(counts, self.contacts),
+            log_probabilities_of_new(counts, 0 if self.prior and self.contacts is None else self.contacts),
             self.pairs[max(used)] if used else None,
         )
 
