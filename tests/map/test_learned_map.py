@@ -109,6 +109,15 @@ def test_a_map_of_many_elements_can_be_read_again(tmp_path: Path) -> None:
     assert (np.linalg.eigvalsh(again.learned.covariance()) > 0.0).all()
 
 
+def test_what_stands_as_a_recording_begins_may_stand_on_a_new_face() -> None:
+    tracker = ct.Tracker(known=ct.Map(learned=grown().learned))
+    quat_xyzw = Rotation.from_rotvec([0.7, 0.3, 0.0]).as_quat()
+    position_m = np.random.default_rng(5).normal([0.3, 0.1, 0.9], 2e-4, (40, 3))
+    found = [tracker.update(20_000_000 * i, at_m, quat_xyzw) for i, at_m in enumerate(position_m)]
+    labels = {one.contact for one in found if one is not None}
+    assert labels == {Contact.FF}
+
+
 def test_learn_once_use_at_once() -> None:
     """The same contacts again, with the map of the first time: labels come sooner."""
     recording = recorded(FACE_TO_EDGE)
