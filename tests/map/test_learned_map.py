@@ -1,7 +1,6 @@
 """Maps that are learned from one recording and used with another."""
 
 import tomllib
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
