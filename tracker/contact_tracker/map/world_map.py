@@ -207,12 +207,14 @@ class GrowingMap:
         counts.update(self.prior.counts)
         slots = slots_of(self.elements, sorted(counts))
         covariance = np.asarray(np.linalg.inv(self.normal_equations(slots, used)[0]))
+        # the few sure contacts of a prior would not show how seldom elements are new
+        contacts = 0 if self.prior and self.contacts is None else self.contacts
         return MapView(
             {key: self.elements[key] for key in slots},
             dict(counts),
             slots,
             covariance,
-            log_probabilities_of_new(counts, self.contacts),
+            log_probabilities_of_new(counts, contacts),
             self.pairs[max(used)] if used else None,
         )
 

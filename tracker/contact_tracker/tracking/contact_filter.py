@@ -39,6 +39,7 @@ from contact_tracker.tracking.belief import Belief, Detail
 from contact_tracker.tracking.posterior import lagged_belief, read_posterior, with_rest
 from contact_tracker.tracking.state import FilterState, start
 from contact_tracker.tracking.transition_model import (
+    FACES,
     FREE,
     REST_EXPOSURE,
     REST_LOG_LIKELIHOOD,
@@ -77,6 +78,8 @@ def predict_transitions(
     if state.ticks:
         birth_weight = hmm.birth_log_weights(state.log_state_weight, transition)
     else:
+        if state.map.prior:  # an object that stands when a recording begins may stand on any of its faces
+            log_odds[FACES] = max(log_odds[FACES], 0.0)
         birth_weight = state.log_state_weight + log_odds
         birth_weight = birth_weight - hmm.log_sum_exp(birth_weight) if state.knows_elements else birth_weight
     past = state.lag_history
