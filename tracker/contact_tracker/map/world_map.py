@@ -169,6 +169,12 @@ class GrowingMap:
         )
 
     @property
+    def is_untested(self) -> bool:
+        """Whether there is a prior that no contact has agreed with: in another scene its price of new elements
+        hides contacts in free motion."""
+        return bool(self.prior) and max(self.prior_log_odds.values(), default=0.0) <= 0.0
+
+    @property
     def touches(self) -> tuple[tuple[int, int, tuple[Key, Key]], ...]:
         """When which elements touched: start and end stamps, and the keys of both."""
         return tuple(

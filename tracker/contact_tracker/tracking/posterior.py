@@ -145,6 +145,8 @@ def share_among_indistinguishable(state: FilterState, belief: Belief) -> Belief:
     p_restricted = ambiguity.p_restricted(freedom.underused, state.model.tick_s * freedom.moved_ticks)
     if label is Contact.FREE and state.curved.probability > 0.5:
         others, p_restricted = CONTACTS, max(p_restricted, state.curved.probability)
+    if label is Contact.FREE and state.map.is_untested:
+        others = CONTACTS
     inseparable, possible = tuple(filter(state.known_map.allows, others)), state.known_map.allowed
     if not inseparable and not p_restricted:
         return belief
