@@ -1,4 +1,4 @@
-"""Conversion and checks of arguments from Python, and what is doubtful as Python's own warnings."""
+"""Conversion and checks of arguments from Python, and warnings of the module ``warnings``."""
 
 import inspect
 import logging
@@ -39,7 +39,7 @@ _LOGGER: Final = logging.getLogger(_PACKAGE)
 
 
 def path_from(value: Any, name: str = "path") -> str:
-    """A path as text; raises UsageError if ``value`` is none."""
+    """A path as text; raises UsageError if ``value`` is not a path. ``name`` is that of the argument."""
     text = os.fspath(value) if isinstance(value, str | os.PathLike) else None
     if isinstance(text, str) and "\0" not in text:
         return text
@@ -47,14 +47,15 @@ def path_from(value: Any, name: str = "path") -> str:
 
 
 def name_from(value: Any, name: str) -> str | None:
-    """Text, or None if it is not given; raises UsageError."""
+    """The text or None that was passed as the argument ``name``; raises UsageError for other types."""
     if value is None or isinstance(value, str):
         return value
     raise UsageError(f"{name} is text, not {repr(value)}")
 
 
 def number_from(value: Any, name: str, bounds: str, is_within: Callable[[float], bool]) -> float:
-    """A finite number within ``bounds``; raises UsageError, which ``name`` begins."""
+    """A finite number that ``is_within`` its ``bounds`` (their text); raises UsageError, which begins with
+    ``name``."""
     try:
         number = real_number(value)
     except (TypeError, ValueError, OverflowError):
@@ -66,7 +67,7 @@ def number_from(value: Any, name: str, bounds: str, is_within: Callable[[float],
 
 @contextmanager
 def errors_as(kind: type[ContactTrackerError], path: str) -> Iterator[None]:
-    """Turn errors of the system while a file is read or written into ours."""
+    """A context that turns errors of the system on the file at ``path`` into errors of this ``kind``."""
     try:
         yield
     except OSError as error:
@@ -145,27 +146,28 @@ def with_known_arguments(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def model_from(model: ModelLike, noise: Deviations = None, accuracy: Deviations = None) -> Model:
-    """A model given by name, file or value, with the given noise and systematic errors of a pose.
+    """A model, given by its name, file or value, with the given noise and systematic errors of a pose.
 
     Raises
     ------
     ModelError
-        There is no such model, or it has a wrong value.
+        The model does not exist, or has a wrong value.
     UsageError
         The noise or the accuracy is invalid.
     """
-    found = model if isinstance(model, Model) else load_model(path_from(model, "model"))
+    loaded = model if isinstance(model, Model) else load_model(path_from(model, "model"))
     if noise is not None:
-        found = found.with_noise(*_deviations_from(noise, "noise"))
+        loaded = loaded.with_noise(*_deviations_from(noise, "noise"))
     if accuracy is not None:
-        found = found.with_systematic_errors(*_deviations_from(accuracy, "accuracy", may_be_zero=True))
-    return found
+        loaded = loaded.with_systematic_errors(*_deviations_from(accuracy, "accuracy", may_be_zero=True))
+    return loaded
 
 
 def _deviations_from(
     value: str | tuple[float, float], name: str, may_be_zero: bool = False
 ) -> tuple[float, float]:
-    """A length and an angle in metres and radians; raises UsageError, which ``name`` begins."""
+    """Standard deviations of position (m) and rotation (rad); raises UsageError, which begins with
+    ``name``."""
     try:
         if isinstance(value, str):
             return deviations(value, may_be_zero)
@@ -176,10 +178,9 @@ def _deviations_from(
 
 
 def warn_of(texts: Iterable[str]) -> None:
-    """Raise a warning for each text, at the user's line.
+    """Issue a warning for each text, at the user's line.
 
-    It has no registry, in which Python would note that this line has warned of the same before: that was of
-    another recording.
+    Python's registry of warnings is not used: the same text at the same line may concern another recording.
     """
     for text in texts:
         caller = _caller()
@@ -202,7 +203,7 @@ def log_text(text: str) -> None:
 
 
 def _caller() -> FrameType:
-    """The innermost frame outside of the package; the outermost of all if there is none."""
+    """The innermost frame outside of the package; the outermost frame if there is none."""
     frame = sys._getframe()
     while frame.f_back and str(frame.f_globals.get("__name__", "")).partition(".")[0] == _PACKAGE:
         frame = frame.f_back
