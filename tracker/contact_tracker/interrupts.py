@@ -84,7 +84,7 @@ def repeat_unless(number: int, ended: Callable[[], bool], after_s: float) -> Non
         else:
             _thread.interrupt_main(signal.Signals(number))
 
-    _thread.start_new_thread(watch, ())  # no lock that the interrupted code may hold
+    _thread.start_new_thread(watch, ())  # it needs no lock, which the interrupted code may have
 
 
 def _numbers(names: tuple[str, ...]) -> list[int]:

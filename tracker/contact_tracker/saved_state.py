@@ -117,7 +117,7 @@ def load(path: Path, kind: Kind = STREAM) -> Any:
         raise
     except OSError as error:
         raise StateError(f"{path}: {error.strerror or error}") from error
-    except Exception as error:  # the file may hold anything
+    except Exception as error:  # the file may have any content
         raise StateError(f"{path}: it is no saved {kind.name.split()[-1]}: name another file") from error
 
 

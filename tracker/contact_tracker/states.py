@@ -22,7 +22,7 @@ class Contact(StrEnum):
     """Index of this state in all seven-column arrays."""
 
     def contains(self, other: "Contact") -> bool:
-        """Whether every motion that keeps this contact also keeps ``other``."""
+        """Whether every motion that is possible in this contact is possible in ``other``."""
         return other in _CONTAINS[self]
 
 
@@ -44,7 +44,7 @@ _CONTAINS: Final[dict[Contact, frozenset[Contact]]] = {
 
 def states_from(names: str | Iterable[str]) -> tuple[Contact, ...]:
     """The states of these names (a list, or a text with commas) in the order of ``STATES``; raises ValueError
-    for unknown names, or without any."""
+    for unknown names or no name."""
     if isinstance(names, str):
         names = filter(None, map(str.strip, names.split(",")))
     elif isinstance(names, bytes) or not isinstance(names, Iterable):

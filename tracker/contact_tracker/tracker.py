@@ -168,8 +168,8 @@ class Tracker:
     def inspect_poses(self, poses: Poses) -> None:
         """Update the inspection and the checks of poses (``INSPECTED``), but not the filters."""
         stream = self.stream
-        for first in range(0, len(poses) if stream.map.lists_elements else 0, BATCH_POSES):
-            self.checks = self.checks.update(poses[first : first + BATCH_POSES], stream, *INSPECTED)
+        for start in range(0, len(poses) if stream.map.lists_elements else 0, BATCH_POSES):
+            self.checks = self.checks.update(poses[start : start + BATCH_POSES], stream, *INSPECTED)
         self.inspection = inspect(self.inspection, poses)
 
     def check(self, name: str, poses: Poses) -> None:
@@ -245,7 +245,7 @@ class Tracker:
 
     @property
     def report_so_far(self) -> Report | None:
-        """Report of a stream that goes on, without findings that need its end."""
+        """Report of a stream that has not ended, without findings that need its end."""
         return self._report(is_end=False)
 
     def _report(self, is_end: bool) -> Report | None:

@@ -17,7 +17,7 @@ _DIGITS: Final = 6
 """Number of decimal digits to which the planes of triangles of the same face agree."""
 _ENOUGH_VERTICES: Final = 2000
 """Number of vertices at which the search for a hull stops. A hull of 60 faces, in any number of triangles,
-needs 100; that of a ball has no bound."""
+needs 100; a ball would need all its points."""
 _DIRECTIONS: Final = 128
 """Number of directions whose extreme points are computed first, on both sides. A body of 60 faces has at most
 116 vertices, so that 256 extreme points show that a body is round: in 0.3 s, not 2 s, for 300,000

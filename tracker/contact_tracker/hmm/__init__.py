@@ -2,8 +2,8 @@
 
 A *hypothesis* is a stretch of one state that begins at a known boundary between ticks (its onset) and may end
 at any later boundary. ``log_likelihood[h]`` at boundary b is the log-likelihood of all data between its onset
-and b. The log probability of a change from state i to j at boundary b is ``log_transition[b, i, j]``; that of
-staying is part of the likelihood (docs/theory.md, T20).
+and b. ``log_transition[b, i, j]`` is the log probability of a change from state i to j at boundary b; the
+likelihood includes the probability of no change (docs/theory.md, T20).
 """
 
 from contact_tracker.hmm.forward_filter import (

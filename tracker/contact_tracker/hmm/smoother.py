@@ -114,7 +114,7 @@ class OpenTicks:
                 probability += ended
                 open_beginnings.add(step.onset, step.state, step.probability[:, None] * ended[step.state])
             yield row, probability, open_beginnings
-            beginning = open_beginnings.take(step.tick)
+            beginning = open_beginnings.pop(step.tick)
             probability = np.maximum(probability - beginning, 0.0)
             ended = step.origin_probability @ beginning
 
@@ -146,7 +146,7 @@ class _OpenBeginnings:
             rows = self._row[since]
         self._table[rows, state[old:]] += probability[old:]
 
-    def take(self, onset: int) -> Array:
+    def pop(self, onset: int) -> Array:
         """Remove and return the probabilities (N, C) of the beginnings at ``onset``."""
         row = int(self._row[onset - self._first])
         if row < 0:

@@ -29,7 +29,7 @@ class Survivors:
         self._end = step.tick + 1
 
     def skip(self) -> None:
-        """Append a tick that the filter has skipped: each path goes on in its state."""
+        """Append a tick that the filter has skipped: each path stays in its state."""
         self._end += 1
 
     def decided_prefix(self, frontier: FilterFrontier) -> list[PathSegment]:

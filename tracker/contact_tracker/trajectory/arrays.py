@@ -1,6 +1,6 @@
 """Arrays and tables in memory as poses: stamps in ns, positions, rotations of any kind as quaternions.
 
-The columns of a table, such as a DataFrame, are found by name, as in files.
+The columns of a table, such as a DataFrame, are identified by name, as in files.
 """
 
 import re
