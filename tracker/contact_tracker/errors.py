@@ -129,7 +129,7 @@ class KeyFault(UsageError):
         self.reason = reason
 
     def __reduce__(self) -> tuple[type[ContactTrackerError], tuple[str, str]]:
-        return type(self), (self.key, self.reason)  # it crosses from a worker process
+        return type(self), (self.key, self.reason)  # for pickle, from worker processes
 
 
 class ModelError(KeyFault):

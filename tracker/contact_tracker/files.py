@@ -112,7 +112,7 @@ def whole_file(path: Path, check: Callable[[], None] = accept_any) -> Iterator[P
     made = True
     try:
         try:
-            # private, as others may not be allowed to read the replaced file
+            # readable by the owner only, as the replaced file may be
             flags, mode = os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o666 if replaced is None else 0o600
             descriptor = os.open(str(temporary), flags | _NO_LINK, mode)
         except OSError:  # not after an interrupt: the file may be there
@@ -135,17 +135,16 @@ def whole_file(path: Path, check: Callable[[], None] = accept_any) -> Iterator[P
 
 
 def _finish(temporary: Path, descriptor: int, replaced: os.stat_result | None) -> None:
-    """Give ``temporary`` the owner and mode of ``replaced``, after a check that it is still the file that was
-    made."""
+    """Check that ``temporary`` is still the file that was made; give it owner and mode of ``replaced``."""
     if not os.path.samestat(os.fstat(descriptor), os.lstat(str(temporary))):
         raise OSError(errno.EBUSY, "another file was put in its place", str(temporary))
     if replaced is None or os.name != "posix":
         return
     for owner, group in ((replaced.st_uid, -1), (-1, replaced.st_gid)):
-        with suppress(OSError):  # only root may change owners, others only to their groups
+        with suppress(OSError):  # only root may change owners; users change groups to theirs
             os.fchown(descriptor, owner, group)
     mode = stat.S_IMODE(replaced.st_mode) & 0o777
-    if os.fstat(descriptor).st_gid != replaced.st_gid:  # another group gets no more rights than others
+    if os.fstat(descriptor).st_gid != replaced.st_gid:  # a different group gets the rights of everybody
         mode &= ~0o070 | mode << 3
     os.fchmod(descriptor, mode)
 

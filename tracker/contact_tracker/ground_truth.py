@@ -20,7 +20,7 @@ UNSCORED = "?"
 _LONGEST_LABEL = 40
 """Number of characters of a label that are read, and quoted in errors."""
 _GAP_NS = 100_000_000
-"""Shortest gap between intervals in ns; a shorter one is the step between two poses."""
+"""Longest step between two poses in ns; a longer time between intervals has no label."""
 
 
 @dataclass(frozen=True)
@@ -109,8 +109,7 @@ class Truth:
 
     @classmethod
     def from_json(cls, text: str | bytes) -> "Truth":
-        """The intervals of ``truth.json``, a list or ``{"intervals": list}``; raises NoTruth for anything
-        else."""
+        """The intervals of ``truth.json``, a list or ``{"intervals": list}``; raises NoTruth."""
         try:
             data = json.loads(text)
             rows = data["intervals"] if isinstance(data, dict) else data

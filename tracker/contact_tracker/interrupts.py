@@ -42,8 +42,7 @@ def end_in_order(*names: str) -> None:
 
 
 def exit_code_of(name: str) -> int | None:
-    """Exit code of a command that the signal ``name`` ends; None if this system has no signal of this
-    name."""
+    """Exit code of a command that the signal ``name`` ends; None if this system has no such signal."""
     number = getattr(signal, name, None)
     return None if number is None else _SIGNALLED + number
 

@@ -39,7 +39,7 @@ class Workers(ProcessPoolExecutor):
     """
 
     def __init__(self, count: int, prepare: Callable[[], None] | None = None) -> None:
-        for name in _THREADS:  # one thread each in numerics, unless the environment says otherwise
+        for name in _THREADS:  # one numerical thread each, unless the environment sets it
             os.environ.setdefault(name, "1")
         if os.name == "posix":
             resource_tracker.ensure_running()  # starting it later would unblock interrupts

@@ -152,8 +152,7 @@ def packed(tree: Any, arrays: Sequence[NDArray[Any]], kind: Kind = STREAM) -> by
 
 
 def unpacked(content: bytes, kind: Kind = STREAM) -> tuple[Any, list[NDArray[Any]]]:
-    """Tree and arrays of the bytes of a file; raises StateError, or any error if the file is not of this
-    kind."""
+    """Tree and arrays of the bytes of a file; raises StateError, or any error for another kind of file."""
     line, _, body = content.partition(b"\n")
     head, expected = json.loads(line), _head(body, kind)
     if head["kind"] != kind.name:
@@ -191,8 +190,7 @@ def _require_numbers(array: NDArray[Any]) -> None:
 
 
 def _field_names(kind: type) -> tuple[str, ...]:
-    """Field names of a class in the order of its constructor, or of assignment if it is one of
-    ``_GATES``."""
+    """Field names of a class in the order of its constructor (in ``_GATES``: of assignment)."""
     if kind in _GATES:
         return tuple(vars(kind(Counter())))
     if issubclass(kind, enum.Enum):

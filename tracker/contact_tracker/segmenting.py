@@ -129,8 +129,7 @@ class OfflineTracker:
         return _with_initial_autocorrelation(model) if may_begin_free else model
 
     def _with_usual_period(self, stream: Iterator[Poses]) -> Iterator[Poses]:
-        """The same stream, after its first ``AHEAD_POSES`` poses have decided the length of the ticks and the
-        tracked point."""
+        """The same stream; its first ``AHEAD_POSES`` decide the length of ticks and the tracked point."""
         ahead = _read_ahead(stream)
         if ahead:
             filters = self._tracker.filters
@@ -221,8 +220,7 @@ def _validated(stream: Iterator[Poses]) -> Iterator[Poses]:
 
 
 def _in_doubt(piece: Segmentation, possible: tuple[Contact, ...]) -> Segmentation:
-    """The piece with its probabilities mixed with uniform ones and its contacts open, as no label of doubtful
-    motion is certain."""
+    """The piece with probabilities mixed with uniform ones, and all contacts open: its poses are doubtful."""
     states = np.array([state is Contact.FREE or state in possible for state in STATES])
 
     def mixed(probability: Array) -> Array:

@@ -43,8 +43,7 @@ _CONTAINS: Final[dict[Contact, frozenset[Contact]]] = {
 
 
 def states_from(names: str | Iterable[str]) -> tuple[Contact, ...]:
-    """The states of these names (a list, or a text with commas) in the order of ``STATES``; raises ValueError
-    for unknown names or no name."""
+    """The states of names (a list, or a text with commas) in the order of ``STATES``; raises ValueError."""
     if isinstance(names, str):
         names = filter(None, map(str.strip, names.split(",")))
     elif isinstance(names, bytes) or not isinstance(names, Iterable):

@@ -150,8 +150,7 @@ def add_interval(parser: argparse.ArgumentParser) -> None:
 
 
 def open_poses(args: argparse.Namespace, log: str, *live: Any) -> "PoseLog":
-    """The poses that the options of ``add_source`` select in a recording; ``live`` is passed on to
-    ``recording.open_log``."""
+    """The poses that ``add_source`` selects in a recording; ``live`` is passed on to ``open_log``."""
     from contact_tracker.recording import open_log
 
     options = {"relative_to": args.relative_to, "table": args.table}
@@ -222,8 +221,7 @@ def add_known(parser: argparse.ArgumentParser) -> None:
 
 
 def load_map(args: argparse.Namespace, note: Callable[[str], None] = warn) -> "Map":
-    """The map of the options of ``add_known``; ``note`` is called with a line for each doubt about it. Raises
-    KnowledgeError."""
+    """The map of the options of ``add_known``; ``note`` is called with each doubt. Raises KnowledgeError."""
     from contact_tracker.map.file import map_from, merged, read_table
 
     tables: list[dict[str, Any]] = [] if args.known is None else [read_table(args.known)]

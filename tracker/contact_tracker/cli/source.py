@@ -75,8 +75,7 @@ class Source:
             raise self.log.no_poses(self.name)
 
     def arrivals(self) -> Iterator[Arrival]:
-        """The arrivals of the interval, one for each measured pose, with less delay; raises as
-        ``batches``."""
+        """The arrivals of measured poses in the interval, with less delay; raises as ``batches``."""
         late = 0
         for count, arrival in enumerate(self.log.arrivals(), 1):
             if count % _POSES_PER_CHECK == 0:
@@ -115,8 +114,7 @@ class Source:
         return Trajectory.from_log(self.log, self.name, poses, is_rereadable)
 
     def finish(self, adapted: "Report | None", outliers: Outliers, late: int = 0) -> int:
-        """Print the numbers of poses that were read and not used, and the tracker's adaptation; returns the
-        exit code."""
+        """Print the numbers of read and unused poses and the tracker's adaptation; returns the exit code."""
         self.warn_of_damage()
         log, took_s = self.log, time.monotonic() - self._begin_s
         kinds = {**log.counts, "late": late, "outlier": outliers.total}
@@ -183,8 +181,7 @@ topic, type and frames of the poses; the first pose of the log with its log time
 read; the gate; the stamping (``sources.Stamping``); the stamps of the first pose and of the first and last
 used pose, and the number of used poses; the printed changes (``Changes``)."""
 _WAIT_S: Final = 0.5
-"""Time in seconds after which a signal is repeated: longer than the decoding of a pose, which must not be
-interrupted."""
+"""Time in seconds until a signal is repeated: longer than the decoding of a pose, which it must not break."""
 
 
 class SavedStream:

@@ -59,8 +59,7 @@ def run(args: argparse.Namespace) -> int:
 def _opener(
     args: argparse.Namespace, check: Callable[[], None], are_several: bool
 ) -> "Iterator[Callable[[str], Draw]]":
-    """A context with the function that opens the view of a recording (by its name) in a file, a window or a
-    browser."""
+    """A context with the function that opens the view of a recording in a file, a window or a browser."""
     from contact_tracker.viewer.sinks import to_viewer, web_viewer
     from contact_tracker.viewer.views import begin
 

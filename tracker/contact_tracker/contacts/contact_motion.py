@@ -256,8 +256,7 @@ def _covariance(element: Element) -> Array:
 
 
 _LOG_JERK: Final = (-25.0, 15.0)
-"""Range of the logarithm of the strength of jerk, in noise variances per tick^5: from a parabola through all
-ticks to independent ticks."""
+"""Range of the log strength of jerk (noise variances per tick^5): from a parabola to independent ticks."""
 
 
 def smooth_rates(time_s: Array, values: Array, variance: Array) -> tuple[Array, Array]:

@@ -86,8 +86,7 @@ def place(anchors: Array) -> Array:
 
 
 def starts(moments: Array) -> Array:
-    """Faces of the relaxed v-f problem and of the mean rotation, each with the direction that stays most
-    nearly in the face."""
+    """Faces of the relaxed v-f problem and of the mean rotation, each with the edge nearest to it."""
     n = np.concatenate(
         [vertex_face.starts(moments)[..., vertex_face.N], face_face.starts(moments)[..., face_face.N]],
         axis=-2,

@@ -51,8 +51,7 @@ def turns(form: Form) -> Index:
 
 @cache
 def shifts(form: Form) -> Index:
-    """Indices of the free directions that translate a point, a line across itself, or a face; rows are affine
-    in them."""
+    """Indices of the free directions that translate a point, line or face; rows are affine in them."""
     return np.flatnonzero(~_turns(form))
 
 
@@ -80,8 +79,8 @@ class Measurement(NamedTuple):
 
 
 class Family(Protocol):
-    """Members of the module of a family; functions broadcast over leading axes of x, and moments are sums
-    over at least one pose."""
+    """Members of the module of a family; functions broadcast over leading axes of x. Moments are sums over at
+    least one pose."""
 
     SIZE: int
     """S, length of x."""
@@ -116,15 +115,13 @@ class Family(Protocol):
         """Free directions of x, (..., S, P)."""
 
     def normalise(self, x: Array, anchors: Array) -> Array:
-        """x with unit vectors of length 1 and the points of lines at their feet, nearest to ``anchors``
-        (..., 6)."""
+        """x with directions of length 1 and points of lines nearest to ``anchors`` (..., 6)."""
 
     def place(self, anchors: Array) -> Array:
         """Mean (..., S) of a prior: points and lines are at ``anchors`` (..., 6), other entries zero."""
 
     def starts(self, moments: Array) -> Array:
-        """Starts of a search (B, N, S): directions of relaxed solutions from moments (B, C, C), with all
-        coordinates zero."""
+        """Starts of a search (B, N, S): relaxed solutions from moments (B, C, C), with points at zero."""
 
     def measure(self, x: Array, frames: "Frames") -> Measurement:
         """Exact residuals and lever arms of hypotheses x (B, S) on T poses."""

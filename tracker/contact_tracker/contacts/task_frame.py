@@ -27,8 +27,7 @@ PARALLEL: Final = 1e-6
 TWIST: Final = ("vx", "vy", "vz", "wx", "wy", "wz")
 """Coordinates of a twist: velocities and angular velocities."""
 _CONSTRAINED: Final = {3: (2, 3, 4), 2: (2, 4), 1: (2,)}
-"""Indices (in ``TWIST``) of the constrained coordinates in the task frame, by the codimension of the
-contact."""
+"""Indices (in ``TWIST``) of the constrained coordinates in the task frame, by the contact's codimension."""
 _NAMES: Final = {
     "f-f": "planar",
     "e-f": "line on plane",

@@ -147,8 +147,7 @@ class ContactGeometry:
 
 
 def face_towards(normal: Array, spread_rad: float) -> Plane:
-    """A face with a known unit ``normal`` (3,), of the standard deviation ``spread_rad``, and an unknown
-    offset."""
+    """A face with an unknown offset and a unit ``normal`` (3,) of the standard deviation ``spread_rad``."""
     covariance = np.zeros((4, 4))
     covariance[:3, :3] = spread_rad**2 * (np.eye(3) - np.outer(normal, normal))
     covariance[3, 3] = ANYWHERE_M**2

@@ -84,8 +84,9 @@ def eigenvalues(symmetric: Array) -> Array:
 
 
 def eigenvectors(symmetric: Array, against: Array | None = None) -> tuple[Array, Array]:
-    """Eigenvalues (N,) in rising order and eigenvectors (N, N) of one or two symmetric matrices (N, N), as
-    ``scipy.linalg.eigh``."""
+    """Rising eigenvalues (N,) and eigenvectors (N, N) of one or two matrices (N, N), as
+    ``scipy.linalg.eigh``.
+    """
     if against is None:
         values, vectors, info = lapack.dsyevd(symmetric, lower=1)
     else:

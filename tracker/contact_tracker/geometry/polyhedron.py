@@ -222,8 +222,7 @@ def _height(points: Array, normals: Array, offsets: Array) -> Array:
 
 
 def _is_complete(hull: ConvexHull, points: Array, tolerance_m: float, most_faces: int) -> bool:
-    """Whether a hull has at most ``most_faces`` faces and contains all ``points`` (it may have stopped
-    early)."""
+    """Whether a hull, which may have stopped early, has all ``points`` and at most ``most_faces`` faces."""
     faces = np.unique(np.round(hull.equations, _DIGITS), axis=0)
     if len(faces) > most_faces:
         return False
@@ -250,8 +249,7 @@ def _corner(vertices: Array, index: int, faces: Sequence[Feature], pairs: Sequen
 
 
 def _ordered(vertices: Array, members: set[int], normal: Array) -> list[int]:
-    """Indices of a face's vertices (``members``), anticlockwise around its outward ``normal`` (3,), from the
-    lowest on."""
+    """Indices of a face's vertices, anticlockwise around its outward ``normal`` (3,), from the lowest on."""
     indices = sorted(members)
     relative = vertices[indices] - vertices[indices].mean(axis=0)
     x = relative[0]

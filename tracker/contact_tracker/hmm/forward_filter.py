@@ -24,11 +24,8 @@ def log_sum_exp(values: Array, axis: int = -1) -> Array:
 
 
 def birth_log_weights(log_ended: Array, log_transition: Array) -> Array:
-    """Log weights (N,) of births in each state, from the log weights ``log_ended`` (N,) of the states
-    before."""
+    """Log weights (N,) of births in each state, from those of the states before, ``log_ended`` (N,)."""
     return np.asarray(np.logaddexp.reduce(log_ended[:, None] + log_transition, axis=0))
-
-
 
 
 def inherited_past(past: Array, log_ended: Array, log_transition: Array) -> Array:
@@ -89,8 +86,7 @@ class ForwardMessage(NamedTuple):
     tick: int
     """Number of the tick."""
     origin_probability: Array
-    """(N, N) probability of state i before the tick, given a beginning in state j with the tick; zero at the
-    first tick."""
+    """(N, N) probability of state i before the tick, given a beginning in state j; zero at the first tick."""
     onset: NDArray[np.int32]
     """(E,) onsets of the beginnings at the end of the tick, in order."""
     state: NDArray[np.int8]

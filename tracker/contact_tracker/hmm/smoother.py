@@ -56,8 +56,7 @@ class OpenTicks:
         del self._steps[:covering]
 
     def look_back(self, frontier: FilterFrontier, tolerance: float) -> tuple[Array, int]:
-        """Posterior (n, N) of the open ticks given the data so far, and the number of the oldest ticks that
-        are decided."""
+        """Posterior (n, N) of the open ticks given the data so far, and the number of those now decided."""
         return self.posterior(frontier), self.count_decided(frontier, tolerance)
 
     def posterior(self, frontier: FilterFrontier) -> Array:

@@ -54,8 +54,7 @@ def name_from(value: Any, name: str) -> str | None:
 
 
 def number_from(value: Any, name: str, bounds: str, is_within: Callable[[float], bool]) -> float:
-    """A finite number that ``is_within`` its ``bounds`` (their text); raises UsageError, which begins with
-    ``name``."""
+    """A finite number that ``is_within`` its ``bounds`` (their text); raises UsageError about ``name``."""
     try:
         number = real_number(value)
     except (TypeError, ValueError, OverflowError):
@@ -166,8 +165,7 @@ def model_from(model: ModelLike, noise: Deviations = None, accuracy: Deviations 
 def _deviations_from(
     value: str | tuple[float, float], name: str, may_be_zero: bool = False
 ) -> tuple[float, float]:
-    """Standard deviations of position (m) and rotation (rad); raises UsageError, which begins with
-    ``name``."""
+    """Standard deviations of position (m) and rotation (rad); raises UsageError about ``name``."""
     try:
         if isinstance(value, str):
             return deviations(value, may_be_zero)

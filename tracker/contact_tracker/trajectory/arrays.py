@@ -70,8 +70,7 @@ def nanoseconds(
 
 
 def moment_ns(value: Any, first_ns: int) -> int:
-    """The stamp (ns) of a time: seconds or a duration since the first pose (``first_ns``), or a date; raises
-    UsageError."""
+    """The stamp (ns) of a time: seconds or a duration since ``first_ns``, or a date; raises UsageError."""
     try:
         array = times([value])
         if array.dtype.kind == "M":
@@ -102,7 +101,7 @@ def times(stamps: ArrayLike) -> NDArray[Any]:
 
 
 def rows(values: ArrayLike, name: str, *shape: int) -> Array:
-    """Real numbers of the shape (N, *shape); raises UsageError, which begins with ``name``."""
+    """Real numbers of the shape (N, *shape); raises UsageError about ``name``."""
     try:
         array = real_numbers(values)
     except (TypeError, ValueError, OverflowError) as error:
@@ -190,8 +189,7 @@ def cells_of(table: Any) -> list[list[str]]:
 def with_columns(
     table: Any, reading: TableReading, stamp: Any, position_m: Any, quat_xyzw: Any
 ) -> TableReading:
-    """The reading with the named columns of stamps, positions and quaternions; raises UsageError if a column
-    is missing."""
+    """The reading with the named columns of stamps, positions and quaternions; raises UsageError."""
     columns = {} if stamp is None else {TIME: stamp}
     for name, keys, roles in (("position_m", position_m, POSITION), ("quat_xyzw", quat_xyzw, QUATERNION)):
         if keys is None:
