@@ -83,13 +83,13 @@ def local_processes(processes: int, prepare: Callable[[], None]) -> Iterator[Job
         waiting = iter(jobs)
         while lost := (yield from answered(start(processes), function, waiting, 2 * processes)):
             while lost:
-                alone = start(1)
-                alone.submit(os.getpid).result()  # else a failed start would seem to be the job's fault
-                again = iter(lost)
-                for killing in (yield from answered(alone, function, again, 1)):
-                    yield killing, None
-                alone.shutdown()
-                lost = [*again]
+                worker = start(1)
+                worker.submit(os.getpid).result()  # else a failed start would seem to be the job's fault
+                retried = iter(lost)
+                for job in (yield from answered(worker, function, retried, 1)):
+                    yield job, None
+                worker.shutdown()
+                lost = [*retried]
 
     def start(count: int) -> Workers:
         return stack.enter_context(Workers(count, prepare))

@@ -131,8 +131,8 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
 
         def report(beliefs: "list[Belief]") -> None:
             if beliefs:
-                source.warn_of_news(tracker.report_so_far)
-                source.say_of_suspicion(beliefs[-1].stamp_ns, tracker.suspects_mistake)
+                source.warn_of_problems(tracker.report_so_far)
+                source.report_suspicion(beliefs[-1].stamp_ns, tracker.suspects_mistake)
             for belief in beliefs:
                 with deferred(*SIGNALS):  # so that the file has every printed belief, in full
                     motions = suggested() if belief is beliefs[-1] else ()  # for the newest belief only
@@ -153,7 +153,7 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
         def has_to_end() -> bool:
             return saved is not None and saved.signal > 0
 
-        ended = DONE
+        stop_code = DONE
         try:
             arrivals = source.arrivals()
             for arrival in paced(arrivals, args.rate, has_to_end) if args.rate else arrivals:
@@ -164,12 +164,12 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
                         viewer.pose(pose)
                 report(tracker.update(arrival))
                 if saved is not None and saved.end_pose():
-                    ended = 128 + saved.signal
+                    stop_code = 128 + saved.signal
                     break
         except KeyboardInterrupt:
-            ended = INTERRUPTED
-        except SystemExit as leave:  # another signal
-            ended = int(leave.code or DONE)
+            stop_code = INTERRUPTED
+        except SystemExit as exit_:  # another signal
+            stop_code = int(exit_.code or DONE)
         if saved is None:
             report(tracker.finish())
         else:
@@ -179,7 +179,7 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
         arguments.write_map(args.map_out, None if tracker.best is None else tracker.best.map)
     if code == DONE and printer.has_left:
         code = DIFFERENT
-    return code if ended == DONE else ended
+    return code if stop_code == DONE else stop_code
 
 
 def _viewer(

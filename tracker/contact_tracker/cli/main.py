@@ -207,8 +207,8 @@ def _run(argv: Sequence[str] | None) -> int:
         take_over_warnings()
         code: int = args.run(args)
         return code
-    except SystemExit as leave:  # argparse after --help or --version; a signal
-        return int(leave.code or DONE)
+    except SystemExit as exit_:  # argparse after --help or --version; a signal
+        return int(exit_.code or DONE)
     except BrokenPipeError:  # the reader has closed the pipe
         return DONE
     except KeyboardInterrupt:

@@ -79,11 +79,11 @@ class Source:
         late = 0
         for count, arrival in enumerate(self.log.arrivals(), 1):
             if count % _POSES_PER_CHECK == 0:
-                self._warn_of(self.log.loss)
-            late = self._warn_of_late(late)
+                self._warn_of_loss(self.log.loss)
+            late = self._warn_of_late_sources(late)
             if self.log.valid:
                 yield arrival
-        self._warn_of_late(late)
+        self._warn_of_late_sources(late)
         if not self.log.valid:
             raise self.log.no_poses(self.name)
 
@@ -92,7 +92,7 @@ class Source:
         """Whether the input is standard input, which cannot be read again."""
         return self.name == "-"
 
-    def _warn_of_late(self, reported: int) -> int:
+    def _warn_of_late_sources(self, reported: int) -> int:
         """Warn of late sources beyond the first ``reported``; returns the number of late sources."""
         for source in self.log.late_sources[reported:]:
             warn(
@@ -125,25 +125,25 @@ class Source:
             say(noise_text(adapted))
         if adapted is not None and adapted.map_use:
             say(adapted.map_use)
-        self.warn_of_news(adapted)
+        self.warn_of_problems(adapted)
         for line in self.log.remarks:
             warn(f"{self.name}: {line}")
         return DONE if self.log.damage is None else DAMAGED
 
     def warn_of_damage(self) -> None:
         """Warn once that most poses were dropped or the recording is damaged, before the results."""
-        self._warn_of(self.log.damage)
+        self._warn_of_loss(self.log.damage)
 
-    def _warn_of(self, damage: str | None) -> None:
+    def _warn_of_loss(self, damage: str | None) -> None:
         for line in not_given(filter(None, [damage]), self._warned):
             warn(f"{self.name}: {line}")
 
-    def warn_of_news(self, adapted: "Report | None") -> None:
+    def warn_of_problems(self, adapted: "Report | None") -> None:
         """Warn of the problems of the stream, each once."""
         for line in not_given(warnings(adapted), self._warned):
             warn(line)
 
-    def say_of_suspicion(self, stamp_ns: int, is_suspected: bool) -> None:
+    def report_suspicion(self, stamp_ns: int, is_suspected: bool) -> None:
         """Print once why no label is certain, if a mistake has been suspected for ``_SUSPECTED_NS``."""
         if not is_suspected:
             self._suspected_since_ns = None
@@ -222,7 +222,7 @@ class SavedStream:
         self._changes, self._follow = changes, follow
         self._saved_s = time.monotonic()
         if path.exists():
-            self._carry_on(load(path))
+            self._resume(load(path))
             say(f"resumed from {path}, after {self._log.valid} poses")
         elif not path.parent.is_dir():
             raise UsageError(f"{path}: there is no folder {path.parent} to save it in")
@@ -261,7 +261,7 @@ class SavedStream:
         source = self._log.source
         return source.topic, source.type, source.frame_id, source.child_frame_id
 
-    def _carry_on(self, saved: object) -> None:
+    def _resume(self, saved: object) -> None:
         """Resume the stream from the loaded state ``saved``."""
         if not isinstance(saved, dict) or tuple(saved) != _SAVED:
             raise StateError(f"{self._path}: it is no state of a stream")
