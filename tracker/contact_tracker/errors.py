@@ -106,7 +106,7 @@ class ChoiceError(UsageError):
 
 
 class ArgumentError(UsageError, TypeError):
-    """A function has no argument of a name."""
+    """An argument of a call is unknown to the function."""
 
 
 class AmbiguousSource(ChoiceError):
@@ -145,8 +145,8 @@ class KnowledgeError(KeyFault):
 
 
 class ContactTrackerWarning(UserWarning):
-    """A fault of the input, from Python; the command line warns in the same words, but names options instead of
-    arguments."""
+    """A fault of the input, from Python; the command line warns in the same words, but names options instead
+    of arguments."""
 
 
 class SlowUpdate(ContactTrackerWarning):

@@ -100,7 +100,7 @@ def python_words(text: str) -> str:
 
 @contextmanager
 def in_python() -> Iterator[None]:
-    """Errors in words of Python."""
+    """A context whose errors name arguments of Python instead of options of the command line."""
     try:
         yield
     except ContactTrackerError as error:
@@ -114,15 +114,15 @@ _OF_READING: Final = frozenset(
 
 
 def with_known_arguments(function: Callable[P, R]) -> Callable[P, R]:
-    """The function, which says of an argument that it does not have what to do instead.
+    """The function with an error for unknown arguments that says what to do instead.
 
     Raises
     ------
     ArgumentError
-        There is no argument of a name.
+        From the function: an argument of the call is unknown.
     """
     names = [name for name in inspect.signature(function).parameters if name not in ("self", "cls")]
-    own = function.__qualname__.removesuffix(".__init__")
+    title = function.__qualname__.removesuffix(".__init__")
 
     @wraps(function)
     def call(*args: P.args, **named: P.kwargs) -> R:
@@ -130,15 +130,15 @@ def with_known_arguments(function: Callable[P, R]) -> Callable[P, R]:
             if name in names or name in ("self", "cls"):
                 continue
             if name in _OF_READING and "trajectory" in names:
-                shown = f"{name}={named[name]!r}"
+                option = f"{name}={named[name]!r}"
                 raise ArgumentError(
-                    f"{own} has no argument {name}, which says how poses are read: "
-                    f"{own}(contact_tracker.read(path, {shown})), or, of a table in memory, "
-                    f"{own}(contact_tracker.Trajectory.from_dataframe(table, {shown}))"
+                    f"{title} has no argument {name}, which says how poses are read: "
+                    f"{title}(contact_tracker.read(path, {option})), or, of a table in memory, "
+                    f"{title}(contact_tracker.Trajectory.from_dataframe(table, {option}))"
                 )
             near = _OF_FRAME.get(name) or closest(name, names)
-            others = f"did you mean {near}?" if near in names else f"there are {', '.join(names)}"
-            raise ArgumentError(f"{own} has no argument {name}; {others}")
+            hint = f"did you mean {near}?" if near in names else f"there are {', '.join(names)}"
+            raise ArgumentError(f"{title} has no argument {name}; {hint}")
         return function(*args, **named)
 
     return call
