@@ -430,7 +430,7 @@ def test_a_suspicion_that_lasts_is_said_once(log: Path, capsys: pytest.CaptureFi
         (10, True, 0),
         (20, True, 0),
     ):
-        source.say_of_suspicion(seconds * 10**9, is_suspected)
+        source.report_suspicion(seconds * 10**9, is_suspected)
         assert capsys.readouterr().err.count("no label is certain for now") == said
 
 

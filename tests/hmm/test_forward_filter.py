@@ -305,7 +305,7 @@ def test_a_hypothesis_with_an_unknown_onset_is_refused_among_valid_ones(unknown:
     running, one, none = begun(), np.ones(1, np.int64), np.zeros(1)
     running.advance(one, one, none, CHANGE)
     running.advance(one, one, none, CHANGE)
-    with pytest.raises(ValueError, match="nothing has begun"):
+    with pytest.raises(ValueError, match="unknown onset"):
         running.advance(np.array([0, 1, 1]), np.array([2, 1, unknown]), np.zeros(3), CHANGE)
 
 

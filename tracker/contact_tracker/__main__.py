@@ -1,7 +1,7 @@
 """The command, as the program ``contact-tracker`` and as ``python -m contact_tracker``.
 
-An interrupt ends it without a traceback as soon as this file runs: all else is imported after that, and
-``_signal`` and ``sys`` are parts of the interpreter.
+From the first line of this file on, an interrupt ends it without a traceback: other modules are imported
+later, and ``_signal`` and ``sys`` are parts of the interpreter.
 """
 
 import _signal  # type: ignore[import-not-found]
@@ -9,7 +9,7 @@ import os
 import sys
 
 INTERRUPTED = 130
-"""As in ``errors.py``, which would have to be imported first."""
+"""Exit code, as in ``errors.py``, which would have to be imported first."""
 
 
 def _end_at_once(*_: object) -> None:
@@ -37,7 +37,7 @@ def main() -> int:
 
             return run()
         except Exception:
-            if interrupts.is_due():  # what it was raised in went on with half a result
+            if interrupts.is_due():  # the interrupted code went on with half a result
                 return INTERRUPTED
             raise
         finally:

@@ -4,7 +4,7 @@
 
     ContactTrackerError
     |-- InputError            the input cannot be used                    (exit code 1)
-    |   |-- UnreadableRecording   not a recording, or nothing in it can be read
+    |   |-- UnreadableRecording   not a recording, or wholly unreadable
     |   |-- NoPoses               a recording without a known pose source
     |   |-- InvalidPose           poses from Python that did not pass the gate
     |   |-- StateError            a saved state that cannot be resumed
@@ -12,7 +12,7 @@
     |-- OutputError           from Python: a file cannot be written       (exit code 1)
     |-- ViewerError           the viewer does not start or takes no data  (exit code 1)
     `-- UsageError            the call is wrong                           (exit code 2)
-        |-- ChoiceError           what it says of a recording does not fit that recording: others it may
+        |-- ChoiceError           a topic, frame, interval or unit does not fit this recording
         |   `-- AmbiguousSource       several pose sources: choose with --topic / --frame
         |-- ArgumentError         from Python: no argument has that name; a TypeError as well
         |-- MissingExtra          a format needs a library that is not installed
@@ -20,13 +20,13 @@
             |-- ModelError            of a model
             `-- KnowledgeError        of a map
 
-An input cannot be used whatever the call; where another call would do, as one that names a topic or frame
-which the recording does have, the call is wrong. docs/conventions.md says the same to users.
+It is an InputError if no call could use the input, and a UsageError if another call could, such as one with a
+topic or frame that the recording has. docs/conventions.md says the same to users.
 
 A partly readable recording is not an error: the readable part is processed and the damage reported as a
 status (exit code 3). A fit that does not converge is a status as well.
 
-From Python, what is doubtful, but no error, is a ``ContactTrackerWarning`` of the module ``warnings``.
+From Python, doubtful input that is no error causes a ``ContactTrackerWarning`` of the module ``warnings``.
 """
 
 from collections.abc import Iterator
@@ -42,10 +42,10 @@ DAMAGED: Final = 3
 DIFFERENT: Final = 4
 """Two takes differ, or a stream has left its plan."""
 UNEXPECTED: Final = 70
-"""Of a recording in a batch: a fault of this package."""
+"""Status of a recording in a batch: a fault of this package."""
 INTERRUPTED: Final = 130
 KILLED: Final = 137
-"""Of a recording in a batch: the processes that segmented it were killed."""
+"""Status of a recording in a batch: the processes that segmented it were killed."""
 
 
 def printable(text: str) -> str:
@@ -54,12 +54,12 @@ def printable(text: str) -> str:
 
 
 def first_line(error: BaseException) -> str:
-    """The first line of an error of a library, or its kind if it has no text."""
+    """The first line of the text of an error of a library, or the name of its class if it has no text."""
     return (str(error) or type(error).__name__).splitlines()[0]
 
 
 class ContactTrackerError(Exception):
-    """Base of all errors raised on purpose; its text is one line with the remedy."""
+    """Base of all errors raised on purpose; its text is one line that says what to do."""
 
     def __init__(self, text: str) -> None:
         super().__init__(printable(text))
@@ -102,11 +102,11 @@ class UsageError(ContactTrackerError):
 
 
 class ChoiceError(UsageError):
-    """What the call names (a topic, frame, interval, unit) is not in this recording, or does not fit it."""
+    """A topic, frame, interval or unit that the call names is not in this recording, or does not fit it."""
 
 
 class ArgumentError(UsageError, TypeError):
-    """A function has no argument of a name."""
+    """An argument of a call is unknown to the function."""
 
 
 class AmbiguousSource(ChoiceError):
@@ -121,7 +121,7 @@ class KeyFault(UsageError):
     """A ``key`` of a file, or the file (no key), is missing, unknown, of the wrong type or out of range."""
 
     NAMES = "{key}", "the file"
-    """How the text begins with a key, and without."""
+    """Beginning of the text with a key, and without one."""
 
     def __init__(self, key: str, reason: str) -> None:
         super().__init__(f"{self.NAMES[0].format(key=key) if key else self.NAMES[1]}: {reason}")
@@ -129,7 +129,7 @@ class KeyFault(UsageError):
         self.reason = reason
 
     def __reduce__(self) -> tuple[type[ContactTrackerError], tuple[str, str]]:
-        return type(self), (self.key, self.reason)  # it crosses from a worker process
+        return type(self), (self.key, self.reason)  # for pickle, from worker processes
 
 
 class ModelError(KeyFault):
@@ -145,8 +145,8 @@ class KnowledgeError(KeyFault):
 
 
 class ContactTrackerWarning(UserWarning):
-    """What the command line warns of, from Python: a fault of the input, in the same words,
-    with the arguments of Python in place of options."""
+    """A fault of the input, from Python; the command line warns in the same words, but names options instead
+    of arguments."""
 
 
 class SlowUpdate(ContactTrackerWarning):

@@ -1,4 +1,4 @@
-"""Files as a whole: reading of regular ones of limited size, and atomic writing.
+"""Files as a whole: reading of regular files of limited size, and atomic writing.
 
 Libraries that take time to load are imported on first use, so that help texts are fast.
 """
@@ -13,9 +13,10 @@ from pathlib import Path
 from typing import Any, Final
 
 TEMPORARY: Final = ".contact-tracker-"
-"""What the names of temporary files begin with."""
+"""Beginning of the names of temporary files."""
 _NO_LINK: Final = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
 MOST_PARTS: Final = 64
+"""Largest number of parts of a key in TOML."""
 _KEY_PART: Final = r"""(?:[A-Za-z0-9_-]+|"[^"\n]*"|'[^'\n]*')"""
 _BLANK: Final = r"[ \t]*+"  # possessive: no backtracking, so that the search takes linear time
 _LONG_KEY: Final = re.compile(
@@ -30,13 +31,13 @@ def read_regular(path: Path, most_bytes: int) -> bytes:
     Raises
     ------
     OSError
-        It cannot be read, is not a regular file, or has more than ``most_bytes``.
+        The file cannot be read, is not regular, or has more than ``most_bytes``.
     """
     status, content = os.stat(path), b""
     if (reason := why_not_regular(status.st_mode)) is not None:
         raise OSError(errno.EINVAL, reason)
     if status.st_size <= most_bytes:
-        with open(path, "rb", opener=_open_at_once) as file:  # in case that it has been replaced
+        with open(path, "rb", opener=_open_at_once) as file:  # it may have been replaced by a pipe
             content = file.read(most_bytes + 1) or b""
     if max(status.st_size, len(content)) > most_bytes:  # some files have content but size 0
         raise OSError(errno.EFBIG, f"it is larger than {most_bytes / 1e6:g} MB")
@@ -51,13 +52,13 @@ def why_not_regular(mode: int) -> str | None:
 
 
 def parse_toml(text: str) -> dict[str, Any]:
-    """The table of a text in TOML, in bounded time: that of the standard library grows with the square of a
-    key's parts.
+    """The table of a text in TOML, in bounded time: the standard library's time grows with the square of the
+    number of a key's parts.
 
     Raises
     ------
     ValueError, RecursionError
-        It is not TOML, or nested too deeply.
+        The text is not TOML, or nested too deeply.
     """
     if text.count(".") > MOST_PARTS and _LONG_KEY.search(text):
         raise ValueError(f"a key has more than {MOST_PARTS} parts")
@@ -83,11 +84,11 @@ def accept_any() -> None:
 
 @contextmanager
 def whole_file(path: Path, check: Callable[[], None] = accept_any) -> Iterator[Path]:
-    """Give a temporary file that replaces ``path`` on success and is removed on any failure.
+    """A context with a temporary file that replaces ``path`` on success and is removed on any failure.
 
-    It is in the same folder, so that the last step is a rename, and has another suffix, so that it is not
-    taken for a result. Its name is unpredictable. A replaced file passes on its mode, and where permitted its
-    owner and group.
+    It is in the same folder, so that the last step is a rename, and has another suffix, so that nobody
+    mistakes it for a result. Its name is unpredictable. It gets the mode of a replaced file, and where
+    permitted its owner and group.
 
     Parameters
     ----------
@@ -111,7 +112,7 @@ def whole_file(path: Path, check: Callable[[], None] = accept_any) -> Iterator[P
     made = True
     try:
         try:
-            # private, as others may not be allowed to read the replaced file
+            # readable by the owner only, as the replaced file may be
             flags, mode = os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o666 if replaced is None else 0o600
             descriptor = os.open(str(temporary), flags | _NO_LINK, mode)
         except OSError:  # not after an interrupt: the file may be there
@@ -134,20 +135,20 @@ def whole_file(path: Path, check: Callable[[], None] = accept_any) -> Iterator[P
 
 
 def _finish(temporary: Path, descriptor: int, replaced: os.stat_result | None) -> None:
-    """Check that ``temporary`` is still the file that was made; give it the owner and mode of
-    ``replaced``."""
+    """Check that ``temporary`` is still the file that was made; give it owner and mode of ``replaced``."""
     if not os.path.samestat(os.fstat(descriptor), os.lstat(str(temporary))):
         raise OSError(errno.EBUSY, "another file was put in its place", str(temporary))
     if replaced is None or os.name != "posix":
         return
     for owner, group in ((replaced.st_uid, -1), (-1, replaced.st_gid)):
-        with suppress(OSError):  # only root may change owners, others only to their groups
+        with suppress(OSError):  # only root may change owners; users change groups to theirs
             os.fchown(descriptor, owner, group)
     mode = stat.S_IMODE(replaced.st_mode) & 0o777
-    if os.fstat(descriptor).st_gid != replaced.st_gid:  # another group gets no more rights than others
+    if os.fstat(descriptor).st_gid != replaced.st_gid:  # a different group gets the rights of everybody
         mode &= ~0o070 | mode << 3
     os.fchmod(descriptor, mode)
 
 
 def _open_at_once(path: str, flags: int) -> int:
+    """The descriptor of an opened file, without a wait for the other end of a pipe."""
     return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))

@@ -16,10 +16,11 @@ from contact_tracker.geometry.elements import ContactGeometry, Element, Line, Pl
 from contact_tracker.states import Contact
 
 UNSCORED = "?"
+"""Label of intervals that are not scored."""
 _LONGEST_LABEL = 40
-"""Characters of a label that are read, and quoted where it is none."""
+"""Number of characters of a label that are read, and quoted in errors."""
 _GAP_NS = 100_000_000
-"""Shorter gaps between intervals count as the step between two poses."""
+"""Longest step between two poses in ns; a longer time between intervals has no label."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,7 @@ class FurtherTruth:
 
 @dataclass(frozen=True)
 class CoarseLabel:
-    """A label that says of several states that one of them holds, as touch and no touch."""
+    """A label for any of several states, such as touch."""
 
     name: str
     states: tuple[Contact, ...]
@@ -42,11 +43,15 @@ class CoarseLabel:
 
 @dataclass(frozen=True)
 class TruthInterval:
-    """``contact`` held from ``start_ns`` to ``end_ns`` (both included), or, where that is None, one of the
-    states of ``coarse``; without either it is not scored.
+    """A label of the time from ``start_ns`` to ``end_ns`` (both included).
 
-    ``motion`` is normal, rest, translation, one-axis or tilt; ``singular``: the motion of this interval
-    cannot distinguish its contact from others. ``further`` contacts hold at the same time.
+    Parameters
+    ----------
+    contact : the state; None if ``coarse`` has several, or the interval is not scored.
+    motion : normal, rest, translation, one-axis or tilt.
+    singular : whether the motion of this interval cannot distinguish its contact from others.
+    geometry : of the touching elements, if known.
+    further : contacts at the same time.
     """
 
     start_ns: int
@@ -73,7 +78,7 @@ class Truth:
     @property
     def coarse(self) -> tuple[CoarseLabel, ...]:
         """The different coarse labels, in order."""
-        return tuple(dict.fromkeys(one.coarse for one in self.intervals if one.coarse is not None))
+        return tuple(dict.fromkeys(i.coarse for i in self.intervals if i.coarse is not None))
 
     def between(self, first_ns: int, last_ns: int) -> "Truth":
         """The intervals between two stamps (both included), cut to them."""
@@ -90,20 +95,21 @@ class Truth:
         return Truth(tuple(replace(interval, geometry=None) for interval in self.intervals))
 
     def changes(self) -> list[tuple[int, Contact | None]]:
-        """Stamps of changes with the contact from there on; None for gaps of over 0.1 s."""
-        found: list[tuple[int, Contact | None]] = []
+        """Stamps of changes with the contact that begins there; None for gaps of over 0.1 s."""
+        changes: list[tuple[int, Contact | None]] = []
         for interval, following in zip(self.intervals, (*self.intervals, None)[1:], strict=True):
-            found.append((interval.start_ns, interval.contact))
+            changes.append((interval.start_ns, interval.contact))
             if following is not None and following.start_ns - interval.end_ns > _GAP_NS:
-                found.append((interval.end_ns + 1, None))
-        return found
+                changes.append((interval.end_ns + 1, None))
+        return changes
 
     def to_json(self) -> str:
+        """The text of ``truth.json``, a list of intervals."""
         return json.dumps([_interval_to_dict(i) for i in self.intervals], indent=1)
 
     @classmethod
     def from_json(cls, text: str | bytes) -> "Truth":
-        """Parse ``truth.json``, a list or ``{"intervals": list}``; raises NoTruth for anything else."""
+        """The intervals of ``truth.json``, a list or ``{"intervals": list}``; raises NoTruth."""
         try:
             data = json.loads(text)
             rows = data["intervals"] if isinstance(data, dict) else data
@@ -119,7 +125,7 @@ class Truth:
         """Intervals from labels at each change; the last one lasts until ``end_ns``."""
         ends = [*(s - 1 for s in stamp_ns[1:]), end_ns]
         try:
-            stamp_ns = [_stamp(one) for one in stamp_ns]
+            stamp_ns = [_stamp(stamp) for stamp in stamp_ns]
             contacts = [None if label == UNSCORED else Contact(label[:_LONGEST_LABEL]) for label in labels]
         except ValueError as error:
             raise NoTruth(f"a truth message is no contact at a time: {error}") from error
@@ -138,9 +144,9 @@ def _interval_to_dict(interval: TruthInterval) -> dict[str, Any]:
     row |= _geometry_to_dict(interval.geometry)
     if interval.further:
         row["further"] = [
-            {"start_ns": one.start_ns, "end_ns": one.end_ns, "contact": one.contact.value}
-            | _geometry_to_dict(one.geometry)
-            for one in interval.further
+            {"start_ns": further.start_ns, "end_ns": further.end_ns, "contact": further.contact.value}
+            | _geometry_to_dict(further.geometry)
+            for further in interval.further
         ]
     return row
 
@@ -170,12 +176,12 @@ def _interval_from_dict(row: dict[str, Any]) -> TruthInterval:
         _geometry_from_dict(row),
         tuple(
             FurtherTruth(
-                _stamp(one["start_ns"]),
-                _stamp(one["end_ns"]),
-                Contact(one["contact"]),
-                _geometry_from_dict(one),
+                _stamp(further["start_ns"]),
+                _stamp(further["end_ns"]),
+                Contact(further["contact"]),
+                _geometry_from_dict(further),
             )
-            for one in row.get("further", ())
+            for further in row.get("further", ())
         ),
     )
 

@@ -1,4 +1,4 @@
-"""Signals that end a command: each becomes an exception, so that resources are released before the exit."""
+"""Signals that end a command: they become exceptions, so that resources are released before the exit."""
 
 import _thread
 import signal
@@ -14,21 +14,24 @@ if TYPE_CHECKING:
     from sys import UnraisableHookArgs
 
 SIGNALS: Final = ("SIGINT", "SIGTERM", "SIGHUP")
-"""Signals by which users and systems end a command."""
+"""Names of the signals with which users and systems end a command."""
 _SIGNALLED: Final = 128
-"""Added to the number of a signal, it is the exit code of a process that is ended by it."""
+"""Exit code of a process that a signal ends, less the number of the signal."""
 _AGAIN_S: Final = 0.02
+"""Time in seconds after which a signal is repeated."""
 _IMPORTS: Final = "<frozen importlib."
+"""Beginning of the file names of Python's import system."""
 _raised = 0
-"""The signal by which an exception was raised last."""
+"""Number of the signal that raised the last exception."""
 _is_due = False
+"""Whether an interrupt waits to be repeated."""
 
 
 def end_in_order(*names: str) -> None:
     """Make SIGINT a ``KeyboardInterrupt`` and other signals a ``SystemExit``, unless they are ignored.
 
-    Where Python cannot raise it, as in a destructor, the signal is repeated. An interrupt also waits for
-    imports: extension modules that are interrupted in theirs raise other errors, or stay incomplete.
+    If Python cannot raise the exception, as in a destructor, the signal is repeated. An interrupt also waits
+    for the end of imports: extension modules that it interrupts raise other errors, or stay incomplete.
     """
     for number in _numbers(names):
         if signal.getsignal(number) is not signal.SIG_IGN:  # as in background jobs, and by nohup
@@ -39,7 +42,7 @@ def end_in_order(*names: str) -> None:
 
 
 def exit_code_of(name: str) -> int | None:
-    """Exit code of a command that a signal with this name ends; None where there is no such signal."""
+    """Exit code of a command that the signal ``name`` ends; None if this system has no such signal."""
     number = getattr(signal, name, None)
     return None if number is None else _SIGNALLED + number
 
@@ -51,7 +54,7 @@ def is_due() -> bool:
 
 @contextmanager
 def deferred(*names: str) -> Iterator[None]:
-    """Defer the signals with these names, if they exist and are not ignored, to the end of the context."""
+    """A context that defers these signals, if they exist and are not ignored, to its end."""
     arrived: list[int] = []
     handlers = {}
     if threading.current_thread() is threading.main_thread():  # handlers can be set only there
@@ -68,7 +71,7 @@ def deferred(*names: str) -> Iterator[None]:
 
 
 def repeat_unless(number: int, ended: Callable[[], bool], after_s: float) -> None:
-    """Send a signal to this process again after some time, unless ``ended``."""
+    """Send a signal to this process again after ``after_s`` seconds, unless ``ended()``."""
     main = _thread.get_ident()  # signals are handled only there
 
     def watch() -> None:
@@ -80,7 +83,7 @@ def repeat_unless(number: int, ended: Callable[[], bool], after_s: float) -> Non
         else:
             _thread.interrupt_main(signal.Signals(number))
 
-    _thread.start_new_thread(watch, ())  # no lock that the interrupted code may hold
+    _thread.start_new_thread(watch, ())  # it needs no lock, which the interrupted code may have
 
 
 def _numbers(names: tuple[str, ...]) -> list[int]:
@@ -105,8 +108,8 @@ def _repeat(number: int) -> None:
 
 
 def _repeat_or_report(raised: "UnraisableHookArgs", /) -> None:
-    """Repeat the signal by which an exception was raised, if it was by one; report others, but not those of
-    objects that an interrupt left incomplete."""
+    """Hook for exceptions that Python cannot raise: repeats the signal that raised one, and reports others,
+    except after an interrupt, which leaves objects incomplete."""
     if _raised and issubclass(raised.exc_type, KeyboardInterrupt | SystemExit):
         _repeat(_raised)
     elif _raised != signal.SIGINT:

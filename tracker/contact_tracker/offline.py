@@ -1,4 +1,5 @@
-"""Offline segmentation of a trajectory, also with the wrenches that were recorded beside it."""
+"""Offline segmentation of a trajectory, also with recorded wrenches: a first pass labels by motion, and its
+ticks of free motion determine the load."""
 
 from collections.abc import Callable, Iterable
 from concurrent.futures import Executor
@@ -29,16 +30,16 @@ def segmented(
     notes: Iterable[str] = (),
     detail: Detail = Detail.SHARED,
 ) -> Outcome:
-    """Segment a trajectory; the parameters are those of ``OfflineTracker`` and ``Outcome``."""
+    """Segment a trajectory; for the parameters see ``OfflineTracker`` and ``Outcome``."""
     tracker = OfflineTracker(model, known_map, executor, wrenches, trajectory.read_as)
-    found = Segmentation.join(list(tracker.pieces(trajectory, progress, detail)))
+    result = Segmentation.join(list(tracker.pieces(trajectory, progress, detail)))
     has_wrenches = wrenches is not None
-    return Outcome(trajectory, found, tracker.report, tuple(notes), has_wrenches, known_map, tracker.map)
+    return Outcome(trajectory, result, tracker.report, tuple(notes), has_wrenches, known_map, tracker.map)
 
 
 RecordedEvidence = tuple[WrenchEvidence | None, str, tuple[str, ...]]
-"""What wrenches say, None if they are not usable; one line with the load, empty if there is none or it is a
-warning; and lines of warnings, where wrenches, some of them or the mass that was given are not used."""
+"""The evidence, None if the wrenches are not usable; a line with the load, empty if it is unknown or part of
+a warning; and warnings, if wrenches or the mass that was given are not used."""
 
 
 def recorded_evidence(
@@ -50,28 +51,28 @@ def recorded_evidence(
     mass_kg: float | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> RecordedEvidence:
-    """What the wrenches on ``topic`` say; nothing of a recording without poses.
+    """Evidence of the wrenches on ``topic``, None for a recording without poses.
 
     Parameters
     ----------
-    log : the poses of the same recording, all of which are read here.
-    mass_kg : of the object, where it is known.
-    progress : called now and then with the number of poses read so far.
+    log : of the poses of the same recording, all of which are read.
+    mass_kg : of the object, if known.
+    progress : called at intervals with the number of poses read so far.
 
     Raises
     ------
     ChoiceError
-        The topic is not there or cannot be used.
+        The topic does not exist or cannot be used.
     """
     poses = Poses.join(list(log.batches()))
     if not len(poses):
         return None, "", ()
-    found = read_wrenches(path, topic, log.source, poses, log.stamping.by_log_time)
-    return evidence_of(found, topic, poses, model, known_map, mass_kg, progress)
+    wrench_log = read_wrenches(path, topic, log.source, poses, log.stamping.by_log_time)
+    return evidence_of(wrench_log, topic, poses, model, known_map, mass_kg, progress)
 
 
 def evidence_of(
-    found: WrenchLog,
+    wrench_log: WrenchLog,
     name: str,
     poses: Poses,
     model: Model,
@@ -79,15 +80,14 @@ def evidence_of(
     mass_kg: float | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> RecordedEvidence:
-    """What wrenches say that were read as ``found`` and that messages call ``name``; otherwise as
-    ``recorded_evidence``."""
-    noted = f"; {found.noted}" if found.noted else ""
+    """Evidence of the wrenches of a log, as ``recorded_evidence``; messages call them ``name``."""
+    noted = f"; {wrench_log.noted}" if wrench_log.noted else ""
     try:
-        evidence, load = wrench_evidence(poses, found.wrenches, model, known_map, mass_kg, progress)
+        evidence, load = wrench_evidence(poses, wrench_log.wrenches, model, known_map, mass_kg, progress)
     except NoLoad as reason:
         return None, "", (f"{name} is not used: {reason}{noted}",)
     text = (
-        f"{len(found.wrenches)} wrenches {found.taken}{noted}; "
+        f"{len(wrench_log.wrenches)} wrenches {wrench_log.taken}{noted}; "
         f"the hand carries {load.mass_kg:.3f} kg, by {load.ticks:.0f} ticks of free motion"
     )
     warnings = filter(None, (noted and text, mass_doubt(load, mass_kg)))
@@ -97,10 +97,10 @@ def evidence_of(
 def evidence_as_given(
     wrenches: Wrenches, name: str, poses: Poses, model: Model, known_map: Map, mass_kg: float | None = None
 ) -> RecordedEvidence:
-    """What wrenches about the body's origin, in its axes, say; otherwise as ``evidence_of``."""
+    """Evidence of wrenches about the body's origin, in its axes, as ``evidence_of``."""
     valid = wrenches.valid
-    found = WrenchLog(valid, len(wrenches) - len(valid), 0, 0, "", "as given")
-    return evidence_of(found, name, poses, model, known_map, mass_kg)
+    wrench_log = WrenchLog(valid, len(wrenches) - len(valid), 0, 0, "", "as given")
+    return evidence_of(wrench_log, name, poses, model, known_map, mass_kg)
 
 
 def wrench_evidence(
@@ -117,18 +117,18 @@ def wrench_evidence(
     ----------
     poses : all of them, validated.
     wrenches : about the body's origin, in its axes, on the clock of the poses.
-    mass_kg : of the object and all else that the sensor carries, if known.
+    mass_kg : of all that the sensor carries, if known.
     progress : called at intervals with the number of poses read so far.
 
     Raises
     ------
     NoLoad
-        Wrenches and poses do not overlap, there is too little free motion to determine the load, or the
-        wrenches are none of a hand that carries one.
+        Wrenches and poses do not overlap, there is too little free motion to determine the load, or no load
+        explains the wrenches.
     """
     by_motion = OfflineTracker(model, known_map, uses_map=False)
-    found = Segmentation.join(list(by_motion.pieces(poses, progress, Detail.WEIGHTS)))
-    column = Contact.FREE.column
-    is_free, p_free = found.beliefs.rows["contact"] == column, found.beliefs.probability[:, column]
-    ticks, load = require_load(poses, wrenches.valid, found.stamp_ns, is_free, p_free, mass_kg)
+    result = Segmentation.join(list(by_motion.pieces(poses, progress, Detail.WEIGHTS)))
+    beliefs, column = result.beliefs, Contact.FREE.column
+    is_free, p_free = beliefs.rows["contact"] == column, beliefs.probability[:, column]
+    ticks, load = require_load(poses, wrenches.valid, result.stamp_ns, is_free, p_free, mass_kg)
     return WrenchEvidence(contact_wrenches(ticks, load)), load

@@ -1,4 +1,4 @@
-"""Worker processes of a command on this machine, which end with it."""
+"""Worker processes of a command on this machine; they end with the command."""
 
 import os
 import signal
@@ -17,7 +17,7 @@ from contact_tracker.interrupts import deferred, end_in_order
 T = TypeVar("T")
 _THREADS: Final = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 MOST_WORKERS: Final = 61 if os.name == "nt" else 1024
-"""More processes than this are not started: on Windows the library refuses them."""
+"""Largest number of processes; on Windows the library refuses more."""
 _ENDED: Final = "a process has ended before its work was done; it may have taken too much memory: try fewer"
 
 Jobs = Callable[[Callable[..., Any], Iterable[tuple[Any, ...]]], Iterator[tuple[tuple[Any, ...], Any]]]
@@ -26,35 +26,34 @@ answer is None if the processes that worked on the job have ended."""
 
 
 class Workers(ProcessPoolExecutor):
-    """Up to ``count`` processes, which first call ``prepare``, and end with this context.
+    """Up to ``count`` processes, at most ``MOST_WORKERS``, which first call ``prepare`` and end with this
+    context.
 
-    They are ``MOST_WORKERS`` at most.
-
-    If it ends by an error, running calls are interrupted. An interrupt is left to this process: a terminal
-    sends it to all of them, but only one has to end the others.
+    If the context ends by an error, running calls are interrupted. Workers block interrupts, which a terminal
+    sends to all processes: this process ends them.
 
     Raises
     ------
     ContactTrackerError
-        At the end, where a process was killed.
+        At the end of the context: a process was killed.
     """
 
     def __init__(self, count: int, prepare: Callable[[], None] | None = None) -> None:
-        for name in _THREADS:  # one thread each in numerics, unless the environment says otherwise
+        for name in _THREADS:  # one numerical thread each, unless the environment sets it
             os.environ.setdefault(name, "1")
         if os.name == "posix":
             resource_tracker.ensure_running()  # starting it later would unblock interrupts
         super().__init__(min(count, MOST_WORKERS), get_context("spawn"), _begin, (prepare,))
 
     def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
-        """Schedule a call, for which a process may be started."""
+        """Schedule a call, which may start a process."""
         if not hasattr(signal, "pthread_sigmask"):
             return super().submit(_run, fn, args, kwargs)
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
             return super().submit(_run, fn, args, kwargs)
         finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
     def __exit__(self, *error: Any) -> None:
         with deferred("SIGINT"):
@@ -67,10 +66,10 @@ class Workers(ProcessPoolExecutor):
 
 @contextmanager
 def local_processes(processes: int, prepare: Callable[[], None]) -> Iterator[Jobs]:
-    """Local processes, each of which first calls ``prepare``; they end with this context.
+    """A context of local processes, each of which first calls ``prepare``; they end with the context.
 
-    Where one is killed, what was given to all of them is done again, one job at a time in a process of its
-    own. A job during which that is killed as well has no answer.
+    If a process is killed, the jobs at work in all of them are done again, one at a time in a single process.
+    A job during which this process is killed as well has no answer.
 
     Raises
     ------
@@ -84,13 +83,13 @@ def local_processes(processes: int, prepare: Callable[[], None]) -> Iterator[Job
         waiting = iter(jobs)
         while lost := (yield from answered(start(processes), function, waiting, 2 * processes)):
             while lost:
-                alone = start(1)
-                alone.submit(os.getpid).result()  # else it would seem to end by the job
-                again = iter(lost)
-                for killing in (yield from answered(alone, function, again, 1)):
-                    yield killing, None
-                alone.shutdown()
-                lost = [*again]
+                worker = start(1)
+                worker.submit(os.getpid).result()  # else a failed start would seem to be the job's fault
+                retried = iter(lost)
+                for job in (yield from answered(worker, function, retried, 1)):
+                    yield job, None
+                worker.shutdown()
+                lost = [*retried]
 
     def start(count: int) -> Workers:
         return stack.enter_context(Workers(count, prepare))
@@ -106,8 +105,13 @@ def answered(
     most: int,
     killed: type[Exception] = BrokenProcessPool,
 ) -> Generator[tuple[tuple[Any, ...], T | None], None, list[tuple[Any, ...]]]:
-    """Answers until no job is ``waiting`` or the pool is broken; returns the jobs that are then at work,
-    ``most`` at a time. There is no answer to a job of which the error is ``killed``."""
+    """Yield answers until no job is ``waiting`` or the pool is broken; return the jobs that are then at work.
+
+    Parameters
+    ----------
+    most : largest number of jobs at work.
+    killed : an error of this type is the answer None.
+    """
     at_work = dict[Future[T], tuple[Any, ...]]()
     while True:
         for arguments in islice(waiting, most - len(at_work)):
@@ -118,10 +122,10 @@ def answered(
         if not at_work:
             return []
         ended = wait(at_work, return_when=FIRST_COMPLETED).done
-        for future in [one for one in ended if not isinstance(one.exception(), BrokenProcessPool)]:
+        broken = {future for future in ended if isinstance(future.exception(), BrokenProcessPool)}
+        for future in ended - broken:
             yield at_work.pop(future), None if isinstance(future.exception(), killed) else future.result()
-            ended.remove(future)
-        if ended:
+        if broken:
             return [*at_work.values()]
 
 

@@ -1,7 +1,7 @@
-"""Saving the state of a stream to a file, to resume it after a restart, and other values in the same form.
+"""Files of the state of a stream, to resume it after a restart, and of other values in the same format.
 
-A value of known classes becomes a tree of JSON that refers to arrays by number. No other class is built, no
-code is run. Shared objects stay shared, as some are compared by identity.
+A value of registered classes becomes a tree of JSON that refers to arrays by number. Loading makes objects of
+no other class and runs no code. Shared objects stay shared, as the trackers compare by identity.
 """
 
 import enum
@@ -30,34 +30,37 @@ from contact_tracker.tracking.segmentation import BELIEF
 from contact_tracker.version import __version__
 
 FORMAT: Final = 3
+"""Version of the format of files."""
 LARGEST_BYTES: Final = 512 * 2**20
+"""Largest size of a file that is read."""
 DEEPEST: Final = 60
+"""Largest depth of a tree."""
 _ARRAYS: Final = "biuf"
-"""Kinds of arrays: flags and numbers."""
+"""Kinds of NumPy's dtypes that arrays may have: flags and numbers."""
 _LAYOUTS: Final = {
     f"{table.__name__} {model.contact.value}": layout(table, model)
     for table in (Bank, Onsets)
     for model in CONTACT_MODELS
 }
 _GATES: Final = (PoseGate, StampOrder, DefaultPoseFilter, ExcursionFilter)
-"""Mutable classes, of which an empty one is made and its fields are then restored."""
+"""Mutable classes: an empty object is made, then its fields are restored."""
 
 
 def classes_in(*roots: type) -> dict[str, type]:
-    """The classes of this package in the fields of the given ones, and in theirs, by name."""
-    found, waiting = dict[str, type](), list[Any](roots)
+    """``roots`` and all classes of this package in the types of their fields, recursively, by name."""
+    classes, waiting = dict[str, type](), list[Any](roots)
     while waiting:
-        one = waiting.pop()
-        waiting += get_args(one)
-        if isinstance(one, type) and one.__module__.startswith("contact_tracker."):
-            if found.setdefault(one.__name__, one) is not one:
-                raise TypeError(f"two classes of a state are called {one.__name__}")
-            waiting += (hint for hint in get_type_hints(one).values() if hint not in found.values())
-    return found
+        hint = waiting.pop()
+        waiting += get_args(hint)
+        if isinstance(hint, type) and hint.__module__.startswith("contact_tracker."):
+            if classes.setdefault(hint.__name__, hint) is not hint:
+                raise TypeError(f"two classes of a state are called {hint.__name__}")
+            waiting += (part for part in get_type_hints(hint).values() if part not in classes.values())
+    return classes
 
 
 class Kind(NamedTuple):
-    """A kind of file: its name in the first line, the classes of its values, and whether another version of
+    """A kind of file: its name (in the first line), the classes of its values, and whether another version of
     the package with the same classes may load it."""
 
     name: str
@@ -66,22 +69,22 @@ class Kind(NamedTuple):
 
     @property
     def schema(self) -> dict[str, list[str]]:
-        """The field names of all classes and tables, which identify the version of a file."""
-        classes = {name: list(_field_names(one)) for name, one in sorted(self.classes.items())}
+        """The field names of all classes and tables by name; they identify the version of a file."""
+        classes = {name: list(_field_names(kind)) for name, kind in sorted(self.classes.items())}
         layouts = {} if self.outlives_version else _LAYOUTS
-        return classes | {key: list(one.names or ()) for key, one in layouts.items()}
+        return classes | {name: list(dtype.names or ()) for name, dtype in layouts.items()}
 
 
 STREAM: Final = Kind("contact-tracker state", classes_in(Tracker, Ordered, Step, *_GATES))
 
 
 def save(path: Path, value: Any, kind: Kind = STREAM) -> None:
-    """Write a value of the classes of a kind, atomically.
+    """Write a value to a file of a kind, atomically.
 
     Raises
     ------
     TypeError
-        The value has a part of another class.
+        A part of the value is not of the kind's classes.
     OSError
         The file cannot be written.
     """
@@ -91,12 +94,12 @@ def save(path: Path, value: Any, kind: Kind = STREAM) -> None:
 
 
 def content_of(value: Any, kind: Kind = STREAM) -> bytes:
-    """The content of the file of a value; raises TypeError as ``save`` does."""
+    """The bytes that ``save`` writes for a value; raises TypeError as ``save`` does."""
     return packed(*_encoded(value, kind), kind)
 
 
 def load(path: Path, kind: Kind = STREAM) -> Any:
-    """The saved value; no code in the file is run.
+    """The value saved in a file; no code in the file is run.
 
     Raises
     ------
@@ -114,16 +117,17 @@ def load(path: Path, kind: Kind = STREAM) -> Any:
         raise
     except OSError as error:
         raise StateError(f"{path}: {error.strerror or error}") from error
-    except Exception as error:  # the file may hold anything
+    except Exception as error:  # the file may have any content
         raise StateError(f"{path}: it is no saved {kind.name.split()[-1]}: name another file") from error
 
 
 @contextmanager
 def continued(path: Path | None) -> Iterator[None]:
-    """Raise StateError for any unexpected error while a stream goes on from the state in ``path``, if any.
+    """A context that makes any unexpected error a StateError while a stream goes on from the state in
+    ``path``; errors pass unchanged without a ``path``.
 
-    A state has hundreds of arrays and numbers that depend on each other, and a file may hold any: its
-    checksum shows damage, but not what somebody has written on purpose.
+    A state has hundreds of arrays and numbers that depend on each other. The checksum of a file detects
+    damage, but not values that somebody has written on purpose.
     """
     try:
         yield
@@ -137,18 +141,18 @@ def continued(path: Path | None) -> Iterator[None]:
 
 
 def fingerprint(value: Any) -> str:
-    """A hash (BLAKE2b, 32 hexadecimal digits) that is equal only for bit-identical values."""
+    """A hash (BLAKE2b, 32 hexadecimal digits), equal only for bit-identical values."""
     return hashlib.blake2b(_body(*_encoded(value)), digest_size=16).hexdigest()
 
 
 def packed(tree: Any, arrays: Sequence[NDArray[Any]], kind: Kind = STREAM) -> bytes:
-    """The content of a file: a line with the version and a checksum, the line of the tree, and the arrays."""
+    """The bytes of a file: a line with version and checksum, a line with the tree, and the arrays."""
     body = _body(tree, arrays)
     return json.dumps(_head(body, kind)).encode() + b"\n" + body
 
 
 def unpacked(content: bytes, kind: Kind = STREAM) -> tuple[Any, list[NDArray[Any]]]:
-    """Tree and arrays; raises StateError, or any error for what is of no such kind."""
+    """Tree and arrays of the bytes of a file; raises StateError, or any error for another kind of file."""
     line, _, body = content.partition(b"\n")
     head, expected = json.loads(line), _head(body, kind)
     if head["kind"] != kind.name:
@@ -158,9 +162,9 @@ def unpacked(content: bytes, kind: Kind = STREAM) -> tuple[Any, list[NDArray[Any
         raise StateError(f"it was saved by another version ({head['version']}, this is {__version__})")
     if head["sha256"] != expected["sha256"]:
         raise StateError("it is damaged: its checksum is wrong")
-    tree, _, rest = body.partition(b"\n")
-    arrays, stream = list[NDArray[Any]](), BytesIO(rest)
-    while stream.tell() < len(rest):
+    tree, _, data = body.partition(b"\n")
+    arrays, stream = list[NDArray[Any]](), BytesIO(data)
+    while stream.tell() < len(data):
         arrays.append(np.lib.format.read_array(stream, allow_pickle=False))
         _require_numbers(arrays[-1])
     return json.loads(tree), arrays
@@ -185,28 +189,28 @@ def _require_numbers(array: NDArray[Any]) -> None:
         raise TypeError(f"arrays of {array.dtype} are no part of a state")
 
 
-def _field_names(one: type) -> tuple[str, ...]:
-    """Field names of a value in the order of its constructor, of another object in the order of
-    assignment."""
-    if one in _GATES:
-        return tuple(vars(one(Counter())))
-    if issubclass(one, enum.Enum):
+def _field_names(kind: type) -> tuple[str, ...]:
+    """Field names of a class in the order of its constructor (in ``_GATES``: of assignment)."""
+    if kind in _GATES:
+        return tuple(vars(kind(Counter())))
+    if issubclass(kind, enum.Enum):
         return ("value",)
-    if is_dataclass(one):
-        return tuple(field.name for field in fields(one) if field.init)
-    return tuple(getattr(one, "_fields", ()))
+    if is_dataclass(kind):
+        return tuple(field.name for field in fields(kind) if field.init)
+    return tuple(getattr(kind, "_fields", ()))
 
 
 def _encoded(value: Any, kind: Kind = STREAM) -> tuple[Any, list[NDArray[Any]]]:
-    """The tree of a value, with references by number to the arrays; raises TypeError for an unknown class."""
-    arrays, seen = list[NDArray[Any]](), dict[int, tuple[int, Any]]()  # by id; objects are kept alive
+    """The tree of a value and the arrays that it refers to by number; raises TypeError for other classes."""
+    arrays = list[NDArray[Any]]()
+    seen = dict[int, tuple[int, Any]]()  # number and object by id; the reference keeps the id unique
 
     def encode(value: Any) -> Any:
-        of = type(value)
-        name = of.__name__
-        if value is None or of in (bool, int, float, str):
+        cls = type(value)
+        name = cls.__name__
+        if value is None or cls in (bool, int, float, str):
             return value
-        if of in (tuple, list):
+        if cls in (tuple, list):
             return [name, *map(encode, value)]
         if isinstance(value, np.generic):
             return ["scalar", add(np.asarray(value))]
@@ -214,12 +218,12 @@ def _encoded(value: Any, kind: Kind = STREAM) -> tuple[Any, list[NDArray[Any]]]:
             return ["same", seen[id(value)][0]]
         if isinstance(value, np.ndarray):
             tree = ["array", add(value)]
-        elif of is deque:
+        elif cls is deque:
             tree = [name, value.maxlen, *map(encode, value)]
-        elif of in (dict, Counter):
+        elif cls in (dict, Counter):
             tree = [name, *map(encode, value.items())]
-        elif kind.classes.get(name) is of:
-            tree = ["object", name, *(encode(getattr(value, field)) for field in _field_names(of))]
+        elif kind.classes.get(name) is cls:
+            tree = ["object", name, *(encode(getattr(value, field)) for field in _field_names(cls))]
         elif layouts := [key for key, layout in _LAYOUTS.items() if layout is value]:
             tree = ["layout", *layouts]
         else:
@@ -236,7 +240,7 @@ def _encoded(value: Any, kind: Kind = STREAM) -> tuple[Any, list[NDArray[Any]]]:
 
 
 def _decoded(tree: Any, arrays: Sequence[NDArray[Any]], kind: Kind) -> Any:
-    """The value of a tree; raises any error for one that ``_encoded`` does not give."""
+    """The value of a tree; raises any error for a tree that ``_encoded`` does not return."""
     numbered, objects = dict(enumerate(arrays)), dict[int, Any]()
 
     def decode(tree: Any, depth: int) -> Any:
@@ -259,8 +263,8 @@ def _decoded(tree: Any, arrays: Sequence[NDArray[Any]], kind: Kind) -> Any:
                 value = numbered[number]
             case "layout", [name]:
                 value = _LAYOUTS[name]
-            case "deque", [most, *items]:
-                value = deque(items, most)
+            case "deque", [length, *items]:
+                value = deque(items, length)
             case "dict", _:
                 value = dict(parts)
             case "Counter", _:
@@ -276,10 +280,10 @@ def _decoded(tree: Any, arrays: Sequence[NDArray[Any]], kind: Kind) -> Any:
 
 
 def _restored(kind: type, items: Sequence[Any]) -> Any:
-    """An object of a class with these fields."""
-    own = dict(zip(_field_names(kind), items, strict=True))
+    """An object of the class ``kind`` whose fields have the values ``items``."""
+    values = dict(zip(_field_names(kind), items, strict=True))
     if kind not in _GATES:
-        return kind(**own)
+        return kind(**values)
     value = kind(Counter())
-    vars(value).update(own)
+    vars(value).update(values)
     return value

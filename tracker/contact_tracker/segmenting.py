@@ -1,4 +1,4 @@
-"""Segments a recording: ticks and noise are chosen on its first part, then it is gone over as a whole."""
+"""Segments a recording: its first part decides ticks and noise, then all of it is filtered and smoothed."""
 
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor
@@ -33,21 +33,24 @@ from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker.wrenches.contact_evidence import WrenchEvidence
 
 AHEAD_POSES: Final = 100_000
-"""Number of poses whose periods decide the ticks; they are kept in memory until then."""
+"""Number of poses whose periods decide the length of the ticks; they stay in memory until then."""
 MOST_POSES: Final = 1_000_000
-"""Number of poses after which the best model so far is chosen; until then all are kept in memory."""
+"""Number of poses after which the best model so far is chosen; until then all stay in memory."""
 INITIAL_AUTOCORRELATION: Final = 0.5
-"""Autocorrelation of the prediction errors of free motion, offline, until it is estimated: nearly that of any
-recorded motion, so that smooth free motion at the start is not confused with contact. Online it would delay
-labels; it is not needed where a wrench shows a contact force at the start."""
+"""Autocorrelation of the prediction errors of free motion, offline, until it is estimated. It is near that of
+all recorded motion, so that smooth free motion at the start is not confused with contact. Online it would
+delay labels, and a wrench that shows a contact force at the start makes it needless."""
 
 
 class OfflineTracker:
     """Segments one recording piece by piece; ``report`` then has the chosen ticks and noise, ``outliers`` the
     number of poses left out.
 
-    ``read_as``: how the poses were read, as the user asked. ``uses_map``: whether a map of the recording is
-    made, and passes with it follow the first one where neither elements nor wrenches are given.
+    Parameters
+    ----------
+    read_as : units and conventions in which the poses were read.
+    uses_map : whether a map of the recording is made. Passes with the map follow the first pass if the user
+        has given neither elements nor wrenches.
     """
 
     def __init__(
@@ -73,26 +76,31 @@ class OfflineTracker:
         progress: Callable[[int], None] | None = None,
         detail: Detail = Detail.SHARED,
     ) -> Iterator[Segmentation]:
-        """As ``offline_smoother.pieces``, but in one piece at the end where passes with a map may follow;
-        ``detail`` is that of the ``filtered`` beliefs.
+        """The segmentation in pieces, as ``offline_smoother.pieces``, but in a single piece at the end where
+        passes with a map may follow.
+
+        Parameters
+        ----------
+        progress : called at intervals with the number of poses read so far.
+        detail : of the ``filtered`` beliefs.
 
         Raises
         ------
         InvalidPose
-            While iterating, where poses did not pass the gate.
+            While iterating: poses did not pass the gate.
         """
         stream = self._with_usual_period(_validated(batches(poses)))  # ticks that suit the whole recording
         stream, early = self._choose_noise(stream, detail)  # by the tracker, on the first part
         if self._tracker.best is None:
             yield Segmentation()
             return
-        one = ContactFilter.start(self._model, known_map=self._known_map)
+        filter_ = ContactFilter.start(self._model, known_map=self._known_map)
         ticks = ticks_of(stream, self._model, progress, self._tracker.filters.body_m)
         segmenter = Segmenter(self._executor, self._wrenches, self._record)
-        found = pieces(ticks, one, segmenter, detail)  # filter, smooth, decode, fit each segment
+        parts = pieces(ticks, filter_, segmenter, detail)  # filter, smooth, decode, fit each segment
         if self._record is not None and self._has_passes:
-            found = with_map(found, self._record, self._executor)  # again with its map until that stands
-        yield from self._checked(found, early)
+            parts = with_map(parts, self._record, self._executor)  # passes until the map stays the same
+        yield from self._checked(parts, early)
 
     @property
     def map(self) -> GrowingMap | None:
@@ -101,14 +109,14 @@ class OfflineTracker:
 
     @property
     def report(self) -> Report | None:
-        """None if the recording has no poses."""
-        found = self._tracker.report
-        if found is None or self._record is None or self._record.state is None or not self._has_passes:
-            return found
-        others = (one for one in found.findings if one.kind != "map")
+        """Ticks, noise and findings of the recording; None if it has no poses."""
+        report = self._tracker.report
+        if report is None or self._record is None or self._record.state is None or not self._has_passes:
+            return report
+        unmapped = (finding for finding in report.findings if finding.kind != "map")
         world = self._record.state.map
-        findings = (*others, *map_findings(world))
-        return found._replace(
+        findings = (*unmapped, *map_findings(world))
+        return report._replace(
             findings=findings, map_use=map_use((self.map if world.prior else None) or world)
         )
 
@@ -121,54 +129,52 @@ class OfflineTracker:
         return _with_initial_autocorrelation(model) if may_begin_free else model
 
     def _with_usual_period(self, stream: Iterator[Poses]) -> Iterator[Poses]:
-        """The same stream, after the ticks and the tracked point have been chosen by its first
-        ``AHEAD_POSES``."""
+        """The same stream; its first ``AHEAD_POSES`` decide the length of ticks and the tracked point."""
         ahead = _read_ahead(stream)
         if ahead:
             filters = self._tracker.filters
-            first = Poses.join(ahead)
-            filters.period_s = period_for_all_s(first.stamp_ns, filters.model)
+            poses = Poses.join(ahead)
+            filters.period_s = period_for_all_s(poses.stamp_ns, filters.model)
             if self._wrenches is None:  # moments are about the body's origin
-                filters.body_m = independent_point(first)
+                filters.body_m = independent_point(poses)
         return chain(_released(ahead), stream)
 
     def _choose_noise(self, stream: Iterator[Poses], detail: Detail) -> tuple[Iterator[Poses], Beliefs]:
-        """The stream from its beginning, which is read until the model is chosen, and the online beliefs
-        until then, if ``detail`` is enough. The conventions of the poses are tested on as many as that
-        takes."""
+        """The stream from its beginning and the online beliefs, if ``detail`` is enough, up to the choice of
+        the model. The stream is read until model and conventions of the poses are decided."""
         tracker = self._tracker
         inspected, ahead, beliefs, count = list[Poses](), list[Poses](), list[Beliefs](), 0
-        for some in stream:
+        for poses in stream:
             used = 0
-            while used < len(some) and not tracker.is_decided:
-                part = some[used : used + BATCH_POSES]
+            while used < len(poses) and not tracker.is_decided:
+                part = poses[used : used + BATCH_POSES]
                 beliefs.append(_in_columns(tracker.add(part, detail), detail))
                 used += len(part)
-            tracker.inspect_added()  # what follows is inspected without the filters
-            inspected.append(some[:used])
-            count += len(some)
-            if used < len(some):
-                tracker.check("conventions", some[used:])
-                ahead.append(some[used:])
-            is_known = tracker.is_decided and tracker.checks.conventions.is_settled
-            if is_known or count >= MOST_POSES:
+            tracker.inspect_added()  # later poses are inspected without the filters
+            inspected.append(poses[:used])
+            count += len(poses)
+            if used < len(poses):
+                tracker.check("conventions", poses[used:])
+                ahead.append(poses[used:])
+            is_settled = tracker.is_decided and tracker.checks.conventions.is_settled
+            if is_settled or count >= MOST_POSES:
                 break
         if not tracker.is_decided and count < MOST_POSES:
             beliefs.append(_in_columns(tracker.finish(), detail))
-        rest = self._inspected(chain(_released(ahead), stream))
-        return chain(_released(inspected), rest), Beliefs.join(beliefs)
+        following = self._inspected(chain(_released(ahead), stream))
+        return chain(_released(inspected), following), Beliefs.join(beliefs)
 
     def _inspected(self, stream: Iterator[Poses]) -> Iterator[Poses]:
-        """Pass poses on, after inspection and the test of the map."""
+        """The same poses, after inspection and the test of the map."""
         for poses in stream:
             self._tracker.inspect_poses(poses)
             self._tracker.check("contradiction", poses)
             yield poses
 
-    def _checked(self, found: Iterator[Segmentation], early: Beliefs) -> Iterator[Segmentation]:
-        """The pieces after the checks of segments, with the ``early`` online beliefs instead of their own."""
+    def _checked(self, parts: Iterator[Segmentation], early: Beliefs) -> Iterator[Segmentation]:
+        """The pieces after the checks of segments; the ``early`` online beliefs replace their first ones."""
         waiting = FaceNameDelay(self._known_map)
-        for piece in found:
+        for piece in parts:
             count = min(len(early), len(piece.filtered))
             reported, early = early[:count], early[count:]
             self.outliers = self.outliers.joined(piece.outliers)
@@ -184,9 +190,9 @@ class OfflineTracker:
 def _read_ahead(stream: Iterator[Poses]) -> list[Poses]:
     """The first ``AHEAD_POSES`` poses."""
     ahead, count = list[Poses](), 0
-    for some in stream:
-        ahead.append(some)
-        count += len(some)
+    for poses in stream:
+        ahead.append(poses)
+        count += len(poses)
         if count >= AHEAD_POSES:
             break
     return ahead
@@ -198,12 +204,13 @@ def _in_columns(beliefs: list[Belief], detail: Detail) -> Beliefs:
 
 
 def _with_initial_autocorrelation(model: Model) -> Model:
+    """The model with at least ``INITIAL_AUTOCORRELATION``."""
     assumed = max(model.motion.initial_autocorrelation, INITIAL_AUTOCORRELATION)
     return replace(model, motion=replace(model.motion, initial_autocorrelation=assumed))
 
 
 def _validated(stream: Iterator[Poses]) -> Iterator[Poses]:
-    """Pass poses on if they are valid."""
+    """The same poses; raises InvalidPose if they did not pass the gate."""
     last_ns: int | None = None
     for poses in stream:
         if len(poses):
@@ -213,17 +220,17 @@ def _validated(stream: Iterator[Poses]) -> Iterator[Poses]:
 
 
 def _in_doubt(piece: Segmentation, possible: tuple[Contact, ...]) -> Segmentation:
-    """The piece with its probabilities mixed with uniform ones, and its contacts open: the motion, as it was
-    read, tells nothing for sure."""
+    """The piece with probabilities mixed with uniform ones, and all contacts open: its poses are doubtful."""
     states = np.array([state is Contact.FREE or state in possible for state in STATES])
 
     def mixed(probability: Array) -> Array:
         return mixed_with_uniform(probability, possible)
 
-    def doubted(one: Segment) -> Segment:
-        at_label = np.full(len(STATES), one.probability)
-        others = tuple(state for state in compress(STATES, states) if state is not one.contact)
-        return replace(one, probability=float(mixed(at_label)[one.contact.column]), inseparable=others)
+    def doubted(segment: Segment) -> Segment:
+        label = segment.contact
+        p_label = float(mixed(np.full(len(STATES), segment.probability))[label.column])
+        alternatives = tuple(state for state in compress(STATES, states) if state is not label)
+        return replace(segment, probability=p_label, inseparable=alternatives)
 
     return replace(
         piece,
@@ -234,7 +241,7 @@ def _in_doubt(piece: Segmentation, possible: tuple[Contact, ...]) -> Segmentatio
 
 
 def _released(parts: list[Poses]) -> Iterator[Poses]:
-    """Yield each part and drop it, to free its memory."""
+    """The parts in order; each is dropped as it is passed on, to free its memory."""
     parts.reverse()
     while parts:
         yield parts.pop()
@@ -246,12 +253,11 @@ def segment(
     progress: Callable[[int], None] | None = None,
     known_map: Map = EMPTY_MAP,
 ) -> Segmentation:
-    """Segment a whole recording, as ``offline_smoother.segment``, adapted to its stream.
+    """Segment a whole recording, as ``offline_smoother.segment``, with ticks and noise chosen by its poses.
 
     Raises
     ------
     InvalidPose
         Poses that did not pass the gate: apply ``gate`` of ``motion.pose_validation`` first.
     """
-    found = OfflineTracker(model, known_map).pieces(poses, progress, Detail.GEOMETRY)
-    return Segmentation.join(list(found))
+    return Segmentation.join([*OfflineTracker(model, known_map).pieces(poses, progress, Detail.GEOMETRY)])

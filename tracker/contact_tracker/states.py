@@ -22,7 +22,7 @@ class Contact(StrEnum):
     """Index of this state in all seven-column arrays."""
 
     def contains(self, other: "Contact") -> bool:
-        """Whether every motion that keeps this contact also keeps ``other``."""
+        """Whether every motion that is possible in this contact is possible in ``other``."""
         return other in _CONTAINS[self]
 
 
@@ -43,16 +43,15 @@ _CONTAINS: Final[dict[Contact, frozenset[Contact]]] = {
 
 
 def states_from(names: str | Iterable[str]) -> tuple[Contact, ...]:
-    """The states of these names, a list or separated by commas, in the order of ``STATES``; raises ValueError
-    for others, or without any."""
+    """The states of names (a list, or a text with commas) in the order of ``STATES``; raises ValueError."""
     if isinstance(names, str):
         names = filter(None, map(str.strip, names.split(",")))
     elif isinstance(names, bytes) or not isinstance(names, Iterable):
         raise ValueError(f"names of contacts, such as 'f-f,e-f', and not {names!r}")
-    given = [*names]
-    for name in given:
+    names = [*names]
+    for name in names:
         if name not in STATES:
             raise ValueError(f"{name!r} is no contact: choose from {', '.join(CONTACTS)}")
-    if not given:
+    if not names:
         raise ValueError(f"no contact is named: choose from {', '.join(CONTACTS)}")
-    return tuple(state for state in STATES if state in given)
+    return tuple(state for state in STATES if state in names)

@@ -6,60 +6,60 @@ from itertools import islice
 from typing import Final
 
 _LEAST_SIMILARITY: Final = 0.65
-"""Similarity (difflib ratio) from which on a name is suggested for a word: two of three letters."""
+"""Least similarity (difflib ratio) of a suggested name: two of three letters."""
 _BEGINNING: Final = 3
-"""Letters from which on the one name that begins with them is suggested."""
+"""Least number of letters of a word that suggests the only name that begins with it."""
 _MARKS: Final = "-/"
-"""What options and topics begin with does not make them alike."""
+"""Characters at the beginning of options and topics, which do not make them alike."""
 _MOST_FILES: Final = 10_000
-"""Most files of a folder that are looked at for a similar name."""
+"""Largest number of files of a folder that are compared with a misspelt name."""
 
 
 def suggestion(word: str, names: Iterable[str]) -> str:
-    """``; did you mean NAME?``, or empty if no other name is similar."""
+    """``; did you mean NAME?``, or empty if no name is similar to ``word``."""
     name = closest(word, names)
     return "" if name is None else f"; did you mean {name}?"
 
 
 def closest(word: str, names: Iterable[str]) -> str | None:
-    """The other name that is most similar to a word; None if none is."""
+    """The name that is most similar to ``word``, but not equal; None if no name is similar."""
     from difflib import get_close_matches
 
     bare = {name.lstrip(_MARKS).casefold(): name for name in names if name != word}
-    given = word.lstrip(_MARKS).casefold()
-    words = [name for name in bare if len(name) > 1 or name == given]  # one letter is in many words
-    longer = [name for name in bare if len(given) >= _BEGINNING and name.startswith(given)]
-    near = longer if len(longer) == 1 else get_close_matches(given, words, 1, _LEAST_SIMILARITY)
+    stem = word.lstrip(_MARKS).casefold()
+    words = [name for name in bare if len(name) > 1 or name == stem]  # a single letter is in many words
+    longer = [name for name in bare if len(stem) >= _BEGINNING and name.startswith(stem)]
+    near = longer if len(longer) == 1 else get_close_matches(stem, words, 1, _LEAST_SIMILARITY)
     return bare[near[0]] if near else None
 
 
 def near_file(path: str | os.PathLike[str]) -> str:
-    """``; did you mean FILE?`` for a path at which nothing is, if there is a file of a similar name in its
-    folder, or in a folder of a similar name; else empty."""
+    """``; did you mean FILE?`` if nothing is at ``path``, but a file of a similar name is in its folder or in
+    a folder of a similar name; else empty."""
     folder, name = os.path.split(os.fspath(path))
     try:
         if name and not os.path.lexists(path):
             near = _near(folder, name)
             if near is None and folder and not os.path.isdir(folder):
-                other = _near(*os.path.split(folder))
-                near = None if other is None else os.path.join(other, name)
+                parent = _near(*os.path.split(folder))
+                near = None if parent is None else os.path.join(parent, name)
             return f"; did you mean {near}?" if near is not None and os.path.exists(near) else ""
-    except (OSError, ValueError):  # the folder cannot be read, or the name is none
+    except (OSError, ValueError):  # the folder cannot be read, or the name is impossible
         pass
     return ""
 
 
 def _near(folder: str, name: str) -> str | None:
-    """The file or folder of a similar name, by the stems of those of the same suffix first: a common suffix
-    does not make names alike."""
+    """The path of a file or folder of a similar name, or None. Stems are compared, as a common suffix does
+    not make names alike; files of the same suffix come first."""
     if not os.path.isdir(folder or os.curdir):
         return None
     with os.scandir(folder or os.curdir) as entries:
-        names = sorted(one.name for one in islice(entries, _MOST_FILES) if not one.name.startswith("."))
+        files = sorted(file.name for file in islice(entries, _MOST_FILES) if not file.name.startswith("."))
     stem, suffix = os.path.splitext(name)
-    same = {os.path.splitext(one)[0]: one for one in names if os.path.splitext(one)[1] == suffix}
-    others = {os.path.splitext(one)[0]: one for one in names}
-    for stems in (same, others):
+    by_stem = {os.path.splitext(file)[0]: file for file in files}
+    of_suffix = {os.path.splitext(file)[0]: file for file in files if os.path.splitext(file)[1] == suffix}
+    for stems in (of_suffix, by_stem):
         if (near := stem if stem in stems else closest(stem, stems)) is not None:
             return os.path.join(folder, stems[near])
     return None

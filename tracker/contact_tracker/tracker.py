@@ -1,4 +1,4 @@
-"""The online tracker of one stream, which adapts to it and checks it for mistakes."""
+"""The online tracker of one stream of poses; it adapts to the stream and checks it for mistakes."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
@@ -23,19 +23,19 @@ BATCH_POSES: Final = 50
 
 @dataclass(eq=False)
 class Tracker:
-    """One object's stream: chooses the noise by evidence, checks the stream for mistakes.
+    """Online tracker of one object: chooses the noise by evidence and checks the stream for mistakes.
 
-    Bounded in size, however long the stream.
+    Its size in memory is bounded, however long the stream.
 
     Parameters
     ----------
     filters : of different noise, side by side.
     inspection : of the poses.
     checks : of the stream and of the map.
-    uninspected : the latest ``many`` poses; the filters have the first ``taken_in`` parts of these and get
-        the others at the end of the tick.
+    uninspected : the latest ``many`` poses; the filters have the first ``taken_in`` elements of this list and
+        get the others at the end of the tick.
     last_ns : stamp of the last pose.
-    late : number of poses that were left out, see ``update``.
+    late : number of poses left out because their tick was closed, see ``update``.
     """
 
     filters: FilterBank
@@ -59,17 +59,17 @@ class Tracker:
 
         Parameters
         ----------
-        lag_s : with a fixed lag beliefs are later and more accurate.
-        read_as : how the poses were read, as the user asked.
+        lag_s : fixed lag in seconds; beliefs come later by it and are more accurate.
+        read_as : units and conventions in which the poses were read.
         """
-        kalman_prediction()  # no call of ``update`` waits for it
+        kalman_prediction()  # loaded here, so that no call of ``update`` waits for it
         return cls(FilterBank(model, lag_s, known_map), NOTHING_INSPECTED._replace(read_as=read_as))
 
     def update(self, arrival: Arrival, detail: Detail = Detail.FORMATION) -> list[Belief]:
-        """Update by what a pose brings (``PoseGate.arrive``); returns the beliefs of the ticks it closes.
+        """Update by an arrival (``PoseGate.arrive``); returns the beliefs of the ticks that it closes.
 
-        A tick does not wait for poses that are held or late: it is complete once none is waited for. Poses
-        that come more than a tick after theirs was closed are left out and counted.
+        A tick is complete once the gate expects no more poses of it. Poses that come more than a tick after
+        their own was closed are left out and counted.
         """
         beliefs = list[Belief]()
         for pose in arrival.poses:
@@ -86,7 +86,7 @@ class Tracker:
     def finish(self) -> list[Belief]:
         """End of the stream: the beliefs of the last, partial tick and of the ticks within the lag.
 
-        The stream may go on, as after a gap.
+        The stream may go on afterwards, as after a gap.
         """
         beliefs = self._update_filters(Detail.FORMATION)
         self.inspect_added()
@@ -97,13 +97,13 @@ class Tracker:
     def add(self, poses: Pose | Poses, detail: Detail = Detail.FORMATION) -> list[Belief]:
         """Update by one pose or several, in order; returns the beliefs of the ticks that they close.
 
-        While the poses may be in doubt, probabilities are mixed with uniform ones. Poses that are enough for
-        the inspection are inspected with the next pose, which seldom closes a tick as well.
+        While the poses may be in doubt, probabilities are mixed with uniform ones. ``BATCH_POSES`` poses are
+        inspected at the arrival of the next pose, which seldom closes a tick as well.
 
         Raises
         ------
         InvalidPose
-            They did not pass the gate, or are not after those before.
+            Poses did not pass the gate, or are earlier than the last pose.
         """
         if isinstance(poses, Pose):
             if not is_valid(poses, self.last_ns):
@@ -123,16 +123,16 @@ class Tracker:
             if self.many >= BATCH_POSES:
                 self.inspect_added()
             room = BATCH_POSES - self.many
-            some, poses = poses[:room], poses[room:]
-            self.last_ns = int(some.stamp_ns[-1])
-            self.uninspected.append(some)
-            self.many += len(some)
+            part, poses = poses[:room], poses[room:]
+            self.last_ns = int(part.stamp_ns[-1])
+            self.uninspected.append(part)
+            self.many += len(part)
             beliefs += self._update_filters(detail)
         return beliefs
 
     def _update_filters(self, detail: Detail, until_ns: int | None = None) -> list[Belief]:
-        """Update the filters and the checks by the poses that they do not have yet, and close the ticks that
-        are over by ``until_ns``."""
+        """Update the filters and the checks by the poses since their last update, and close the ticks that
+        end before ``until_ns``; returns the beliefs of closed ticks."""
         filters, checks, beliefs = self.filters.copied(), self.checks, list[Belief]()
         if self.taken_in < len(self.uninspected):
             poses = Poses.join(self.uninspected[self.taken_in :])
@@ -141,7 +141,7 @@ class Tracker:
                 checks = checks.update(poses, self._stream(filters), "contradiction")
         if until_ns is not None:
             beliefs += filters.pass_time(until_ns, detail)
-        self.filters, self.checks = filters, checks  # an interrupted call changes nothing
+        self.filters, self.checks = filters, checks  # together, so that an interrupted call changes nothing
         self.taken_in = len(self.uninspected)
         return self._in_doubt(beliefs)
 
@@ -155,10 +155,10 @@ class Tracker:
         if not self._doubt:
             return beliefs
         possible = self.filters.known_map.allowed
-        return [replace(one, probability=mixed_with_uniform(one.probability, possible)) for one in beliefs]
+        return [replace(b, probability=mixed_with_uniform(b.probability, possible)) for b in beliefs]
 
     def inspect_added(self) -> None:
-        """Inspect the poses that were added, which the filters have, if there are any."""
+        """Inspect the added poses, all of which the filters have, if there are any."""
         if self.many:
             poses = Poses.join(self.uninspected)
             self.inspect_poses(poses)
@@ -166,15 +166,14 @@ class Tracker:
             self.uninspected, self.many, self.taken_in = [], 0, 0
 
     def inspect_poses(self, poses: Poses) -> None:
-        """Update the inspection and the checks of the poses themselves by poses, which are tracked
-        elsewhere."""
+        """Update the inspection and the checks of poses (``INSPECTED``), but not the filters."""
         stream = self.stream
-        for first in range(0, len(poses) if stream.map.lists_elements else 0, BATCH_POSES):
-            self.checks = self.checks.update(poses[first : first + BATCH_POSES], stream, *INSPECTED)
+        for start in range(0, len(poses) if stream.map.lists_elements else 0, BATCH_POSES):
+            self.checks = self.checks.update(poses[start : start + BATCH_POSES], stream, *INSPECTED)
         self.inspection = inspect(self.inspection, poses)
 
     def check(self, name: str, poses: Poses) -> None:
-        """Update one check by poses, which may be tracked elsewhere."""
+        """Update the check ``name`` by poses, but not the filters."""
         self.checks = self.checks.update(poses, self.stream, name)
 
     def check_segments(self, segments: Iterable[Segment]) -> None:
@@ -183,7 +182,7 @@ class Tracker:
 
     @property
     def stream(self) -> Stream:
-        """What the checks need to know of the stream."""
+        """State of the stream that the checks read."""
         return self._stream(self.filters)
 
     def _stream(self, filters: FilterBank) -> Stream:
@@ -225,18 +224,18 @@ class Tracker:
 
     @property
     def may_be_in_doubt(self) -> bool:
-        """The same, or it is not known yet: impacts may be shorter than a tick, and the map or the
-        conventions of the poses may be wrong."""
+        """Whether labels are unreliable or may prove so: impacts may be shorter than a tick, and the map or
+        the conventions of the poses may be wrong."""
         return self.checks.is_likely(self.stream) or self.is_in_doubt
 
     @property
     def suspects_mistake(self) -> bool:
-        """Whether no label is certain since a mistake is likely, which is not found yet."""
+        """Whether no label is certain because a mistake, which is not yet confirmed, is likely."""
         return self._doubt and not self.is_in_doubt
 
     @property
     def outliers(self) -> Outliers:
-        """Poses left out of their ticks so far."""
+        """Numbers of poses left out of their ticks so far."""
         return self.filters.outliers
 
     @property
@@ -246,9 +245,9 @@ class Tracker:
 
     @property
     def report_so_far(self) -> Report | None:
-        """The same of a stream that goes on: without what only its end can say."""
+        """Report of a stream that has not ended, without findings that need its end."""
         return self._report(is_end=False)
 
     def _report(self, is_end: bool) -> Report | None:
-        found = self.checks.findings(self.stream._replace(is_end=is_end))
-        return report_of(self.filters, self.is_decided, found)
+        findings = self.checks.findings(self.stream._replace(is_end=is_end))
+        return report_of(self.filters, self.is_decided, findings)

@@ -1,4 +1,4 @@
-"""Arguments shared by several commands, and what they name.
+"""Arguments shared by several commands, and the models, maps and files that they name.
 
 A bad value is a usage error before any work.
 """
@@ -32,11 +32,11 @@ T = TypeVar("T")
 LOG_HELP: Final = "an MCAP file, a ROS bag, a table of poses, a folder of parts, or - for stdin"
 LOGS_HELP: Final = "recordings, or folders to search for MCAP files and ROS bags"
 _MOST: Final = 1e9
-"""Longest time in seconds, about 30 years; more is taken for a mistake."""
+"""Largest number of an argument, such as seconds (about 30 years); larger ones are mistakes."""
 
 
 def add_recording(parser: argparse.ArgumentParser, has_interval: bool = True) -> None:
-    """What is read of a recording, by which model, and what is known of it."""
+    """Options of the source of poses, the interval, the model and the map."""
     add_source(parser)
     if has_interval:
         add_interval(parser)
@@ -49,7 +49,7 @@ def add_source(
     topic: str = "take the poses of this topic: TOPIC or TOPIC:TYPE",
     frame: str = "take the poses of this frame: CHILD, or 'PARENT->CHILD' along all transforms between",
 ) -> None:
-    """``--topic``, ``--field``, ``--frame`` and ``--relative-to``, and what the columns of a table are."""
+    """``--topic``, ``--field``, ``--frame``, ``--relative-to``, and options of the columns of a table."""
     parser.add_argument("--topic", help=topic)
     text = "take the poses in this field of messages: tracked.pose, results[0].pose, or . for the message"
     parser.add_argument("--field", metavar="PATH.TO.POSE", help=text)
@@ -60,14 +60,14 @@ def add_source(
 
 
 def _add_table_reading(parser: argparse.ArgumentParser, verb: str) -> None:
-    """What the columns of a table are, where their names do not say it."""
+    """Options of the meaning of the columns of a table, for names that do not say it."""
     add = parser.add_argument_group(
-        "columns of a table, where their names do not say what they are"
+        "columns of a table, if their names do not say what they are"
     ).add_argument
     add("--unit", metavar="UNIT", help=f"positions are in {', '.join(LENGTHS)}")
     add("--time-unit", metavar="UNIT", help=f"times are in {TIME_UNIT_HELP}")
-    if verb != "live":  # where it is the speed of the replay
-        text = "times are numbers of frames, so many a second: --time-unit frames --rate 200"
+    if verb != "live":  # where --rate is the speed of the replay
+        text = "times are numbers of frames, at this rate: --time-unit frames --rate 200"
         add("--rate", dest="frame_rate", metavar="HZ", help=text)
     text = "rotations are angles in this order: xyz about fixed axes, XYZ about the body's; XYZ:deg"
     add("--euler", metavar="XYZ", help=text)
@@ -82,7 +82,9 @@ def _add_table_reading(parser: argparse.ArgumentParser, verb: str) -> None:
 
 
 _OF_TABLE: Final = ("unit", "time_unit", "euler", "rotation_vector", "matrix", "field")
+"""Arguments that are passed to ``reading_of`` under their own names."""
 _READING: Final = frozenset({*_OF_TABLE, "frame_rate", "columns"})
+"""All arguments about the meaning of columns and fields."""
 
 
 def command_of(parser: argparse.ArgumentParser) -> str:
@@ -91,42 +93,42 @@ def command_of(parser: argparse.ArgumentParser) -> str:
 
 
 def set_table(args: argparse.Namespace, words: Sequence[str], parser: argparse.ArgumentParser) -> None:
-    """Set ``table`` to what the options say of columns and fields, and to the other ``words`` of the command;
-    raises ValueError."""
-    if "euler" not in args or "table" in args:  # the whole parser comes after that of the command
+    """Set ``args.table`` to the reading of columns and fields, which also has the other ``words`` of the
+    command for its hints; raises ValueError."""
+    if "euler" not in args or "table" in args:  # the parser of all commands comes after the command's own
         return
     rate, columns = getattr(args, "frame_rate", None), args.columns and ",".join(args.columns)
     if args.time_unit == FRAMES and rate is None:
         raise ValueError("--time-unit frames needs the rate of the frames: --time-unit 120Hz")
-    given = () if command_of(parser) == "batch" else (command_of(parser), *_without_reading(words, parser))
-    args.table = reading_of(columns, rate, given=given, **{name: getattr(args, name) for name in _OF_TABLE})
+    command = () if command_of(parser) == "batch" else (command_of(parser), *_without_reading(words, parser))
+    args.table = reading_of(columns, rate, given=command, **{name: getattr(args, name) for name in _OF_TABLE})
 
 
 def _without_reading(words: Sequence[str], parser: argparse.ArgumentParser) -> Iterator[str]:
-    """The words of a command without the options that say what columns and fields are."""
-    actions = {name: one for one in parser._actions for name in one.option_strings}
-    rest = iter(words)
-    for word in rest:
+    """The words of a command without the options about the meaning of columns and fields."""
+    actions = {name: action for action in parser._actions for name in action.option_strings}
+    remaining = iter(words)
+    for word in remaining:
         option, equals, _ = word.partition("=")
         if word == "--":
             yield word
-            yield from rest
+            yield from remaining
         elif option not in actions or actions[option].dest not in _READING:
             yield word
         elif not equals and actions[option].nargs != 0:
-            next(rest, None)
+            next(remaining, None)
 
 
 def add_labels(parser: argparse.ArgumentParser, text: str) -> None:
     """``--labels`` and ``--map``."""
     text = f"{text}: start, end and contact, in s since the first pose or as stamps"
     parser.add_argument("--labels", metavar="FILE", help=text)
-    text = "what a label means: touch=any, flat='f-f|e-f', or ? for what is not scored"
+    text = "states of a label: touch=any, flat='f-f|e-f', or ? for one that is not scored"
     parser.add_argument("--map", action="append", default=[], metavar="LABEL=STATES", help=text)
 
 
 def load_labels(args: argparse.Namespace, log: str) -> "Truth":
-    """The labels of ``--labels``, which are of the whole recording ``log``; raises NoTruth or ChoiceError."""
+    """The labels of ``--labels`` for the whole recording ``log``; raises NoTruth or ChoiceError."""
     from contact_tracker.recording import read_labels
     from contact_tracker.recording.annotations import meanings_of
 
@@ -148,11 +150,11 @@ def add_interval(parser: argparse.ArgumentParser) -> None:
 
 
 def open_poses(args: argparse.Namespace, log: str, *live: Any) -> "PoseLog":
-    """The poses that ``add_source`` selects in a recording; ``live`` as of ``recording.open_log``."""
+    """The poses that ``add_source`` selects in a recording; ``live`` is passed on to ``open_log``."""
     from contact_tracker.recording import open_log
 
-    chosen = {"relative_to": args.relative_to, "table": args.table}
-    return open_log(log, args.topic, args.frame, *live, **chosen)
+    options = {"relative_to": args.relative_to, "table": args.table}
+    return open_log(log, args.topic, args.frame, *live, **options)
 
 
 def add_model(parser: argparse.ArgumentParser) -> None:
@@ -160,16 +162,16 @@ def add_model(parser: argparse.ArgumentParser) -> None:
     text = f"a TOML file or a shipped model: {', '.join(preset_names())} (default: %(default)s)"
     parser.add_argument("--model", default="default", metavar="NAME|FILE", help=text)
     text = (
-        "standard deviations of a pose per axis, where you know them: 0.3mm,0.15deg (default: as the "
-        "stream shows)"
+        "standard deviations of a pose per axis, if you know them: 0.3mm,0.15deg (default: estimated from "
+        "the stream)"
     )
     parser.add_argument("--noise", type=_typed(deviations), metavar="MM,DEG", help=text)
     parser.add_argument(
         "--accuracy",
         type=_typed(partial(deviations, may_be_zero=True)),
         metavar="MM,DEG",
-        help="standard deviations of systematic errors of the poses, as of calibration: 0.5mm,0.1deg. They "
-        "do not show in the stream, and increase the deviations of elements (default: those of the model)",
+        help="standard deviations of systematic errors of the poses, as by calibration: 0.5mm,0.1deg. They "
+        "cannot be estimated from the stream, and increase the deviations of elements (default: the model's)",
     )
 
 
@@ -184,7 +186,7 @@ def load_model(args: argparse.Namespace) -> "Model":
 
 
 def _typed(parse: Callable[[str], T]) -> Callable[[str], T]:
-    """The type of an argument whose errors are those of ``parse``, in its words."""
+    """The type of an argument that ``parse`` reads; its ValueErrors become errors of the argument."""
 
     def typed(text: str) -> T:
         try:
@@ -196,12 +198,13 @@ def _typed(parse: Callable[[str], T]) -> Callable[[str], T]:
 
 
 def add_known(parser: argparse.ArgumentParser) -> None:
-    """``--known`` for a map, and shortcuts for common parts."""
+    """``--known`` for a map, and options for its common parts."""
     group = parser.add_argument_group(
-        "what is known", "in metres; a value that begins with a minus is written as --plane=-1,0,0,0.5"
+        "map of known elements",
+        "in metres; a value that begins with a minus is written as --plane=-1,0,0,0.5",
     )
-    group.add_argument("--known", metavar="FILE", help="a TOML file that says what is known and how exactly")
-    text = "faces of the surroundings look along this direction, within DEG degrees (default: 2)"
+    group.add_argument("--known", metavar="FILE", help="a TOML file with known elements and their accuracy")
+    text = "normals of faces of the surroundings have this direction, within DEG degrees (default: 2)"
     group.add_argument("--up", type=_numbers("0,0,1", 3, 4), metavar="X,Y,Z[,DEG]", help=text)
     group.add_argument(
         "--plane",
@@ -218,7 +221,7 @@ def add_known(parser: argparse.ArgumentParser) -> None:
 
 
 def load_map(args: argparse.Namespace, note: Callable[[str], None] = warn) -> "Map":
-    """The map of ``add_known``, with a ``note`` of what is doubtful in it; raises KnowledgeError."""
+    """The map of the options of ``add_known``; ``note`` is called with each doubt. Raises KnowledgeError."""
     from contact_tracker.map.file import map_from, merged, read_table
 
     tables: list[dict[str, Any]] = [] if args.known is None else [read_table(args.known)]
@@ -236,14 +239,14 @@ def load_map(args: argparse.Namespace, note: Callable[[str], None] = warn) -> "M
 def add_map_out(parser: argparse.ArgumentParser) -> None:
     """``--map-out``."""
     text = (
-        "write what the contacts have touched to FILE.toml, for --known with the next recording of the "
+        "write the touched elements to FILE.toml, for --known with the next recording of the "
         "same object and place; it may be the file of --known"
     )
     parser.add_argument("--map-out", type=output_file(".toml"), metavar="FILE.toml", help=text)
 
 
 def check_map_out(args: argparse.Namespace, known_map: "Map") -> None:
-    """Refuse ``--map-out`` where no map is learned, or over a recording; raises UsageError."""
+    """Raise UsageError if no map for ``--map-out`` is learned, or it would replace a recording."""
     from contact_tracker.exports.formats import check_output
 
     if args.map_out is None:
@@ -251,16 +254,16 @@ def check_map_out(args: argparse.Namespace, known_map: "Map") -> None:
     if known_map.lists_elements:
         raise UsageError("--map-out cannot be combined with --up, --plane, --box or elements in --known")
     if getattr(args, "wrench", None) is not None:
-        raise UsageError("--map-out learns from the motion: without --wrench")
+        raise UsageError("--map-out learns from motion alone: leave --wrench out")
     if getattr(args, "state", None) is not None:
-        raise UsageError("--map-out is of a stream that ends: without --state, which has the map as well")
-    known = None if args.known is None else Path(args.known)
-    read = [one for one in files_read([args.log], args.model, args.known) if Path(one) != known]
+        raise UsageError("--map-out is written at the end of a stream: leave --state out (it has the map)")
+    known_file = None if args.known is None else Path(args.known)
+    read = [file for file in files_read([args.log], args.model, args.known) if Path(file) != known_file]
     check_output(args.map_out, True, read, written=[args.output])
 
 
 def write_map(path: Path, world: "GrowingMap | None") -> None:
-    """Write a learned map, and say how many elements it has."""
+    """Write the learned elements of a map, and print their number."""
     from contact_tracker.map.elements import NOTHING_LEARNED
     from contact_tracker.map.file import write_learned
 
@@ -277,7 +280,7 @@ def add_wrench(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("force")
     text = (
         "WrenchStamped messages on TOPIC are the wrench of the hand or robot on the object: they "
-        "decide where motion cannot tell contacts apart; of a LeRobot data set, entries of its features"
+        "distinguish contacts that motion cannot; for a LeRobot data set, entries of its features"
     )
     group.add_argument("--wrench", metavar="TOPIC", help=text)
     text = "mass of the object, if known (default: from free motion)"
@@ -285,9 +288,9 @@ def add_wrench(parser: argparse.ArgumentParser) -> None:
 
 
 def require_wrench_for_mass(args: argparse.Namespace) -> None:
-    """Raise UsageError where ``--mass`` is without ``--wrench``."""
+    """Raise UsageError if ``--mass`` is used without ``--wrench``."""
     if args.wrench is None and args.mass is not None:
-        raise UsageError("--mass is of use with --wrench only")
+        raise UsageError("--mass needs --wrench")
 
 
 def load_wrenches(
@@ -297,13 +300,13 @@ def load_wrenches(
     known_map: "Map",
     note: Callable[[str], None] = warn,
 ) -> "WrenchEvidence | None":
-    """What the wrenches say that ``--wrench`` names; None without, or where they say nothing, with a
-    ``note``.
+    """The evidence of the wrenches of ``--wrench``; None without the option, or if the wrenches have no
+    evidence. ``note`` is called with each warning.
 
     Raises
     ------
     UsageError
-        The topic is not there or cannot be used, or the recording cannot be read twice.
+        The topic does not exist or cannot be used, or the recording cannot be read twice.
     """
     require_wrench_for_mass(args)
     if args.wrench is None:
@@ -314,8 +317,9 @@ def load_wrenches(
 
     log = open_poses(args, name)
     with progress(f"{name}: load", "poses", log.source.messages) as set_done:
-        found = recorded_evidence(name, args.wrench, log, model, known_map, args.mass, set_done)
-    evidence, load, warnings = found
+        evidence, load, warnings = recorded_evidence(
+            name, args.wrench, log, model, known_map, args.mass, set_done
+        )
     if load:
         say(f"{name}: {load}")
     for line in warnings:
@@ -323,16 +327,16 @@ def load_wrenches(
     return evidence
 
 
-def add_output(parser: argparse._ActionsContainer, suffixes: Iterable[str], text: str, **more: Any) -> None:
+def add_output(parser: argparse._ActionsContainer, suffixes: Iterable[str], text: str, **extra: Any) -> None:
     """``--output`` with one of ``suffixes``, and ``--overwrite``."""
     parser.add_argument(
-        "-o", "--output", type=output_file(*suffixes), action=Once, metavar="FILE", help=text, **more
+        "-o", "--output", type=output_file(*suffixes), action=Once, metavar="FILE", help=text, **extra
     )
     add_overwrite(parser)
 
 
 class Once(argparse.Action):
-    """Stores an argument that is given once: of two outputs only the last one would be written."""
+    """Stores an argument and refuses a second one, which argparse would store instead."""
 
     def __call__(self, _: Any, namespace: argparse.Namespace, value: Any, option: str | None = None) -> None:
         if getattr(namespace, self.dest, None) is not None:
@@ -347,7 +351,7 @@ def add_overwrite(parser: argparse._ActionsContainer) -> None:
 
 def output_file(*suffixes: str) -> Callable[[str], Path | None]:
     """The type of an output file with one of ``suffixes`` (in any case) in an existing folder; devices are
-    refused. With ``-`` among the suffixes that is None, standard output."""
+    refused. If ``-`` is one of the suffixes, the argument ``-`` is None (standard output)."""
 
     def check(text: str) -> Path | None:
         path = Path(text)
@@ -370,7 +374,7 @@ def output_file(*suffixes: str) -> Callable[[str], Path | None]:
 
 
 def files_read(logs: Iterable[str], model: str, known: str | None) -> list[str]:
-    """The files that a command reads: all parts of ``logs``, the model, the map with its meshes.
+    """The files that a command reads: all parts of ``logs``, the model, the map and its meshes.
 
     Raises
     ------
@@ -392,7 +396,7 @@ def add_processes(parser: argparse._ActionsContainer, most: int, default: int | 
 
 
 def recordings_in(logs: Iterable[str], command: str) -> list[str]:
-    """Files as given, folders replaced by the recordings in them; each once."""
+    """The recordings that ``logs`` name, each once; a folder stands for the recordings in it."""
     from contact_tracker.batch import finding
 
     if "-" in logs:
@@ -401,8 +405,8 @@ def recordings_in(logs: Iterable[str], command: str) -> list[str]:
 
 
 def run_each(works: Iterable[Callable[[], int]], is_only_one: bool = False) -> Iterator[int]:
-    """The exit code of each piece of work; one that cannot be done is reported, and the others go on, unless
-    it ``is_only_one``."""
+    """The exit code of each piece of work. An error of the input is reported and the next piece follows, but
+    it is raised if the piece ``is_only_one``."""
     for work in works:
         try:
             yield work()
@@ -414,20 +418,20 @@ def run_each(works: Iterable[Callable[[], int]], is_only_one: bool = False) -> I
 
 
 def _within(is_within: Callable[[float], bool], fault: str) -> Callable[[str], float]:
-    """The type of a finite number in a range."""
+    """The type of a finite number in a range; ``fault`` is the text for a number outside of it."""
 
     def parse(text: str) -> float:
         try:
             value = float(text)
         except ValueError:
             value = math.nan
-        for is_fine, why in (
+        for is_fine, reason in (
             (math.isfinite(value), "is not a finite number"),
             (is_within(value), fault),
             (abs(value) <= _MOST, f"is beyond {_MOST:g}"),
         ):
             if not is_fine:
-                raise argparse.ArgumentTypeError(f"{text!r} {why}")
+                raise argparse.ArgumentTypeError(f"{text!r} {reason}")
         return value
 
     return parse
@@ -439,14 +443,14 @@ share: Final = _within(lambda value: 0 < value < 1, "is not above zero and below
 
 
 def whole_number(text: str, least: int, most: int) -> int:
-    """A whole number in a range."""
+    """The whole number of an argument, from ``least`` to ``most``."""
     if not text.isdecimal() or not least <= int(text) <= most:
         raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from {least} to {most}")
     return int(text)
 
 
 def _numbers(example: str, *counts: int) -> Callable[[str], list[float]]:
-    """The type of a list of finite numbers, one of ``counts`` of them, as in ``example``."""
+    """The type of a list of finite numbers, whose length is one of ``counts``; errors quote ``example``."""
 
     def parse(text: str) -> list[float]:
         try:
@@ -454,8 +458,8 @@ def _numbers(example: str, *counts: int) -> Callable[[str], list[float]]:
         except ValueError:
             values = []
         if len(values) not in counts or not all(map(math.isfinite, values)):
-            wanted = " or ".join(map(str, counts))
-            raise argparse.ArgumentTypeError(f"{text!r} is not a list of {wanted} numbers, such as {example}")
+            count = " or ".join(map(str, counts))
+            raise argparse.ArgumentTypeError(f"{text!r} is not a list of {count} numbers, such as {example}")
         return values
 
     return parse

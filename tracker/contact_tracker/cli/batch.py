@@ -19,15 +19,18 @@ if TYPE_CHECKING:
 HELP: Final = "segment many recordings into one dataset of Parquet files"
 DESCRIPTION: Final = f"""\
 Segment many recordings into a dataset: a Parquet file of segments for each of them, and
-DATASET/summary.parquet with a row for each. Run again, it processes only new recordings, those
-whose content has changed, and all with another model. A recording that cannot be used is a row with
-the error, and the others go on; the exit code is {DAMAGED} then. Of a LeRobot data set, a folder,
-DATASET is a copy with the contacts of its frames (docs/batch.md). If a LOG does not exist or is a
-folder without recordings, no recording is processed, and the exit code is {INPUT}."""
+DATASET/summary.parquet with a row for each. Run again, it processes only recordings that are new or
+whose content has changed, and all if the model has changed. A recording that cannot be used is a row
+with the error, the others are segmented, and the exit code is {DAMAGED}. If LOG is a LeRobot data set
+(a folder), DATASET is a copy with the contacts of its frames (docs/batch.md). If a LOG does not exist or
+is a folder without recordings, no recording is processed, and the exit code is {INPUT}."""
 EXAMPLE: Final = "contact-tracker batch recordings/ --output dataset"
 _MOST_SHOWN: Final = 10
+"""Largest number of printed errors of recordings."""
 _MOST_KINDS: Final = 6
+"""Largest number of printed kinds of warnings."""
 _MOST_NAMED: Final = 3
+"""Largest number of missing recordings that an error names."""
 _NOTHING_THERE: Final = "no such file or folder"
 
 
@@ -45,10 +48,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     arguments.add_recording(parser, has_interval=False)
     arguments.add_wrench(parser)
-    where = parser.add_mutually_exclusive_group()
-    arguments.add_processes(where, 1024, None, "recordings at once (default: as many as there are cores)")
-    where.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="work on this Dask cluster instead")
-    text = "read all recordings to see whether they have changed, also where size, time and inode have not"
+    workers = parser.add_mutually_exclusive_group()
+    arguments.add_processes(workers, 1024, None, "recordings at once (default: as many as there are cores)")
+    workers.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="work on this Dask cluster instead")
+    text = "read all recordings to see whether they have changed, even if size, time and inode are the same"
     parser.add_argument("--rehash", action="store_true", help=text)
 
 
@@ -77,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
         None if args.wrench is None else (args.wrench, args.mass),
     )
     recordings = list(find(_names(args.logs)))
-    read = [*(one.name for one in recordings), *arguments.files_read([], args.model, args.known)]
+    read = [*(log.name for log in recordings), *arguments.files_read([], args.model, args.known)]
     for name in OWN_FILES:
         check_output(args.output / name, True, read)
 
@@ -100,9 +103,9 @@ def run(args: argparse.Namespace) -> int:
     )
     if batch.warned:
         kinds = "; ".join(f"{kind} ({count})" for kind, count in batch.warnings.most_common(_MOST_KINDS))
-        more = "; ..." if len(batch.warnings) > _MOST_KINDS else ""
+        ellipsis = "; ..." if len(batch.warnings) > _MOST_KINDS else ""
         say(
-            f"warnings: {batch.warned} of the new ones have some: {kinds}{more}: the column warnings of "
+            f"warnings: {batch.warned} of the new ones have some: {kinds}{ellipsis}: the column warnings of "
             "the summary has them in full"
         )
     return DAMAGED if batch.bad or batch.damaged else DONE
@@ -116,9 +119,9 @@ def _annotate(args: argparse.Namespace) -> int:
     arguments.require_wrench_for_mass(args)
     unused = {"--topic": args.topic, "--frame": args.frame, "--ticks": args.ticks}
     unused |= {"--relative-to": args.relative_to, "--scheduler": args.scheduler, "--rehash": args.rehash}
-    given = next((name for name, value in unused.items() if value not in (None, False)), None)
-    if len(args.logs) > 1 or given is not None:
-        raise UsageError(f"a LeRobot data set is taken alone, without {given or 'others beside it'}")
+    option = next((name for name, value in unused.items() if value not in (None, False)), None)
+    if len(args.logs) > 1 or option is not None:
+        raise UsageError(f"a LeRobot data set is segmented alone, without {option or 'other recordings'}")
     data = LeRobot.open(args.logs[0]).read_as(args.table)
     model, known_map = arguments.load_model(args), arguments.load_map(args)
     with Workers(args.processes or os.cpu_count() or 1, take_over_warnings) as executor:
@@ -128,17 +131,18 @@ def _annotate(args: argparse.Namespace) -> int:
 
 
 def _names(logs: list[str]) -> list[str]:
-    """Names as given; those on standard input are separated by newlines, or by NUL if there is one.
+    """The names of recordings that ``logs`` stand for: patterns are expanded, and ``-`` stands for the names
+    on standard input, which are separated by newlines, or by NUL if the input has any.
 
-    A list on standard input is another program's, of which some files may be gone by now: each of them gets a
-    row. A LOG that is missing, or all of a list, is a mistake in the call.
+    A list on standard input comes from another program, and some of its files may be gone: each of these gets
+    a row. A missing LOG, or a list without any existing file, is a mistake in the call.
 
     Raises
     ------
     UnreadableRecording
-        Nothing is there under a LOG, or under any name on standard input.
+        A LOG, or every file of the list on standard input, does not exist.
     UsageError
-        There are no names on standard input.
+        Standard input has no names.
     """
     from contact_tracker.batch.finding import matching, missing_among, pattern_beside
 
@@ -154,10 +158,10 @@ def _names(logs: list[str]) -> list[str]:
     logs = [name for _, (names, _) in matches for name in names]
     missing = missing_among(log for log in logs if log != "-")
     if missing:
-        more = f" and {len(missing) - _MOST_NAMED} more" if len(missing) > _MOST_NAMED else ""
-        others = "; nothing was segmented" if len(logs) > len(missing) else ""
-        named = f"{', '.join(missing[:_MOST_NAMED])}{more}: {_NOTHING_THERE}"
-        raise UnreadableRecording(f"{named}{near_file(missing[0])}{others}")
+        unnamed = f" and {len(missing) - _MOST_NAMED} more" if len(missing) > _MOST_NAMED else ""
+        effect = "; nothing was segmented" if len(logs) > len(missing) else ""
+        named = f"{', '.join(missing[:_MOST_NAMED])}{unnamed}: {_NOTHING_THERE}"
+        raise UnreadableRecording(f"{named}{near_file(missing[0])}{effect}")
     listed = _listed() if "-" in logs else []
     return [name for log in logs for name in (listed if log == "-" else [log])]
 
@@ -182,6 +186,7 @@ def _listed() -> list[str]:
 
 
 def _workers(args: argparse.Namespace) -> "AbstractContextManager[Jobs]":
+    """The processes that segment recordings, on this machine or a cluster."""
     if args.scheduler is None:
         from contact_tracker.processes import local_processes
 

@@ -15,11 +15,11 @@ if TYPE_CHECKING:
 
 HELP: Final = "which steps of a take are missing, new, longer or elsewhere in another"
 DESCRIPTION: Final = f"""\
-Align two takes of one task, with one object in one place, by their contacts and by what touched, and
-say of each step whether it is the same, missing or new in B, longer or shorter, elsewhere, or open,
-where the motion does not tell. In the table ? marks a contact that the motion leaves open, p is the
-probability that the segments are of one step, or that it is in one take only, and "by" is how much it
-differs (docs/assembly.md). The exit code is {DIFFERENT} if a step differs."""
+Align two takes of one task, with one object in one place, by their contacts and touching elements, and
+label each step as the same, missing or new in B, longer or shorter, elsewhere, or open (the motion does
+not determine it). In the table ? marks a contact that the motion leaves open, p is the probability that
+the segments are of one step, or that the step is in one take only, and "by" is the difference
+(docs/assembly.md). The exit code is {DIFFERENT} if a step differs."""
 EXAMPLE: Final = "contact-tracker compare recordings/mug_first_take.mcap recordings/mug_second_take.mcap"
 
 
@@ -38,7 +38,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     if "-" in (args.log, args.second):
-        raise UsageError("compare takes two recordings by name, not -")
+        raise UsageError("compare reads two files or folders, not -")
     read = arguments.files_read([args.log, args.second], args.model, args.known)
     check = check_output(args.output, args.overwrite, read)
 
@@ -48,22 +48,22 @@ def run(args: argparse.Namespace) -> int:
     (first, code), (second, second_code) = (
         _segmented(args, log, model, known_map) for log in (args.log, args.second)
     )
-    found = compare_outcomes(first, second, TOLERANCE if args.tolerance is None else args.tolerance)
-    for note in found.notes:
+    result = compare_outcomes(first, second, TOLERANCE if args.tolerance is None else args.tolerance)
+    for note in result.notes:
         warn(note)
     if args.json:
         import json
 
-        show(json.dumps(found.to_json(), allow_nan=False))
+        show(json.dumps(result.to_json(), allow_nan=False))
     else:
-        for line in found.lines():
+        for line in result.lines():
             show(line)
     if args.output is not None:
         from contact_tracker.exports.sequence_figures import write_comparison
 
-        write_comparison(found, args.output, check)
+        write_comparison(result, args.output, check)
         say(f"wrote {args.output}")
-    return code or second_code or (DIFFERENT if found.differences else DONE)
+    return code or second_code or (DIFFERENT if result.differences else DONE)
 
 
 def _segmented(args: argparse.Namespace, log: str, model: "Model", known_map: "Map") -> "tuple[Outcome, int]":

@@ -17,14 +17,14 @@ if TYPE_CHECKING:
 HELP: Final = "which poses are in a recording, and how good they are"
 DESCRIPTION: Final = """\
 List the sources of poses in a recording with their topics, frames, rates, gaps and estimated
-noise, and whatever else the recording holds."""
+noise, and the other contents of the recording."""
 EXAMPLE: Final = "contact-tracker info recordings/vision_30hz.mcap"
 _ONCE: Final = "composing poses reads the recording twice, which standard input does not allow"
 TRACKED_SOURCES: Final = 4
-"""Most sources for which the adaptation is shown, which takes seconds each."""
+"""Largest number of sources whose adaptation is computed, which takes seconds each."""
 MOST_UPDATES: Final = 1300
-"""About the most updates (ticks times trackers) of all sources together, some 2 s of CPU time. The first
-30 s of one source usually need fewer."""
+"""Approximate limit of the updates (ticks times trackers) of all sources together: some 2 s of CPU time. The
+first 30 s of a source usually need fewer."""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -73,7 +73,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _composed(args: argparse.Namespace) -> "SourceSummary":
-    """The source that is not published as it was asked for; raises ChoiceError where there is none."""
+    """The source composed of transforms between the requested frames; raises ChoiceError if there is none."""
     from contact_tracker.recording import summarise_log
 
     if args.log == "-":
@@ -82,32 +82,30 @@ def _composed(args: argparse.Namespace) -> "SourceSummary":
 
 
 def _is_chosen(source: "SourceSummary", args: argparse.Namespace) -> bool:
+    """Whether a source has the requested topic and frame."""
     on_topic = args.topic is None or source.source.topic == args.topic
     return on_topic and (args.frame is None or source.source.is_named(args.frame))
 
 
 def _reports(sources: "Sequence[SourceSummary]") -> "dict[PoseSource, Report | None]":
-    """The default tracker's adaptation to the first valid poses of each source.
-
-    All sources together take at most ``MOST_UPDATES``, so that many of them do not take many times as long.
-    """
+    """The default tracker's adaptation to the first valid poses of each source; all sources together take
+    about ``MOST_UPDATES`` at most."""
     from contact_tracker.config.loading import load_model
     from contact_tracker.tracker import BATCH_POSES, Tracker
     from contact_tracker.tracking.belief import Detail
 
-    reports, left = dict["PoseSource", "Report | None"](), MOST_UPDATES
+    reports, remaining = dict["PoseSource", "Report | None"](), MOST_UPDATES
     for number, source in enumerate(sources):
-        share = left // (len(sources) - number)
+        share = remaining // (len(sources) - number)
         tracker, used = Tracker.start(load_model(), read_as=source.source.read_as), 0
-        first = 0
-        for first in range(0, len(source.beginning), BATCH_POSES):
-            some = source.beginning[first : first + BATCH_POSES]
-            beliefs = tracker.add(some, Detail.WEIGHTS)
+        start = 0
+        for start in range(0, len(source.beginning), BATCH_POSES):
+            beliefs = tracker.add(source.beginning[start : start + BATCH_POSES], Detail.WEIGHTS)
             used += len(beliefs) * len(tracker.filters.filters)
             if used >= share:
                 break
-        left -= used
+        remaining -= used
         tracker.inspect_added()
-        found, is_cut_short = tracker.report, first + BATCH_POSES < len(source.beginning)
-        reports[source.source] = None if found is None else found._replace(is_cut_short=is_cut_short)
+        report, is_cut_short = tracker.report, start + BATCH_POSES < len(source.beginning)
+        reports[source.source] = None if report is None else report._replace(is_cut_short=is_cut_short)
     return reports

@@ -1,4 +1,4 @@
-"""``contact-tracker live``: the present contact, from the data up to now."""
+"""``contact-tracker live``: the present contact, from past data only."""
 
 import argparse
 from collections.abc import Callable
@@ -22,11 +22,11 @@ if TYPE_CHECKING:
     from contact_tracker.viewer.sinks import Sink
     from contact_tracker.viewer.views import LiveViewer
 
-HELP: Final = "what holds now: a line per change while poses stream in"
+HELP: Final = "the present contact: a line per change while poses stream in"
 DESCRIPTION: Final = """\
-Follow the contacts in a recording or a stream of poses; each answer uses the data up to its
-time only. A line per change goes to stdout: time, contact, probability, onset and where the
-contact lies. Times are seconds since the recording's first pose."""
+Follow the contacts in a recording or a stream of poses; each answer uses only the data up to its
+time. A line per change goes to stdout: time, contact, probability, onset and place of the contact.
+Times are seconds since the recording's first pose."""
 EXAMPLE: Final = "contact-tracker live recordings/paper_experiment.mcap --json | head -n 1"
 
 
@@ -51,15 +51,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--expect", metavar="PLAN.toml", help=text)
     parser.add_argument("--follow", action="store_true", help="wait for more at the end of a growing file")
     text = (
-        "carry on from FILE, if it is there, and keep the state in it: every 10 s, and when the stream "
-        "ends or is interrupted; the last, partial tick waits there for what follows"
+        "resume from FILE, if it exists, and save the state to it: every 10 s, and when the stream "
+        "ends or is interrupted, with the poses of the last, partial tick"
     )
     parser.add_argument("--state", type=Path, metavar="FILE", help=text)
-    where = parser.add_mutually_exclusive_group()
-    where.add_argument("--rerun", action="store_true", help="show it in the rerun viewer as well")
+    views = parser.add_mutually_exclusive_group()
+    views.add_argument("--rerun", action="store_true", help="show it in the rerun viewer as well")
     text = "show it in a browser on this machine as well, until interrupted"
-    where.add_argument("--web", action="store_true", help=text)
-    text = "write all ticks to FILE.csv, .jsonl or .parquet as well; it is there when the stream has ended"
+    views.add_argument("--web", action="store_true", help=text)
+    text = "write all ticks to FILE.csv, .jsonl or .parquet as well; FILE appears at the end of the stream"
     arguments.add_output(parser, TICKS, text)
     arguments.add_map_out(parser)
 
@@ -89,22 +89,20 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
-    """Follow a stream; ``sink`` is that of a live view other than the viewer's window."""
+    """Follow a stream and return the exit code; ``sink`` is the target of a view in a browser."""
     from contact_tracker.cli.source import SavedStream, Source, paced
     from contact_tracker.recording import Follow
     from contact_tracker.tracker import Tracker
 
     model, known_map = arguments.load_model(args), arguments.load_map(args)
     if args.lag > model.search.window_s:
-        raise UsageError(
-            f"--lag is {model.search.window_s:g} s at most: what is older is not looked at again"
-        )
+        raise UsageError(f"--lag is {model.search.window_s:g} s at most: older ticks are not estimated again")
     if args.suggest and args.lag:
-        raise UsageError("--suggest is of now: leave --lag out")
+        raise UsageError("--suggest is for the present contact: leave --lag out")
     if args.state is not None and (args.start or args.duration is not None):
-        raise UsageError("--state carries on with all that comes: without --start and --duration")
+        raise UsageError("--state resumes a whole stream: leave --start and --duration out")
     if args.state is not None and args.expect is not None:
-        raise UsageError("--expect follows a plan from its first step: without --state")
+        raise UsageError("--expect follows a plan from its first step: leave --state out")
     plan = None
     if args.expect is not None:
         from contact_tracker.sequences.plan import Plan
@@ -133,16 +131,16 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
 
         def report(beliefs: "list[Belief]") -> None:
             if beliefs:
-                source.warn_of_news(tracker.report_so_far)
-                source.say_of_suspicion(beliefs[-1].stamp_ns, tracker.suspects_mistake)
+                source.warn_of_problems(tracker.report_so_far)
+                source.report_suspicion(beliefs[-1].stamp_ns, tracker.suspects_mistake)
             for belief in beliefs:
-                with deferred(*SIGNALS):  # what is printed is in the file, and whole
-                    found = suggested() if belief is beliefs[-1] else ()  # it is of the newest belief
-                    printer.show(belief, found)
+                with deferred(*SIGNALS):  # so that the file has every printed belief, in full
+                    motions = suggested() if belief is beliefs[-1] else ()  # for the newest belief only
+                    printer.show(belief, motions)
                     if viewer is not None:
                         viewer.belief(belief, None if tracker.best is None else tracker.best.map)
                         if args.suggest:
-                            viewer.suggest(belief.stamp_ns, next(iter(found), None))
+                            viewer.suggest(belief.stamp_ns, next(iter(motions), None))
                     write([belief])
 
         def suggested() -> "tuple[InformativeMotion, ...]":
@@ -155,23 +153,23 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
         def has_to_end() -> bool:
             return saved is not None and saved.signal > 0
 
-        ended = DONE
+        stop_code = DONE
         try:
             arrivals = source.arrivals()
             for arrival in paced(arrivals, args.rate, has_to_end) if args.rate else arrivals:
                 if saved is not None:
-                    saved.take()
+                    saved.begin_pose()
                 if viewer is not None:
                     for pose in arrival.poses:
                         viewer.pose(pose)
                 report(tracker.update(arrival))
-                if saved is not None and saved.keep():
-                    ended = 128 + saved.signal
+                if saved is not None and saved.end_pose():
+                    stop_code = 128 + saved.signal
                     break
         except KeyboardInterrupt:
-            ended = INTERRUPTED
-        except SystemExit as leave:  # another signal
-            ended = int(leave.code or DONE)
+            stop_code = INTERRUPTED
+        except SystemExit as exit_:  # another signal
+            stop_code = int(exit_.code or DONE)
         if saved is None:
             report(tracker.finish())
         else:
@@ -181,7 +179,7 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
         arguments.write_map(args.map_out, None if tracker.best is None else tracker.best.map)
     if code == DONE and printer.has_left:
         code = DIFFERENT
-    return code if ended == DONE else ended
+    return code if stop_code == DONE else stop_code
 
 
 def _viewer(
@@ -200,7 +198,7 @@ def _viewer(
 def _ticks(
     path: Path | None, source: "Source", check: Callable[[], None]
 ) -> "AbstractContextManager[Callable[[list[Belief]], None]]":
-    """The function that writes beliefs to the output file of all ticks, if there is one."""
+    """A context with the function that writes beliefs to the output file of all ticks, if any."""
     if path is None:
         return nullcontext(lambda _: None)
     from contact_tracker.exports.formats import open_rows
@@ -209,7 +207,7 @@ def _ticks(
 
 
 class _Printer:
-    """Prints each belief as JSON, or a line where the contact changes or becomes settled."""
+    """Prints each belief as JSON, or a line when the contact changes or becomes settled."""
 
     def __init__(
         self, as_json: bool, source: "Source", status: StatusLine, suggests: bool, plan: "Plan | None"
@@ -227,10 +225,11 @@ class _Printer:
 
     @property
     def has_left(self) -> bool:
-        """Whether the plan has been left, if there is one."""
+        """Whether the stream has left its plan, if any."""
         return self._follower is not None and self._follower.has_left
 
-    def show(self, belief: "Belief", found: "tuple[InformativeMotion, ...]") -> None:
+    def show(self, belief: "Belief", motions: "tuple[InformativeMotion, ...]") -> None:
+        """Print a belief and the suggested ``motions``."""
         from contact_tracker.exports.formats import json_line
         from contact_tracker.outputs.text import CHANGES_HEADER, change_lines, status_text
 
@@ -238,21 +237,21 @@ class _Printer:
         changes = self.changes.update(belief)
         progress = None if self._follower is None else self._follower.update(belief)
         if self._as_json:
-            more: dict[str, object] = {}
+            keys: dict[str, object] = {}
             if self._suggests:
-                more["suggestions"] = [one.to_json() for one in found]
+                keys["suggestions"] = [motion.to_json() for motion in motions]
             if progress is not None:
-                more["plan"] = progress.to_json()
-            self._status.print(json_line(belief, more))
+                keys["plan"] = progress.to_json()
+            self._status.print(json_line(belief, keys))
         else:
             lines = [CHANGES_HEADER] if is_first and changes[0] else []
             lines += change_lines(belief, *changes, origin_ns)
             at = f"{(belief.stamp_ns - origin_ns) * 1e-9:8.2f}  "
             if self._follower is not None and (text := self._follower.news):
                 lines.append(f"{at}plan: {text}")
-            if found and (self._suggested_ns is None or belief.stamp_ns >= self._suggested_ns + 10**9):
+            if motions and (self._suggested_ns is None or belief.stamp_ns >= self._suggested_ns + 10**9):
                 self._suggested_ns = belief.stamp_ns
-                lines += [f"{at}to decide, {motion}" for motion in found]
+                lines += [f"{at}to decide, {motion}" for motion in motions]
             for line in lines:
                 self._status.print(line)
         self._status.show(lambda: status_text(belief, origin_ns))

@@ -1,4 +1,4 @@
-"""Entry point: the parser, and the one place that turns errors into messages and exit codes.
+"""Entry point: the parser, and the conversion of errors into messages and exit codes.
 
 Commands import the tracker only when they run, so that ``--help`` and usage errors are fast.
 """
@@ -36,15 +36,15 @@ _ENDING: Final = ("SIGTERM", "SIGHUP")
 _SIGNALLED: Final = "".join(f", {code} by {name}" for name in _ENDING if (code := exit_code_of(name)))
 COMMANDS: Final = (live, segment, compare, batch, view, info)
 LAB_COMMANDS: Final = ("simulate", "evaluate", "calibrate")
-"""Modules of ``contact_tracker_lab.cli``, which imports this package and is found by name only."""
+"""Modules of ``contact_tracker_lab.cli``, imported by name, as that package imports this one."""
 SHELLS: Final = ("bash", "zsh", "tcsh")
 _FILES: Final = ("LOG", "A", "B", "FILE", "NAME|FILE", "PLAN.toml")
 """Metavariables of file arguments."""
 
 DESCRIPTION: Final = """\
-Tell from the poses of one rigid object how it touches its world: which principal contact holds
-(f-f e-f f-e v-f f-v e-e, the object's face, edge or vertex first; or free), how sure that is,
-and where the touching plane, line or point lies. Shapes and surroundings need not be known."""
+Estimate from the poses of a rigid object how it touches its surroundings: the principal contact
+(f-f e-f f-e v-f f-v e-e, the object's face, edge or vertex first; or free), its probability, and
+the touching plane, line or point. Shapes and surroundings need not be known."""
 
 EPILOG: Final = f"""\
 example:
@@ -56,19 +56,19 @@ exit codes: {DONE} done, {INPUT} the input cannot be used, {USAGE} wrong usage,
 
 
 class Parser(argparse.ArgumentParser):
-    """Reports its errors in one line, like all usage errors."""
+    """A parser that raises its errors as UsageError."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False, **options)
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """The arguments, with the ``table`` that they describe."""
-        found, unknown = super().parse_known_args(args, namespace)
+        """The known arguments, with the ``table`` that they describe, and the unknown words."""
+        known_args, unknown = super().parse_known_args(args, namespace)
         try:
-            set_table(found, sys.argv[1:] if args is None else args, self)
+            set_table(known_args, sys.argv[1:] if args is None else args, self)
         except ValueError as error:
             self.error(str(error))
-        return found, unknown
+        return known_args, unknown
 
     def error(self, message: str) -> NoReturn:
         raise UsageError(f"{message} (see {self.prog} --help)")
@@ -116,30 +116,30 @@ def _actions(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:
 def option_suggestion(
     words: Iterable[str], parser: argparse.ArgumentParser, commands: Mapping[str, argparse.ArgumentParser]
 ) -> str:
-    """``; did you mean OPTION?`` for the first word that resembles an option of ``parser``; or of which
-    commands it is an option."""
+    """A hint for the first of ``words`` that is an option: the commands that have this option, or
+    ``; did you mean OPTION?`` if it resembles an option of ``parser``; else empty."""
     for word in words:
         if word.startswith("-"):
             option = word.partition("=")[0]
-            others = [name for name, other in commands.items() if option in _options(other)]
-            if others:
-                *most, last = others
-                named = f"{', '.join(most)} and {last}" if most else last
-                return f"; {option} is an option of {named}"
+            names = [name for name, command in commands.items() if option in _options(command)]
+            if names:
+                listed = " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
+                return f"; {option} is an option of {listed}"
             return suggestion(option, _options(parser))
     return ""
 
 
 def _options(parser: argparse.ArgumentParser) -> list[str]:
+    """Names of all options of a parser."""
     return [name for action in parser._actions for name in action.option_strings]
 
 
 def build_parser() -> argparse.ArgumentParser:
-    """The parser of all commands; each command's file configures its own part."""
+    """The parser of all commands; the module of each command configures its own part."""
     parser = Parser(prog="contact-tracker", description=DESCRIPTION, epilog=EPILOG)
     about_version = "show the version, and whether it runs compiled"
     parser.add_argument("--version", action=Version, nargs=0, help=about_version)
-    about_completion = f"print what completes commands in a shell: {', '.join(SHELLS)}"
+    about_completion = f"print the script that completes commands in a shell: {', '.join(SHELLS)}"
     parser.add_argument(
         "--print-completion", action=PrintCompletion, choices=SHELLS, metavar="SHELL", help=about_completion
     )
@@ -159,7 +159,7 @@ def build_parser() -> argparse.ArgumentParser:
 
 
 def _add_verbosity(parser: argparse.ArgumentParser) -> None:
-    text = "whole rows, on a terminal that is narrower as well"
+    text = "whole rows, even on a narrower terminal"
     parser.add_argument("--wide", action="store_true", help=text)
     group = parser.add_mutually_exclusive_group()
     text = "warnings and errors only on stderr, and no progress"
@@ -183,7 +183,7 @@ def run(argv: Sequence[str] | None = None) -> int:
     try:
         sys.stdout.flush()
     except OSError as error:
-        # The output is lost already; without this, the interpreter would write it again.
+        # The output is lost; without this, the interpreter would write it again at its exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         if code == DONE and not isinstance(error, BrokenPipeError):
             fail(f"cannot write to stdout: {error.strerror}")
@@ -207,8 +207,8 @@ def _run(argv: Sequence[str] | None) -> int:
         take_over_warnings()
         code: int = args.run(args)
         return code
-    except SystemExit as leave:  # argparse after --help or --version; a signal
-        return int(leave.code or DONE)
+    except SystemExit as exit_:  # argparse after --help or --version; a signal
+        return int(exit_.code or DONE)
     except BrokenPipeError:  # the reader has closed the pipe
         return DONE
     except KeyboardInterrupt:
@@ -217,7 +217,7 @@ def _run(argv: Sequence[str] | None) -> int:
         text = str(error)
         words = sys.argv[1:] if argv is None else argv
         if "expected one argument" in text and any(re.match(r"-[\d.]", word) for word in words):
-            text += "; what begins with a minus follows an equals sign: --option=-1,0,0"
+            text += "; a value that begins with a minus follows an equals sign: --option=-1,0,0"
         fail(text)
         return USAGE
     except ContactTrackerError as error:
@@ -229,7 +229,7 @@ def _run(argv: Sequence[str] | None) -> int:
 
 
 def _prepare_streams() -> None:
-    """Replace closed streams by empty ones, and make all names in recordings printable."""
+    """Replace closed streams by empty ones, and make stdout escape characters that it cannot encode."""
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, mode))  # noqa: SIM115

@@ -31,14 +31,14 @@ if TYPE_CHECKING:
     from contact_tracker.config.parameters import Model
     from contact_tracker.map.map import Map
 
-HELP: Final = "what held when: smoothed segments of whole recordings"
+HELP: Final = "the contacts of whole recordings over time, as smoothed segments"
 DESCRIPTION: Final = """\
-Cut a recording into segments of one contact each, with all the data at hand: the most probable
-sequence, smoothed probabilities and the geometry of each segment. FILE.csv, FILE.srt (subtitles) and
+Cut a recording into segments of one contact each, from all its data: the most probable sequence,
+smoothed probabilities and the geometry of each segment. FILE.csv, FILE.srt (subtitles) and
 FILE.tex (LaTeX) get an entry per segment, FILE.jsonl and FILE.parquet one per tick, unless --rows says
-otherwise; FILE.mcap is the recording with what Foxglove draws beside it, FILE.html a report, and
-FILE.png, .pdf and .svg a figure, FILE.graphml the graph of contacts, FILE.toml a plan for
-live --expect; without -o a table goes to stdout."""
+otherwise; FILE.mcap is the recording with drawings for Foxglove, FILE.html a report, FILE.png, .pdf and
+.svg a figure, FILE.graphml the graph of contacts, FILE.toml a plan for live --expect; without -o a
+table goes to stdout."""
 EXAMPLE: Final = "contact-tracker segment recordings/paper_experiment.mcap -o out.csv"
 
 
@@ -47,9 +47,11 @@ PLACE: Final = "{}"
 
 
 def list_jobs(args: argparse.Namespace) -> list[argparse.Namespace]:
-    """The arguments of a job for each of ``args.logs``, with ``args.all`` for each source of poses in each of
-    them: those of the command with its ``log``, topic and frame, a ``name`` that is unique, its ``output``
-    (None is stdout), and those of the other jobs as ``other_outputs``.
+    """The arguments of a job for each recording of ``args.logs``, or with ``args.all`` for each source of
+    poses in each recording.
+
+    They are the arguments of the command with the job's ``log``, topic and frame, a unique ``name``, its
+    ``output`` (None is stdout), and the outputs of the other jobs as ``other_outputs``.
 
     Raises
     ------
@@ -60,32 +62,33 @@ def list_jobs(args: argparse.Namespace) -> list[argparse.Namespace]:
     """
     if len(args.logs) > 1 and "-" in args.logs:
         raise UsageError("standard input is read alone, without other recordings")
-    whole = ([_job(args, log, args.topic, args.frame, log, [_stem(log)])] for log in args.logs)
-    found = [*chain.from_iterable((_objects(log, args) for log in args.logs) if args.all else whole)]
-    outputs = [job.output for job in found if job.output is not None]
-    if len(found) > 1 and args.output is not None and PLACE not in str(args.output):
+    single = ([_job(args, log, args.topic, args.frame, log, [_stem(log)])] for log in args.logs)
+    jobs = [*chain.from_iterable((_objects(log, args) for log in args.logs) if args.all else single)]
+    outputs = [job.output for job in jobs if job.output is not None]
+    if len(jobs) > 1 and args.output is not None and PLACE not in str(args.output):
         raise UsageError(
-            f"{len(found)} outputs cannot all be {args.output}: write {PLACE} where the name of each goes, "
+            f"{len(jobs)} outputs cannot all be {args.output}: write {PLACE} where the name of each goes, "
             f"as in {args.output.with_stem(PLACE)}"
         )
     if doubled := {str(output) for output in outputs if outputs.count(output) > 1}:
-        raise UsageError(f"several recordings would be written to {min(doubled)}: take them one by one")
-    for job in found:
+        raise UsageError(f"several recordings would be written to {min(doubled)}: segment them one by one")
+    for job in jobs:
         job.other_outputs = [output for output in outputs if output != job.output]
-    return found
+    return jobs
 
 
 def _job(
     args: argparse.Namespace, log: str, topic: str | None, frame: str | None, name: str, names: Iterable[str]
 ) -> argparse.Namespace:
-    """The arguments of a job, whose output has these ``names``."""
-    plain = "-".join(re.sub(r"[^\w.-]+", "_", one).strip("_") for one in names)
+    """The arguments of a job; ``names`` replace the placeholder in the output's name."""
+    plain = "-".join(re.sub(r"[^\w.-]+", "_", part).strip("_") for part in names)
     output = None if args.output is None else Path(str(args.output).replace(PLACE, plain))
-    own = {"log": log, "topic": topic, "frame": frame, "name": name, "output": output}
-    return argparse.Namespace(**{**vars(args), **own})
+    changes = {"log": log, "topic": topic, "frame": frame, "name": name, "output": output}
+    return argparse.Namespace(**{**vars(args), **changes})
 
 
 def _objects(log: str, args: argparse.Namespace) -> Iterator[argparse.Namespace]:
+    """The arguments of a job for each source of poses in a recording."""
     from contact_tracker.recording import list_sources
 
     if log == "-":
@@ -102,6 +105,7 @@ def _objects(log: str, args: argparse.Namespace) -> Iterator[argparse.Namespace]
 
 
 def _stem(log: str) -> str:
+    """The name of a recording in the name of its output."""
     return "stdin" if log == "-" else Path(os.path.realpath(log)).stem
 
 
@@ -117,8 +121,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         f"write FILE with the suffix {', '.join(SUFFIXES)}, whole or not at all; - is a table on stdout (the "
         f"default); {PLACE} in FILE is the name of the recording (with --all: and of the object)",
     )
-    able = ", ".join(suffix for suffix, one in FORMATS.items() if len(one.rows) > 1)
-    text = f"what {able} have an entry per (default: .csv segments, the others ticks)"
+    suffixes = ", ".join(suffix for suffix, format_ in FORMATS.items() if len(format_.rows) > 1)
+    text = f"entries of {suffixes}: one per tick or per segment (default: .csv segments, the others ticks)"
     parser.add_argument("--rows", choices=ROWS, help=text)
     text = "draw the contacts and the transitions between them in FILE.png, .pdf or .svg instead"
     parser.add_argument("--graph", action="store_true", help=text)
@@ -133,19 +137,17 @@ def run(args: argparse.Namespace) -> int:
         require_library(args.output)
         args.rows = rows_of(args.output, args.rows)
     elif args.rows is not None:
-        raise UsageError("--rows is of use with -o FILE")
+        raise UsageError("--rows needs -o FILE")
     jobs = list_jobs(args)
     is_figure = args.output is not None and args.output.suffix.lower() in FIGURES
     if (args.labels is not None or args.map) and not (args.labels and is_figure and len(jobs) == 1):
-        raise UsageError(
-            "--labels FILE is of use with one LOG and -o FILE.png, .pdf or .svg; evaluate compares"
-        )
+        raise UsageError("--labels FILE needs a single LOG and -o FILE.png, .pdf or .svg; evaluate compares")
     if args.graph and (args.labels is not None or not is_figure):
-        raise UsageError("--graph is of use with -o FILE.png, .pdf or .svg, without --labels")
+        raise UsageError("--graph needs -o FILE.png, .pdf or .svg, without --labels")
     if args.labels is not None and jobs[0].log == "-":
         raise UsageError("--labels reads the recording twice, which standard input does not allow")
     if args.map_out is not None and len(jobs) > 1:
-        raise UsageError("--map-out is of one recording: go from one to the next with --known and --map-out")
+        raise UsageError("--map-out needs a single LOG: pass the map on with --known and --map-out")
     notes = list[str]()
     model, known_map = arguments.load_model(args), arguments.load_map(args, _noting(notes))
     with _workers(args.processes) as executor:
@@ -160,7 +162,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _workers(processes: int) -> "AbstractContextManager[Executor | None]":
-    """One process less than ``processes``, as this one works, too."""
+    """A context with one process less than ``processes``, as this process works, too."""
     if processes == 1:
         return nullcontext()
     from contact_tracker.processes import Workers
@@ -169,7 +171,7 @@ def _workers(processes: int) -> "AbstractContextManager[Executor | None]":
 
 
 def _noting(notes: list[str]) -> Callable[[str], None]:
-    """``warn``, with a copy of each line in ``notes``."""
+    """A function that prints a warning and appends it to ``notes``."""
 
     def note(line: str) -> None:
         warn(line)
@@ -183,9 +185,9 @@ def _segment(
     model: "Model",
     known_map: "Map",
     executor: "Executor | None",
-    before: Iterable[str],
+    warnings: Iterable[str],
 ) -> int:
-    """Segment one recording; ``before`` are the warnings so far."""
+    """Segment one recording and return the exit code; ``warnings`` are those so far."""
     from contact_tracker.cli.source import Source
     from contact_tracker.exports.formats import write_outcome, write_pieces
     from contact_tracker.offline import segmented
@@ -197,7 +199,7 @@ def _segment(
     check = check_output(args.output, args.overwrite, read, written=args.other_outputs)
     arguments.check_map_out(args, known_map)
     labels = None if args.labels is None else arguments.load_labels(args, args.log)
-    notes = [*before]
+    notes = [*warnings]
     wrenches = arguments.load_wrenches(args.log, args, model, known_map, _noting(notes))
     log = arguments.open_poses(args, args.log)
     source = Source(log, args.log, args)
@@ -217,7 +219,7 @@ def _segment(
             tracker = OfflineTracker(model, known_map, executor, wrenches, log.source.read_as)
             pieces = tracker.pieces(source, set_done, Detail.WEIGHTS)
             if args.output is None:
-                segments = [one for piece in pieces for one in piece.segments]
+                segments = [segment for piece in pieces for segment in piece.segments]
             else:
                 count = write_pieces(pieces, args.output, args.rows, lambda: source.log.origin_ns, check)
             report, touched, outliers = tracker.report, tracker.map, tracker.outliers

@@ -1,5 +1,5 @@
-"""The poses of a recording by the arguments: cut to the interval, counted, paced; and the stream of
-``live --state``, resumed from a file and saved to it."""
+"""The poses of a recording that the arguments select: cut to the interval, counted, paced; and the stream of
+``live --state``, which is resumed from a file and saved to it."""
 
 import argparse
 import os
@@ -29,21 +29,24 @@ if TYPE_CHECKING:
     from contact_tracker.tracking.filter_bank import Report
 
 _LONGEST_SLEEP_S: Final = 0.1
-"""Longest sleep at a time (s) between looks at whether the stream has to end."""
+"""Longest sleep in seconds between checks whether the stream has to end."""
 _SUSPECTED_NS: Final = 3_000_000_000
-"""Time after which a suspicion is said; ``live`` of the seven shipped recordings says none."""
+"""Time in ns after which a suspicion is printed; ``live`` prints none for the seven shipped recordings."""
 _SUSPICION: Final = (
-    "no label is certain for now: the poses may not be what they are read as, or the map may be wrong, which "
-    "more motion decides"
+    "no label is certain for now: units or conventions of the poses, or the map, may be wrong, which more "
+    "motion decides"
 )
-_POSES_PER_LOOK: Final = 100
-"""A stream is looked at each time that so many poses have come, whether most are dropped."""
+_POSES_PER_CHECK: Final = 100
+"""Number of poses between checks whether most poses of a stream are dropped."""
 
 
 class Source:
-    """The poses of one command, whose counts are final after iteration.
+    """The poses of a command; their counts are final after iteration.
 
-    ``name`` is the recording as given by the user, ``args`` has the interval.
+    Parameters
+    ----------
+    name : path of the recording.
+    args : have the interval and the reading of tables.
     """
 
     def __init__(self, log: PoseLog, name: str, args: argparse.Namespace) -> None:
@@ -60,27 +63,27 @@ class Source:
         self._suspected_since_ns: int | None = None
 
     def batches(self) -> Iterator[Poses]:
-        """The poses of the interval in columns, many at once.
+        """The poses of the interval in batches of columns.
 
         Raises
         ------
         NoPoses, ChoiceError
-            At the end, if there were none.
+            At the end: there were no poses.
         """
         yield from self.log.batches()
         if not self.log.valid:
             raise self.log.no_poses(self.name)
 
     def arrivals(self) -> Iterator[Arrival]:
-        """What each measured pose of the interval brings, with less delay; raises as ``batches``."""
+        """The arrivals of measured poses in the interval, with less delay; raises as ``batches``."""
         late = 0
         for count, arrival in enumerate(self.log.arrivals(), 1):
-            if count % _POSES_PER_LOOK == 0:
-                self._warn_of(self.log.loss)
-            late = self._warn_of_late(late)
+            if count % _POSES_PER_CHECK == 0:
+                self._warn_of_loss(self.log.loss)
+            late = self._warn_of_late_sources(late)
             if self.log.valid:
                 yield arrival
-        self._warn_of_late(late)
+        self._warn_of_late_sources(late)
         if not self.log.valid:
             raise self.log.no_poses(self.name)
 
@@ -89,11 +92,11 @@ class Source:
         """Whether the input is standard input, which cannot be read again."""
         return self.name == "-"
 
-    def _warn_of_late(self, reported: int) -> int:
-        """Warn of late sources beyond the first ``reported``; returns their number."""
-        for other in self.log.late_sources[reported:]:
+    def _warn_of_late_sources(self, reported: int) -> int:
+        """Warn of late sources beyond the first ``reported``; returns the number of late sources."""
+        for source in self.log.late_sources[reported:]:
             warn(
-                f"{self.name}: another source of poses shows up: {other}; going on with {self.log.source}: "
+                f"{self.name}: another source of poses shows up: {source}; going on with {self.log.source}: "
                 "choose with --topic or --frame"
             )
         return len(self.log.late_sources)
@@ -111,7 +114,7 @@ class Source:
         return Trajectory.from_log(self.log, self.name, poses, is_rereadable)
 
     def finish(self, adapted: "Report | None", outliers: Outliers, late: int = 0) -> int:
-        """Report the poses read and not used, and the tracker's adaptation; returns the exit code."""
+        """Print the numbers of read and unused poses and the tracker's adaptation; returns the exit code."""
         self.warn_of_damage()
         log, took_s = self.log, time.monotonic() - self._begin_s
         kinds = {**log.counts, "late": late, "outlier": outliers.total}
@@ -122,27 +125,26 @@ class Source:
             say(noise_text(adapted))
         if adapted is not None and adapted.map_use:
             say(adapted.map_use)
-        self.warn_of_news(adapted)
+        self.warn_of_problems(adapted)
         for line in self.log.remarks:
             warn(f"{self.name}: {line}")
         return DONE if self.log.damage is None else DAMAGED
 
     def warn_of_damage(self) -> None:
-        """Warn, if that is not done yet, that most poses were dropped, or that the recording is damaged: it
-        comes before the results."""
-        self._warn_of(self.log.damage)
+        """Warn once that most poses were dropped or the recording is damaged, before the results."""
+        self._warn_of_loss(self.log.damage)
 
-    def _warn_of(self, damage: str | None) -> None:
+    def _warn_of_loss(self, damage: str | None) -> None:
         for line in not_given(filter(None, [damage]), self._warned):
             warn(f"{self.name}: {line}")
 
-    def warn_of_news(self, adapted: "Report | None") -> None:
-        """Warn of the problems of the stream of which it was not warned before."""
+    def warn_of_problems(self, adapted: "Report | None") -> None:
+        """Warn of the problems of the stream, each once."""
         for line in not_given(warnings(adapted), self._warned):
             warn(line)
 
-    def say_of_suspicion(self, stamp_ns: int, is_suspected: bool) -> None:
-        """Say once why labels are not certain, if a mistake has been suspected for a while."""
+    def report_suspicion(self, stamp_ns: int, is_suspected: bool) -> None:
+        """Print once why no label is certain, if a mistake has been suspected for ``_SUSPECTED_NS``."""
         if not is_suspected:
             self._suspected_since_ns = None
         elif self._suspected_since_ns is None:
@@ -157,7 +159,7 @@ def paced(
 ) -> Iterator[Arrival]:
     """``arrivals`` in real time, ``rate`` times as fast.
 
-    Once the stream ``has_to_end``, the pose that has been read comes at once, so that it is not lost.
+    If the stream ``has_to_end``, the pose that has been read follows at once, so that it is not lost.
     """
     first_ns: int | None = None
     begin_s = time.monotonic()
@@ -167,37 +169,38 @@ def paced(
         if first_ns is not None and arrival.time_ns is not None:
             due_s = begin_s + (arrival.time_ns - first_ns) * 1e-9 / rate
             while (wait_s := due_s - time.monotonic()) > 0 and not has_to_end():
-                time.sleep(min(wait_s, _LONGEST_SLEEP_S))  # a signal that raises nothing does not end it
+                time.sleep(min(wait_s, _LONGEST_SLEEP_S))  # signals without an exception do not end a sleep
         yield arrival
 
 
 EVERY_S: Final = 10.0
+"""Time in seconds between two saved states."""
 _SAVED: Final = ("initial", "state", "source", "first", "taken", "gate", "stamping", "span", "reported")
-"""What is saved, between the arrivals of two poses: a hash of the initial state, which model, lag and prior
-map determine, and the tracker; topic, type and frames of the poses; the first pose of the log with its log
-time (ns), and how many were read, with the gate and the stamping (``sources.Stamping``); the stamps of the
-first pose, of the first and last that were used, and their number; what was reported (``Changes``)."""
+"""Keys of a saved state: a hash of the initial state, which model, lag and prior map determine; the tracker;
+topic, type and frames of the poses; the first pose of the log with its log time (ns); the number of poses
+read; the gate; the stamping (``sources.Stamping``); the stamps of the first pose and of the first and last
+used pose, and the number of used poses; the printed changes (``Changes``)."""
 _WAIT_S: Final = 0.5
-"""Longer than it takes to decode a pose, which must not be interrupted."""
+"""Time in seconds until a signal is repeated: longer than the decoding of a pose, which it must not break."""
 
 
 class SavedStream:
-    """Saves between poses only: a signal ends the stream after the current pose, a second one at once. On
-    standard input, where the next pose may never come, the stream ends while it waits for one.
+    """Saves the state of a stream between poses: a signal ends the stream after the current pose, a second
+    signal at once. On standard input, where the next pose may never come, a signal ends the wait for it.
 
     Parameters
     ----------
-    path : of the file; without one the stream starts from the beginning.
+    path : of the file; if it does not exist, the stream starts from the beginning.
     initial : the tracker before the first pose.
-    source, changes : the poses, and what was reported, to be resumed.
+    source, changes : the poses and the printed changes, which are resumed.
 
     Raises
     ------
     StateError
         The file is not a state.
     UsageError
-        It was saved of another source or recording, or with another model, lag or map, or has no
-        folder.
+        The state is of another source or recording, or has another model, lag or map, or the folder of the
+        file does not exist.
     """
 
     def __init__(
@@ -211,7 +214,7 @@ class SavedStream:
         self.signal = 0
         self._waits = False
         self.tracker = initial
-        read_as = source.log.source.read_as  # the next part has another name
+        read_as = source.log.source.read_as  # without the path: the next part has another one
         read_as = read_as._replace(path="", table=replace(read_as.table, given=()))
         inspection = initial.inspection._replace(read_as=read_as)
         self._initial = fingerprint(replace(initial, inspection=inspection))
@@ -219,7 +222,7 @@ class SavedStream:
         self._changes, self._follow = changes, follow
         self._saved_s = time.monotonic()
         if path.exists():
-            self._carry_on(load(path))
+            self._resume(load(path))
             say(f"resumed from {path}, after {self._log.valid} poses")
         elif not path.parent.is_dir():
             raise UsageError(f"{path}: there is no folder {path.parent} to save it in")
@@ -229,12 +232,12 @@ class SavedStream:
             if signal.getsignal(number) is not signal.SIG_IGN:
                 signal.signal(number, self._stop)
 
-    def take(self) -> None:
-        """A pose has come, and is processed until ``keep``."""
+    def begin_pose(self) -> None:
+        """Mark the arrival of a pose, which is processed until ``end_pose``."""
         self._waits = False
 
-    def keep(self) -> bool:
-        """Save at intervals, after each pose; returns whether to end."""
+    def end_pose(self) -> bool:
+        """Save if ``EVERY_S`` has passed; returns whether the stream has to end."""
         now_s = time.monotonic()
         if not self.signal and now_s - self._saved_s >= EVERY_S:
             self.save()
@@ -243,7 +246,7 @@ class SavedStream:
         return bool(self.signal)
 
     def save(self) -> None:
-        """Write the file."""
+        """Write the state to the file."""
         self._waits = False
         log, changes = self._log, self._changes
         values = (
@@ -258,7 +261,8 @@ class SavedStream:
         source = self._log.source
         return source.topic, source.type, source.frame_id, source.child_frame_id
 
-    def _carry_on(self, saved: object) -> None:
+    def _resume(self, saved: object) -> None:
+        """Resume the stream from the loaded state ``saved``."""
         if not isinstance(saved, dict) or tuple(saved) != _SAVED:
             raise StateError(f"{self._path}: it is no state of a stream")
         initial, self.tracker, names, first, taken, gate, stamping, span, reported = saved.values()
@@ -288,7 +292,7 @@ class SavedStream:
         if self.signal:
             raise SystemExit(128 + number)
         self.signal = number
-        if self._source.is_stdin:  # a second signal ends the wait for the next pose, once it has lasted
+        if self._source.is_stdin:  # a repeated signal ends a long wait for the next pose
             repeat_unless(number, lambda: not self._waits, _WAIT_S)
         if self._follow is not None:
             self._follow.stop()

@@ -1,6 +1,6 @@
 """Output of commands, with control characters escaped.
 
-Data go to stdout, messages to stderr; progress and status only to a terminal.
+Data go to stdout, messages to stderr; progress and status are shown only on a terminal.
 """
 
 import os
@@ -24,7 +24,7 @@ _ROW: Final = re.compile(r"\s*[\d.]+\s+(?:[\d.]+\s+)?(?:[-+=] )?[a-z]|\s+(?:star
 _DEVIATION: Final = re.compile(r" \+/- [\d.]+ \w+")
 _CUT: Final = "..."
 _FIGURES: Final = 33
-"""Width of the times, label and probability of a row, which are never cut."""
+"""Width in characters of the times, label and probability of a row, which are never cut."""
 _LABELLED: Final = re.compile(rf"(\s*[\d.]+\s+(?:[\d.]+\s+)?)([+-] )?({'|'.join(STATES)})(?=\s|$)")
 """A line of data with a label after one or two times."""
 
@@ -36,28 +36,29 @@ def show(text: str) -> None:
 
 
 def _fitted(line: str) -> str:
-    """A row as wide as the terminal, without deviations and the end of its elements if need be; what else the
-    motion fits is kept."""
+    """A row cut to the width of the terminal: deviations go first, then the end of the elements, but not the
+    other contacts that the motion fits."""
     width = shutil.get_terminal_size().columns
     if _is_wide or len(line) <= width or not sys.stdout.isatty() or not _ROW.match(line):
         return line
     line = _DEVIATION.sub("", line)
-    where, semicolon, others = line.partition("; or ")
-    room = max(width - len(semicolon + others) - len(_CUT), _FIGURES)
-    return line if len(line) <= width else f"{where[:room]}{_CUT}{semicolon}{others}"
+    row, semicolon, alternatives = line.partition("; or ")
+    room = max(width - len(semicolon + alternatives) - len(_CUT), _FIGURES)
+    return line if len(line) <= width else f"{row[:room]}{_CUT}{semicolon}{alternatives}"
 
 
 def _with_coloured_label(line: str) -> str:
-    if not _has_colours(sys.stdout) or (found := _LABELLED.match(line)) is None:
+    """A row with its label in colour, on a terminal with colours."""
+    if not _has_colours(sys.stdout) or (row := _LABELLED.match(line)) is None:
         return line
     from contact_tracker.outputs.text import ansi_of
 
-    first, end = found.span(3)
-    return f"{line[:first]}\x1b[{ansi_of(Contact(found[3]))}m{found[3]}\x1b[0m{line[end:]}"
+    start, end = row.span(3)
+    return f"{line[:start]}\x1b[{ansi_of(Contact(row[3]))}m{row[3]}\x1b[0m{line[end:]}"
 
 
 QUIET, USUAL, VERBOSE = range(3)
-"""Amount of messages on stderr; quiet are warnings and errors."""
+"""Amount of messages on stderr; QUIET is warnings and errors only."""
 _verbosity = USUAL
 _is_wide = False
 
@@ -75,16 +76,18 @@ def say(message: str) -> None:
 
 
 def detail(message: str) -> None:
-    """Print a message that is shown only with higher verbosity."""
+    """Print a message on stderr if the verbosity is VERBOSE."""
     if _verbosity >= VERBOSE:
         _write(message)
 
 
 def warn(message: str) -> None:
+    """Print a warning on stderr, in one line."""
     _write(message, f"{_coloured('warning:', _YELLOW)} ")
 
 
 def fail(message: str) -> None:
+    """Print an error on stderr, in one line."""
     _write(message, f"{_coloured('error:', _RED)} ")
 
 
@@ -102,7 +105,7 @@ def _has_colours(stream: TextIO) -> bool:
 
 
 def take_over_warnings() -> None:
-    """Print warnings and log messages of Python and libraries like our own warnings."""
+    """Print warnings and log messages of Python and libraries like those of this package."""
     import logging
 
     def emit(record: logging.LogRecord) -> None:
@@ -121,8 +124,8 @@ def _show_warning(message: Warning | str, category: type[Warning], *_: Any) -> N
 
 @contextmanager
 def progress(label: str, unit: str, total: int | None = None) -> Iterator[Callable[[int], None]]:
-    """A counter on a terminal's stderr, a bar if ``total`` is known; gives the function that sets the number
-    of units done."""
+    """A context with a counter on a terminal's stderr (a bar if ``total`` is known); its value is the
+    function that sets the number of units done."""
     with _bar(desc=printable(label), unit=f" {unit}", total=total) as bar:
 
         def set_done(done: int) -> None:
@@ -132,7 +135,7 @@ def progress(label: str, unit: str, total: int | None = None) -> Iterator[Callab
 
 
 class StatusLine:
-    """One line on a terminal's stderr that is rewritten in place, under the lines written to stdout."""
+    """A line on a terminal's stderr that is rewritten in place, below the lines on stdout."""
 
     def __init__(self) -> None:
         self._bar = _bar(bar_format="{desc}", dynamic_ncols=True)

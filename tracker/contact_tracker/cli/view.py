@@ -17,35 +17,37 @@ if TYPE_CHECKING:
     from contact_tracker.map.map import Map
     from contact_tracker.viewer.views import Draw
 
-HELP: Final = "see recordings in the rerun viewer"
+HELP: Final = "show recordings in the rerun viewer"
 DESCRIPTION: Final = """\
 Show recordings in rerun: the moving body with the touching plane, line or point, labels and
-probabilities over time (online and smoothed, beside the truth where it is known), and the paper's
-objective functions. Times are seconds since a recording's first pose. Several recordings are beside
-each other in the viewer's list."""
+probabilities over time (online and smoothed, with the truth if it is known), and the paper's
+objective functions. Times are seconds since a recording's first pose. Several recordings are
+separate entries of the viewer's list."""
 EXAMPLE: Final = "contact-tracker view recordings/all_states.mcap"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("logs", nargs="+", metavar="LOG", help=arguments.LOG_HELP)
     arguments.add_recording(parser)
-    where = parser.add_mutually_exclusive_group()
+    views = parser.add_mutually_exclusive_group()
     text = "write FILE.rrd, which rerun opens later, instead of opening the viewer"
-    where.add_argument("--save", type=arguments.output_file(".rrd"), metavar="FILE", help=text)
+    views.add_argument("--save", type=arguments.output_file(".rrd"), metavar="FILE", help=text)
     text = "serve it to a browser on this machine, without a window, until interrupted"
-    where.add_argument("--web", action="store_true", help=text)
+    views.add_argument("--web", action="store_true", help=text)
     arguments.add_overwrite(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     logs = list(dict.fromkeys(args.logs))
     if args.save is not None and len(logs) > 1:
-        raise UsageError(f"{args.save} can hold one recording: save each LOG of its own; rerun opens several")
+        raise UsageError(
+            f"{args.save} can have one recording: save each LOG alone; rerun opens several files"
+        )
     check = check_output(args.save, args.overwrite, arguments.files_read(logs, args.model, args.known))
     if args.save is None and not args.web:
         from contact_tracker.viewer.sinks import to_viewer
 
-        to_viewer()  # without a screen an error, before anything is read
+        to_viewer()  # raises an error without a screen, before recordings are read
     model, known_map = arguments.load_model(args), arguments.load_map(args)
     with _opener(args, check, len(logs) > 1) as open_view:
         works = (partial(_view, log, args, model, known_map, open_view) for log in logs)
@@ -57,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
 def _opener(
     args: argparse.Namespace, check: Callable[[], None], are_several: bool
 ) -> "Iterator[Callable[[str], Draw]]":
-    """The function that opens a view of a recording by its name, in a file, a window or a browser."""
+    """A context with the function that opens the view of a recording in a file, a window or a browser."""
     from contact_tracker.viewer.sinks import to_viewer, web_viewer
     from contact_tracker.viewer.views import begin
 
@@ -84,9 +86,9 @@ def _view(
     truth, trajectory = read_truth(log), source.trajectory()
     draw = open_view(trajectory.name)
     with progress("segment", "poses", len(trajectory)) as set_done:
-        found = segmented(trajectory, model, known_map, progress=set_done)
-        draw(replace(found, labels=truth))
-    code = source.finish(found.report, found.segmentation.outliers)
+        outcome = segmented(trajectory, model, known_map, progress=set_done)
+        draw(replace(outcome, labels=truth))
+    code = source.finish(outcome.report, outcome.segmentation.outliers)
     if args.save is not None:
         say(f"wrote {args.save}")
     return code

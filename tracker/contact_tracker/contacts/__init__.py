@@ -1,4 +1,4 @@
-"""The six contacts behind one contract, in the order of ``CONTACTS``."""
+"""Models of the six contacts with one interface, in the order of ``CONTACTS``."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -21,7 +21,7 @@ __all__ = ["CONTACT_MODELS", "ContactModel"]
 
 @dataclass(frozen=True, eq=False)
 class ContactModel:
-    """One contact: a family, and whether frame 1 is the body (f-f, e-f, v-f, e-e) or the world (f-e, f-v)."""
+    """A contact: its family, and whether frame 1 is the body (f-f, e-f, v-f, e-e) or the world (f-e, f-v)."""
 
     contact: Contact
     family: Family
@@ -41,43 +41,47 @@ class ContactModel:
         return np.abs(inverse).astype(np.int64) - 1, np.sign(inverse)
 
     def lifted(self, zeta: Array) -> Array:
-        """The C entries (..., C) of zeta (..., 25), or of the inverse pose's, that the family reads."""
+        """The entries (..., C) that the family reads, of zeta (..., 25) or of the inverse pose's lift."""
         index, sign = self._order
         return np.asarray(zeta[..., index] * sign)
 
     @cached_property
     def moves(self) -> Array:
-        """Linear maps (6, C, C): the change of the family's entries by small turns about the body's axes and
-        shifts along the world's, as row vectors times a map."""
+        """Maps (6, C, C): the family's entries, as row vectors, times a map are their derivatives by turns
+        about the body's axes and shifts along the world's."""
         select = self.lifted(np.eye(lifted_pose.SIZE)).T
         return np.asarray(select @ lifted_pose.perturbations() @ select.T)
 
     def anchors(self, position_m: Array) -> Array:
-        """Where the body is in frames 1 and 2, (..., 6); in the world it is at ``position_m`` (..., 3)."""
+        """Position of the body in frames 1 and 2 (..., 6); in the world it is ``position_m`` (..., 3)."""
         pair = [np.zeros_like(position_m), position_m]
         return np.concatenate(pair if self.body_in_1 else pair[::-1], axis=-1)
 
     def turned(self, x: Array, turn: Array) -> Array:
-        """x (..., S) with its direction in the world, if it has one, turned by ``turn`` (3, 3)."""
-        first = self.family.FORM.d2 if self.body_in_1 else self.family.FORM.d1
+        """x (..., S) with the direction of its element in the world, if any, turned by ``turn`` (3, 3)."""
+        d = self.family.FORM.d2 if self.body_in_1 else self.family.FORM.d1
         out = np.array(x)
-        if first >= 0:
-            out[..., first : first + 3] = x[..., first : first + 3] @ turn.T
+        if d >= 0:
+            out[..., d : d + 3] = x[..., d : d + 3] @ turn.T
         return out
 
-    def faced(self, x: Array, given: NDArray[np.bool_], turn: Array) -> Array:
-        """x (..., S) of f-f, with a normal that is not ``given`` (..., S) derived from one that is: they are
-        parallel at the orientation ``turn`` (3, 3) of the body.
+    def faced(self, x: Array, is_given: NDArray[np.bool_], turn: Array) -> Array:
+        """x (..., S) of f-f; if only one of its normals is given, the other is derived from it, as they are
+        parallel at the orientation ``turn`` (3, 3) of the body. Other contacts' x is unchanged.
 
         Residuals do not depend on the sign of a normal, but a prior on the height does, and a fit that starts
         with the wrong sign does not recover.
+
+        Parameters
+        ----------
+        is_given : (..., S) whether each entry of x is given.
         """
         if self.family is not face_face:
             return x
         m, n, out = face_face.M, face_face.N, np.array(x)
-        first, second = given[..., m][..., :1], given[..., n][..., :1]  # a direction is given as a whole
-        out[..., m] = np.where(second & ~first, x[..., n] @ turn, x[..., m])
-        out[..., n] = np.where(first & ~second, x[..., m] @ turn.T, x[..., n])
+        m_given, n_given = is_given[..., m][..., :1], is_given[..., n][..., :1]  # directions are given whole
+        out[..., m] = np.where(n_given & ~m_given, x[..., n] @ turn, x[..., m])
+        out[..., n] = np.where(m_given & ~n_given, x[..., m] @ turn.T, x[..., n])
         return out
 
     def measure(self, x: Array, zeta: Array) -> Measurement:
@@ -86,21 +90,23 @@ class ContactModel:
         return self.family.measure(x, Frames.of(of_1_in_2, self.body_in_1))
 
     def geometry(self, x: Array, covariance: Array, reach_m: float) -> ContactGeometry:
-        """Object's and environment's elements of one x (S,) with the covariance (S, S) of x."""
-        first, second = self.family.elements(x, covariance, reach_m)
-        return ContactGeometry(first, second) if self.body_in_1 else ContactGeometry(second, first)
+        """Elements of the object and the environment for x (S,) with the covariance (S, S)."""
+        element_1, element_2 = self.family.elements(x, covariance, reach_m)
+        if self.body_in_1:
+            return ContactGeometry(element_1, element_2)
+        return ContactGeometry(element_2, element_1)
 
 
 def _model_of(contact: Contact) -> ContactModel:
-    """The contact of the family whose module is named after its elements, or after those of its mirror."""
-    first, second = contact.value[0], contact.value[2]
-    for one, other in ((first, second), (second, first)):
-        name = f"{__name__}.{_ELEMENTS[one]}_{_ELEMENTS[other]}"
-        if find_spec(name) is not None:
-            return ContactModel(contact, cast(Family, import_module(name)), body_in_1=one == first)
+    """The model of a contact; its family is the module with the names of its elements, in either order."""
+    body, world = (_ELEMENTS[letter] for letter in contact.value.split("-"))
+    for name, body_in_1 in ((f"{body}_{world}", True), (f"{world}_{body}", False)):
+        if find_spec(f"{__name__}.{name}") is not None:
+            family = cast(Family, import_module(f"{__name__}.{name}"))
+            return ContactModel(contact, family, body_in_1)
     raise ImportError(f"no family has the elements of {contact.value}")
 
 
 _ELEMENTS: Final = {"f": "face", "e": "edge", "v": "vertex"}
 CONTACT_MODELS: Final = tuple(map(_model_of, CONTACTS))
-"""All contacts in the order of ``CONTACTS``."""
+"""The models of all contacts in the order of ``CONTACTS``."""

@@ -1,9 +1,9 @@
 """e-e: an edge (d1, q1) of frame 1 crosses an edge (d2, q2) of frame 2.
 
 x = [d1, q1, d2, q2] with d . q = 0, residual ``d2 . R m1 + m2 . R d1 + d2 . [t]x R d1`` with m = q x d: the
-paper's volume (18). ``rows`` are those of the volume; ``measure`` divides by the sine of the crossing angle,
-pose by pose, and so gives the metric distance of the two lines, which near-parallel lines cannot fake
-(docs/theory.md, T6).
+paper's volume (18). ``rows`` are the coefficients of the volume. ``measure`` divides it by the sine of the
+crossing angle at each pose: the distance of the two lines in metres, which is not small merely because lines
+are nearly parallel (docs/theory.md, T6).
 """
 
 from typing import Final
@@ -89,9 +89,9 @@ def tangent(x: Array, anchors: Array) -> Array:
 
 
 def normalise(x: Array, anchors: Array) -> Array:
-    first = normalise_line(x[..., LINE1], anchors[..., :3])
-    second = normalise_line(x[..., LINE2], anchors[..., 3:])
-    return np.concatenate([first, second], axis=-1)
+    line1 = normalise_line(x[..., LINE1], anchors[..., :3])
+    line2 = normalise_line(x[..., LINE2], anchors[..., 3:])
+    return np.concatenate([line1, line2], axis=-1)
 
 
 def place(anchors: Array) -> Array:
@@ -100,9 +100,9 @@ def place(anchors: Array) -> Array:
 
 
 def starts(moments: Array) -> Array:
-    """The relaxed problem's smallest directions, each brought to the nearest pair of lines."""
-    found = smallest_directions(moments[..., :18, :18], slice(9, 18), RIDGE)
-    c = np.swapaxes(found, -1, -2)[..., :STARTS, :]
+    """The pairs of lines nearest to the smallest directions of the relaxed problem."""
+    relaxed = smallest_directions(moments[..., :18, :18], slice(9, 18), RIDGE)
+    c = np.swapaxes(relaxed, -1, -2)[..., :STARTS, :]
     left, _, right = np.linalg.svd(c.reshape(*c.shape[:-1], 3, 3))
     zero = np.zeros((*c.shape[:-1], 3))
     x = np.concatenate([right[..., 0, :], zero, left[..., 0], zero], axis=-1)
@@ -131,8 +131,8 @@ def measure(x: Array, frames: Frames) -> Measurement:
 
 
 def elements(x: Array, covariance: Array, reach_m: float) -> tuple[Element, Element]:
-    first = Line(x[D1], x[Q1], covariance[:6, :6])
-    return first, Line(x[D2], x[Q2], covariance[6:, 6:])
+    line1, line2 = Line(x[D1], x[Q1], covariance[:6, :6]), Line(x[D2], x[Q2], covariance[6:, 6:])
+    return line1, line2
 
 
 def _cosine(x: Array, moments: Array) -> Array:
@@ -141,7 +141,7 @@ def _cosine(x: Array, moments: Array) -> Array:
 
 
 def _mean_rotation(moments: Array) -> Array:
-    """vec R (..., 9), which the last row of moments (..., C, C) adds up."""
+    """Mean of vec R (..., 9), from the last row of moments (..., C, C)."""
     return np.asarray(moments[..., 18, :9] / np.maximum(moments[..., 18, 18, None], TINY))
 
 
@@ -151,7 +151,7 @@ def _lines(x: Array) -> Array:
 
 
 def _by_line() -> Array:
-    """(6, 18): what each number of a line (d, q) adds to the derivative (6, 3) of m = q x d by the line."""
+    """Second derivative (6, 18) of m = q x d by a line (d, q): by one entry, of the derivative (6, 3)."""
     out, eye = np.zeros((6, 6, 3)), np.eye(3)
     out[3:, :3] = np.cross(eye[:, None], eye)
     out[:3, 3:] = np.cross(eye, eye[:, None])

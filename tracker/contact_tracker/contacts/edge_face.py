@@ -68,8 +68,8 @@ def log_scale_sq_derivative(x: Array, moments: Array) -> Array:
 
 
 def tangent(x: Array, anchors: Array) -> Array:
-    both = x[..., :9].reshape(*x.shape[:-1], 3, 3)[..., ::2, :]
-    across = sphere_tangent(both)
+    d_and_n = x[..., :9].reshape(*x.shape[:-1], 3, 3)[..., ::2, :]
+    across = sphere_tangent(d_and_n)
     line = line_tangent(x[..., LINE], anchors[..., :3], across[..., 0, :, :])
     return block_tangent(x, SIZE, [(LINE, line), (N, across[..., 1, :, :]), (H, ONE)])
 
@@ -86,13 +86,13 @@ def place(anchors: Array) -> Array:
 
 
 def starts(moments: Array) -> Array:
-    """Faces of the relaxed v-f problem and of the mean rotation, each with the edge most nearly in it."""
+    """Faces of the relaxed v-f problem and of the mean rotation, each with the edge nearest to it."""
     n = np.concatenate(
         [vertex_face.starts(moments)[..., vertex_face.N], face_face.starts(moments)[..., face_face.N]],
         axis=-2,
     )
     leading = moments.shape[:-2]
-    # sum over i, k of n_i n_k M_ijkl: how far each direction of frame 1 leaves the face
+    # sum over i, k of n_i n_k M_ijkl: square by which each direction of frame 1 leaves the face
     by_pair = moments[..., :9, :9].reshape(*leading, 3, 3, 3, 3).swapaxes(-3, -2).reshape(*leading, 9, 9)
     spread = (outer(n, n) @ by_pair).reshape(*n.shape, 3)
     d = np.linalg.eigh(spread)[1][..., 0]

@@ -80,7 +80,7 @@ def place(anchors: Array) -> Array:
 
 
 def starts(moments: Array) -> Array:
-    """Singular pairs of the mean rotation: where a face keeps its normal, R m = n at all times."""
+    """Singular pairs of the mean rotation: the normals of a lasting f-f contact have R m = n at all times."""
     mean = moments[..., :9, 12].reshape(*moments.shape[:-2], 3, 3)
     left, _, right = np.linalg.svd(mean)
     n = np.swapaxes(left, -1, -2)
@@ -98,9 +98,9 @@ def measure(x: Array, frames: Frames) -> Measurement:
 
 
 def elements(x: Array, covariance: Array, reach_m: float) -> tuple[Element, Element]:
-    """The faces as if they went through the body's origin; their offsets from it are unknown."""
+    """The faces through the body's origin, with the variance ``reach_m`` squared of their unknown offsets."""
     unknown = np.zeros((4, 4))
     unknown[3, 3] = reach_m**2
-    first = np.zeros((4, 4))
-    first[:3, :3] = covariance[M, M]
-    return Plane(x[M], 0.0, first + unknown), Plane(x[N], float(x[6]), covariance[3:, 3:] + unknown)
+    of_m = np.zeros((4, 4))
+    of_m[:3, :3] = covariance[M, M]
+    return Plane(x[M], 0.0, of_m + unknown), Plane(x[N], float(x[6]), covariance[3:, 3:] + unknown)

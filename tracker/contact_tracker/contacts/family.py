@@ -1,14 +1,15 @@
-"""The contract of a contact family: fit and evidence treat all contacts alike.
+"""The interface of a contact family: fit and evidence treat all contacts alike.
 
 A contact pairs an element that is fixed in frame 1 with an element that is fixed in frame 2, for a pose that
-maps frame 1 to frame 2. For f-f, e-f, v-f and e-e frame 1 is the body and frame 2 the world. Its swapped form
-(f-e, f-v) is the same contact of the inverse pose, whose lift is a signed permutation of the pose's lift: so
-there is one file per family, and ``ContactModel`` with ``body_in_1=False`` makes the other one.
+maps frame 1 to frame 2. For f-f, e-f, v-f and e-e frame 1 is the body and frame 2 the world. The swapped
+contacts (f-e, f-v) are the same families with the inverse pose, whose lift is a signed permutation of the
+pose's lift: so there is one file per family, and ``ContactModel`` has ``body_in_1=False`` for a swapped
+contact.
 
 Elements are stacked in one parameter vector x (..., S); unit vectors stay on the sphere, so that only P <= S
-directions are free (``tangent``). ``anchors`` (..., 6) are where the body is, in frame 1 and in frame 2,
-or a point by which a line is known (``refit.anchors_of``): lines are given by their points nearest to it,
-and a prior keeps touching points within the body's reach.
+directions are free (``tangent``). ``anchors`` (..., 6) are the positions of the body in frames 1 and 2, or of
+a known point of a line (``refit.anchors_of``): a line is parametrised by its point nearest to the anchor, and
+the prior of touching points has the size of the body's reach.
 """
 
 from functools import cache
@@ -26,8 +27,8 @@ Index = NDArray[np.int64]
 
 
 class Form(NamedTuple):
-    """Index of the first entry in x of: direction and point (or foot) of element 1, direction and foot of
-    element 2, and offset of element 2. Negative where a family has none."""
+    """Index of the first entry in x of the direction and point (or foot) of element 1, the direction and foot
+    of element 2, and the offset of element 2; negative if the family has no such parameter."""
 
     d1: int = -1
     q1: int = -1
@@ -38,23 +39,24 @@ class Form(NamedTuple):
 
 @cache
 def directions(form: Form) -> Index:
-    """Entries of x that are unit vectors; the others are coordinates."""
+    """Indices of the entries of x that belong to unit vectors; the other entries are coordinates."""
     return np.array([d + i for d in (form.d1, form.d2) if d >= 0 for i in range(3)], np.int64)
 
 
 @cache
 def turns(form: Form) -> Index:
-    """Free directions (columns of ``Family.tangent``) that rotate an element."""
+    """Indices of the free directions (columns of ``Family.tangent``) that rotate an element."""
     return np.flatnonzero(_turns(form))
 
 
 @cache
 def shifts(form: Form) -> Index:
-    """Free directions that translate a point, a line across itself, or a face; rows are affine in them."""
+    """Indices of the free directions that translate a point, line or face; rows are affine in them."""
     return np.flatnonzero(~_turns(form))
 
 
 def _turns(form: Form) -> NDArray[np.bool_]:
+    """Whether each free direction (P,) rotates an element."""
     free: list[bool] = []
     for d, q in ((form.d1, form.q1), (form.d2, form.q2)):
         free += [True] * 2 * (d >= 0) + [False] * (2 if d >= 0 else 3) * (q >= 0)
@@ -77,10 +79,8 @@ class Measurement(NamedTuple):
 
 
 class Family(Protocol):
-    """What one file per family provides; everything broadcasts over leading axes of x.
-
-    Moments are those of at least one pose.
-    """
+    """Members of the module of a family; functions broadcast over leading axes of x. Moments are sums over at
+    least one pose."""
 
     SIZE: int
     """S, length of x."""
@@ -91,13 +91,13 @@ class Family(Protocol):
     COLUMNS: NDArray[np.int64]
     """The C entries of zeta on which the residuals depend."""
     SPREAD: Array
-    """(S,) 1 where x is a coordinate of a point, which a prior keeps near the body; else 0."""
+    """(S,) 1 for coordinates of a point, which has a prior near the body; else 0."""
 
     FORM: Form
     """Layout of x. Rows are affine in all entries of x that are not directions; the columns of ``tangent``
     are in the order of ``turns`` and ``shifts``."""
     RANDOM_STARTS: int
-    """How many random directions a search screens: more where minima are narrow."""
+    """Number of random directions that a search screens: more for narrow minima."""
 
     def rows(self, x: Array) -> Array:
         """Coefficients c (..., K, C) with ``residual = c @ zeta[COLUMNS]``."""
@@ -115,25 +115,24 @@ class Family(Protocol):
         """Free directions of x, (..., S, P)."""
 
     def normalise(self, x: Array, anchors: Array) -> Array:
-        """x with its unit vectors restored and lines given by their feet, nearest to ``anchors`` (..., 6)."""
+        """x with directions of length 1 and points of lines nearest to ``anchors`` (..., 6)."""
 
     def place(self, anchors: Array) -> Array:
-        """x (..., S) with its points and lines at ``anchors`` (..., 6) and all else zero: a prior's mean."""
+        """Mean (..., S) of a prior: points and lines are at ``anchors`` (..., 6), other entries zero."""
 
     def starts(self, moments: Array) -> Array:
-        """Where to start a search, (B, N, S): directions of relaxed solutions from moments (B, C, C), all
-        coordinates zero."""
+        """Starts of a search (B, N, S): relaxed solutions from moments (B, C, C), with points at zero."""
 
     def measure(self, x: Array, frames: "Frames") -> Measurement:
         """Exact residuals and lever arms of hypotheses x (B, S) on T poses."""
 
     def elements(self, x: Array, covariance: Array, reach_m: float) -> tuple[Element, Element]:
-        """The elements in frame 1 and frame 2 of one x (S,) whose covariance is (S, S)."""
+        """The elements in frame 1 and frame 2 for x (S,) with its covariance (S, S)."""
 
 
 def line_tangent(line: Array, anchor: Array, across: Array) -> Array:
-    """Free directions (..., 6, 4) of a line (d, q) whose foot q stays nearest to ``anchor`` as d turns;
-    ``across`` (..., 3, 2) is the ``sphere_tangent`` of d."""
+    """Free directions (..., 6, 4) of a line (d, q) whose foot q stays nearest to ``anchor`` (..., 3) as d
+    turns; ``across`` (..., 3, 2) is the ``sphere_tangent`` of d."""
     d, arm = line[..., :3], line[..., 3:] - anchor
     out = np.zeros((*d.shape[:-1], 6, 4))
     out[..., :3, :2] = across
@@ -143,13 +142,13 @@ def line_tangent(line: Array, anchor: Array, across: Array) -> Array:
 
 
 def normalise_line(line: Array, anchor: Array) -> Array:
-    """A line (..., 6) with unit direction and its foot, the point nearest to ``anchor``."""
+    """The line (..., 6) with a unit direction and its foot, the point nearest to ``anchor`` (..., 3)."""
     d, q = unit(line[..., :3]), line[..., 3:]
     return np.concatenate([d, q - d * dot(d, q - anchor)[..., None]], axis=-1)
 
 
 def block_tangent(x: Array, size: int, blocks: list[tuple[slice, Array]]) -> Array:
-    """Assemble ``tangent`` (..., S, P) from blocks (rows of x, directions (..., rows, p))."""
+    """``tangent`` (..., S, P) with the blocks (rows of x, directions (..., rows, p)) on its diagonal."""
     width = sum(directions.shape[-1] for _, directions in blocks)
     out = np.zeros((*x.shape[:-1], size, width))
     column = 0
@@ -161,21 +160,22 @@ def block_tangent(x: Array, size: int, blocks: list[tuple[slice, Array]]) -> Arr
 
 
 def smallest_directions(moments: Array, keep: slice, ridge: float) -> Array:
-    """Solutions (..., k, k) of a relaxed problem in its columns, in order of their minima.
+    """Solutions (..., k, k) of a relaxed problem, in columns, in order of their minima.
 
     Minimises ``c M c`` over coefficients c (..., C) with unit length in the k entries ``keep``, which are
-    returned: the others are eliminated (Schur complement, held by a ridge).
+    returned; the other entries are eliminated (Schur complement with a ridge).
     """
-    kept, rest = _kept_and_rest(moments.shape[-1], keep.start, keep.stop)
+    kept, eliminated = _kept_and_eliminated(moments.shape[-1], keep.start, keep.stop)
     scale = ridge * moments.trace(axis1=-2, axis2=-1)[..., None, None]
-    inner = moments[..., rest[:, None], rest] + scale * np.eye(len(rest))
-    coupling = -np.linalg.solve(inner, moments[..., rest[:, None], kept])
-    schur = moments[..., kept[:, None], kept] + moments[..., kept[:, None], rest] @ coupling
+    inner = moments[..., eliminated[:, None], eliminated] + scale * np.eye(len(eliminated))
+    coupling = -np.linalg.solve(inner, moments[..., eliminated[:, None], kept])
+    schur = moments[..., kept[:, None], kept] + moments[..., kept[:, None], eliminated] @ coupling
     return np.asarray(np.linalg.eigh(0.5 * (schur + np.swapaxes(schur, -1, -2)))[1])
 
 
 @cache
-def _kept_and_rest(count: int, start: int, stop: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _kept_and_eliminated(count: int, start: int, stop: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Indices from ``start`` to before ``stop``, and all others below ``count``."""
     every = np.arange(count)
     return every[start:stop], np.delete(every, np.s_[start:stop])
 
@@ -197,14 +197,14 @@ def outer_derivative_second(a: Array) -> Array:
 
 
 class Frames(NamedTuple):
-    """T lifted poses of frame 1 in frame 2, split into what the families read."""
+    """T lifted poses of frame 1 in frame 2, split into the parts that the families read."""
 
     rotation: Array  # (T, 9)
     t: Array  # (T, 3)
     u: Array  # (T, 3)
     t_cross_r: Array  # (T, 9)
     body_in_1: bool
-    """Whether the body is frame 1 (else it is frame 2 and the pose is the inverse one)."""
+    """Whether frame 1 is the body; else it is the world, and the poses are inverse ones."""
 
     @classmethod
     def of(cls, zeta: Array, body_in_1: bool) -> "Frames":

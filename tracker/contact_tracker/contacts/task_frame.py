@@ -1,4 +1,4 @@
-"""What a contact or joint constrains at a pose, as hybrid control of force and motion needs it."""
+"""The constraints of a contact or joint at a pose, as hybrid control of force and motion needs them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ PARALLEL: Final = 1e-6
 TWIST: Final = ("vx", "vy", "vz", "wx", "wy", "wz")
 """Coordinates of a twist: velocities and angular velocities."""
 _CONSTRAINED: Final = {3: (2, 3, 4), 2: (2, 4), 1: (2,)}
-"""Coordinates in the task frame that a contact with so many constraints takes: 0 to 2 shift, 3 to 5 turn."""
+"""Indices (in ``TWIST``) of the constrained coordinates in the task frame, by the contact's codimension."""
 _NAMES: Final = {
     "f-f": "planar",
     "e-f": "line on plane",
@@ -41,27 +41,28 @@ _NAMES: Final = {
     "ball": "spherical",
 }
 _STEP: Final = 1e-6
+"""Step (m, rad) of numerical derivatives."""
 
 
 @dataclass(frozen=True, eq=False)
 class TaskFrame:
     """The frame in which a contact or joint constrains single coordinates of the object's twist.
 
-    Of a contact the origin is where the elements touch, z the common normal (of unknown sense), x the
+    For a contact the origin is where the elements touch, z the common normal (of unknown sense), x the
     direction of the touching edge (e-e: of the object's), in the face; without an edge any direction in the
-    face. Of a joint z is the axis, and the origin is on it.
+    face. For a joint z is the axis, and the origin is on it.
 
     Parameters
     ----------
-    contact : which contact, or kind of joint.
+    contact : the contact, or the kind of joint.
     T_world_task : (4, 4) pose of the frame in the world (m).
-    is_constrained : (6,) which coordinates of the object's twist in the task frame are zero: velocity along
-        x, y, z and angular velocity about x, y, z. The others are free. Without friction, the contact
-        transmits the same coordinates of the wrench, and all others are zero.
+    is_constrained : (6,) whether each coordinate of the object's twist in the task frame is zero (velocity
+        along x, y, z and angular velocity about x, y, z) or free. Without friction, the contact transmits the
+        constrained coordinates of the wrench only.
     covariance : (6, 6) of shifts of the origin along x, y, z (m), and of turns of the frame about x, y, z
-        (rad), from those of the elements (docs/theory.md, T51); None if one of these is unknown, or the
-        edges are too nearly parallel.
-    pitch_m_per_rad : of screws, whose velocity along z is not zero but so much for each radian about z.
+        (rad), from the covariances of the elements (docs/theory.md, T51); None if one of these is unknown, or
+        the edges are nearly parallel.
+    pitch_m_per_rad : of a screw: velocity along z over angular velocity about z.
     """
 
     contact: StrEnum
@@ -94,7 +95,7 @@ class TaskFrame:
             "origin_m": self.T_world_task[:3, 3].tolist(),
             "quat_xyzw": self.quat_xyzw.tolist(),
             "constrained": [
-                name for name, is_taken in zip(TWIST, self.is_constrained, strict=True) if is_taken
+                name for name, is_zero in zip(TWIST, self.is_constrained, strict=True) if is_zero
             ],
             "covariance": None if self.covariance is None else self.covariance.tolist(),
         }
@@ -106,14 +107,14 @@ class TaskFrame:
 
     @property
     def free_selection(self) -> Array:
-        """Projector (6, 6) on the free twists, in the task frame: it takes away what is constrained."""
+        """Projector (6, 6) on the free twists, in the task frame."""
         free = np.diag(~self.is_constrained).astype(float)
         free[2, 5] = self.pitch_m_per_rad
         return free
 
     @property
     def world_projectors(self) -> tuple[Array, Array]:
-        """``selection`` and ``free_selection`` for twists in the world frame, as of ``free_twists``."""
+        """``selection`` and ``free_selection`` (6, 6) for twists in the world frame (as ``free_twists``)."""
         R, o = self.T_world_task[:3, :3], self.T_world_task[:3, 3]
         to_world = np.kron(np.eye(2), R)
         to_world[:3, 3:] = np.cross(o, R, axisb=0).T
@@ -156,13 +157,12 @@ def T_world_body(position_m: ArrayLike, quat_xyzw: ArrayLike) -> Array:
 
 
 def contact_frame(contact: Contact, geometry: ContactGeometry, pose: Array) -> Array | None:
-    """``T_world_task`` of a contact of this ``geometry`` at a pose (4, 4); None for edges that are
-    parallel."""
+    """``T_world_task`` (4, 4) of a contact at a ``pose`` (4, 4) of the body; None for parallel edges."""
     return _frame_at(contact, geometry, pose)(geometry.object, geometry.environment)
 
 
 def task_frame(contact: Contact, geometry: ContactGeometry, pose: Array) -> TaskFrame | None:
-    """The task frame of a contact of this ``geometry`` at a pose (4, 4); None for edges that are parallel."""
+    """The task frame of a contact at a ``pose`` (4, 4) of the body; None for parallel edges."""
     frame = contact_frame(contact, geometry, pose)
     if frame is None:
         return None
@@ -176,8 +176,8 @@ def task_frame(contact: Contact, geometry: ContactGeometry, pose: Array) -> Task
 
 
 def joint_frame(kind: StrEnum, axis: Line | Point, free: str, pitch_m_per_rad: float = 0.0) -> TaskFrame:
-    """The task frame of a joint about an ``axis`` or centre in the world that leaves the coordinates ``free``
-    (names of ``TWIST``)."""
+    """The task frame of a joint with an ``axis`` or centre in the world; ``free`` has the names (of
+    ``TWIST``) of its free coordinates."""
     along = np.eye(3)[np.argmin(np.abs(axis.direction))] if isinstance(axis, Line) else np.eye(3)[0]
 
     def build(axis: Element) -> Array:
@@ -192,8 +192,8 @@ def joint_frame(kind: StrEnum, axis: Line | Point, free: str, pitch_m_per_rad: f
 def _frame_at(
     contact: Contact, geometry: ContactGeometry, pose: Array
 ) -> Callable[[Element, Element], Array | None]:
-    """The task frame (4, 4) as a function of the elements of object and environment, near ``geometry``; x of
-    faces without an edge is along the same axis for all of them."""
+    """The task frame (4, 4) as a function of the elements of object and environment near ``geometry``. The
+    axis of x is the same for all faces without an edge."""
     across, is_open = _across(geometry, pose), geometry.has_open_offset[1]
 
     def build(object: Element, environment: Element) -> Array | None:
@@ -212,7 +212,7 @@ def _frame_at(
 
 
 def _across(geometry: ContactGeometry, pose: Array) -> Array:
-    """The world's axis (3,) that is most nearly in the touching face."""
+    """The axis of the world (3,) that is most nearly in the touching face."""
     for element in (geometry.environment, _in_world(geometry.object, pose)):
         if isinstance(element, Plane):
             return np.asarray(np.eye(3)[np.argmin(np.abs(element.normal))])
@@ -221,7 +221,7 @@ def _across(geometry: ContactGeometry, pose: Array) -> Array:
 
 def _covariance(build: Callable[..., Array | None], *elements: Element) -> Array | None:
     """Covariance (6, 6) of the frame that is built of independent ``elements``, to first order (T51); None
-    if one of theirs is unknown, or a step makes edges parallel."""
+    if the covariance of an element is unknown, or a step makes edges parallel."""
     frame = build(*elements)
     assert frame is not None
     total = np.zeros((6, 6))
@@ -232,8 +232,8 @@ def _covariance(build: Callable[..., Array | None], *elements: Element) -> Array
         changes = np.empty((6, len(values)))
         for k in range(len(values)):
             step = _STEP * (np.arange(len(values)) == k)
-            changed = (of_numbers(type(element), values + one) for one in (step, -step))
-            moved = [build(*elements[:i], one, *elements[i + 1 :]) for one in changed]
+            changed = (of_numbers(type(element), values + change) for change in (step, -step))
+            moved = [build(*elements[:i], element, *elements[i + 1 :]) for element in changed]
             if moved[0] is None or moved[1] is None:
                 return None
             changes[:3, k] = frame[:3, :3].T @ (moved[0] - moved[1])[:3, 3]
@@ -245,7 +245,7 @@ def _covariance(build: Callable[..., Array | None], *elements: Element) -> Array
 
 
 def _in_world(element: Element, pose: Array) -> Element:
-    """An element of the body at a pose, without its covariance."""
+    """An element of the body in the world at a ``pose`` (4, 4), without its covariance."""
     turn, shift_m = pose[:3, :3], pose[:3, 3]
     match element:
         case Plane(normal, offset_m):
@@ -258,12 +258,12 @@ def _in_world(element: Element, pose: Array) -> Element:
 
 
 def _at_face(origin_m: Array, face: Plane, along: Array) -> Array:
-    """The frame at a face with x ``along`` a direction (3,)."""
+    """The frame (4, 4) at a face with x ``along`` a direction (3,)."""
     return _frame(origin_m, face.normal, along)
 
 
 def _at_crossing(edge: Line, environment_edge: Line) -> Array | None:
-    """The frame midway between two lines where they are nearest; None if they are parallel."""
+    """The frame (4, 4) midway between the nearest points of two lines; None if the lines are parallel."""
     normal = np.cross(edge.direction, environment_edge.direction)
     sine = float(np.linalg.norm(normal))
     if sine < PARALLEL:
@@ -277,6 +277,7 @@ def _at_crossing(edge: Line, environment_edge: Line) -> Array | None:
 
 
 def _frame(origin_m: Array, z: Array, along: Array) -> Array:
+    """The frame (4, 4) at an origin with an axis z and x in the plane of z and ``along``."""
     z = z / np.linalg.norm(z)
     x = along - z * (z @ along)
     x = x / np.linalg.norm(x)

@@ -33,7 +33,7 @@ SPREAD: Final = np.array([1.0, 1, 1, 0, 0, 0, 0])
 FORM: Final = Form(q1=0, d2=3, h=6)
 RANDOM_STARTS: Final = 24
 RIDGE: Final = 1e-7
-"""Ridge of the relaxed problems only; it keeps unobserved directions near the origin."""
+"""Ridge of the relaxed problem, relative to the moments' trace, against unobserved directions."""
 
 
 def rows(x: Array) -> Array:

@@ -1,11 +1,11 @@
 """Planes, lines and points with their uncertainty: the elements that touch.
 
-An element is given in the frame it is fixed to: the body frame for the object's, the world frame for the
-environment's (docs/conventions.md). Units are metres and radians; an unknown covariance is None, as is the
-name of an element that is not in the map.
+The coordinates of an element are in the frame to which it is fixed: the body frame for the object, the world
+frame for the environment (docs/conventions.md). Units are metres and radians. The covariance is None if it is
+unknown, and the name if the element is not in the map.
 
-``flat`` gives elements of all kinds in the same fields, so that tables have one schema; ``pack`` the geometry
-of many ticks as rows of numbers, in a tenth of the memory of objects.
+``flat`` returns elements of all kinds in the same fields, so that tables have one schema; ``pack`` the
+geometry of a tick as a row of numbers, in a tenth of the memory of objects.
 """
 
 import json
@@ -19,14 +19,17 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 ANYWHERE_M: Final = 1e3
-"""Standard deviation of the offset of a face of which only the direction is known."""
+"""Standard deviation of an unknown offset of a face."""
 
 
 @dataclass(frozen=True, eq=False)
 class Unobserved:
     """A free motion of an element that the data do not determine (docs/theory.md, T22).
 
-    ``how``: a turn about the unit vector ``direction`` (3,), or a shift along it.
+    Parameters
+    ----------
+    how : a turn about ``direction``, or a shift along it.
+    direction : (3,) unit vector.
     """
 
     how: Literal["turns_about", "shifts_along"]
@@ -64,8 +67,8 @@ class Plane:
 class Line:
     """All ``point_m + s direction``; ``covariance`` (6, 6) is of (direction, point_m).
 
-    For an estimated line ``point_m`` is its point nearest to the body's origin (in the world: to the mean
-    position of that), so the covariance has no component along the line.
+    ``point_m`` of an estimated line is its point nearest to the body's origin (in the world, to the mean
+    position of the body's origin), so that the covariance has no component along the line.
     """
 
     direction: Array
@@ -108,7 +111,7 @@ class Point:
 
 Element = Plane | Line | Point
 Pair = tuple[Element | None, Element | None]
-"""Elements of the object and of the environment; None is an unknown one."""
+"""Elements of the object and of the environment, None if unknown."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,16 +123,16 @@ class ContactGeometry:
 
     @property
     def names(self) -> tuple[str | None, str | None]:
-        """Names in the map, None for elements that are not in it."""
+        """Names of both elements in the map, None for elements that are not in it."""
         return self.object.name, self.environment.name
 
     @property
     def has_open_offset(self) -> tuple[bool, bool]:
-        """Whether the offsets of two touching faces are unknown, of the object's and of the environment's.
+        """Whether the offsets of the object's and of the environment's face are unknown (f-f only).
 
-        The motion of f-f shows their difference alone (docs/theory.md, T5). The object's face is then given
-        as if it went through the body's origin, and of both the standard deviation is the prior's
-        (``contacts/face_face.py``), unless the face is known otherwise.
+        The motion of f-f determines only their difference (docs/theory.md, T5). The object's face then goes
+        through the body's origin, and the standard deviations of both offsets are those of the prior
+        (``contacts/face_face.py``), unless the face is in the map.
         """
         body, world = self.object, self.environment
         if not (isinstance(body, Plane) and isinstance(world, Plane)):
@@ -144,7 +147,7 @@ class ContactGeometry:
 
 
 def face_towards(normal: Array, spread_rad: float) -> Plane:
-    """A face of which only the direction is known: its unit ``normal`` (3,), with a deviation."""
+    """A face with an unknown offset and a unit ``normal`` (3,) of the standard deviation ``spread_rad``."""
     covariance = np.zeros((4, 4))
     covariance[:3, :3] = spread_rad**2 * (np.eye(3) - np.outer(normal, normal))
     covariance[3, 3] = ANYWHERE_M**2
@@ -152,6 +155,7 @@ def face_towards(normal: Array, spread_rad: float) -> Plane:
 
 
 def _standard_deviations(covariance: Array | None, size: int) -> Array:
+    """Standard deviations (size,), NaN for an unknown covariance."""
     if covariance is None:
         return np.full(size, np.nan)
     return np.sqrt(np.maximum(np.diag(covariance), 0.0))
@@ -162,7 +166,7 @@ def _numbers(values: Array) -> list[float | None]:
 
 
 def _number(value: float) -> float | None:
-    """JSON has no NaN: an unknown standard deviation is null."""
+    """The number for JSON, which has no NaN: None for an unknown standard deviation."""
     return float(value) if np.isfinite(value) else None
 
 
@@ -184,11 +188,11 @@ def of_numbers(
     unobserved: tuple[Unobserved, ...] = (),
     name: str | None = None,
 ) -> Element:
-    """The element of a kind that has these parameters, the inverse of ``numbers``."""
-    rest = covariance, unobserved, name
+    """The element of a kind with these parameters, the inverse of ``numbers``."""
+    common = covariance, unobserved, name
     if kind is Plane:
-        return Plane(values[:3], float(values[3]), *rest)
-    return Line(values[:3], values[3:], *rest) if kind is Line else Point(values, *rest)
+        return Plane(values[:3], float(values[3]), *common)
+    return Line(values[:3], values[3:], *common) if kind is Line else Point(values, *common)
 
 
 def nearest(element: Element, place_m: Array) -> Array:
@@ -203,7 +207,7 @@ def nearest(element: Element, place_m: Array) -> Array:
 
 
 def by_foot(element: Element, near_m: Array) -> Element:
-    """The same element, a line given by its point nearest to ``near_m`` (3,)."""
+    """The same element; the point of a line is moved to the line's point nearest to ``near_m`` (3,)."""
     if not isinstance(element, Line) or element.covariance is None:
         return element
     d, arm = element.direction, near_m - element.point_m
@@ -220,7 +224,7 @@ def canonical(element: Element) -> Element:
 
 
 def opposite(element: Element) -> Element:
-    """The same element with the other sense of its normal or direction; points have none."""
+    """The same element with the opposite sense of its normal or direction; a point is unchanged."""
     match element:
         case Plane(normal, offset_m):
             return replace(element, normal=-normal, offset_m=-offset_m)  # the covariance is the same
@@ -240,17 +244,17 @@ class Origins(NamedTuple):
 
     @classmethod
     def zero(cls) -> "Origins":
-        """Those of the world and the body frame themselves."""
+        """The origins of the world and body frames themselves."""
         return cls(np.zeros(3), np.zeros(3))
 
     @property
     def reversed(self) -> "Origins":
-        """The origins of the frames in these coordinates."""
+        """The origins of the world and body frames in coordinates with these origins."""
         return Origins(-self.world_m, -self.body_m)
 
 
 def shifted(element: Element, origin_m: Array) -> Element:
-    """The element in a frame in which its present origin is at ``origin_m``."""
+    """The element in a frame in which its present origin has the coordinates ``origin_m`` (3,)."""
     match element:
         case Plane(normal, offset_m, covariance):
             jacobian = np.eye(4)
@@ -265,25 +269,25 @@ def shifted(element: Element, origin_m: Array) -> Element:
 def flat(element: Element | None) -> dict[str, Any]:
     """``type``, ``name``, ``axis``, ``point_m``, their standard deviations and ``unobserved`` of an element.
 
-    ``axis`` (3,) is the normal of a face, the direction of an edge, and zero of a vertex; ``point_m`` (3,)
-    lies on the element: of a face the point nearest to the origin of its frame. ``unobserved`` is JSON text.
+    ``axis`` (3,) is the normal of a face, the direction of an edge, and zero for a vertex. ``point_m`` (3,)
+    is on the element: for a face, its point nearest to the origin of the frame. ``unobserved`` is JSON text.
     All keys are always present, with values of one type, except unknown standard deviations (None).
     """
-    zero, none = np.zeros(3), np.full(3, np.nan)
+    zero, unknown = np.zeros(3), np.full(3, np.nan)
     axis, point_m, axis_sd, point_sd_m, kind = zero, zero, zero, zero, "none"
     match element:
         case Plane(normal, offset_m, covariance):
             jacobian = np.hstack([offset_m * np.eye(3), normal[:, None]])
             kind, axis, point_m = "face", normal, offset_m * normal
-            axis_sd = none if covariance is None else _deviations(covariance[:3, :3])
-            point_sd_m = none if covariance is None else _deviations(jacobian @ covariance @ jacobian.T)
+            axis_sd = unknown if covariance is None else _deviations(covariance[:3, :3])
+            point_sd_m = unknown if covariance is None else _deviations(jacobian @ covariance @ jacobian.T)
         case Line(direction, place_m, covariance):
             kind, axis, point_m = "edge", direction, place_m
-            axis_sd = none if covariance is None else _deviations(covariance[:3, :3])
-            point_sd_m = none if covariance is None else _deviations(covariance[3:, 3:])
+            axis_sd = unknown if covariance is None else _deviations(covariance[:3, :3])
+            point_sd_m = unknown if covariance is None else _deviations(covariance[3:, 3:])
         case Point(place_m, covariance):
             kind, point_m = "vertex", place_m
-            point_sd_m = none if covariance is None else _deviations(covariance)
+            point_sd_m = unknown if covariance is None else _deviations(covariance)
     return {
         "type": kind,
         "name": "" if element is None or element.name is None else element.name,
@@ -306,14 +310,14 @@ _HEADER: Final = 5
 
 
 def pack(geometry: ContactGeometry) -> Array:
-    """A geometry as one row of numbers, whose length depends on the elements."""
+    """A geometry as a row of numbers (n,), whose length depends on the elements."""
     return np.concatenate([*_packed(geometry.object), *_packed(geometry.environment)])
 
 
 def unpack(packed: Array) -> ContactGeometry:
-    """The geometry that was packed, bit-identical."""
-    object, rest = _unpacked(packed)
-    return ContactGeometry(object, _unpacked(rest)[0])
+    """The geometry of a row that ``pack`` returned, bit-identical."""
+    object, remainder = _unpacked(packed)
+    return ContactGeometry(object, _unpacked(remainder)[0])
 
 
 def _packed(element: Element) -> Iterator[Array]:
@@ -335,12 +339,12 @@ def _packed(element: Element) -> Iterator[Array]:
 
 
 def _unpacked(packed: Array) -> tuple[Element, Array]:
-    """The first element of a row, and the rest of the row."""
+    """The first element of a row, and the remainder of the row."""
     kind, has_covariance, free_motions, named, letters = packed[:_HEADER].astype(int).tolist()
     size = _SIZES[_KINDS[kind]]
     bounds = np.cumsum([_HEADER, letters, size, size**2 * has_covariance, 4 * free_motions])
-    _, text, place, matrix, directions, rest = np.split(packed, bounds)
+    _, text, place, matrix, directions, remainder = np.split(packed, bounds)
     covariance = matrix.reshape(size, size) if has_covariance else None
     unobserved = tuple(Unobserved(_WAYS[int(way[0])], way[1:]) for way in directions.reshape(-1, 4))
     name = bytes(text.astype(np.uint8)).decode() if named else None
-    return of_numbers(_KINDS[kind], place, covariance, unobserved, name), rest
+    return of_numbers(_KINDS[kind], place, covariance, unobserved, name), remainder

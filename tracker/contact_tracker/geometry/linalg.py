@@ -1,4 +1,4 @@
-"""Vectors of three numbers, many at once; one small matrix by direct calls of LAPACK, whose wrappers take
+"""Operations on arrays of vectors (..., 3); on a small matrix by direct calls of LAPACK, as wrappers take
 several times longer; medians; and the damping of Gauss-Newton steps."""
 
 from typing import Final
@@ -24,7 +24,7 @@ def unit(v: Array) -> Array:
 
 
 def cross(a: Array, b: Array) -> Array:
-    """Vector products (..., 3); ``np.cross`` takes several times as long for few of them."""
+    """Vector products (..., 3); ``np.cross`` takes several times as long for few vectors."""
     out = np.empty(np.broadcast_shapes(a.shape, b.shape))
     ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
     bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
@@ -44,7 +44,7 @@ def cross_matrix(v: Array) -> Array:
 
 
 def angle_of_lines(first: Array, second: Array) -> float:
-    """Angle (rad) of two unit vectors (3,) without regard to their senses, 0 to pi/2."""
+    """Angle (rad, 0 to pi/2) between two unit vectors (3,) without regard to their senses."""
     return float(np.arctan2(np.linalg.norm(np.cross(first, second)), abs(first @ second)))
 
 
@@ -68,7 +68,7 @@ def sphere_tangent(n: Array) -> Array:
 
 
 def solve(matrix: Array, right: Array) -> Array:
-    """As ``np.linalg.solve`` of a matrix (N, N) and right sides (N, M)."""
+    """Solution (N, M) of a matrix (N, N) and right sides (N, M), as ``np.linalg.solve``."""
     *_, solution, info = lapack.dgesv(matrix, right)
     if info:
         raise _failed(info)
@@ -76,7 +76,7 @@ def solve(matrix: Array, right: Array) -> Array:
 
 
 def eigenvalues(symmetric: Array) -> Array:
-    """As ``np.linalg.eigvalsh`` of a matrix (N, N)."""
+    """Eigenvalues (N,) of a symmetric matrix (N, N), as ``np.linalg.eigvalsh``."""
     values, _, info = lapack.dsyev(symmetric, compute_v=0)
     if info:
         raise _failed(info)
@@ -84,7 +84,9 @@ def eigenvalues(symmetric: Array) -> Array:
 
 
 def eigenvectors(symmetric: Array, against: Array | None = None) -> tuple[Array, Array]:
-    """As ``scipy.linalg.eigh`` of one or two matrices (N, N): values (N,) in rising order, vectors (N, N)."""
+    """Rising eigenvalues (N,) and eigenvectors (N, N) of one or two matrices (N, N), as
+    ``scipy.linalg.eigh``.
+    """
     if against is None:
         values, vectors, info = lapack.dsyevd(symmetric, lower=1)
     else:
@@ -95,7 +97,7 @@ def eigenvectors(symmetric: Array, against: Array | None = None) -> tuple[Array,
 
 
 def median(values: NDArray[np.generic]) -> NDArray[np.float64]:
-    """As ``np.median`` along the first axis, of few values several times faster."""
+    """Median along the first axis, as ``np.median``, but several times faster for few values."""
     rising, count = np.sort(values, axis=0), len(values)
     return np.asarray(0.5 * rising[(count - 1) // 2] + 0.5 * rising[count // 2])
 
@@ -108,10 +110,11 @@ DAMPING_DECREASE: Final = 0.2
 DAMPING_INCREASE: Final = 8.0
 LEAST_DAMPING: Final = 1e-12
 MOST_DAMPING: Final = 1e12
-"""Usual values: in fits of hypotheses half and double of both factors change one label in 32 s of motion."""
+"""Factors and bounds of the damping (usual values): half and double of both factors in fits of hypotheses
+change one label in 32 s of motion."""
 
 
-def adapted(damping: NDArray[np.float64], better: ArrayLike) -> NDArray[np.float64]:
-    """The damping (...) of the next step, by whether this one was ``better`` (...) than none."""
-    factor = np.where(better, DAMPING_DECREASE, DAMPING_INCREASE)
+def adapted(damping: NDArray[np.float64], is_better: ArrayLike) -> NDArray[np.float64]:
+    """The damping (...) of the next step, by whether this step was an improvement (...)."""
+    factor = np.where(is_better, DAMPING_DECREASE, DAMPING_INCREASE)
     return np.asarray(np.minimum(np.maximum(damping * factor, LEAST_DAMPING), MOST_DAMPING))

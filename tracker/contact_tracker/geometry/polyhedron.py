@@ -14,14 +14,16 @@ from contact_tracker.geometry.elements import Element, Line, Plane, Point
 Array = NDArray[np.float64]
 KINDS: Final = "vef"
 _DIGITS: Final = 6
-"""Triangles whose planes agree to this many digits belong to one face."""
+"""Number of decimal digits to which the planes of triangles of the same face agree."""
 _ENOUGH_VERTICES: Final = 2000
-"""The hull of 60 faces, in any number of triangles, is found with 100 vertices; of a ball there is no end."""
+"""Number of vertices at which the search for a hull stops. A hull of 60 faces, in any number of triangles,
+needs 100; a ball would need all its points."""
 _DIRECTIONS: Final = 128
-"""Directions whose extreme points are found first, on both sides. A body of 60 faces has at most 116
-vertices, so that 256 show that a body is round: it takes 0.3 s instead of 2 s for 300,000 triangles."""
-_TOGETHER: Final = 4096
-"""Points that are compared with all faces at once."""
+"""Number of directions whose extreme points are computed first, on both sides. A body of 60 faces has at most
+116 vertices, so that 256 extreme points show that a body is round: in 0.3 s, not 2 s, for 300,000
+triangles."""
+_CHUNK_POINTS: Final = 4096
+"""Number of points that are compared with all faces at once, to bound memory."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,10 +32,11 @@ class Feature:
 
     Parameters
     ----------
-    indices : the polyhedron's vertices that span it.
-    points : (k, 3) those vertices in m, for a face in order around it.
-    normals : (j, 3) unit normals of the faces that meet here: they generate the normal cone.
-    walls : (w, 3) unit vectors; a unit normal n in the cone is ``arcsin(walls @ n)`` away from its sides.
+    indices : of the polyhedron's vertices that span the feature.
+    points : (k, 3) these vertices in m, for a face in order around it.
+    normals : (j, 3) unit normals of the faces that meet in the feature; they generate the normal cone.
+    walls : (w, 3) unit vectors; ``arcsin(walls @ n)`` are the angles of a unit normal n from the cone's
+        sides.
     """
 
     indices: frozenset[int]
@@ -43,6 +46,7 @@ class Feature:
 
     @property
     def kind(self) -> str:
+        """``v``, ``e`` or ``f``."""
         return KINDS[min(len(self.points), 3) - 1]
 
     @property
@@ -51,17 +55,17 @@ class Feature:
         dimension = KINDS.index(self.kind)
         if dimension == 0:
             return np.empty((0, 3))
-        first = unit(self.points[1] - self.points[0])
-        return np.array([first, np.cross(self.normals[0], first)][:dimension])
+        along = unit(self.points[1] - self.points[0])
+        return np.array([along, np.cross(self.normals[0], along)][:dimension])
 
     @property
     def axis(self) -> Array:
-        """The middle of the normal cone."""
+        """Unit vector (3,) in the middle of the normal cone."""
         return unit(self.normals.sum(axis=0))
 
     @property
     def reference(self) -> Array:
-        """A direction parallel to no normal of the cone; along the feature if it has a direction."""
+        """A direction (3,) that is parallel to no normal of the cone, and along a face or an edge."""
         directions = self.span if len(self.span) else self.tangents(self.axis)
         return np.asarray(directions[0], float)
 
@@ -72,8 +76,8 @@ class Feature:
         if self.kind == "e":
             return np.cross(self.span, normal)
         helper = np.eye(3)[0 if abs(normal[0]) < 0.9 else 1]
-        first = unit(np.cross(normal, helper))
-        return np.array([first, np.cross(normal, first)])
+        tangent = unit(np.cross(normal, helper))
+        return np.array([tangent, np.cross(normal, tangent)])
 
     def point_clearance(self, point: Array) -> float:
         """Distance (m) of a point of the feature from the feature's rim."""
@@ -91,9 +95,9 @@ class Feature:
         return float(np.arcsin(np.clip((self.walls @ normal).min(), 0.0, 1.0)))
 
     def element(self, rotation: Array, translation: Array, near: Array) -> Element:
-        """The plane, line or point of this feature in the frame that ``rotation`` and ``translation`` give.
+        """The plane, line or point of this feature after ``rotation`` (3, 3) and ``translation`` (3,).
 
-        ``near`` (3,) is the point of the feature, in its own frame, that a line is given by.
+        ``near`` (3,) is the point of a line, before them.
         """
         if self.kind == "f":
             normal = rotation @ self.normals[0]
@@ -111,10 +115,11 @@ class Polyhedron:
     features: tuple[Feature, ...]
 
     def of_kind(self, kind: str) -> tuple[Feature, ...]:
+        """The features of a kind of ``KINDS``."""
         return tuple(f for f in self.features if f.kind == kind)
 
     def depth_m(self, points: Array) -> Array:
-        """Depth (m) of ``points`` (n, 3) below the surface."""
+        """Depth (n,) in m of ``points`` (n, 3) below the surface."""
         faces = self.of_kind("f")
         normals = np.array([face.normals[0] for face in faces])
         offsets = np.array([face.normals[0] @ face.points[0] for face in faces])
@@ -127,9 +132,9 @@ class Polyhedron:
 
     @property
     def top(self) -> tuple[Feature, ...]:
-        """The face that looks most along +z, with its edges and vertices."""
+        """The face whose normal is nearest to +z, with its edges and vertices."""
         top = max(self.of_kind("f"), key=lambda face: float(face.normals[0, 2]))
-        return tuple(f for f in self.features if f.indices <= top.indices)
+        return tuple(feature for feature in self.features if feature.indices <= top.indices)
 
 
 class TooManyFaces(ValueError):
@@ -137,14 +142,14 @@ class TooManyFaces(ValueError):
 
 
 def convex(points: Array, tolerance_m: float = 0.0, most_faces: int | None = None) -> Polyhedron:
-    """The convex hull of ``points`` (n, 3); points within ``tolerance_m`` of a face lie in it.
+    """The convex hull of ``points`` (n, 3); points within ``tolerance_m`` of a face are on it.
 
-    With ``most_faces`` the computation is bounded for points of any shape.
+    With ``most_faces`` time is bounded for points of any shape.
 
     Raises
     ------
     ValueError : the points span no solid.
-    TooManyFaces : there are more than ``most_faces``.
+    TooManyFaces : the hull has more than ``most_faces`` faces.
     """
     stop = f" TA{_ENOUGH_VERTICES}" if most_faces is not None else ""
     try:
@@ -166,18 +171,18 @@ def convex(points: Array, tolerance_m: float = 0.0, most_faces: int | None = Non
         Feature(frozenset(loop), vertices[loop], normal[None], np.empty((0, 3)))
         for loop, normal in zip(loops, normals, strict=True)
     ]
-    pairs = sorted({tuple(sorted(p)) for loop in loops for p in pairwise([*loop, loop[0]])})
+    pairs = sorted({tuple(sorted(pair)) for loop in loops for pair in pairwise([*loop, loop[0]])})
     edges = [_edge(vertices, list(pair), faces) for pair in pairs]
     corners = [_corner(vertices, i, faces, pairs) for i in range(len(vertices))]
     return Polyhedron(vertices, (*faces, *edges, *corners))
 
 
 def _outer(points: Array, tolerance_m: float, most_faces: int) -> Array:
-    """The points (n, 3) that decide their hull: extreme ones, and all that are outside of the hull of these.
+    """The points (n, 3) that determine the hull: extreme points, and all points outside of their hull.
 
     Raises
     ------
-    TooManyFaces : the extreme points alone are more than a body of ``most_faces`` has.
+    TooManyFaces : there are more extreme points than a body of ``most_faces`` faces has vertices.
     QhullError : the points span no solid.
     """
     number = np.arange(_DIRECTIONS) + 0.5
@@ -185,7 +190,7 @@ def _outer(points: Array, tolerance_m: float, most_faces: int) -> Array:
     radius = np.sqrt(1 - z * z)
     directions = np.stack([radius * np.cos(turn), radius * np.sin(turn), z], axis=1)
     extreme = np.concatenate([_extreme(points, directions), _extreme(points, -directions)])
-    # each vertex may be several points within the tolerance, of which rounding can make two places
+    # a vertex may be several points within the tolerance, which rounding can separate into two places
     places = np.unique(np.round(extreme / max(10.0 * tolerance_m, 10.0**-_DIGITS)), axis=0)
     if len(places) > 2 * (2 * most_faces - 4):
         raise TooManyFaces(f"more than {most_faces} faces")
@@ -195,29 +200,29 @@ def _outer(points: Array, tolerance_m: float, most_faces: int) -> Array:
 
 
 def _extreme(points: Array, directions: Array) -> Array:
-    """The farthest of ``points`` in each of the ``directions``."""
-    found, height = np.empty_like(directions), np.full(len(directions), -np.inf)
-    for start in range(0, len(points), _TOGETHER):
-        some = points[start : start + _TOGETHER]
-        along = directions @ some.T
-        first = along.argmax(axis=1)
-        highest = along[np.arange(len(directions)), first]
+    """The farthest of ``points`` (n, 3) in each of the ``directions`` (d, 3); same shape as these."""
+    extreme, height = np.empty_like(directions), np.full(len(directions), -np.inf)
+    for start in range(0, len(points), _CHUNK_POINTS):
+        chunk = points[start : start + _CHUNK_POINTS]
+        along = directions @ chunk.T
+        row = along.argmax(axis=1)
+        highest = along[np.arange(len(directions)), row]
         is_higher = highest > height
-        found[is_higher], height[is_higher] = some[first[is_higher]], highest[is_higher]
-    return found
+        extreme[is_higher], height[is_higher] = chunk[row[is_higher]], highest[is_higher]
+    return extreme
 
 
 def _height(points: Array, normals: Array, offsets: Array) -> Array:
-    """Height (m) of ``points`` above the highest of the planes ``normals @ x + offsets = 0``."""
-    found = np.empty(len(points))
-    for start in range(0, len(points), _TOGETHER):
-        some = slice(start, start + _TOGETHER)
-        found[some] = (normals @ points[some].T + offsets[:, None]).max(axis=0)
-    return found
+    """Height (n,) in m of ``points`` (n, 3) above the highest of the planes ``normals @ x + offsets = 0``."""
+    height = np.empty(len(points))
+    for start in range(0, len(points), _CHUNK_POINTS):
+        chunk = slice(start, start + _CHUNK_POINTS)
+        height[chunk] = (normals @ points[chunk].T + offsets[:, None]).max(axis=0)
+    return height
 
 
 def _is_complete(hull: ConvexHull, points: Array, tolerance_m: float, most_faces: int) -> bool:
-    """Whether a hull has at most so many faces, and was not stopped before it held all ``points``."""
+    """Whether a hull, which may have stopped early, has all ``points`` and at most ``most_faces`` faces."""
     faces = np.unique(np.round(hull.equations, _DIGITS), axis=0)
     if len(faces) > most_faces:
         return False
@@ -225,32 +230,35 @@ def _is_complete(hull: ConvexHull, points: Array, tolerance_m: float, most_faces
 
 
 def _edge(vertices: Array, pair: list[int], faces: Sequence[Feature]) -> Feature:
-    normals = [f.normals[0] for f in faces if f.indices >= set(pair)]
+    """The edge between the vertices of a ``pair`` of indices."""
+    normals = [face.normals[0] for face in faces if face.indices >= set(pair)]
     if len(normals) != 2:
         raise ValueError("faces of these points do not meet in edges")
-    first, second = normals
-    walls = unit(np.array([second - (first @ second) * first, first - (first @ second) * second]))
-    return Feature(frozenset(pair), vertices[pair], np.array([first, second]), walls)
+    m, n = normals
+    walls = unit(np.array([n - (m @ n) * m, m - (m @ n) * n]))
+    return Feature(frozenset(pair), vertices[pair], np.array([m, n]), walls)
 
 
 def _corner(vertices: Array, index: int, faces: Sequence[Feature], pairs: Sequence[Sequence[int]]) -> Feature:
+    """The vertex of an ``index``."""
     neighbours = [sum(pair) - index for pair in pairs if index in pair]
-    normals = np.array([f.normals[0] for f in faces if index in f.indices])
+    normals = np.array([face.normals[0] for face in faces if index in face.indices])
     return Feature(
         frozenset({index}), vertices[[index]], normals, unit(vertices[index] - vertices[neighbours])
     )
 
 
 def _ordered(vertices: Array, members: set[int], normal: Array) -> list[int]:
-    """The vertices of a face, anticlockwise around its outward normal."""
+    """Indices of a face's vertices, anticlockwise around its outward ``normal`` (3,), from the lowest on."""
     indices = sorted(members)
     relative = vertices[indices] - vertices[indices].mean(axis=0)
     x = relative[0]
     angles = np.arctan2(relative @ np.cross(normal, x), relative @ x)
-    return [indices[i] for i in np.argsort((angles + 1e-6) % (2.0 * np.pi))]  # the first one first
+    return [indices[i] for i in np.argsort((angles + 1e-6) % (2.0 * np.pi))]
 
 
 def _loop_normal(loop: Array) -> Array:
+    """Unit normal (3,) of a face whose vertices (k, 3) are in anticlockwise order."""
     return unit(np.cross(loop[1] - loop[0], loop[2] - loop[1]))
 
 

@@ -1,7 +1,8 @@
-"""Unit quaternions ``xyzw`` (..., 4) in few array operations, for the few poses of a tick.
+"""Unit quaternions ``xyzw`` (..., 4) in few array operations, for the few poses of a tick, for which SciPy
+spends most of the time on checks.
 
-For so few the checks in SciPy take most of the time. One table of Hamilton's products gives the product, the
-matrix of a rotation, and the rotation nearest to a matrix. ``q`` and ``-q`` are the same rotation.
+The table of Hamilton's products yields the product, the matrix of a rotation, and the rotation nearest to a
+matrix. ``q`` and ``-q`` are the same rotation.
 """
 
 from typing import Final
@@ -15,11 +16,11 @@ Array = NDArray[np.float64]
 
 _CONJUGATE: Final = np.array([-1.0, -1.0, -1.0, 1.0])
 TINY: Final = 1e-300
-"""Added to divisors that may be zero, together with the dividend."""
+"""Number added to a divisor that may be zero, together with the dividend."""
 
 
 def _hamilton() -> Array:
-    """(4, 4, 4): element [i, j, k] is the share of unit k in the product of the units i and j."""
+    """Table (4, 4, 4): element [i, j, k] is the coefficient of unit k in the product of the units i and j."""
     table = np.zeros((4, 4, 4))
     for i in range(3):
         table[i, 3, i] = table[3, i, i] = 1.0
@@ -30,7 +31,7 @@ def _hamilton() -> Array:
 
 
 _PRODUCT: Final = _hamilton()
-# x_world = q x_body q*: element [i, j, a, b] is the share of q_i q_j in the matrix element (a, b).
+# x_world = q x_body q*: element [i, j, a, b] is the coefficient of q_i q_j in the matrix element (a, b).
 _MATRIX: Final = np.einsum("ibm,mja,j->ijab", _PRODUCT[:, :3], _PRODUCT[:, :, :3], _CONJUGATE)
 _PRODUCT_ROWS: Final = _PRODUCT.reshape(16, 4)
 _BETWEEN_ROWS: Final = (_CONJUGATE[:, None, None] * _PRODUCT).reshape(16, 4)
@@ -45,20 +46,20 @@ def product(first: Array, second: Array) -> Array:
 
 
 def between(first: Array, second: Array) -> Array:
-    """Quaternions (..., 4) of the rotation, in the axes of ``first``, that leads from it to ``second``."""
+    """Quaternions (..., 4) of the rotation from ``first`` to ``second``, in the axes of ``first``."""
     pairs = first[..., :, None] * second[..., None, :]
     return np.asarray(pairs.reshape(*pairs.shape[:-2], 16) @ _BETWEEN_ROWS)
 
 
 def matrices(quat: Array) -> Array:
-    """Rotation matrices (..., 3, 3); quaternions of any norm but zero."""
+    """Rotation matrices (..., 3, 3) of quaternions (..., 4) of any norm but zero."""
     pairs = (quat[..., :, None] * quat[..., None, :]).reshape(*quat.shape[:-1], 16)
     rows = pairs @ _MATRIX_ROWS / np.einsum("...i,...i", quat, quat)[..., None]
     return np.asarray(rows.reshape(*quat.shape[:-1], 3, 3))
 
 
 def rotation_vectors(quat: Array) -> Array:
-    """Rotation vectors (..., 3) of at most half a turn."""
+    """Rotation vectors (..., 3), in rad, of at most half a turn."""
     vector, cosine = quat[..., :3], quat[..., 3]
     sine = np.sqrt(np.einsum("...i,...i", vector, vector)) + TINY
     scale = np.copysign(2.0 / sine, cosine) * np.arctan2(sine, np.abs(cosine))
@@ -75,7 +76,7 @@ def from_rotation_vectors(vector: Array) -> Array:
 def nearest(matrix: Array) -> Array:
     """Unit quaternion (4,) of the rotation nearest to any ``matrix`` (3, 3), such as a mean of rotations.
 
-    Of all rotations it has the largest trace with ``matrix``, which is a quadratic form of the quaternion
-    (Davenport's q-method).
+    It maximises the trace of its product with ``matrix``, a quadratic form of the quaternion (Davenport's
+    q-method).
     """
     return linalg.eigenvectors((_QUADRATIC @ matrix.ravel()).reshape(4, 4))[1][:, 3]

@@ -1,9 +1,9 @@
-"""Hidden Markov inference with explicit onsets; it sees arrays only.
+"""Hidden Markov inference with explicit onsets, on arrays only.
 
-A *hypothesis* is a stretch of one state that begins at a known boundary between ticks (its onset) and may
-end at any later boundary. ``log_likelihood[h]`` at boundary b is that of all data between its onset and b.
-State i is left for j at boundary b with ``log_transition[b, i, j]``; staying costs nothing here, it belongs
-to the likelihood (docs/theory.md, T20).
+A *hypothesis* is a stretch of one state that begins at a known boundary between ticks (its onset) and may end
+at any later boundary. ``log_likelihood[h]`` at boundary b is the log-likelihood of all data between its onset
+and b. ``log_transition[b, i, j]`` is the log probability of a change from state i to j at boundary b; the
+likelihood includes the probability of no change (docs/theory.md, T20).
 """
 
 from contact_tracker.hmm.forward_filter import (

@@ -1,4 +1,4 @@
-"""Smoothing of past ticks as soon as later data cannot change their posterior any more."""
+"""Smoothing of past ticks as soon as later data can no longer change their posterior."""
 
 from bisect import bisect_right
 from collections.abc import Iterator
@@ -11,18 +11,20 @@ from numpy.typing import NDArray
 from contact_tracker.hmm.forward_filter import Array, FilterFrontier, ForwardMessage
 
 _STEP_BYTES: Final = 1300
-_WAY_BYTES: Final = 13
+"""Size in bytes of a step without beginnings."""
+_BEGINNING_BYTES: Final = 13
+"""Size in bytes of a beginning in a step."""
 _SKIPPED_BYTES: Final = 300
-"""Of a tick that was skipped: that is what its pose takes elsewhere until it is decided."""
+"""Size in bytes of a skipped tick: of its pose, which other modules store until the tick is decided."""
 _CHECK_INTERVAL: Final = 16
-"""Interval in steps at which the backward pass checks whether the futures still differ."""
+"""Number of steps between checks of the backward pass whether the futures still differ."""
 
 
 class OpenTicks:
     """The ticks whose posterior later data can still change, from tick ``first`` on.
 
-    Whatever comes later, the posterior of a past tick will be a mixture of its posteriors given each active
-    beginning. So their spread bounds the change.
+    With any later data, the posterior of a past tick is a mixture of its posteriors given each active
+    beginning. So the spread of these bounds the change.
     """
 
     def __init__(self) -> None:
@@ -41,21 +43,20 @@ class OpenTicks:
         self.size += _size(step)
 
     def skip(self) -> None:
-        """Append a tick that the filter has skipped: its posterior is that of the tick before."""
+        """Append a tick that the filter has skipped; its posterior equals that of the previous tick."""
         self._end += 1
         self.size += _SKIPPED_BYTES
 
     def drop(self, count: int) -> None:
-        """Forget the oldest ``count`` ticks. The step that covers the next tick is kept."""
-        before, self.first = self.first, self.first + count
-        many = max(bisect_right(self._steps, self.first, key=attrgetter("tick")) - 1, 0)
-        stepped = sum(before <= step.tick < self.first for step in self._steps[: many + 1])
-        self.size -= sum(map(_size, self._steps[:many])) + _SKIPPED_BYTES * (count - stepped)
-        del self._steps[:many]
+        """Drop the oldest ``count`` ticks, but not the step that covers the next tick."""
+        start, self.first = self.first, self.first + count
+        covering = max(bisect_right(self._steps, self.first, key=attrgetter("tick")) - 1, 0)
+        stepped = sum(start <= step.tick < self.first for step in self._steps[: covering + 1])
+        self.size -= sum(map(_size, self._steps[:covering])) + _SKIPPED_BYTES * (count - stepped)
+        del self._steps[:covering]
 
     def look_back(self, frontier: FilterFrontier, tolerance: float) -> tuple[Array, int]:
-        """Posterior (n, N) of the open ticks given the data so far, and how many of the oldest are
-        decided."""
+        """Posterior (n, N) of the open ticks given the data so far, and the number of those now decided."""
         return self.posterior(frontier), self.count_decided(frontier, tolerance)
 
     def posterior(self, frontier: FilterFrontier) -> Array:
@@ -73,14 +74,14 @@ class OpenTicks:
         return posterior
 
     def count_decided(self, frontier: FilterFrontier, tolerance: float) -> int:
-        """How many of the oldest open ticks later data cannot change by more than ``tolerance``."""
+        """Number of the oldest open ticks that later data cannot change by more than ``tolerance``."""
         futures = np.eye(len(frontier.onset))
         if not self._count_common(frontier, futures[:, [0, -1]], tolerance):
-            return 0  # the usual case at rest; comparing all beginnings would take long
+            return 0  # the usual case at rest, where a comparison of all beginnings takes long
         return self._count_common(frontier, futures, tolerance)
 
     def _count_common(self, frontier: FilterFrontier, futures: Array, tolerance: float) -> int:
-        """How many of the oldest ticks have the same posterior in all ``futures``, up to ``tolerance``."""
+        """Number of the oldest ticks with the same posterior in all ``futures``, up to ``tolerance``."""
         common = len(self._steps)
         for row, probability, open_beginnings in self._backward_pass(frontier, futures):
             spread = np.max(probability.max(axis=1) - probability.min(axis=1))
@@ -94,39 +95,37 @@ class OpenTicks:
     def _backward_pass(
         self, frontier: FilterFrontier, futures: Array
     ) -> Iterator[tuple[int, Array, "_OpenBeginnings"]]:
-        """Backward pass through the open ticks for C ``futures`` at once, each a distribution (L, C) over the
-        active beginnings.
+        """Backward pass through the open ticks for C futures at once; ``futures`` (L, C) are distributions
+        over the active beginnings.
 
-        Yields from the newest step on: its row, the probabilities (N, C) of the states, and the beginnings
-        that last through it.
+        Yields, from the newest step to the oldest: its row, the probabilities (N, C) of the states, and the
+        beginnings that last through the step.
         """
         states, columns = len(self._steps[0].origin_probability), futures.shape[1]
         open_beginnings = _OpenBeginnings(states, columns, self._steps[0].tick, self._end)
         open_beginnings.add(frontier.onset, frontier.state, futures)
         probability = np.zeros((states, columns))
         np.add.at(probability, frontier.state, futures)
-        left = np.zeros((states, columns))  # probability that a state is left at the tick's end
+        ended = np.zeros((states, columns))  # probability that a state ends with the tick
         for row in range(len(self._steps) - 1, -1, -1):
             step = self._steps[row]
-            if left.any():
-                probability += left
-                open_beginnings.add(step.onset, step.state, step.probability[:, None] * left[step.state])
+            if ended.any():
+                probability += ended
+                open_beginnings.add(step.onset, step.state, step.probability[:, None] * ended[step.state])
             yield row, probability, open_beginnings
-            beginning = open_beginnings.take(step.tick)
+            beginning = open_beginnings.pop(step.tick)
             probability = np.maximum(probability - beginning, 0.0)
-            left = step.origin_probability @ beginning
+            ended = step.origin_probability @ beginning
 
 
 def _size(step: ForwardMessage) -> int:
-    return _STEP_BYTES + _WAY_BYTES * len(step.onset)
+    """Approximate size of a step in bytes."""
+    return _STEP_BYTES + _BEGINNING_BYTES * len(step.onset)
 
 
 class _OpenBeginnings:
-    """Probabilities (N, C) by onset of the beginnings that last through the current tick of the backward
-    pass.
-
-    Onsets before ``first`` are left out; ``end`` is after all of them.
-    """
+    """Probabilities (N, C), by onset, of the beginnings that last through the current tick of the backward
+    pass; onsets are from ``first`` to before ``end``, earlier ones are ignored."""
 
     def __init__(self, states: int, columns: int, first: int, end: int) -> None:
         self._first = first
@@ -135,8 +134,8 @@ class _OpenBeginnings:
         self._free = list(range(16))
 
     def add(self, onset: NDArray[Any], state: NDArray[Any], probability: Array) -> None:
-        """Add probabilities of beginnings, each at most once."""
-        old = int(onset.searchsorted(self._first))  # they are in order
+        """Add probabilities of beginnings, each at most once, in order of onset."""
+        old = int(onset.searchsorted(self._first))
         since = onset[old:] - self._first
         rows = self._row[since]
         if rows.min(initial=0) < 0:
@@ -146,7 +145,7 @@ class _OpenBeginnings:
             rows = self._row[since]
         self._table[rows, state[old:]] += probability[old:]
 
-    def take(self, onset: int) -> Array:
+    def pop(self, onset: int) -> Array:
         """Remove and return the probabilities (N, C) of the beginnings at ``onset``."""
         row = int(self._row[onset - self._first])
         if row < 0:
@@ -158,7 +157,7 @@ class _OpenBeginnings:
 
     @property
     def spread(self) -> float:
-        """Sum over all beginnings of the spread between the futures."""
+        """Sum over all beginnings of the spread of their probabilities between the futures."""
         return float((self._table.max(axis=2) - self._table.min(axis=2)).sum())
 
     def _make_room(self, count: int) -> None:

@@ -11,11 +11,11 @@ from contact_tracker.hmm.forward_filter import FilterFrontier, ForwardMessage
 PathSegment = tuple[int, int, int]
 """State, onset, end."""
 Node = tuple[int, int]
-"""Minus a boundary (the latest comes first), and the state that is left there."""
+"""Minus a boundary (so that the latest comes first), and the state that ends there."""
 
 
 class Survivors:
-    """The best path to each state at each boundary after ``first``, up to which the path is decided."""
+    """The best path to each state at each boundary after ``first``; up to ``first`` the path is decided."""
 
     def __init__(self) -> None:
         self.first = 0
@@ -29,7 +29,7 @@ class Survivors:
         self._end = step.tick + 1
 
     def skip(self) -> None:
-        """Append a tick that the filter has skipped: each path goes on in its state."""
+        """Append a tick that the filter has skipped: each path stays in its state."""
         self._end += 1
 
     def decided_prefix(self, frontier: FilterFrontier) -> list[PathSegment]:
@@ -40,29 +40,30 @@ class Survivors:
         while len(nodes) > 1 and -latest[0][0] > self.first:
             node = heappop(latest)
             nodes.remove(node)
-            before = self._before(node)
-            if before not in nodes:
-                nodes.add(before)
-                heappush(latest, before)
+            previous = self._before(node)
+            if previous not in nodes:
+                nodes.add(previous)
+                heappush(latest, previous)
         return self._release(latest[0])
 
     def finish(self, frontier: FilterFrontier) -> list[PathSegment]:
-        """The rest of the best path, at the end of the stream."""
+        """The undecided part of the best path, at the end of the stream."""
         return self._release((-self._end, int(frontier.state[frontier.best.argmax()])))
 
     def _before(self, node: Node) -> Node:
+        """The previous node on the best path to a node."""
         onset, origin = self._best[bisect_left(self._ticks, -node[0]) - 1][:, node[1]].tolist()
         return -onset, origin
 
     def _release(self, node: Node) -> list[PathSegment]:
-        """The segments up to a node; they are dropped from memory."""
+        """The segments up to a node, which are then dropped from memory."""
         path: list[PathSegment] = []
         end = -node[0]
         while -node[0] > self.first:
-            before = self._before(node)
-            path.append((node[1], -before[0], -node[0]))
-            node = before
-        many = bisect_left(self._ticks, end)
-        del self._ticks[:many], self._best[:many]
+            previous = self._before(node)
+            path.append((node[1], -previous[0], -node[0]))
+            node = previous
+        count = bisect_left(self._ticks, end)
+        del self._ticks[:count], self._best[:count]
         self.first = end
         return path[::-1]

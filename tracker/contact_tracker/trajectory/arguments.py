@@ -1,4 +1,4 @@
-"""Conversion and checks of arguments from Python, and what is doubtful as Python's own warnings."""
+"""Conversion and checks of arguments from Python, and warnings of the module ``warnings``."""
 
 import inspect
 import logging
@@ -39,7 +39,7 @@ _LOGGER: Final = logging.getLogger(_PACKAGE)
 
 
 def path_from(value: Any, name: str = "path") -> str:
-    """A path as text; raises UsageError if ``value`` is none."""
+    """A path as text; raises UsageError if ``value`` is not a path. ``name`` is that of the argument."""
     text = os.fspath(value) if isinstance(value, str | os.PathLike) else None
     if isinstance(text, str) and "\0" not in text:
         return text
@@ -47,14 +47,14 @@ def path_from(value: Any, name: str = "path") -> str:
 
 
 def name_from(value: Any, name: str) -> str | None:
-    """Text, or None if it is not given; raises UsageError."""
+    """The text or None that was passed as the argument ``name``; raises UsageError for other types."""
     if value is None or isinstance(value, str):
         return value
     raise UsageError(f"{name} is text, not {repr(value)}")
 
 
 def number_from(value: Any, name: str, bounds: str, is_within: Callable[[float], bool]) -> float:
-    """A finite number within ``bounds``; raises UsageError, which ``name`` begins."""
+    """A finite number that ``is_within`` its ``bounds`` (their text); raises UsageError about ``name``."""
     try:
         number = real_number(value)
     except (TypeError, ValueError, OverflowError):
@@ -66,7 +66,7 @@ def number_from(value: Any, name: str, bounds: str, is_within: Callable[[float],
 
 @contextmanager
 def errors_as(kind: type[ContactTrackerError], path: str) -> Iterator[None]:
-    """Turn errors of the system while a file is read or written into ours."""
+    """A context that turns errors of the system on the file at ``path`` into errors of this ``kind``."""
     try:
         yield
     except OSError as error:
@@ -100,7 +100,7 @@ def python_words(text: str) -> str:
 
 @contextmanager
 def in_python() -> Iterator[None]:
-    """Errors in words of Python."""
+    """A context whose errors name arguments of Python instead of options of the command line."""
     try:
         yield
     except ContactTrackerError as error:
@@ -114,15 +114,15 @@ _OF_READING: Final = frozenset(
 
 
 def with_known_arguments(function: Callable[P, R]) -> Callable[P, R]:
-    """The function, which says of an argument that it does not have what to do instead.
+    """The function with an error for unknown arguments that says what to do instead.
 
     Raises
     ------
     ArgumentError
-        There is no argument of a name.
+        From the function: an argument of the call is unknown.
     """
     names = [name for name in inspect.signature(function).parameters if name not in ("self", "cls")]
-    own = function.__qualname__.removesuffix(".__init__")
+    title = function.__qualname__.removesuffix(".__init__")
 
     @wraps(function)
     def call(*args: P.args, **named: P.kwargs) -> R:
@@ -130,42 +130,42 @@ def with_known_arguments(function: Callable[P, R]) -> Callable[P, R]:
             if name in names or name in ("self", "cls"):
                 continue
             if name in _OF_READING and "trajectory" in names:
-                shown = f"{name}={named[name]!r}"
+                option = f"{name}={named[name]!r}"
                 raise ArgumentError(
-                    f"{own} has no argument {name}, which says how poses are read: "
-                    f"{own}(contact_tracker.read(path, {shown})), or, of a table in memory, "
-                    f"{own}(contact_tracker.Trajectory.from_dataframe(table, {shown}))"
+                    f"{title} has no argument {name}, which says how poses are read: "
+                    f"{title}(contact_tracker.read(path, {option})), or, of a table in memory, "
+                    f"{title}(contact_tracker.Trajectory.from_dataframe(table, {option}))"
                 )
             near = _OF_FRAME.get(name) or closest(name, names)
-            others = f"did you mean {near}?" if near in names else f"there are {', '.join(names)}"
-            raise ArgumentError(f"{own} has no argument {name}; {others}")
+            hint = f"did you mean {near}?" if near in names else f"there are {', '.join(names)}"
+            raise ArgumentError(f"{title} has no argument {name}; {hint}")
         return function(*args, **named)
 
     return call
 
 
 def model_from(model: ModelLike, noise: Deviations = None, accuracy: Deviations = None) -> Model:
-    """A model given by name, file or value, with the given noise and systematic errors of a pose.
+    """A model, given by its name, file or value, with the given noise and systematic errors of a pose.
 
     Raises
     ------
     ModelError
-        There is no such model, or it has a wrong value.
+        The model does not exist, or has a wrong value.
     UsageError
         The noise or the accuracy is invalid.
     """
-    found = model if isinstance(model, Model) else load_model(path_from(model, "model"))
+    loaded = model if isinstance(model, Model) else load_model(path_from(model, "model"))
     if noise is not None:
-        found = found.with_noise(*_deviations_from(noise, "noise"))
+        loaded = loaded.with_noise(*_deviations_from(noise, "noise"))
     if accuracy is not None:
-        found = found.with_systematic_errors(*_deviations_from(accuracy, "accuracy", may_be_zero=True))
-    return found
+        loaded = loaded.with_systematic_errors(*_deviations_from(accuracy, "accuracy", may_be_zero=True))
+    return loaded
 
 
 def _deviations_from(
     value: str | tuple[float, float], name: str, may_be_zero: bool = False
 ) -> tuple[float, float]:
-    """A length and an angle in metres and radians; raises UsageError, which ``name`` begins."""
+    """Standard deviations of position (m) and rotation (rad); raises UsageError about ``name``."""
     try:
         if isinstance(value, str):
             return deviations(value, may_be_zero)
@@ -176,10 +176,9 @@ def _deviations_from(
 
 
 def warn_of(texts: Iterable[str]) -> None:
-    """Raise a warning for each text, at the user's line.
+    """Issue a warning for each text, at the user's line.
 
-    It has no registry, in which Python would note that this line has warned of the same before: that was of
-    another recording.
+    Python's registry of warnings is not used: the same text at the same line may concern another recording.
     """
     for text in texts:
         caller = _caller()
@@ -202,7 +201,7 @@ def log_text(text: str) -> None:
 
 
 def _caller() -> FrameType:
-    """The innermost frame outside of the package; the outermost of all if there is none."""
+    """The innermost frame outside of the package; the outermost frame if there is none."""
     frame = sys._getframe()
     while frame.f_back and str(frame.f_globals.get("__name__", "")).partition(".")[0] == _PACKAGE:
         frame = frame.f_back

@@ -1,6 +1,6 @@
 """Arrays and tables in memory as poses: stamps in ns, positions, rotations of any kind as quaternions.
 
-The columns of a table, such as a DataFrame, are found by name, as in files.
+The columns of a table, such as a DataFrame, are identified by name, as in files.
 """
 
 import re
@@ -30,15 +30,16 @@ from contact_tracker.trajectory.arguments import python_words
 
 _NO_TIMES: Final = "stamps are no real numbers or dates: convert text, as by pandas.to_datetime"
 _ORDERS: Final = {"xyzw": (0, 1, 2, 3), "wxyz": (1, 2, 3, 0)}
+"""Columns of x, y, z and w by the order of components."""
 
 
-def stated(unit: Any = None, time_unit: Any = None, **others: Any) -> TableReading:
-    """The reading that arguments state; a ``unit`` of time is that of the stamps, as before there was a
-    ``time_unit``. Raises UsageError."""
+def stated(unit: Any = None, time_unit: Any = None, **options: Any) -> TableReading:
+    """The reading of a table that arguments state; raises UsageError. A ``unit`` of time counts as
+    ``time_unit``, as in earlier versions."""
     if isinstance(unit, str) and unit in TIME_UNITS_NS and time_unit is None:
         unit, time_unit = None, unit
     try:
-        return reading_of(unit=unit, time_unit=time_unit, **others)
+        return reading_of(unit=unit, time_unit=time_unit, **options)
     except (TypeError, ValueError) as error:
         raise UsageError(str(error)) from error
 
@@ -46,15 +47,15 @@ def stated(unit: Any = None, time_unit: Any = None, **others: Any) -> TableReadi
 def nanoseconds(
     stamps: ArrayLike, unit_ns: float
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_], NDArray[np.bool_]]:
-    """Stamps in nanoseconds, which of them are finite times, and which of these are in range."""
-    given = times(stamps)
-    if given.ndim != 1:
-        raise UsageError(f"stamps have the shape (N,), not {given.shape}")
-    if given.dtype.kind in "mM":
-        is_time = ~np.isnat(given)
-        return given.astype(f"{given.dtype.kind}8[ns]").astype(np.int64), is_time, np.ones(len(given), bool)
+    """Stamps (N,) in nanoseconds, whether each is a finite time (N,), and whether it is in range (N,)."""
+    array = times(stamps)
+    if array.ndim != 1:
+        raise UsageError(f"stamps have the shape (N,), not {array.shape}")
+    if array.dtype.kind in "mM":
+        is_time = ~np.isnat(array)
+        return array.astype(f"{array.dtype.kind}8[ns]").astype(np.int64), is_time, np.ones(len(array), bool)
     try:
-        numbers = given if given.dtype.kind in "iu" and not np.ma.is_masked(given) else real_numbers(given)
+        numbers = array if array.dtype.kind in "iu" and not np.ma.is_masked(array) else real_numbers(array)
     except (TypeError, ValueError, OverflowError) as error:
         raise UsageError(_NO_TIMES) from error
     with np.errstate(all="ignore"):
@@ -63,21 +64,19 @@ def nanoseconds(
     sound = np.where(in_range, numbers, 0)
     if sound.dtype.kind in "iu" and unit_ns == round(unit_ns):
         return sound.astype(np.int64) * round(unit_ns), is_time, in_range
-    whole = np.floor(sound) if unit_ns == round(unit_ns) else np.zeros(len(sound))
-    rest_ns = np.round((sound - whole) * unit_ns).astype(
-        np.int64
-    )  # keeps the precision of seconds since 1970
-    return whole.astype(np.int64) * round(unit_ns) + rest_ns, is_time, in_range
+    units = np.floor(sound) if unit_ns == round(unit_ns) else np.zeros(len(sound))
+    fraction_ns = np.round((sound - units) * unit_ns).astype(np.int64)  # exact for seconds since 1970
+    return units.astype(np.int64) * round(unit_ns) + fraction_ns, is_time, in_range
 
 
 def moment_ns(value: Any, first_ns: int) -> int:
-    """The stamp of a time: seconds or a duration since the first pose, or a date; raises UsageError."""
+    """The stamp (ns) of a time: seconds or a duration since ``first_ns``, or a date; raises UsageError."""
     try:
-        given = times([value])
-        if given.dtype.kind == "M":
-            return int(given.astype("datetime64[ns]").astype(np.int64)[0])
-        if given.dtype.kind == "m":
-            return first_ns + int(given.astype("timedelta64[ns]").astype(np.int64)[0])
+        array = times([value])
+        if array.dtype.kind == "M":
+            return int(array.astype("datetime64[ns]").astype(np.int64)[0])
+        if array.dtype.kind == "m":
+            return first_ns + int(array.astype("timedelta64[ns]").astype(np.int64)[0])
         return first_ns + round(real_number(value) * 1e9)
     except (TypeError, ValueError, OverflowError) as error:
         raise UsageError(
@@ -86,37 +85,42 @@ def moment_ns(value: Any, first_ns: int) -> int:
 
 
 def times(stamps: ArrayLike) -> NDArray[Any]:
-    """Stamps as numbers, or as dates and durations of numpy; those with a time zone in UTC."""
+    """Stamps as an array of numbers, or of NumPy's dates or durations; dates with a time zone are in UTC."""
     if getattr(getattr(stamps, "dtype", None), "tz", None) is not None:  # dates of pandas
         return np.asarray(stamps.to_numpy("datetime64[ns]"))  # type: ignore[union-attr]
     try:
-        given = np.asanyarray(stamps)  # with its mask, if it has one
+        array = np.asanyarray(stamps)  # with its mask, if any
     except ValueError as error:  # lists of different lengths
         raise UsageError(_NO_TIMES) from error
-    if given.dtype.kind == "O" and given.size and all(isinstance(one, timedelta) for one in given.flat):
-        return given.astype("timedelta64[ns]")
-    if given.dtype.kind != "O" or not all(isinstance(one, datetime) for one in given.flat):
-        return given
-    utc = [one.astimezone(UTC).replace(tzinfo=None) if one.tzinfo else one for one in given.flat]
-    return np.array(utc, "datetime64[ns]").reshape(given.shape)
+    if array.dtype.kind == "O" and array.size and all(isinstance(item, timedelta) for item in array.flat):
+        return array.astype("timedelta64[ns]")
+    if array.dtype.kind != "O" or not all(isinstance(item, datetime) for item in array.flat):
+        return array
+    utc = [date.astimezone(UTC).replace(tzinfo=None) if date.tzinfo else date for date in array.flat]
+    return np.array(utc, "datetime64[ns]").reshape(array.shape)
 
 
 def rows(values: ArrayLike, name: str, *shape: int) -> Array:
-    """Real numbers of the shape (N, *shape); raises UsageError."""
+    """Real numbers of the shape (N, *shape); raises UsageError about ``name``."""
     try:
-        found = real_numbers(values)
+        array = real_numbers(values)
     except (TypeError, ValueError, OverflowError) as error:
         raise UsageError(f"{name} are no real numbers") from error
-    if found.ndim != 1 + len(shape) or found.shape[1:] != shape:
-        raise UsageError(f"{name} have the shape (N, {', '.join(map(str, shape))}), not {found.shape}")
-    return found
+    if array.ndim != 1 + len(shape) or array.shape[1:] != shape:
+        raise UsageError(f"{name} have the shape (N, {', '.join(map(str, shape))}), not {array.shape}")
+    return array
 
 
 def positions_and_quaternions(
     positions: ArrayLike, rotations: Any, order: Any, reading: TableReading
 ) -> tuple[Array, Array]:
-    """Positions in their unit, and quaternions ``xyzw``: of quaternions in ``order``, of angles or vectors as
-    ``reading`` says, of matrices (N, 3, 3), of SciPy's Rotation; or both of matrices (N, 4, 4).
+    """Positions (N, 3) in their unit, and quaternions ``xyzw`` (N, 4).
+
+    Parameters
+    ----------
+    positions : (N, 3), or whole poses (N, 4, 4) without ``rotations``.
+    rotations : quaternions (N, 4) in ``order``; angles or vectors (N, 3), as ``reading`` says; matrices
+        (N, 3, 3); or SciPy's Rotation.
 
     Raises
     ------
@@ -126,8 +130,8 @@ def positions_and_quaternions(
     if not isinstance(order, str) or order not in _ORDERS:
         raise UsageError(f"order is 'xyzw' or 'wxyz', not {order!r}")
     if rotations is None:
-        whole = rows(positions, "poses without rotations", 4, 4)
-        return whole[:, :3, 3], quaternions("matrix", whole[:, :3, :3].reshape(-1, 9), "rows")
+        poses = rows(positions, "poses without rotations", 4, 4)
+        return poses[:, :3, 3], quaternions("matrix", poses[:, :3, :3].reshape(-1, 9), "rows")
     place = rows(positions, "positions_m", 3)
     if hasattr(rotations, "as_quat"):  # SciPy's Rotation
         return place, rows(rotations.as_quat(), "rotations", 4)
@@ -148,7 +152,7 @@ def is_table(value: Any) -> bool:
 
 
 def with_index(table: Any) -> Any:
-    """A DataFrame with its index as a column, if that has a name or times."""
+    """A DataFrame with its index as a column, if the index has a name or times; other tables unchanged."""
     index = getattr(table, "index", None)
     name, kind = getattr(index, "name", None), getattr(getattr(index, "dtype", None), "kind", "")
     if not hasattr(table, "rename_axis") or (name is None and kind not in ("m", "M")):
@@ -158,23 +162,23 @@ def with_index(table: Any) -> Any:
 
 
 def names_in(table: Any) -> list[str]:
-    """Names of the columns of a table: a DataFrame, a table of Arrow or a mapping."""
+    """Names of the columns of a table (a DataFrame, a table of Arrow or a mapping) as text."""
     if not is_table(table):
         raise UsageError(f"a table is a DataFrame or a mapping of columns, not {type(table).__name__}")
     return [str(key) for key in _keys(table)]
 
 
 def _keys(table: Any) -> list[Any]:
-    """What the columns of a table are called in it, as numbers."""
+    """Keys of the columns of a table, of any type, such as numbers."""
     return list(getattr(table, "column_names", None) or getattr(table, "columns", table))
 
 
 def cells_of(table: Any) -> list[list[str]]:
-    """The names of the columns of a table, and below them its values as text; raises UsageError."""
+    """Rows of text of a table: the names of its columns, then its values; raises UsageError."""
     names = names_in(table)
-    again = next((name for i, name in enumerate(names) if name in names[:i]), None)
-    if again is not None:
-        raise UsageError(f"two columns are {again}: name each of them otherwise")
+    repeated = next((name for i, name in enumerate(names) if name in names[:i]), None)
+    if repeated is not None:
+        raise UsageError(f"two columns are {repeated}: name each of them otherwise")
     try:
         rows = list(zip(*(table[key] for key in _keys(table)), strict=True))
     except (TypeError, ValueError) as error:
@@ -185,34 +189,34 @@ def cells_of(table: Any) -> list[list[str]]:
 def with_columns(
     table: Any, reading: TableReading, stamp: Any, position_m: Any, quat_xyzw: Any
 ) -> TableReading:
-    """The reading with columns that are named one by one; raises UsageError if one is not there."""
+    """The reading with the named columns of stamps, positions and quaternions; raises UsageError."""
     columns = {} if stamp is None else {TIME: stamp}
-    for name, given, roles in (("position_m", position_m, POSITION), ("quat_xyzw", quat_xyzw, QUATERNION)):
-        if given is None:
+    for name, keys, roles in (("position_m", position_m, POSITION), ("quat_xyzw", quat_xyzw, QUATERNION)):
+        if keys is None:
             continue
-        if not isinstance(given, Sequence) or isinstance(given, str) or len(given) != len(roles):
+        if not isinstance(keys, Sequence) or isinstance(keys, str) or len(keys) != len(roles):
             raise UsageError(f"{name} names {len(roles)} columns, {' '.join(roles)}")
-        columns |= dict(zip(roles, given, strict=True))
+        columns |= dict(zip(roles, keys, strict=True))
     names = names_in(table)
     for name in columns.values():
         if not isinstance(name, str):
             raise UsageError(f"the name of a column is text, not {name!r}")
         if name not in names:
-            with_unit = (one for one in names if re.match(rf"{re.escape(name)}\W", one))
+            with_unit = (column for column in names if re.match(rf"{re.escape(name)}\W", column))
             near = next(with_unit, None) or closest(name, names)
-            meant = f"; did you mean {near!r}?" if near else f"; there are {', '.join(names[:20])}"
-            raise UsageError(f"no column {name!r}{meant}")
+            hint = f"; did you mean {near!r}?" if near else f"; there are {', '.join(names[:20])}"
+            raise UsageError(f"no column {name!r}{hint}")
     return reading.with_(reading_of(columns))
 
 
 def columns_of(table: Any, reading: TableReading) -> tuple[NDArray[Any], float | None, Array, str | None]:
-    """Times, their unit (ns; None if it is not known), and poses (N, 7) of the body in a table; one line if
-    its angles are doubtful.
+    """Times (N,) of a table, their unit (ns; None if it is unknown), poses (N, 7) of the body, and one line
+    of text if its angles are doubtful.
 
     Raises
     ------
     UsageError
-        Its columns are not those of one body, or not of numbers.
+        The columns are not those of a single body, or have no numbers.
     """
     keys = _keys(table)
 
@@ -238,12 +242,13 @@ def columns_of(table: Any, reading: TableReading) -> tuple[NDArray[Any], float |
         return np.arange(len(values)), layout.time_ns, poses, doubt
     time = _column(table, keys[layout.time])
     if layout.rest is not None:
-        seconds, rest = np.asarray(time, np.int64), np.asarray(_column(table, keys[layout.rest]), np.int64)
-        return seconds * 10**9 + rest * round(layout.rest_ns), 1.0, poses, doubt
+        seconds, subseconds = (np.asarray(c, np.int64) for c in (time, _column(table, keys[layout.rest])))
+        return seconds * 10**9 + subseconds * round(layout.rest_ns), 1.0, poses, doubt
     return time, layout.time_ns, poses, doubt
 
 
 def _column(table: Any, key: Any) -> NDArray[Any]:
+    """The values (N,) of a column."""
     column = table[key]
     if getattr(getattr(column, "dtype", None), "tz", None) is not None:
         return times(column)

@@ -57,15 +57,15 @@ class Trajectory:
     poses : in order of time, with unit quaternions.
     counts : numbers of dropped and repaired poses, by kind (docs/conventions.md).
     name : of the recording, for display.
-    path : of the recording, None if there is none that can be read again by its name alone.
-    source : the source in the recording.
+    path : of the recording; None unless the path alone suffices to read it again.
+    source : of the poses in the recording.
     damage : one line if most poses were dropped, or the recording is truncated or damaged.
     log_offset_ns : delay from a pose's stamp to its log time.
     vertices_m : (V, 3) of the object in the body frame, if the recording has them.
     notes : one line for each warning about the recording, except for the damage.
-    by_log_time : whether the stamps are log times, as the headers have none.
-    read_as : how the poses were read.
-    origin_ns : stamp from which displayed times count; by default that of the first pose.
+    by_log_time : whether the stamps are log times, as the headers have no stamps.
+    read_as : units and conventions in which the poses were read.
+    origin_ns : stamp of the time zero of displays; by default that of the first pose.
     """
 
     poses: Poses
@@ -87,7 +87,7 @@ class Trajectory:
 
     @classmethod
     def from_log(cls, log: PoseLog, name: str, poses: Poses, is_rereadable: bool) -> Self:
-        """The ``poses`` that were read from the log that the user has called ``name``."""
+        """The trajectory of ``poses`` from a log at the path ``name``."""
         return cls(
             poses,
             dict(log.counts),
@@ -123,21 +123,21 @@ class Trajectory:
         ----------
         stamps : (N,) times in ``time_unit``, from any origin; or dates or durations of numpy, pandas or the
             standard library, which have their own unit.
-        positions_m : (N, 3) positions of the body's origin in the world, in ``unit``; masked ones are not
-            finite. Or whole poses (N, 4, 4), without ``quaternions``.
+        positions_m : (N, 3) positions of the body's origin in the world, in ``unit``; masked positions count
+            as not finite. Or whole poses (N, 4, 4), without ``quaternions``.
         quaternions : rotations from body to world: quaternions (N, 4), their components in ``order``;
             SciPy's ``Rotation``; matrices (N, 3, 3); or angles or vectors (N, 3), as ``euler`` or
             ``rotation_vector`` says.
         unit : m, cm, mm or um.
         time_unit : s (the default), ms, us, ns, 100ns, or the rate of frame numbers, as ``200Hz``.
-        euler : order and unit of angles, as ``XYZ:deg``: SciPy's letters, of which ``xyz`` are about fixed
-            axes. The angles are those about x, y and z.
+        euler : order and unit of angles, as ``XYZ:deg``, in SciPy's letters: ``xyz`` are about fixed axes.
+            The columns are the angles about x, y and z.
         rate : of frames (Hz), if ``stamps`` are numbers of frames (``time_unit="frames"``).
 
         Raises
         ------
         UsageError
-            The arrays' shapes differ, they are not of real numbers, or a unit or an order is unknown.
+            Shapes of arrays differ, values are not real numbers, or a unit or an order is unknown.
         NoPoses
             No pose has passed the gate; the message says why.
 
@@ -173,23 +173,23 @@ class Trajectory:
 
         Parameters
         ----------
-        stamp, position_m, quat_xyzw : names of the columns; those of the quaternion in the order xyzw. By
-            default they are found by their names, as in files; an index with a name or times is a column.
-        unit, time_unit : of positions and stamps; by default those of their names (``x [mm]``, ``x_mm``,
-            ``time [ms]``, ``stamp_ns``), else metres and seconds. Columns of dates have their own.
-        euler, rotation_vector, matrix, columns, rate : what the columns are, as of ``read``.
+        stamp, position_m, quat_xyzw : names of the columns, for the quaternion in the order xyzw. By default
+            columns are identified by their names, as in files; an index with a name or times is a column.
+        unit, time_unit : of positions and stamps; by default as in their names (``x [mm]``, ``x_mm``,
+            ``time [ms]``, ``stamp_ns``), else metres and seconds. Columns of dates have their own unit.
+        euler, rotation_vector, matrix, columns, rate : meaning of the columns, see ``read``.
 
         Raises
         ------
         UsageError
-            A column is missing or not numeric, or it is not known how columns are meant.
+            A column is missing or not numeric, or the meaning of the columns is unknown.
         NoPoses
             No pose has passed the gate.
 
         Warns
         -----
         ContactTrackerWarning
-            As ``from_arrays``.
+            See ``from_arrays``.
         """
         kind = {"euler": euler, "rotation_vector": rotation_vector, "matrix": matrix, "rate": rate}
         table = with_index(table)
@@ -208,8 +208,8 @@ class Trajectory:
         reading: TableReading,
         doubt_of_angles: str | None = None,
     ) -> Self:
-        """The poses (N, 7), positions (m) and quaternions, that pass the gate; without a unit the stamps have
-        their own, or are in seconds."""
+        """The trajectory of those ``rows`` (N, 7), positions (m) and quaternions, that pass the gate. Stamps
+        without a unit are dates, durations or seconds."""
         unit_ns = None if times(stamps).dtype.kind in "mM" else unit_ns or TIMES_NS["s"]
         stamp_ns, is_time, in_range = nanoseconds(stamps, unit_ns or 1)
         if len(stamp_ns) != len(rows):
@@ -231,57 +231,59 @@ class Trajectory:
 
     @property
     def stamp_ns(self) -> NDArray[np.int64]:
-        """(N,) integer nanoseconds."""
+        """Stamps (N,) in integer nanoseconds."""
         return self.poses.stamp_ns
 
     @property
     def position_m(self) -> Array:
-        """(N, 3)"""
+        """Positions (N, 3) of the body in the world, in m."""
         return self.poses.position_m
 
     @property
     def quat_xyzw(self) -> Array:
-        """(N, 4)"""
+        """Unit quaternions (N, 4) from body to world."""
         return self.poses.quat_xyzw
 
     @property
     def frames(self) -> tuple[str, str]:
-        """Names of the world's and the body's frame; empty if the poses have none."""
+        """Names of the world frame and the body frame; empty if the poses have no frames."""
         return ("", "") if self.source is None else (self.source.frame_id, self.source.child_frame_id)
 
     @property
     def duration_s(self) -> float:
-        """Time from the first pose to the last."""
+        """Time in seconds from the first pose to the last."""
         return float(self.stamp_ns[-1] - self.stamp_ns[0]) * 1e-9 if len(self) else 0.0
 
     def __len__(self) -> int:
         return len(self.poses)
 
     def __getitem__(self, span: slice) -> "Trajectory":
-        """The poses from one time to before another: seconds or durations since the first pose, or dates.
+        """The poses of a span of time, without its end; times are seconds or durations since the first pose,
+        or dates.
 
         Raises
         ------
         UsageError
-            ``span`` is no such slice, or leaves no pose.
+            ``span`` is not a slice of times, or has no pose.
         """
         if not isinstance(span, slice) or span.step is not None:
             raise UsageError(f"poses are taken by times, as trajectory[2.0:5.0], not by {span!r}")
         first_ns = int(self.stamp_ns[0])
-        begin, end = (None if one is None else moment_ns(one, first_ns) for one in (span.start, span.stop))
-        first = 0 if begin is None else int(np.searchsorted(self.stamp_ns, begin))
-        last = len(self) if end is None else int(np.searchsorted(self.stamp_ns, end))
-        if first >= last:
+        start, stop = (
+            default if time is None else int(np.searchsorted(self.stamp_ns, moment_ns(time, first_ns)))
+            for time, default in ((span.start, 0), (span.stop, len(self)))
+        )
+        if start >= stop:
             raise UsageError(
                 f"no pose from {span.start} to {span.stop}: there are {self.duration_s:.2f} s of poses"
             )
-        return replace(self, poses=self.poses[first:last], origin_ns=None)
+        return replace(self, poses=self.poses[start:stop], origin_ns=None)
 
     def __iter__(self) -> Iterator[Pose]:
         return iter(self.poses)
 
     def batches(self) -> Iterator[Poses]:
-        """The poses in columns, many at once."""
+        """The poses in batches of columns."""
         return self.poses.batches()
 
     def __repr__(self) -> str:
@@ -309,15 +311,16 @@ def read(
 
     Parameters
     ----------
-    path : a recording of any kind (docs/formats.md), or a folder of its parts.
+    path : a recording of any kind (docs/formats.md), or a folder with its parts.
     topic : the topic of the poses, if there are several.
     parent, child : poses of the frame ``child`` in ``parent``; transforms between them are composed.
-    relative_to : a frame, or another body (its topic, or its name in a table), which may move, in
-        which poses are given.
+    relative_to : poses are relative to this frame or other body (its topic, or its name in a table), which
+        may move.
     unit, time_unit : of the positions and times of a table: ``mm``, ``ms``, ``100ns``, or the rate of frame
-        numbers, as ``200Hz``. By default those of the names of columns, else metres, and as times look.
-    euler : rotations in a table are angles in this order, ``xyz:deg``; SciPy's letters, ``XYZ`` about the
-        axes of the body.
+        numbers, as ``200Hz``. By default as in the names of columns, else metres, and a unit of time that
+        suits the values.
+    euler : rotations in a table are angles of this order and unit, as ``xyz:deg``, in SciPy's letters:
+        ``XYZ`` are about the axes of the body.
     rotation_vector : rotations in a table are rotation vectors.
     matrix : rotations in a table are matrices numbered along ``rows`` or ``columns``.
     columns : names of columns by role, as ``{"time": "t", "position": "tcp[0:3]"}`` (docs/formats.md).
@@ -338,15 +341,15 @@ def read(
     Warns
     -----
     ContactTrackerWarning
-        What ``contact-tracker`` says of the recording: damage, a guess, many dropped poses.
+        The recording is damaged, its format or unit is a guess, or many poses were dropped.
     """
     text = path_from(path)
-    given = (("topic", topic), ("parent", parent), ("child", child), ("relative_to", relative_to))
-    topic, parent, child, relative_to = (name_from(value, name) for name, value in given)
+    names = (("topic", topic), ("parent", parent), ("child", child), ("relative_to", relative_to))
+    topic, parent, child, relative_to = (name_from(value, name) for name, value in names)
     if parent is not None and child is None:
         raise UsageError("parent needs child, the frame of the body")
     kind = {"euler": euler, "rotation_vector": rotation_vector, "matrix": matrix, "rate": rate}
-    words = (PYTHON, *(f"{name}={value!r}" for name, value in given if value is not None))
+    words = (PYTHON, *(f"{name}={value!r}" for name, value in names if value is not None))
     reading = replace(stated(unit, time_unit, columns=columns, field=field, **kind), given=words)
     frame = child if parent is None else f"{parent}->{child}"
     if text == "-":

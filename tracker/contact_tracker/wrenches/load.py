@@ -30,11 +30,11 @@ Distance = tuple[float, float]
 
 GRAVITY: Final = 9.80665
 LEAST_SHARE: Final = 0.1
-"""Share of the ticks that must have wrenches: with fewer the two streams may have different clocks."""
+"""Least share of the ticks with wrenches; if it is smaller, the two streams may have different clocks."""
 FITS_BETTER: Final = 1.25
-"""Least ratio of fit at which another reading overrules a load without doubt. Where the object hardly turns,
-the opposite sign of the moments fits right wrenches as well, with the centre of mass on the other side: at
-most 1.01 times in 224 simulated recordings; wrong ones, 1.49 times or more."""
+"""Least ratio of fits at which another reading of the wrenches overrules a load without doubt. If the object
+hardly turns, the opposite sign of the moments fits right wrenches as well, with the centre of mass on the
+other side: at most 1.01 times better in 224 simulated recordings, wrong wrenches 1.49 times or more."""
 TOO_LITTLE: Final = "too little free motion shows what the hand carries: weight and sensor bias are not known"
 FEWEST_TICKS: Final = 4
 """Least number of ticks without contact for an estimate."""
@@ -411,16 +411,16 @@ def _inertia_times(v: Array) -> Array:
 
 
 class NoLoad(Exception):
-    """The wrenches of a recording cannot be used; the text, one line, has the reason."""
+    """The wrenches of a recording cannot be used; the text is one line with the reason."""
 
 
 def mass_doubt(load: Load, mass_kg: float | None) -> str:
-    """One line where free motion has overruled the mass that is given; empty otherwise."""
+    """One line of warning if free motion has overruled the mass that is given; else empty."""
     if mass_kg is None or abs(load.mass_kg / mass_kg - 1.0) <= AGREES:
         return ""
     return (
         f"the mass that is given, {mass_kg:g} kg, does not fit the wrenches in free motion: "
-        f"{load.mass_kg:.3f} kg is used. Check it (it is that of all the sensor carries), and the unit (N) "
+        f"{load.mass_kg:.3f} kg is used. Check the mass (of all that the sensor carries), and the unit (N) "
         "and sign of the forces"
     )
 
@@ -433,11 +433,11 @@ def require_load(
     p_free: Array,
     mass_kg: float | None = None,
 ) -> tuple[TickWrenches, Load]:
-    """Wrenches in the ticks that end at ``stamp_ns`` (T,), and the load of the hand that they show.
+    """Wrenches in the ticks that end at ``stamp_ns`` (T,), and the load estimated from them.
 
     Parameters
     ----------
-    is_free, p_free, mass_kg : as of ``estimate_load``.
+    is_free, p_free, mass_kg : see ``estimate_load``.
 
     Raises
     ------
@@ -448,19 +448,19 @@ def require_load(
     if ticks.is_measured.mean() < LEAST_SHARE:
         raise NoLoad("wrenches and poses hardly overlap in time: are their stamps of one clock?")
     load = estimate_load(ticks, is_free, p_free, mass_kg)
-    if load is None and mass_kg is not None:  # one that is far off fits no tick
+    if load is None and mass_kg is not None:  # a mass that is far off fits no tick
         load = estimate_load(ticks, is_free, p_free)
     if load is None:
         raise NoLoad(TOO_LITTLE)
-    others = (
-        (estimate_load(average(poses, other, stamp_ns), is_free, p_free), what)
-        for what, other in _other_readings(poses, wrenches)
-    )
-    fits = [(one.fit, what) for one, what in others if one is not None and not one.doubt]
-    best, what = max(fits, default=(0.0, ""))
+    fits = list[tuple[float, str]]()
+    for text, reading in _other_readings(poses, wrenches):
+        alternative = estimate_load(average(poses, reading, stamp_ns), is_free, p_free)
+        if alternative is not None and not alternative.doubt:
+            fits.append((alternative.fit, text))
+    best, text = max(fits, default=(0.0, ""))
     if best > (1.0 if load.doubt else FITS_BETTER) * load.fit:
         less = "they explain less of the free motion as they are than otherwise"
-        raise NoLoad(f"{load.doubt or less}. They fit {what}")
+        raise NoLoad(f"{load.doubt or less}. They fit {text}")
     if not load.doubt:
         return ticks, load
     reason = TOO_LITTLE if load.ticks < FEWEST_TICKS else load.doubt
@@ -471,8 +471,9 @@ def require_load(
 
 
 def _other_readings(poses: Poses, wrenches: Wrenches) -> Iterator[tuple[str, Wrenches]]:
-    """The same numbers with other signs, and in the axes of the world, about its origin or the body's."""
-    reverse = "with the opposite sign: they are those of the object on the hand"
+    """Other readings of the same numbers with their descriptions: with opposite signs, and in the axes of the
+    world, about its origin or the body's."""
+    reverse = "with the opposite sign: they act on the hand, not on the object"
     in_world = {
         "in the frame of the poses instead of the object's: set header.frame_id": about_body(wrenches, poses),
         "in the axes of the poses' frame, about the object's origin: turn them into its axes": turned_to_body(
@@ -483,5 +484,5 @@ def _other_readings(poses: Poses, wrenches: Wrenches) -> Iterator[tuple[str, Wre
     yield "with the opposite sign of the forces only", replace(wrenches, force_n=-wrenches.force_n)
     yield "with the opposite sign of the moments only", replace(wrenches, moment_nm=-wrenches.moment_nm)
     yield from in_world.items()
-    for text, other in in_world.items():
-        yield f"{reverse}, {text}", reversed_wrenches(other)
+    for text, reading in in_world.items():
+        yield f"{reverse}, {text}", reversed_wrenches(reading)
