@@ -17,6 +17,7 @@ from contact_tracker.map.file import learned_text, map_from
 from contact_tracker.map.world_map import MOST_LEARNED, GrowingMap
 from contact_tracker.states import Contact
 from contact_tracker.tracking.filter_bank import map_use
+from mcap_logs import smooth_poses
 from short_recordings import FACE_TO_EDGE, recorded, true_contacts
 
 ORIGIN_M = np.array([100.0, -20.0, 3.0])
@@ -115,6 +116,15 @@ def test_what_stands_as_a_recording_begins_may_stand_on_a_new_face() -> None:
     found = [tracker.update(20_000_000 * i, at_m, quat_xyzw) for i, at_m in enumerate(position_m)]
     labels = {one.contact for one in found if one is not None}
     assert labels == {Contact.FF}
+
+
+def test_free_motion_is_open_until_a_contact_agrees_with_the_map() -> None:
+    """It may be of another scene, whose contacts its price of new elements hides."""
+    tracker = ct.Tracker(known=ct.Map(learned=grown().learned))
+    *_, belief = (one for one in (tracker.update(*pose) for pose in smooth_poses(600)) if one is not None)
+    assert belief.contact is Contact.FREE
+    assert len(belief.inseparable) == 6
+    assert belief.probability.max() < 0.9
 
 
 def test_learn_once_use_at_once() -> None:

@@ -170,8 +170,8 @@ class GrowingMap:
 
     @property
     def is_untested(self) -> bool:
-        """Whether there is a prior that no contact has agreed with: in another scene its price of new elements
-        hides contacts in free motion."""
+        """Whether no contact has agreed with the prior yet: in another scene its price of new elements hides
+        contacts in free motion."""
         return bool(self.prior) and max(self.prior_log_odds.values(), default=0.0) <= 0.0
 
     @property
