@@ -195,7 +195,7 @@ def test_the_command(first, simulated, tmp_path, monkeypatch) -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["a", "-"], "by name"),
+        (["a", "-"], "not -"),
         (["a", "b", "-o", "a.mcap"], "must end"),
         (["a", "b", "--tolerance", "0"], "above"),
     ],

@@ -31,7 +31,7 @@ def test_others_have_probability_zero_offline() -> None:
 
 def test_a_contact_that_is_left_out_is_noticed_and_no_label_is_sure() -> None:
     trajectory = contact_tracker.Trajectory(recorded(FACE_TO_EDGE).poses[300:1200:2])
-    with pytest.warns(contact_tracker.ContactTrackerWarning, match="--states without e-f, f-e, v-f"):
+    with pytest.warns(contact_tracker.ContactTrackerWarning, match="states, which leaves out e-f, f-e, v-f"):
         result = contact_tracker.segment(trajectory, states=["f-f"])
     assert max(one.probability for one in result.segments) < 0.8
     assert not contact_tracker.segment(trajectory, states=["f-f", "e-f"]).warnings

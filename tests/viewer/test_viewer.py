@@ -501,7 +501,7 @@ def test_several_are_shown_and_an_unusable_one_is_named_or_none_in_a_file(
     assert sum(path.is_file() for path in shown) == 2, "one that is named twice is shown once"
     path = tmp_path / "both.rrd"
     assert run(["view", str(log), str(other), "--save", str(path)]) == 2
-    assert "each LOG of its own" in capsys.readouterr().err
+    assert "save each LOG alone" in capsys.readouterr().err
     assert not path.exists()
     for command, window in (("view", ["--save", "x.rrd"]), ("live", ["--rerun"])):
         assert run([command, str(log), "--web", *window]) == 2

@@ -173,6 +173,11 @@ class Result(Outcome):
         """What the user has to know of the recording and of the labels, one line each."""
         return tuple(map(python_words, super().warnings))
 
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """The warnings by which no label is certain, one line each."""
+        return tuple(map(python_words, super().doubts))
+
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Self:
         """The result that ``save`` has written to a file ``.contacts``. No code in the file is run.

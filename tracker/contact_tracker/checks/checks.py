@@ -154,7 +154,10 @@ class Contradiction(Check):
         )
         if others:
             given = f"{what}, or --states" if stream.map.lists_elements else "--states"
-            text = f"{given} without {others} does not fit the motion: other contacts explain more: check it"
+            text = (
+                f"{given}, which leaves out {others}, does not fit the motion: "
+                "other contacts explain more: check it"
+            )
         return [Finding("knowledge", text, True)]
 
 

@@ -153,7 +153,7 @@ class Repeatability(Check):
         sizes = [f"{degrees(by.angle_rad):.2g} deg"] * (by.angle_rad > 0.0)
         sizes += [f"{1e3 * by.distance_m:.2g} mm"] * (by.distance_m > 0.0)
         what = f"the {_WORDS[type(first.element)]} of the {_SIDES[first.side]}"
-        allowed = "noise and --accuracy allow" if errors.are_given else "noise allows"
+        allowed = "noise allows (with --accuracy)" if errors.are_given else "noise allows"
         remedy = "errors larger than these" if errors.are_given else "systematic errors"
         text = (
             f"elements that seem to be the same differ by more than {allowed} ({self.apart} of {self.near} "

@@ -38,7 +38,7 @@ def noise_text(report: Report) -> str:
         cut_short = "the part that was looked at does not tell"
         return (
             f"{of_pose}; {cut_short if report.is_cut_short else 'too little motion to tell'} what averaging "
-            f"leaves of it: {of_tick}{f' and {lasting}' if lasts else ''} are assumed (--noise sets it)"
+            f"leaves of it: {of_tick}{f' and {lasting}' if lasts else ''} are assumed (set it by --noise)"
         )
     origin = ""
     if used.estimate_share < asked.estimate_share:

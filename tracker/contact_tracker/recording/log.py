@@ -131,7 +131,7 @@ class PoseLog:
         if self._read_ns is None:
             return NoPoses(f"{name}: no pose that can be used{reason}{noted}")
         return ChoiceError(
-            f"{name}: no pose in the interval that --start and --duration leave; poses were read until "
+            f"{name}: no pose in the interval of --start and --duration; poses were read until "
             f"{self._read_ns * 1e-9:.2f} s{noted}"
         )
 
