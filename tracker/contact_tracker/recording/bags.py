@@ -73,10 +73,7 @@ def read_bag(
     report : called with one line for each part that cannot be read.
     budget : bounds the decompressed size and the work.
 
-    Raises
-    ------
-    UnreadableRecording
-        It does not begin like a bag, is encrypted, or is not a database of rosbag2.
+    Raises UnreadableRecording if it does not begin like a bag, is encrypted, or is no database of rosbag2.
     """
     with open_stream(path, budget=budget) as stream:
         if (begin := stream.read(len(BAG_MAGIC))).startswith(b"SQLite"):
@@ -214,19 +211,18 @@ def _read_sqlite(
     budget.bytes_read += size
     if os.path.exists(f"{path}-wal") and os.path.getsize(f"{path}-wal"):
         report("its last messages are in a write-ahead log that is not read: open it once with sqlite3")
+    chosen: dict[int, Channel] | None = None
     try:
         with closing(_opened(path, size)) as file:
             topics = _channels(file, report)
             chosen = {number: channel for number, channel in topics.items() if wanted(channel)}
-            try:
-                yield from _messages(file, chosen, budget, size)
-            except (sqlite3.Error, TooMuchWork) as error:
-                report(f"it is damaged: {error}")
-            except UnicodeDecodeError:  # a message of SQLite would quote bytes that are no text
-                report("it is damaged: its tables are malformed")
-    except (sqlite3.Error, UnicodeDecodeError) as error:
-        words = error if isinstance(error, sqlite3.Error) else "its tables are malformed"
-        raise UnreadableRecording(f"it cannot be opened as a rosbag2 database: {words}") from error
+            yield from _messages(file, chosen, budget, size)
+    except (sqlite3.Error, TooMuchWork, UnicodeDecodeError) as error:
+        # A message of SQLite may quote bytes that are no text.
+        fault = "its tables are malformed" if isinstance(error, UnicodeDecodeError) else error
+        if chosen is None:
+            raise UnreadableRecording(f"it cannot be opened as a rosbag2 database: {fault}") from error
+        report(f"it is damaged: {fault}")
 
 
 def _opened(path: str, size: int) -> sqlite3.Connection:

@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
-from itertools import compress
+from itertools import compress, starmap
 from typing import IO, Any, Final
 
 import numpy as np
@@ -39,6 +39,9 @@ from contact_tracker.recording.table_layouts import MOST_COLUMNS, UNNAMED, Body,
 from contact_tracker.recording.table_proposals import FIRST_ROWS, layout_of_names, layout_without_names
 
 _PARQUET_ERRORS: Final = (pyarrow.ArrowException, OSError, ValueError, OverflowError, KeyError)
+_PAGE_ERRORS: Final = (
+    *(ValueError, LookupError, TypeError, AttributeError, RecursionError, struct.error, OSError),
+)
 _BUFFER_BYTES: Final = 2**16
 _LONGEST_LINE: Final = 120
 """Longest text of an error of pyarrow, which may list all columns."""
@@ -52,12 +55,9 @@ or lists."""
 
 
 class ParquetTable:
-    """A Parquet file in columns, some rows after others; after iteration ``damage`` says what is not read.
+    """A Parquet or Feather file in columns, batch by batch; after iteration ``damage`` says what is not read.
 
-    Raises
-    ------
-    UnreadableRecording
-        It is damaged, takes more work than its size explains, or has no columns of poses.
+    Raises UnreadableRecording if it is damaged, takes more work than its size explains, or has no poses.
     """
 
     def __init__(self, path: str, reading: TableReading, budget: WorkBudget, kind: str = "Parquet") -> None:
@@ -66,7 +66,7 @@ class ParquetTable:
             self._file = _OPENED[kind](path)
             leaves = list[_Leaf]()
             for one in self._file.schema_arrow:
-                first = self._first_of(one.name, budget) if _has_list(one.type) else None
+                first = self._first_of(one.name, budget) if types.is_nested(one.type) else None
                 leaves += _leaves(one.name, (one.name,), one.type, first)
         except _PARQUET_ERRORS as error:
             raise UnreadableRecording(
@@ -146,7 +146,7 @@ def _leaves(name: str, path: tuple[str | int, ...], kind: Any, first: Any) -> It
         for field in map(kind.field, range(min(kind.num_fields, WIDEST))):
             own = first.get(field.name) if isinstance(first, dict) else None
             yield from _leaves(f"{name}.{field.name}", (*path, field.name), field.type, own)
-    elif _is_list(kind):
+    elif types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind):
         values = first if isinstance(first, list) else []
         many = kind.list_size if types.is_fixed_size_list(kind) else len(values)
         for i in range(min(many, WIDEST)):
@@ -156,19 +156,6 @@ def _leaves(name: str, path: tuple[str | int, ...], kind: Any, first: Any) -> It
             yield f"{name}[{WIDEST}:{many}]", path, kind  # is only told of
     else:
         yield name, path, kind
-
-
-def _is_list(kind: Any) -> bool:
-    return bool(types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind))
-
-
-def _has_list(kind: Any) -> bool:
-    """Whether the length of a list, at any depth, is not in the type."""
-    if types.is_struct(kind):
-        return any(_has_list(kind.field(i).type) for i in range(min(kind.num_fields, WIDEST)))
-    if not _is_list(kind):
-        return False
-    return not types.is_fixed_size_list(kind) or _has_list(kind.value_type)
 
 
 def _is_number(kind: Any) -> bool:
@@ -323,15 +310,7 @@ def _checked(path: str) -> Iterator[IO[bytes]]:
             yield file
     except TooMuchWork as error:
         raise UnreadableRecording(f"it is too much for its size: {error}") from error
-    except (
-        ValueError,
-        LookupError,
-        TypeError,
-        AttributeError,
-        RecursionError,
-        struct.error,
-        OSError,
-    ) as error:
+    except _PAGE_ERRORS as error:
         raise UnreadableRecording(f"it is damaged: where its pages begin cannot be read ({error})") from error
 
 
@@ -400,12 +379,10 @@ _SHOWN: Final = 8
 
 
 class ArrayTable:
-    """The columns of arrays with as many rows, some rows after others; these have no ``damage``.
+    """The columns of arrays with as many rows, batch by batch; without ``damage``.
 
-    Raises
-    ------
-    UnreadableRecording
-        It is damaged, too large when decompressed, or it is not known which columns are what.
+    Raises UnreadableRecording if it is damaged, too large when decompressed, or it is not known what its
+    columns are.
     """
 
     damage: tuple[str, ...] = ()
@@ -415,8 +392,8 @@ class ArrayTable:
         arrays = arrays_in(path, kind, stated, budget)
         of_stated = [shape for name, (shape, _) in arrays.items() if (name or UNNAMED).lower() in stated]
         shapes = [shape for shape, _ in arrays.values()]
-        tried = ((of_stated, WIDEST), (of_stated, MOST_COLUMNS), (shapes, WIDEST))
-        self._rows = next(filter(None, (_rows_of(*one) for one in tried)), 0)
+        choices = (of_stated, WIDEST), (of_stated, MOST_COLUMNS), (shapes, WIDEST)
+        self._rows = next(filter(None, starmap(_rows_of, choices)), 0)
         names, left_out, self._values = list[str](), list[str](), list[NDArray[Any]]()
         for name, (shape, values) in arrays.items():
             if values is None or self._rows not in (shape[0], shape[-1]):
@@ -481,14 +458,10 @@ _NO_BODIES: Final = (
 
 
 class C3DTable(ArrayTable):
-    """The bodies of a C3D file in columns, some frames after others; ``damage`` says what is missing.
+    """The bodies of a C3D file in columns, batch by batch; ``damage`` says how many frames are missing.
 
-    Raises
-    ------
-    UnreadableRecording
-        It is damaged, or has no bodies.
-    ChoiceError
-        The user says of its columns what the file says itself.
+    Raises UnreadableRecording if it is damaged or has no bodies, and ChoiceError if the user says of its
+    columns what the file says itself.
     """
 
     def __init__(self, path: str, reading: TableReading, budget: WorkBudget) -> None:

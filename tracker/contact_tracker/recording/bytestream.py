@@ -9,7 +9,7 @@ import stat
 import sys
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from io import BufferedReader
 from types import SimpleNamespace
@@ -51,8 +51,8 @@ class WorkBudget:
     is_message_left_out : whether a message is not decoded, as that would exceed the limits.
     """
 
-    def __init__(self) -> None:
-        self.bytes_read, self.is_message_left_out = 0, False
+    def __init__(self, bytes_read: int = 0) -> None:
+        self.bytes_read, self.is_message_left_out = bytes_read, False
         self._inflated, self._records = 0, 0.0
 
     def spend(self, records: float) -> None:
@@ -150,7 +150,11 @@ class ByteStream:
         self._plain, self._path = file, path
         self._tail, self._written_ns = b"", 0
         self._inflated: IO[bytes] | None = None
-        self._size = None if compressed or follow is not None else _size_of(file)
+        self._size: int | None = None
+        with suppress(OSError):  # not every stream has a descriptor
+            status = os.fstat(file.fileno())
+            if stat.S_ISREG(status.st_mode) and follow is None and not compressed:
+                self._size = status.st_size
         if compressed:
             counted = cast(IO[bytes], SimpleNamespace(read=self._read_plain))
             self._inflated = zstandard.ZstdDecompressor().stream_reader(counted, read_across_frames=True)
@@ -250,27 +254,13 @@ class ByteStream:
         return self.error is not None
 
 
-def _size_of(file: IO[bytes]) -> int | None:
-    """Size of a regular file (bytes); None for others."""
-    try:
-        status = os.fstat(file.fileno())
-    except OSError:
-        return None
-    return status.st_size if stat.S_ISREG(status.st_mode) else None
-
-
 @contextmanager
 def open_stream(
     path: str, follow: Follow | None = None, budget: WorkBudget | None = None
 ) -> Iterator[ByteStream]:
     """Open a file, a FIFO or, for ``-``, standard input; a file that is compressed with zstd is decompressed.
 
-    Streams of one recording share the ``budget``.
-
-    Raises
-    ------
-    UnreadableRecording
-        If it cannot be opened.
+    Streams of one recording share the ``budget``. Raises UnreadableRecording if the file cannot be opened.
     """
     try:
         file = cast(BufferedReader, sys.stdin.buffer) if path == "-" else open(path, "rb")  # noqa: SIM115
@@ -288,6 +278,15 @@ def open_stream(
 def is_regular(path: str) -> bool:
     """Whether ``path`` can be read repeatedly and at any position."""
     return path not in ("", "-") and os.path.isfile(path)
+
+
+def first_bytes(path: str, count: int = 4096) -> bytes:
+    """The first bytes of a file, which identify its format; empty if it can be read only once, or not."""
+    with suppress(OSError):
+        if is_regular(path):
+            with open(path, "rb") as file:
+                return file.read(count)
+    return b""
 
 
 def encoding_of(begin: bytes) -> str:

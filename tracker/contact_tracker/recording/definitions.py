@@ -110,13 +110,8 @@ class Definition(NamedTuple):
 
 
 def parse_definition(text: str, type_name: str) -> Definition:
-    """The definition of a type by a text in ros2msg or of ROS 1.
-
-    Raises
-    ------
-    ValueError
-        It is invalid, too long or too deep, has too many fields, or a type contains itself.
-    """
+    """The definition of a type by a text in ros2msg or of ROS 1; raises ValueError if it is invalid, too long
+    or too deep, has too many fields, or a type contains itself."""
     if len(text) > LONGEST_DEFINITION:
         raise ValueError("the definition is too long")
     message = _short(canonical(type_name))

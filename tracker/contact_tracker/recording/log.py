@@ -30,10 +30,11 @@ from contact_tracker.recording.decoding import LoggedPose, assumption_text
 from contact_tracker.recording.items import ROWS, Item, PoseSource, RawMessage, Rows
 from contact_tracker.recording.reading import STDIN, Reading
 from contact_tracker.recording.sources import (
+    PREFIX_MESSAGES,
+    PREFIX_NS,
     ChannelFilter,
     Logged,
     Stamping,
-    is_prefix,
     only_one,
     peek,
     poses_by_source,
@@ -441,8 +442,9 @@ class SourceSummary:
         kept as its beginning."""
         self.observed += 1
         self._waiting.append((pose, log_time_ns))
-        is_enough = is_prefix(self._waiting) if self._stamping is None else len(self._waiting) == BATCH
-        return self._admit(keep) if is_enough else 0
+        span_ns, count = log_time_ns - self._waiting[0][1], len(self._waiting)
+        is_prefix = span_ns >= PREFIX_NS or count >= PREFIX_MESSAGES
+        return self._admit(keep) if (is_prefix if self._stamping is None else count == BATCH) else 0
 
     def finish(self) -> "SourceSummary":
         """Add what is held, and find the figures of all poses."""
@@ -547,10 +549,8 @@ def summarise(path: str, table: TableReading = AS_NAMED) -> RecordingSummary:
         if (why := assumed.get((one.source.topic, one.source.type))) is not None
     ]
     assumptions += filter(None, [reading.assumption])
-    noted_names, damage = tuple(attachments), reading.damage
-    return RecordingSummary(
-        sources, topics, metadata, noted_names, undecodable, damage, more_sources, tuple(assumptions)
-    )
+    about = topics, metadata, tuple(attachments), undecodable, reading.damage
+    return RecordingSummary(sources, *about, more_sources, tuple(assumptions))
 
 
 def summarise_log(log: PoseLog) -> SourceSummary:

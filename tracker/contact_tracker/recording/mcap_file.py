@@ -209,10 +209,7 @@ class RecordLoop:
     messages : number of messages so far, of all channels.
     is_sound : whether no damage was found so far.
 
-    Raises
-    ------
-    UnreadableRecording
-        While iterating, if the input does not start as MCAP.
+    Iteration raises UnreadableRecording if the input does not start as MCAP.
     """
 
     def __init__(

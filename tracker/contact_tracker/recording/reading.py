@@ -17,7 +17,7 @@ from contact_tracker.recording.bytestream import (
     ByteStream,
     Follow,
     WorkBudget,
-    is_regular,
+    first_bytes,
     open_stream,
 )
 from contact_tracker.recording.decoding import MessageDecoder
@@ -35,10 +35,10 @@ _PAUSE_NS: Final = 10_000_000_000
 """Largest overlap of, and largest gap between, parts of one recording."""
 _NAMED: Final = 4
 _DAMAGES_SHOWN: Final = 3
-_BAGS: Final = (b"SQLite format 3\0", b"#ROSBAG V")
-"""First bytes of ``.db3`` and ``.bag`` files."""
 _BEGIN: Final = 64
 """Number of first bytes that identify a format."""
+_BAGS: Final = (b"SQLite format 3\0", b"#ROSBAG V")
+"""First bytes of ``.db3`` and ``.bag`` files."""
 
 
 def parts_of(path: str) -> list[str]:
@@ -60,24 +60,19 @@ def parts_of(path: str) -> list[str]:
             raise UnreadableRecording(f"{path}: no such file{hint or near_file(path)}")
         return [path]
     try:
-        there = sorted(os.listdir(path))
+        entries = sorted(os.listdir(path))
     except OSError as error:
         raise UnreadableRecording(f"{path}: {error.strerror}") from error
-    names = sorted((n for n in there if n.lower().endswith(_ENDINGS)), key=_natural)
+    names = sorted((name for name in entries if name.lower().endswith(_ENDINGS)), key=_natural)
     if not names:
-        packed = next((n for n in there if re.search(r"\.(mcap|db3)\.\w+$", n.lower())), None)
+        packed = next((name for name in entries if re.search(r"\.(mcap|db3)\.\w+$", name.lower())), None)
         advice = "" if packed is None else f"; decompress {packed} first"
-        if any(n.lower().endswith(".txt") for n in there):
+        if any(name.lower().endswith(".txt") for name in entries):
             read = f"[numpy.loadtxt(one) for one in sorted(glob.glob({os.path.join(path, '*.txt')!r}))]"
             advice = f"; if each .txt has a matrix, numpy.save('poses.npy', {read}) makes a file that is read"
         raise UnreadableRecording(f"{path}: this folder holds no .mcap or .db3 file{advice}")
-    return [os.path.join(path, n) for n in names if _better(n) == n or _better(n) not in names]
-
-
-def _better(name: str) -> str:
-    """The name under which a part is preferred: decompressed, or converted to MCAP."""
-    plain = _plain(name)
-    return f"{name[:-4]}.mcap" if name.lower().endswith(".db3") else plain
+    preferred = {n: f"{n[:-4]}.mcap" if n.lower().endswith(".db3") else _plain(n) for n in names}
+    return [os.path.join(path, n) for n in names if preferred[n] == n or preferred[n] not in names]
 
 
 def recording_of(path: str) -> str:
@@ -86,13 +81,8 @@ def recording_of(path: str) -> str:
 
 
 def may_be_recording(path: str) -> bool:
-    """Whether a file begins like MCAP or a ROS bag, has unknown compressed content, or is a table of poses.
-
-    Raises
-    ------
-    OSError, UnreadableRecording
-        If it cannot be read.
-    """
+    """Whether a file begins like MCAP or a ROS bag, has unknown compressed content, or is a table of poses;
+    raises OSError or UnreadableRecording if it cannot be read."""
     with open(path, "rb") as file:
         begin = file.read(_BEGIN)
     if begin.startswith(ZSTD_MAGIC):
@@ -102,18 +92,9 @@ def may_be_recording(path: str) -> bool:
     return begin.startswith((*_BAGS, MAGIC)) or has_poses(path)
 
 
-def size_budget(path: str) -> WorkBudget:
-    """The work that the bytes of all parts explain, for messages of which only the first are read."""
-    budget = WorkBudget()
-    budget.bytes_read += sum(os.path.getsize(part) for part in parts_of(path) if is_regular(part))
-    return budget
-
-
 def _refuse_unrelated(path: str, parts: Sequence[str]) -> None:
-    """Raise AmbiguousSource if the files of a folder are separate recordings.
-
-    Parts of one recording have a metadata.yaml or are consecutive in log time; files without an index have
-    names that differ only in numbers.
+    """Raise AmbiguousSource if the files of a folder are separate recordings: parts of one have a
+    metadata.yaml, are consecutive in log time, or, without an index, have names that differ only in numbers.
     """
     if len(parts) < 2 or os.path.exists(os.path.join(path, _METADATA)):
         return
@@ -146,7 +127,7 @@ def _interval_ns(part: str) -> tuple[int, int] | None:
 
 def is_table_file(path: str) -> bool:
     """Whether a recording is a table, which has poses and nothing else."""
-    return not os.path.isdir(path) and path != STDIN and is_table(path, _begin(path))
+    return not os.path.isdir(path) and path != STDIN and is_table(path, first_bytes(path, _BEGIN))
 
 
 class Reading:
@@ -225,7 +206,7 @@ class Reading:
             raise errors[0]
 
     def _part(self, part: str, single: bool) -> Iterator[Item]:
-        begin = _begin(part)
+        begin = first_bytes(part, _BEGIN)
 
         def report(text: str) -> None:
             self._report(text if single else f"{os.path.basename(part)}: {text}")
@@ -305,17 +286,6 @@ class Reading:
                 done.add(new[0])
             elif os.path.exists(os.path.join(self.path, _METADATA)) or not self._follow.wait():
                 return
-
-
-def _begin(part: str) -> bytes:
-    """The first bytes of a file; empty if it can be read only once."""
-    if not is_regular(part):
-        return b""
-    try:
-        with open(part, "rb") as file:
-            return file.read(_BEGIN)
-    except OSError:
-        return b""
 
 
 def _plain(name: str) -> str:

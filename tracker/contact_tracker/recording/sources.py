@@ -10,6 +10,7 @@ one, and reports it.
 requested.
 """
 
+import os
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -23,7 +24,7 @@ from contact_tracker.config.table_reading import AS_NAMED, TableReading
 from contact_tracker.errors import AmbiguousSource, ChoiceError, NoPoses
 from contact_tracker.motion.pose_validation import PoseGate
 from contact_tracker.motion.poses import Pose, Poses
-from contact_tracker.recording.bytestream import WorkBudget, open_stream
+from contact_tracker.recording.bytestream import WorkBudget, is_regular, open_stream
 from contact_tracker.recording.decoding import (
     POSE_TYPES,
     READ,
@@ -46,7 +47,7 @@ from contact_tracker.recording.items import (
     RawMessage,
 )
 from contact_tracker.recording.mcap_file import RecordLoop, channel_of, summary_of
-from contact_tracker.recording.reading import parts_of, size_budget
+from contact_tracker.recording.reading import parts_of
 from contact_tracker.suggestions import suggestion
 
 PREFIX_NS: Final = SECOND_NS
@@ -116,12 +117,11 @@ class Stamping(NamedTuple):
         return pose._replace(stamp_ns=min(stamp_ns, _LATEST_NS))
 
 
-def is_prefix(first: Sequence[Logged]) -> bool:
-    """Whether these first poses of a source are enough to decide how poses are stamped."""
-    return len(first) >= PREFIX_MESSAGES or first[-1][1] - first[0][1] >= PREFIX_NS
-
-
 _STATIC: Final = "tf_static"
+_UNDECODED: Final = (
+    "no pose on {} can be read: messages are empty, or not what their definition in the file says, or it "
+    "cannot be used"
+)
 _LISTED: Final = 8
 _TEXT_SHOWN: Final = 120
 """Most characters of a name from the file in messages, which escape control characters."""
@@ -190,7 +190,7 @@ class ChannelFilter:
         fields = _fields_in(path, asked or seen, self._table)
         fault: type[NoPoses | ChoiceError] = NoPoses
         if any(map(self, asked)):
-            text = _undecoded([asked[0].topic])
+            text = _UNDECODED.format(asked[0].topic[:_TEXT_SHOWN])
         elif fields and (asked or not poses):
             text = fields
         elif asked:
@@ -206,7 +206,7 @@ class ChannelFilter:
             text = f"its only poses are on {static}, which does not move"
             text += f": to take them all the same, --topic {static}"
         elif poses or alike:
-            text = _undecoded(c.topic for c in poses) if poses else _reasons(alike)
+            text = _UNDECODED.format(_listing(c.topic for c in poses)) if poses else _reasons(alike)
         else:
             topics_seen = _listing(f"{c.topic} ({c.type})" for c in seen) or "no topics at all"
             text = f"no pose topic among {topics_seen}; poses are {USUAL}"
@@ -223,10 +223,7 @@ def peek(path: str, wanted: ChannelFilter, field: str | None = None) -> dict[Pos
     """The sources on the wanted channels of an index, with the poses in the prefix of each; reads only the
     chunks that have its first messages. ``field`` is the path to poses in messages of other types.
 
-    Raises
-    ------
-    NoPoses, ChoiceError
-        The indexes list all channels, and none is wanted, or none of the requested topic.
+    Raises NoPoses or ChoiceError if the indexes list all channels, and none is wanted, or none of the topic.
     """
     messages, indexed = list[RawMessage](), True
     for part in parts_of(path):
@@ -244,14 +241,15 @@ def peek(path: str, wanted: ChannelFilter, field: str | None = None) -> dict[Pos
         messages += _peek_channels(part, summary, missing)
     if indexed and not any(wanted(channel) for channel in list(wanted.seen.values())):
         raise wanted.nothing_found(path)
-    return poses_by_source(MessageDecoder(size_budget(path), field).poses(messages))
+    budget = WorkBudget(sum(os.path.getsize(part) for part in parts_of(path) if is_regular(part)))
+    return poses_by_source(MessageDecoder(budget, field).poses(messages))
 
 
 def _peek_channels(part: str, summary: Summary, missing: Mapping[int, Channel]) -> list[RawMessage]:
     """The prefixes of some channels, from the chunks that have their messages; each chunk is read once."""
     prefixes = {channel: list[RawMessage]() for channel in missing.values()}
-    sizes, budget = Counter[Channel](), WorkBudget()
-    budget.bytes_read += sum(chunk.chunk_length for chunk in summary.chunk_indexes)
+    sizes = Counter[Channel]()
+    budget = WorkBudget(sum(chunk.chunk_length for chunk in summary.chunk_indexes))
 
     def is_full(channel: Channel) -> bool:
         """Whether the first messages of a channel are enough: one second of log time, or many."""
@@ -336,14 +334,6 @@ def _fields_in(path: str, channels: Iterable[Channel], table: TableReading) -> s
     lacks = "" if asked is None else f"no messages have poses in the field {asked}; "
     where = f"{channel.topic} ({channel.type})"[:_TEXT_SHOWN]
     return f"{lacks}the messages of {where} have poses in the field {field}: read them by {command}{more}"
-
-
-def _undecoded(topics: Iterable[str]) -> str:
-    """The message on topics without decodable poses."""
-    return (
-        f"no pose on {_listing(topics)} can be read: messages are empty, or not what their definition in the "
-        "file says, or it cannot be used"
-    )
 
 
 def _reasons(channels: Sequence[Channel]) -> str:

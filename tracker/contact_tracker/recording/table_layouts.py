@@ -226,12 +226,8 @@ def bodies_of(
     found : indices of columns by body and role.
     columns : name and unit of each column, the unit empty where unknown; ``unit`` is that of positions then.
 
-    Raises
-    ------
-    OpenReading
-        What the rotation of a body is, or the unit of its angles, is not known.
-    UnreadableRecording
-        A unit is unknown, or those of x, y and z differ.
+    Raises OpenReading if it is not known what the rotation of a body is, or the unit of its angles, and
+    UnreadableRecording if a unit is unknown, or the units of x, y and z differ.
     """
     bodies, open_names = list[Body](), list[str]()
     for name, places in found.items():

@@ -111,13 +111,8 @@ def layout_of_names(
     """The layout of a table with named columns, whose ``units`` may be in a row of their own. The first
     ``rows`` say which angles may be in degrees.
 
-    Raises
-    ------
-    UnreadableRecording
-        There are no columns of poses, or it is not known how they are meant; the message has the command
-        that reads them where there is one.
-    ChoiceError
-        A column that the reading names is not there.
+    Raises UnreadableRecording, with the command that reads the columns where there is one, if none have poses
+    or it is not known how they are meant; and ChoiceError if a column that the reading names is not there.
     """
     if len(names) > MOST_COLUMNS:
         raise UnreadableRecording(f"its {len(names)} columns are too many: needed are {NEEDED}")
@@ -233,7 +228,10 @@ def _proposal(columns: Columns, reading: TableReading, path: str, rows: Rows) ->
     lower = {*map(str.lower, columns.names), *columns.plain}
     for (system, names, meant), prefix in product(KNOWN, _prefixes(lower)):
         if lower.issuperset(prefix + name for name in names):
-            own = tuple((role, _as_written(prefix + name, columns)) for role, name in meant.columns)
+            written = {name.lower(): name for name in reversed(columns.names)}
+            own = tuple(
+                (role, written.get(f"{prefix}{name}".lower(), prefix + name)) for role, name in meant.columns
+            )
             one = replace(meant, columns=own).with_(reading)
             if not _fault(columns, one):
                 return f"if its columns are those of {system}, read them by {one.command(path)}{about_rate}"
@@ -274,11 +272,6 @@ def _prefixes(names: Collection[str]) -> list[str]:
     """What may stand before the names of a system, as ``rist_`` or ``tool.``; none first."""
     found = (_PREFIX.match(name) for name in sorted(names))
     return ["", *dict.fromkeys(match[0] for match in islice(filter(None, found), _MOST_GROUPS))]
-
-
-def _as_written(name: str, columns: Columns) -> str:
-    """A name as the table has it, whatever the case."""
-    return next((own for own in columns.names if own.lower() == name.lower()), name)
 
 
 def _meant(columns: Columns, base: str, rows: Rows) -> tuple[str, TableReading]:

@@ -18,7 +18,7 @@ from contact_tracker.config.quantities import RANGE_NS, TIME_WORDS, TIMES_NS
 from contact_tracker.config.table_reading import AS_NAMED, DAY, TICK, TIME_UNITS_NS, TableReading
 from contact_tracker.errors import ChoiceError, UnreadableRecording, printable
 from contact_tracker.motion.poses import Poses, ReadAs
-from contact_tracker.recording.bytestream import TABLE_ENDINGS, WHAT_IS_READ, WorkBudget, is_text
+from contact_tracker.recording.bytestream import TABLE_ENDINGS, WHAT_IS_READ, WorkBudget, first_bytes, is_text
 from contact_tracker.recording.items import ROWS, Channel, PoseSource, Rows
 from contact_tracker.recording.table_layouts import (
     NO_FRAMES,
@@ -137,10 +137,7 @@ class TableTimes:
     reading : its time unit is used, else that of the layout; without either the unit is guessed.
     assume : called with one line on an assumption.
 
-    Raises
-    ------
-    ChoiceError
-        The layout says the unit of its times.
+    Raises ChoiceError if both the reading and the layout say the unit of the times.
     """
 
     def __init__(
@@ -164,12 +161,8 @@ class TableTimes:
         """Stamps (N,) of times as text, and of the nanoseconds of their seconds if these have a column;
         ``NEVER`` for other text.
 
-        Raises
-        ------
-        ChoiceError
-            The user gives a unit, but they are dates; or the order of days and months is not known.
-        UnreadableRecording
-            They are ticks since another year than 1970.
+        Raises ChoiceError if the user gives a unit for dates, or the order of days and months is not known;
+        UnreadableRecording if times are ticks since another year than 1970.
         """
         floats = numbers(times)
         known, stamps = np.isfinite(floats), np.full(len(times), NEVER)
@@ -296,7 +289,6 @@ _BINARY: Final[Sequence[tuple[str, re.Pattern[bytes], str]]] = (
 )
 """Kinds of tables, by the first bytes and the end of the name; MATLAB 4 has a number first."""
 _LONGEST_TIME: Final = 40
-_BEGIN: Final = 4096
 _RECORDINGS: Final = (".mcap", ".mcap.zst", ".mcap.zstd")
 Columns = Mapping[int, Sequence[str] | NDArray[np.float64]]
 """Values by the index of their column, numbers perhaps as text."""
@@ -370,7 +362,7 @@ def is_table(path: str, begin: bytes) -> bool:
 
 def has_poses(path: str) -> bool:
     """Whether a file is a table with the columns of poses."""
-    begin = _begin(path)
+    begin = first_bytes(path)
     try:
         return is_table(path, begin) and bool(_opened(path, AS_NAMED, WorkBudget()))
     except (UnreadableRecording, ChoiceError):
@@ -395,17 +387,13 @@ def read_table(
     assume : called with one line on each assumption.
     reading : what the user says of its columns.
 
-    Raises
-    ------
-    UnreadableRecording
-        It has no pose columns, or it is not known how they are meant.
-    ChoiceError
-        The reading does not fit it.
+    Raises UnreadableRecording if it has no pose columns, or it is not known how they are meant, and
+    ChoiceError if the reading does not fit it.
     """
     try:
         table = _opened(path, reading, budget)
     except UnreadableRecording as error:
-        if path.lower().endswith(TABLE_ENDINGS) or _kind(path, _begin(path)):
+        if path.lower().endswith(TABLE_ENDINGS) or _kind(path, first_bytes(path)):
             raise
         raise UnreadableRecording(
             f"it is neither a recording nor a table of poses ({error}). What is read: {WHAT_IS_READ}"
@@ -437,14 +425,9 @@ def read_table(
         report(damage)
 
 
-def _begin(path: str) -> bytes:
-    with open(path, "rb") as file:
-        return file.read(_BEGIN)
-
-
 def _opened(path: str, reading: TableReading, budget: WorkBudget) -> "TextTable | ArrayTable | ParquetTable":
     budget.bytes_read += os.path.getsize(path)
-    begin = _begin(path)
+    begin = first_bytes(path)
     if not (kind := _kind(path, begin)):
         return TextTable(path, begin, reading)
     from contact_tracker.recording.binary_tables import TABLES

@@ -12,12 +12,12 @@ import json
 import os
 import re
 import shlex
-from collections import defaultdict
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
-from itertools import chain, count, islice, pairwise, repeat
+from itertools import chain, islice, pairwise, repeat
 from typing import IO, Any, Final
 
 from contact_tracker.config.quantities import ANGLE_UNITS, LENGTHS, LENGTHS_M, NAMED_NS
@@ -102,14 +102,8 @@ _UNITS: Final = frozenset({*LENGTHS_M, *ANGLE_UNITS, *NAMED_NS, "-", "1"})
 class TextTable:
     """A text table in columns, some rows after others; empty lines and comments are left out.
 
-    Iterate once; then ``damage`` says whether the last line is cut off inside a row, and left out.
-
-    Raises
-    ------
-    UnreadableRecording
-        It is no table of poses, or it is not known how its columns are meant.
-    ChoiceError
-        A column that the reading names is not there.
+    Iterate once; then ``damage`` says whether the last line is cut off inside a row, and left out. Raises
+    as ``layout_of_names``.
     """
 
     def __init__(self, path: str, begin: bytes, reading: TableReading) -> None:
@@ -504,7 +498,10 @@ def _layout_of_rows(
             break
         units = _units(following, separator)
         skip, values = i + 1 + bool(units), following[bool(units) :]
-        named = _distinct([name or f"{UNNAMED}{place}" for place, name in enumerate(names)])
+        named, times = list[str](), Counter[str]()
+        for name in (name or f"{UNNAMED}{place}" for place, name in enumerate(names)):
+            named.append(f"{name}.{times[name]}" if times[name] else name)  # x, x.1, as by pandas
+            times[name] += 1
         inner = _names_in_groups(named, values, separator)
         columns, cells, units = (inner, [], []) if inner else (named, values, units)
         try:
@@ -545,12 +542,6 @@ def _layout_of_rows(
         return replace(layout_without_names(table, reading, path), separator=separator, skip=rows[0])
     except UnreadableRecording as error:
         raise errors.get(-1, error) from None
-
-
-def _distinct(names: Sequence[str]) -> list[str]:
-    """The names, those that are there again with a number, as pandas reads them: ``x``, ``x.1``."""
-    times = defaultdict[str, Iterator[int]](count)
-    return [f"{name}.{i}" if (i := next(times[name])) else name for name in names]
 
 
 def _names_in_groups(names: Sequence[str], rows: Sequence[str], separator: str | None) -> list[str]:

@@ -105,7 +105,14 @@ def read_wrenches(
             else:
                 dropped += 1
     if not rows:
-        raise _nothing(path, topic, channels)
+        if (channel := channels.get(topic)) is None:
+            names = [name for name in sorted(channels) if canonical(channels[name].type) == WRENCH_TYPE]
+            listing = f"{', '.join(names[:8]) or 'none'}{suggestion(topic, names)}"
+            raise ChoiceError(f"{path}: no topic {topic}; of {WRENCH_TYPE} there is {listing}")
+        if canonical(channel.type) != WRENCH_TYPE or not is_readable(channel):
+            kind = channel.type or "of no type"
+            raise ChoiceError(f"{path}: {topic} is {kind}; only {WRENCH_TYPE} is read")
+        raise InputError(f"{path}: no message on {topic} can be used")
     frames, stamps, log_times, numbers = zip(*rows, strict=True)
     frame_id, *others = sorted({*frames})
     if others:
@@ -220,16 +227,3 @@ def _decoded(reading: Reading, message: RawMessage) -> tuple[str, int, tuple[flo
         return str(header.frame_id), stamp_ns, tuple(map(float, numbers))
     except (Undecodable, AttributeError, TypeError, ValueError):
         return "", 0, ()
-
-
-def _nothing(path: str, topic: str, channels: dict[str, Channel]) -> ChoiceError | InputError:
-    there = channels.get(topic)
-    if there is None:
-        names = [name for name, channel in sorted(channels.items()) if canonical(channel.type) == WRENCH_TYPE]
-        return ChoiceError(
-            f"{path}: no topic {topic}; of {WRENCH_TYPE} there is {', '.join(names[:8]) or 'none'}"
-            f"{suggestion(topic, names)}"
-        )
-    if canonical(there.type) != WRENCH_TYPE or not is_readable(there):
-        return ChoiceError(f"{path}: {topic} is {there.type or 'of no type'}; only {WRENCH_TYPE} is read")
-    return InputError(f"{path}: no message on {topic} can be used")
