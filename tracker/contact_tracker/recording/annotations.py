@@ -29,14 +29,13 @@ TRUTH_TYPE: Final = "std_msgs/msg/String"
 
 
 def read_truth(path: str) -> Truth | None:
-    """The ground truth of a recording: attachment ``truth.json``, else messages on ``/contact/truth``.
-
-    Of a damaged recording, the readable part. None for standard input or a FIFO, which can be read only once.
+    """The ground truth of a recording: attachment ``truth.json``, else messages on ``/contact/truth``; if it is
+    damaged, the readable part. None for standard input or a FIFO, which can be read only once.
 
     Raises
     ------
     UnreadableRecording
-        No such file, or not MCAP.
+        There is no such file, or it is no recording.
     NoTruth
         The truth is not in the documented form.
     """
@@ -46,7 +45,19 @@ def read_truth(path: str) -> Truth | None:
     attached = [i.data for i in stored if isinstance(i, Attachment) and i.name == TRUTH_ATTACHMENT]
     if attached:
         return Truth(tuple(i for text in attached for i in Truth.from_json(text).intervals))
-    return _from_messages(path)
+    summaries = [summary_of(part) for part in parts_of(path)]
+    if not any(s is None or any(c.topic == TRUTH_TOPIC for c in s.channels.values()) for s in summaries):
+        return None
+    changes, end_ns, reading = list[tuple[int, str]](), 0, Reading(path, lambda channel: True)
+    for message in (item for item in reading if isinstance(item, RawMessage)):
+        end_ns = max(end_ns, message.log_time_ns)
+        if (message.channel.topic, message.channel.type) == (TRUTH_TOPIC, TRUTH_TYPE):
+            try:
+                changes.append((message.log_time_ns, str(reading.decoder.decode(message).data)))
+            except (Undecodable, AttributeError) as error:
+                raise NoTruth(f"a truth message cannot be decoded: {error}") from error
+    stamps, labels = zip(*sorted(changes), strict=True) if changes else ((), ())
+    return Truth.from_changes(stamps, labels, end_ns) if changes else None
 
 
 def need_truth(
@@ -73,13 +84,8 @@ def need_truth(
 
 
 def read_metadata(path: str) -> dict[str, dict[str, str]]:
-    """The metadata records by name, the last of each name. Empty for a stream.
-
-    Raises
-    ------
-    UnreadableRecording
-        No such file, or not MCAP.
-    """
+    """The metadata records by name, the last of each name; empty for a stream. Raises UnreadableRecording if
+    there is no such file, or it is no recording."""
     if not _is_rereadable(path) or is_table_file(path):
         return {}
     return {item.name: item.metadata for item in _stored(path) if isinstance(item, Metadata)}
@@ -92,22 +98,6 @@ def _is_rereadable(path: str) -> bool:
 def _stored(path: str) -> list[Attachment | Metadata]:
     """The attachments and the metadata; messages are skipped unread."""
     return [item for item in Reading(path, None) if isinstance(item, Attachment | Metadata)]
-
-
-def _from_messages(path: str) -> Truth | None:
-    summaries = [summary_of(part) for part in parts_of(path)]
-    if not any(s is None or any(c.topic == TRUTH_TOPIC for c in s.channels.values()) for s in summaries):
-        return None
-    changes, end_ns, reading = list[tuple[int, str]](), 0, Reading(path, lambda channel: True)
-    for item in (one for one in reading if isinstance(one, RawMessage)):
-        end_ns = max(end_ns, item.log_time_ns)
-        if (item.channel.topic, item.channel.type) == (TRUTH_TOPIC, TRUTH_TYPE):
-            try:
-                changes.append((item.log_time_ns, str(reading.decoder.decode(item).data)))
-            except (Undecodable, AttributeError) as error:
-                raise NoTruth(f"a truth message cannot be decoded: {error}") from error
-    stamps, labels = zip(*sorted(changes), strict=True) if changes else ((), ())
-    return Truth.from_changes(stamps, labels, end_ns) if changes else None
 
 
 _START: Final = ("start", "begin", "begin_time", "start_time", "onset", "from", "tmin")

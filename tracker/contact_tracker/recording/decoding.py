@@ -212,8 +212,6 @@ _RECORDS_PER_DEFINITION: Final = 64
 """Records whose work a definition takes, whatever its length."""
 _DEFINITION_BYTES_PER_RECORD: Final = 8
 """Bytes of a definition that count as the work of one record more."""
-_ELEMENTS_PER_RECORD: Final = 16
-"""Elements of an array in a message that count as the work of one record."""
 _INFLATED_PER_RECORD: Final = 2**17
 """Decompressed bytes of a message that count as the work of one record, whether it is decoded or not."""
 _ENCAPSULATION: Final = 4
@@ -372,13 +370,12 @@ class MessageDecoder:
                 if path is None:
                     continue
                 try:
-                    found = None if layout is None else layout.read(item.data, item.log_time_ns)
-                    found = self._observe(item, path) if found is None else found
-                    self._spend(item, SHARE_OF_RECORD * (len(found) - 1))
+                    poses = None if layout is None else layout.read(item.data, item.log_time_ns)
+                    poses = self._observe(item, path) if poses is None else poses
+                    self._spend(item, SHARE_OF_RECORD * (len(poses) - 1))
+                    yield poses
                 except Undecodable:
                     yield (None,)
-                else:
-                    yield found
 
     def _observe(self, message: RawMessage, path: str) -> list[LoggedPose]:
         """The poses at a path in a message, by the library's decoder."""
@@ -459,7 +456,7 @@ def _decoder_of(channel: Channel) -> _Decoder:
                 return _cdr(definition)._replace(why=lacks)
             case "ros1":
                 definition = parse_definition(channel.schema.decode(), channel.type)
-                return _Decoder(ros1_decoder(definition), bytes_per_record=_bytes_per_record(definition))
+                return _Decoder(ros1_decoder(definition), bytes_per_record=definition.bytes_per_record)
             case "json":
                 return _Decoder(partial(json.loads, object_hook=lambda values: SimpleNamespace(**values)))
             case "protobuf":
@@ -475,8 +472,4 @@ def _cdr(definition: Definition) -> _Decoder:
         decode = DecoderFactory().decoder_for("cdr", schema)
     known = known_definition(definition.type)
     is_known = known is not None and known.fields == definition.fields
-    return _Decoder(decode, is_known, None, _bytes_per_record(definition))
-
-
-def _bytes_per_record(definition: Definition) -> int:
-    return min(BYTES_PER_RECORD, _ELEMENTS_PER_RECORD * definition.element_bytes)
+    return _Decoder(decode, is_known, None, definition.bytes_per_record)

@@ -15,12 +15,15 @@ from itertools import groupby
 from types import SimpleNamespace
 from typing import Any, Final, NamedTuple
 
+from contact_tracker.recording.bytestream import BYTES_PER_RECORD
+
 LONGEST_DEFINITION: Final = 2**17
 """Longest definition that is used (bytes)."""
 _DEEPEST: Final = 50
 """Most nested levels that are used."""
 _MOST_FIELDS: Final = 1000
 """Most fields of a message and of all types in it: libraries compare the names of fields with each other."""
+_ELEMENTS_PER_RECORD: Final = 16
 _RULE: Final = re.compile(r"=+\s*")
 _NAME: Final = re.compile(r"\s*MSG:\s*([A-Za-z][\w/]*)\s*", re.ASCII)
 _FIELD: Final = re.compile(
@@ -90,13 +93,14 @@ class Definition(NamedTuple):
     type : of the message, as ``package/Name``.
     fields : of each type, the message itself first.
     is_complete : whether the file defines all of these types; the known definition of others is used.
-    element_bytes : least size of the elements of arrays that are no numbers or texts.
+    bytes_per_record : bytes of a message that count as the work of one record: 16 elements of an array, if
+        these are no numbers or texts.
     """
 
     type: str
     fields: Mapping[str, Sequence[Field]]
     is_complete: bool
-    element_bytes: int
+    bytes_per_record: int
 
     @property
     def ros2msg(self) -> str:
@@ -151,7 +155,8 @@ def parse_definition(text: str, type_name: str) -> Definition:
         raise ValueError("the definition is too deep")
     arrays = {kind for own in fields.values() for kind, _, length in own if length is not None}
     element_bytes = min((sizes[kind] for kind in arrays - PRIMITIVES.keys()), default=sizes[message])
-    return Definition(message, fields, is_complete, element_bytes)
+    bytes_per_record = min(BYTES_PER_RECORD, _ELEMENTS_PER_RECORD * element_bytes)
+    return Definition(message, fields, is_complete, bytes_per_record)
 
 
 @cache

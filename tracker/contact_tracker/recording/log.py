@@ -82,10 +82,7 @@ class PoseLog:
     damage : one line if most poses were dropped, or the recording is truncated or damaged; final after
         iteration.
 
-    Raises
-    ------
-    AmbiguousSource
-        While iterating, if another matching source appears, unless such poses are counted.
+    Iteration raises AmbiguousSource if another matching source appears, unless its poses are counted.
     """
 
     def __init__(
@@ -220,10 +217,10 @@ class PoseLog:
                 return
 
     def _admitted(self) -> Iterator[Poses]:
-        own, many, stamping = self._own(), min(_FEW, BATCH), self._assigned
-        while some := list(islice(own, many)):
-            many = BATCH
-            yield stamping.admitted(self.gate, some)
+        poses, count, stamping = self._own(), min(_FEW, BATCH), self._assigned
+        while logged := list(islice(poses, count)):
+            count = BATCH
+            yield stamping.admitted(self.gate, logged)
         yield Poses.collect(self.gate.finish())
 
     def _cut(self, stamp_ns: Sequence[int] | NDArray[np.int64]) -> tuple[slice, bool]:
@@ -343,13 +340,8 @@ def open_log(
 
 
 def list_sources(path: str, table: TableReading = AS_NAMED) -> list[PoseSource]:
-    """The pose sources of a recording, found as by ``open_log``; of ``-`` this consumes the start.
-
-    Raises
-    ------
-    UnreadableRecording
-        No such file, or not MCAP.
-    """
+    """The pose sources of a recording, found as by ``open_log``, which for ``-`` consumes its start; raises
+    UnreadableRecording if there is no such file, or it is no recording."""
     wanted = ChannelFilter(None, table)
     try:
         known = peek(path, wanted, table.field)
@@ -516,13 +508,8 @@ class RecordingSummary:
 
 
 def summarise(path: str, table: TableReading = AS_NAMED) -> RecordingSummary:
-    """Read a whole recording once, in bounded memory; ``table`` is that of ``open_log``.
-
-    Raises
-    ------
-    UnreadableRecording
-        No such file, or not MCAP.
-    """
+    """Read a whole recording once, in bounded memory; ``table`` is that of ``open_log``. Raises
+    UnreadableRecording if there is no such file, or it is no recording."""
     topics, attachments = Counter[tuple[str, str, str]](), list[str]()
     metadata: dict[str, Mapping[str, str]] = {}
 

@@ -46,12 +46,7 @@ def parts_of(path: str) -> list[str]:
     ``metadata.yaml`` of a folder stands for the folder.
 
     Parts are ordered by name with numbers as numbers; uncompressed parts are preferred to compressed copies,
-    .mcap to .db3.
-
-    Raises
-    ------
-    UnreadableRecording
-        There is no such file, or the folder has no part.
+    .mcap to .db3. Raises UnreadableRecording if there is no such file, or the folder has no part.
     """
     path = recording_of(path)
     if path == STDIN or not os.path.isdir(path):
@@ -146,14 +141,9 @@ class Reading:
     is_table : whether it is a table, which has poses and nothing else.
     decoder : of the messages, with the work that the bytes read explain.
 
-    Raises
-    ------
-    UnreadableRecording
-        No such file, or, while iterating, nothing of it is MCAP.
-    ChoiceError
-        The file cannot be followed, or ``table`` does not fit.
-    AmbiguousSource
-        A folder of separate recordings, whose messages are read.
+    Raises UnreadableRecording if there is no such file, or, while iterating, no part can be read; ChoiceError
+    if the file cannot be followed, or ``table`` does not fit; AmbiguousSource if messages of a folder of
+    separate recordings are wanted.
     """
 
     def __init__(

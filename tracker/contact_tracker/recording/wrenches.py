@@ -1,6 +1,5 @@
 """Wrenches on the object, from messages of geometry_msgs/msg/WrenchStamped, and what they say."""
 
-from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from heapq import merge
@@ -163,16 +162,26 @@ def _about_body(
                 "or transform the wrenches first"
             )
         return found, f"in the frame {frame_id}, which no transform names: taken as the object's", 0
-    frame_poses, counts = _frame_poses(path, steps, known, found.stamp_ns, logged_ns)
-    start, topics = body if in_object else parent, ", ".join(sorted({step.source.topic for step in steps}))
+    wrench, topics = PoseSource("", _WRENCH, "", _WRENCH), {step.source.topic for step in steps}
+    reading = Reading(path, lambda channel: channel.topic in topics and is_readable(channel))
+    all_steps, assumed = (*steps, Step(wrench, False)), reading.decoder.assumed
+    composer = Composer(all_steps, wrench, assumed, BATCH, known)
+    origin, order = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)), logged_ns.argsort(kind="stable")
+    times_ns = zip(found.stamp_ns[order].tolist(), logged_ns[order].tolist(), strict=True)
+    wrenches = ((wrench, Pose(stamp_ns, *origin), log_time_ns) for stamp_ns, log_time_ns in times_ns)
+    transforms = filter(None, reading.decoder.poses(reading))
+    merged: Iterator[LoggedPose] = merge(wrenches, transforms, key=lambda logged: logged[2])
+    frame_poses = Poses.collect(logged[1] for logged in composer.compose(merged) if logged is not None)
+    frame_poses = frame_poses[frame_poses.stamp_ns.argsort(kind="stable")]  # by stamp, not by log time
+    start, names = body if in_object else parent, ", ".join(sorted(topics))
     if not len(frame_poses):
         raise InputError(
             f"{path}: {topic} is in the frame {frame_id}, whose pose in {start} is not known at the time of "
-            f"any wrench: are the stamps on {topic} and {topics} of one clock?"
+            f"any wrench: are the stamps on {topic} and {names} of one clock?"
         )
     placed = about_parent(found.at(found.stamp_ns.searchsorted(frame_poses.stamp_ns)), frame_poses)
-    taken = f"in the frame {frame_id}, whose pose in {start} is on {topics}"
-    return placed if in_object else about_body(placed, poses), taken, counts["bad_parent"]
+    taken = f"in the frame {frame_id}, whose pose in {start} is on {names}"
+    return placed if in_object else about_body(placed, poses), taken, composer.counts["bad_parent"]
 
 
 def _chain(
@@ -191,30 +200,6 @@ def _chain(
             chains.append((sum(not is_static(step.source) for step in along), in_object, along))
     _, in_object, shortest = min(chains, key=lambda one: one[:2], default=(0, False, ()))
     return shortest, in_object, frame_id in tree
-
-
-def _frame_poses(
-    path: str,
-    steps: Chain,
-    known: Mapping[PoseSource, list[Logged]],
-    stamp_ns: NDArray[np.int64],
-    logged_ns: NDArray[np.int64],
-) -> tuple[Poses, Counter[str]]:
-    """Poses of the frame that a chain leads to, at the stamps (N,) of wrenches at which they are known; and
-    what was counted."""
-    wrench = PoseSource("", _WRENCH, "", _WRENCH)
-    topics = {step.source.topic for step in steps}
-    reading = Reading(path, lambda channel: channel.topic in topics and is_readable(channel))
-    all_steps, assumed = (*steps, Step(wrench, False)), reading.decoder.assumed
-    composer = Composer(all_steps, wrench, assumed, BATCH, known)
-    origin = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
-    order = logged_ns.argsort(kind="stable")  # stamps may be in another order
-    stamps_ns, times_ns = stamp_ns[order].tolist(), logged_ns[order].tolist()
-    wrenches = ((wrench, Pose(at_ns, *origin), ns) for at_ns, ns in zip(stamps_ns, times_ns, strict=True))
-    transforms = (one for one in reading.decoder.poses(reading) if one is not None)
-    merged: Iterator[LoggedPose] = merge(wrenches, transforms, key=lambda one: one[2])
-    poses = Poses.collect(one[1] for one in composer.compose(merged) if one is not None)
-    return poses[poses.stamp_ns.argsort(kind="stable")], composer.counts
 
 
 def _decoded(reading: Reading, message: RawMessage) -> tuple[str, int, tuple[float, ...]]:
