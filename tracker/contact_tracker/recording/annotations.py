@@ -29,8 +29,8 @@ TRUTH_TYPE: Final = "std_msgs/msg/String"
 
 
 def read_truth(path: str) -> Truth | None:
-    """The ground truth of a recording: attachment ``truth.json``, else messages on ``/contact/truth``; if it is
-    damaged, the readable part. None for standard input or a FIFO, which can be read only once.
+    """The ground truth of a recording: attachment ``truth.json``, else messages on ``/contact/truth``; if the
+    recording is damaged, the readable part. None for standard input or a FIFO, which can be read only once.
 
     Raises
     ------
@@ -155,15 +155,15 @@ def read_labels(
     for (_, before_ns, before), (start_ns, _, after) in pairwise(rows):
         if start_ns < before_ns:
             raise NoTruth(f"{path}: {before} and {after} overlap at {start_ns * 1e-9:.9g} s")
-    found = {
+    states_by_name = {
         name: _meaning(path, name, meanings or {}) for name in dict.fromkeys(name for _, _, name in rows)
     }
-    unused = [name for name in meanings or {} if name not in found]
+    unused = [name for name in meanings or {} if name not in states_by_name]
     if unused:
-        raise ChoiceError(f"{path}: no label {printable(unused[0])}{suggestion(unused[0], found)}")
+        raise ChoiceError(f"{path}: no label {printable(unused[0])}{suggestion(unused[0], states_by_name)}")
     intervals = list[TruthInterval]()
     for start_ns, end_ns, name in rows:
-        states = found[name]
+        states = states_by_name[name]
         contact = states[0] if len(states) == 1 else None
         coarse = CoarseLabel(name, states) if len(states) > 1 else None
         span = start_ns + offset_ns, end_ns + offset_ns - 1
@@ -172,30 +172,30 @@ def read_labels(
     return Truth(tuple(intervals)), f"{path}: the times of its {len(rows)} labels are taken {how}"
 
 
-def meanings_of(given: Sequence[str]) -> dict[str, str]:
+def meanings_of(texts: Sequence[str]) -> dict[str, str]:
     """The states by label of texts such as ``touch=any``; raises ChoiceError."""
-    found = dict[str, str]()
-    for text in given:
+    meanings = dict[str, str]()
+    for text in texts:
         label, equals, states = text.rpartition("=")
         if not equals or not label.strip():
             raise ChoiceError(f"a label means states as in touch=any, not {text!r}")
-        found[label.strip()] = states.strip()
-    return found
+        meanings[label.strip()] = states.strip()
+    return meanings
 
 
 def _meaning(path: str, name: str, meanings: Mapping[str, str]) -> tuple[Contact, ...]:
     """The states of which a label is one; none of it is not scored."""
-    meant = meanings.get(name, name)
-    if meant == UNSCORED:
+    stated = meanings.get(name, name)
+    if stated == UNSCORED:
         return ()
-    if meant == ANY:
+    if stated == ANY:
         return CONTACTS
     try:
-        return tuple(dict.fromkeys(Contact(part.strip()) for part in meant.split("|")))
+        return tuple(dict.fromkeys(Contact(part.strip()) for part in stated.split("|")))
     except ValueError:
-        shown = printable(name)
+        label = printable(name)
         raise ChoiceError(
-            f"{path}: the label {shown!r} is no state: say which it is, as in --map '{shown}=any': "
+            f"{path}: the label {label!r} is no state: say which it is, as in --map '{label}=any': "
             f"{', '.join(Contact)}, several as f-f|e-f, {ANY} of the six, or {UNSCORED} if it is not scored"
         ) from None
 
@@ -217,7 +217,7 @@ def _rows_of_file(path: str) -> Iterator[_Row]:
 
 def _rows_of_table(path: str, table: Table) -> Iterator[_Row]:
     names, *rows = table
-    columns = list(filter(None, (_column(names, wanted) for wanted in (_START, _END, _LABEL))))
+    columns = list(filter(None, (_column(names, choices) for choices in (_START, _END, _LABEL))))
     if len(columns) < 3:
         needed = f"{path}: its columns are {', '.join(names[:12])}: needed are start, end and contact"
         has_names = not any(name.strip(" .-").isdecimal() for name in names)
@@ -230,13 +230,13 @@ def _rows_of_table(path: str, table: Table) -> Iterator[_Row]:
         yield _row(path, row[start], start_ns, row[end], end_ns, row[label])
 
 
-def _column(names: Sequence[str], wanted: Sequence[str]) -> tuple[int, int] | None:
+def _column(names: Sequence[str], choices: Sequence[str]) -> tuple[int, int] | None:
     """The index of the column of one of the wanted names, and its unit in nanoseconds."""
     for place, name in enumerate(names):
         plain = name.strip().lower()
         unit = _UNIT.fullmatch(plain)
         stem = (plain if unit is None else unit[1]).replace(" ", "_")
-        if stem in wanted:
+        if stem in choices:
             return place, NAMED_NS.get((unit[2] or unit[3]) if unit is not None else "s", NAMED_NS["s"])
     return None
 

@@ -146,9 +146,9 @@ def _variable(data: memoryview, order: str, path: str, budget: WorkBudget, depth
     """The arrays of numbers in a variable, those in a struct as ``path.name``."""
     budget.spend(1)
     elements = _elements(data, order)
-    if depth > _DEEPEST or (first := next(elements, None)) is None:
+    if depth > _DEEPEST or (head := next(elements, None)) is None:
         return
-    (flags,) = struct.unpack_from(f"{order}I", first[1])
+    (flags,) = struct.unpack_from(f"{order}I", head[1])
     shape = tuple(np.frombuffer(next(elements)[1], f"{order}i4").tolist())
     name, kind, count = bytes(next(elements)[1]).decode("latin-1"), flags & 0xFF, math.prod(shape)
     path = path or name

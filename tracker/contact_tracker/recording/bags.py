@@ -62,14 +62,14 @@ _Chunk = tuple[_Header, int, int]
 
 
 def read_bag(
-    path: str, wanted: Callable[[Channel], bool], report: Callable[[str], None], budget: WorkBudget
+    path: str, is_wanted: Callable[[Channel], bool], report: Callable[[str], None], budget: WorkBudget
 ) -> Iterator[Item]:
     """The messages of a ``.bag`` or a ``.db3`` file by log time; of a ``.bag`` file without an index in the
     order of its chunks.
 
     Parameters
     ----------
-    wanted : messages of other channels are skipped unread.
+    is_wanted : messages of other channels are skipped unread.
     report : called with one line for each part that cannot be read.
     budget : bounds the decompressed size and the work.
 
@@ -77,11 +77,11 @@ def read_bag(
     """
     with open_stream(path, budget=budget) as stream:
         if (begin := stream.read(len(BAG_MAGIC))).startswith(b"SQLite"):
-            yield from _read_sqlite(path, wanted, report, budget)
+            yield from _read_sqlite(path, is_wanted, report, budget)
             return
         if begin != BAG_MAGIC:
             raise UnreadableRecording("it is not a bag of version 2.0: convert it with rosbag fix")
-        bag = _Bag(stream, wanted, report)
+        bag = _Bag(stream, is_wanted, report)
         chunks, begins_ns = bag.find_chunks()
         if all(chunk in begins_ns for chunk in chunks):
             ordered = sorted((begins_ns[place], place) for place in chunks)
@@ -94,9 +94,9 @@ def read_bag(
 
 class _Bag:
     def __init__(
-        self, stream: ByteStream, wanted: Callable[[Channel], bool], report: Callable[[str], None]
+        self, stream: ByteStream, is_wanted: Callable[[Channel], bool], report: Callable[[str], None]
     ) -> None:
-        self._stream, self._wanted, self._report = stream, wanted, report
+        self._stream, self._wanted, self._report = stream, is_wanted, report
         self._channels: dict[int, Channel | None] = {}
         try:
             head, size = self._next_head()
@@ -137,7 +137,7 @@ class _Bag:
 
     def messages_in(self, chunk: _Chunk) -> list[RawMessage]:
         """The messages of a chunk by log time, up to any damage."""
-        found = list[RawMessage]()
+        messages = list[RawMessage]()
         try:
             data, at = self._inflated(chunk), 0
             while at < len(data):
@@ -150,10 +150,10 @@ class _Bag:
                 elif header.number(b"op") == _MESSAGE:
                     channel = self._channels.get(header.number(b"conn"))
                     if channel is not None:
-                        found.append(RawMessage(channel, header.time_ns(b"time"), data[begin:at]))
+                        messages.append(RawMessage(channel, header.time_ns(b"time"), data[begin:at]))
         except PARSE_ERRORS as error:
             self._report(f"unreadable chunk at byte {chunk[1]} ({first_line(error)})")
-        return sorted(found, key=lambda message: message.log_time_ns)
+        return sorted(messages, key=lambda message: message.log_time_ns)
 
     def _note_connection(self, header: _Header, data: bytes) -> None:
         number, about = header.number(b"conn"), _Header(data)
@@ -172,16 +172,16 @@ class _Bag:
     def _next_head(self) -> tuple[_Header, int]:
         """The header of the next record and the size of its data; raises EOFError at the end of the file,
         with a message if it is truncated."""
-        first = self._stream.read(_LENGTH.size)
-        if not first:
+        header_length = self._stream.read(_LENGTH.size)
+        if not header_length:
             raise EOFError
-        size = _LENGTH.unpack(first)[0] if len(first) == _LENGTH.size else RECORD_LIMIT
+        size = _LENGTH.unpack(header_length)[0] if len(header_length) == _LENGTH.size else RECORD_LIMIT
         header = self._stream.read(size) if size < RECORD_LIMIT else b""
-        last = self._stream.read(_LENGTH.size)
-        if len(header) != size or len(last) != _LENGTH.size:
+        data_length = self._stream.read(_LENGTH.size)
+        if len(header) != size or len(data_length) != _LENGTH.size:
             raise EOFError("it is cut off")
         self._stream.budget.spend(1 + size // BYTES_PER_RECORD)
-        return _Header(header), _LENGTH.unpack(last)[0]
+        return _Header(header), _LENGTH.unpack(data_length)[0]
 
 
 def _part(data: bytes, at: int) -> tuple[int, int]:
@@ -204,7 +204,7 @@ _MOST_NAMED: Final = 500
 
 
 def _read_sqlite(
-    path: str, wanted: Callable[[Channel], bool], report: Callable[[str], None], budget: WorkBudget
+    path: str, is_wanted: Callable[[Channel], bool], report: Callable[[str], None], budget: WorkBudget
 ) -> Iterator[RawMessage]:
     """The messages of a ``.db3`` file, as ``read_bag``."""
     size = os.path.getsize(path)
@@ -215,7 +215,7 @@ def _read_sqlite(
     try:
         with closing(_opened(path, size)) as file:
             topics = _channels(file, report)
-            chosen = {number: channel for number, channel in topics.items() if wanted(channel)}
+            chosen = {number: channel for number, channel in topics.items() if is_wanted(channel)}
             yield from _messages(file, chosen, budget, size)
     except (sqlite3.Error, TooMuchWork, UnicodeDecodeError) as error:
         # A message of SQLite may quote bytes that are no text.
@@ -234,8 +234,8 @@ def _opened(path: str, size: int) -> sqlite3.Connection:
     file.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, RECORD_LIMIT)
     for pragma in ("trusted_schema = off", "cell_size_check = on", "mmap_size = 0"):
         file.execute(f"pragma {pragma}")
-    left = count((_LEAST_STEPS + _STEPS_PER_BYTE * size) // _STEPS, -1)
-    file.set_progress_handler(lambda: next(left) <= 0, _STEPS)
+    checks = count((_LEAST_STEPS + _STEPS_PER_BYTE * size) // _STEPS, -1)
+    file.set_progress_handler(lambda: next(checks) <= 0, _STEPS)
 
     kinds = dict(file.execute("select name, type from sqlite_master").fetchall())
     for name in _TABLES & kinds.keys():
@@ -260,7 +260,7 @@ def _channels(file: sqlite3.Connection, report: Callable[[str], None]) -> Mappin
             definitions[str(kind)] = str(definition[0]), str(definition[1])
     channels, unreadable = dict[int, Channel](), 0
     for number, *about in file.execute("select id, name, type, serialization_format from topics"):
-        if not all(isinstance(one, str) for one in about):
+        if not all(isinstance(value, str) for value in about):
             unreadable += 1
             continue
         topic, kind, encoding = about
@@ -290,9 +290,9 @@ def _messages(
         channel = channels.get(number)
         if channel is None or not isinstance(log_time_ns, int):
             continue
-        found = fetch.execute("select data from messages where rowid = ?", [row]).fetchone()
-        if found is not None and isinstance(found[0], bytes):
-            size -= len(found[0])
+        record = fetch.execute("select data from messages where rowid = ?", [row]).fetchone()
+        if record is not None and isinstance(record[0], bytes):
+            size -= len(record[0])
             if size < 0:
                 raise TooMuchWork("its messages are longer than the file")
-            yield RawMessage(channel, max(log_time_ns, 0), found[0])
+            yield RawMessage(channel, max(log_time_ns, 0), record[0])

@@ -65,9 +65,9 @@ class ParquetTable:
         try:
             self._file = _OPENED[kind](path)
             leaves = list[_Leaf]()
-            for one in self._file.schema_arrow:
-                first = self._first_of(one.name, budget) if types.is_nested(one.type) else None
-                leaves += _leaves(one.name, (one.name,), one.type, first)
+            for field in self._file.schema_arrow:
+                example = self._first_of(field.name, budget) if types.is_nested(field.type) else None
+                leaves += _leaves(field.name, (field.name,), field.type, example)
         except _PARQUET_ERRORS as error:
             raise UnreadableRecording(
                 f"it cannot be read as a table: {first_line(error)[:_LONGEST_LINE]}"
@@ -98,30 +98,30 @@ class ParquetTable:
 
     def _values(self, batch: Any, done: int) -> dict[int, Any]:
         """Times as text, and numbers, of a batch after ``done`` rows; rows without any are left out."""
-        found, time = dict[int, Any](), self.layout.time
+        columns, time = dict[int, Any](), self.layout.time
         for place, (_, path, _) in self._chosen.items():
             column = _single(batch.column(str(path[0])), path[1:])
-            found[place] = _texts(column) if place in (time, self.layout.rest) else _numbers(column)
+            columns[place] = _texts(column) if place in (time, self.layout.rest) else _numbers(column)
         if time < 0:
-            return {**found, time: [str(done + i) for i in range(len(batch))]}
-        numbers = [values for values in found.values() if isinstance(values, np.ndarray)]
-        is_row = np.array([bool(text) for text in found[time]]) | np.isfinite(numbers).any(axis=0)
+            return {**columns, time: [str(done + i) for i in range(len(batch))]}
+        numbers = [values for values in columns.values() if isinstance(values, np.ndarray)]
+        is_row = np.array([bool(text) for text in columns[time]]) | np.isfinite(numbers).any(axis=0)
         return {
             place: values[is_row] if isinstance(values, np.ndarray) else list(compress(values, is_row))
-            for place, values in found.items()
+            for place, values in columns.items()
         }
 
     def _first_rows(self, leaves: Sequence[_Leaf], budget: WorkBudget) -> list[list[str]]:
         """The numbers of the first rows as text, ``nan`` for others; none where they cannot be read."""
-        names = dict.fromkeys(str(own[0]) for _, own, kind in leaves if _is_number(kind))
+        names = dict.fromkeys(str(path[0]) for _, path, kind in leaves if _is_number(kind))
         try:
             self._file.check({*names}, 1, budget)
             batch = next(self._file.iter_batches(FIRST_ROWS, columns=[*names], use_threads=False))
             columns = [
-                _numbers(_single(batch.column(str(own[0])), own[1:]))
+                _numbers(_single(batch.column(str(path[0])), path[1:]))
                 if _is_number(kind)
                 else np.full(len(batch), np.nan)
-                for _, own, kind in leaves
+                for _, path, kind in leaves
             ]
         except (UnreadableRecording, StopIteration, *_PARQUET_ERRORS):
             return []
@@ -138,22 +138,22 @@ class ParquetTable:
         return None if batch is None else batch.column(0)[0].as_py()
 
 
-def _leaves(name: str, path: tuple[str | int, ...], kind: Any, first: Any) -> Iterator[_Leaf]:
-    """The columns of single values in a column of the file; the ``first`` row has the length of lists."""
+def _leaves(name: str, path: tuple[str | int, ...], kind: Any, example: Any) -> Iterator[_Leaf]:
+    """The columns of single values in a column of the file; the ``example`` row has the length of lists."""
     if len(path) > _DEEPEST:
         return
     if types.is_struct(kind):
         for field in map(kind.field, range(min(kind.num_fields, WIDEST))):
-            own = first.get(field.name) if isinstance(first, dict) else None
-            yield from _leaves(f"{name}.{field.name}", (*path, field.name), field.type, own)
+            value = example.get(field.name) if isinstance(example, dict) else None
+            yield from _leaves(f"{name}.{field.name}", (*path, field.name), field.type, value)
     elif types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind):
-        values = first if isinstance(first, list) else []
-        many = kind.list_size if types.is_fixed_size_list(kind) else len(values)
-        for i in range(min(many, WIDEST)):
-            own = values[i] if i < len(values) else None
-            yield from _leaves(f"{name}[{i}]", (*path, i), kind.value_type, own)
-        if many > WIDEST:
-            yield f"{name}[{WIDEST}:{many}]", path, kind  # is only told of
+        values = example if isinstance(example, list) else []
+        length = kind.list_size if types.is_fixed_size_list(kind) else len(values)
+        for i in range(min(length, WIDEST)):
+            value = values[i] if i < len(values) else None
+            yield from _leaves(f"{name}[{i}]", (*path, i), kind.value_type, value)
+        if length > WIDEST:
+            yield f"{name}[{WIDEST}:{length}]", path, kind  # is only told of
     else:
         yield name, path, kind
 
@@ -287,10 +287,10 @@ def _place(data: bytes, *fields: int) -> int:
     for field in fields:
         names, slot = at - struct.unpack_from("<i", data, at)[0], 4 + 2 * field
         has_it = slot < struct.unpack_from("<H", data, names)[0]
-        (own,) = struct.unpack_from("<H", data, names + slot) if has_it else (0,)
-        if not own:
+        (offset,) = struct.unpack_from("<H", data, names + slot) if has_it else (0,)
+        if not offset:
             return 0
-        at += own + struct.unpack_from("<I", data, at + own)[0]
+        at += offset + struct.unpack_from("<I", data, at + offset)[0]
     return int(at)
 
 
@@ -413,8 +413,8 @@ class ArrayTable:
         except (UnreadableRecording, ChoiceError) as error:
             if not left_out:
                 raise
-            others = ", ".join(left_out[:_SHOWN]) + ", ..." * (len(left_out) > _SHOWN)
-            text = f"{error}. Without {self._rows} rows of few values, and left out, are {others}"
+            listing = ", ".join(left_out[:_SHOWN]) + ", ..." * (len(left_out) > _SHOWN)
+            text = f"{error}. Without {self._rows} rows of few values, and left out, are {listing}"
             raise type(error)(text) from error
         self.layout = replace(layout, kind=kind)
 
@@ -422,12 +422,12 @@ class ArrayTable:
         layout = self.layout
         for begin in range(0, self._rows, ROWS_AT_ONCE):
             end = min(begin + ROWS_AT_ONCE, self._rows)
-            found: dict[int, Any] = {}
+            columns: dict[int, Any] = {}
             for place in layout.places:
                 values = np.arange(begin, end) if place < 0 else self._values[place][begin:end]
                 is_time = place in (layout.time, layout.rest)
-                found[place] = list(map(str, values.tolist())) if is_time else values.astype(np.float64)
-            yield found
+                columns[place] = list(map(str, values.tolist())) if is_time else values.astype(np.float64)
+            yield columns
 
 
 def _rows_of(shapes: Sequence[tuple[int, ...]], widest: int) -> int:
@@ -474,34 +474,36 @@ class C3DTable(ArrayTable):
                 blocks = file.read(4)
                 if blocks[3] != _INTEL:
                     raise UnreadableRecording("its numbers are not those of a PC: write it for Intel")
-                found = _parameters(file.read(blocks[2] * _BLOCK))
-            names = [n for key in sorted(found) if key.startswith("ROTATION:LABELS") for n in found[key]]
-            names = names[: int(found.get("ROTATION:USED", [0])[0])]
+                parameters = _parameters(file.read(blocks[2] * _BLOCK))
+            labels = [key for key in sorted(parameters) if key.startswith("ROTATION:LABELS")]
+            names = [name for key in labels for name in parameters[key]]
+            names = names[: int(parameters.get("ROTATION:USED", [0])[0])]
             if not names:
-                markers = [*map(printable, found.get("POINT:LABELS", []))]
-                shown = markers[:_MARKERS_SHOWN] + ["..."] * (len(markers) > _MARKERS_SHOWN)
-                about = {"names": ", ".join(shown) or "none", "name": os.path.basename(path)}
+                markers = [*map(printable, parameters.get("POINT:LABELS", []))]
+                listed = markers[:_MARKERS_SHOWN] + ["..."] * (len(markers) > _MARKERS_SHOWN)
+                about = {"names": ", ".join(listed) or "none", "name": os.path.basename(path)}
                 raise UnreadableRecording(_NO_BODIES.format(**about))
-            unit = str([*found.get("ROTATION:UNITS", []), *found.get("POINT:UNITS", []), "mm"][0]).lower()
-            ratio = found.get("ROTATION:RATIO", [1])[0]
-            own_rate = found.get("ROTATION:RATE")
-            rate = float(found["POINT:RATE"][0] * float(ratio) if own_rate is None else own_rate[0])
+            units = *parameters.get("ROTATION:UNITS", []), *parameters.get("POINT:UNITS", []), "mm"
+            ratio = parameters.get("ROTATION:RATIO", [1])[0]
+            own_rate = parameters.get("ROTATION:RATE")
+            rate = float(parameters["POINT:RATE"][0] * float(ratio) if own_rate is None else own_rate[0])
             if not 0.0 < rate < 1e6:
                 raise ValueError(f"a rate of {rate:g} Hz")
             bodies = tuple(
                 Body(
                     name[: -len(_SUFFIX)] if name.lower().endswith(_SUFFIX) else name,
                     tuple(_POSE * i + place for place in (9, 10, 11, 0, 3, 6, 1, 4, 7, 2, 5, 8)),
-                    LENGTHS_M[reading.unit or unit],
+                    LENGTHS_M[reading.unit or str(units[0]).lower()],
                     "matrix",
                 )
                 for i, name in enumerate(names)
             )
             first, last = struct.unpack_from("<HH", head, 6)
-            rows, start = (last - first + 1) * int(ratio), int(found["ROTATION:DATA_START"][0]) % 2**16 - 1
-            there = max(os.path.getsize(path) - start * _BLOCK, 0) // (4 * _VALUES * len(bodies))
-            self._rows = there if last == 2**16 - 1 else min(rows, there)  # longer ones do not fit
-            values = np.fromfile(path, "<f4", self._rows * len(bodies) * _VALUES, offset=start * _BLOCK)
+            rows = (last - first + 1) * int(ratio)
+            start = (int(parameters["ROTATION:DATA_START"][0]) % 2**16 - 1) * _BLOCK
+            stored = max(os.path.getsize(path) - start, 0) // (4 * _VALUES * len(bodies))
+            self._rows = stored if last == 2**16 - 1 else min(rows, stored)  # longer ones do not fit
+            values = np.fromfile(path, "<f4", self._rows * len(bodies) * _VALUES, offset=start)
         except (LookupError, ValueError, TypeError, struct.error, OSError) as error:
             raise UnreadableRecording(f"it is damaged: its parameters cannot be read ({error})") from error
         if self._rows < rows:
@@ -516,7 +518,7 @@ class C3DTable(ArrayTable):
 
 def _parameters(data: bytes) -> dict[str, Any]:
     """The parameters as ``GROUP:NAME``; raises LookupError, ValueError or struct.error."""
-    groups, found, at = dict[int, str](), list[tuple[int, str, Any]](), 0
+    groups, parameters, at = dict[int, str](), list[tuple[int, str, Any]](), 0
     while at < len(data) and data[at]:
         size, group = struct.unpack_from("bb", data, at)
         name = data[at + 2 : at + 2 + abs(size)].decode("latin-1").upper()
@@ -532,11 +534,11 @@ def _parameters(data: bytes) -> dict[str, Any]:
             if kind == -1:  # text in rows of one width
                 width, text = max(shape[0] if shape else 1, 1), values.tobytes().decode("latin-1")
                 values = [text[i : i + width].strip(" \0") for i in range(0, len(text), width)]
-            found.append((group, name, values))
+            parameters.append((group, name, values))
         if not step:
             break
         at += step
-    return {f"{groups.get(group, '')}:{name}": values for group, name, values in found}
+    return {f"{groups.get(group, '')}:{name}": values for group, name, values in parameters}
 
 
 TABLES: Final[Mapping[str, Callable[[str, TableReading, WorkBudget], ParquetTable | ArrayTable]]] = {

@@ -235,19 +235,19 @@ class ByteStream:
         or, at its end, whether it is no longer at its path, or has become shorter."""
         if not self._path:
             return False
-        own = os.fstat(self._plain.fileno())
+        opened = os.fstat(self._plain.fileno())
         try:
-            now = os.stat(self._path)
-            if is_at_end and not os.path.samestat(now, own):
+            current = os.stat(self._path)
+            if is_at_end and not os.path.samestat(current, opened):
                 self.error = "it was replaced by another file while it was followed"
-            elif is_at_end and stat.S_ISREG(now.st_mode) and now.st_size < self._plain.tell():
+            elif is_at_end and stat.S_ISREG(current.st_mode) and current.st_size < self._plain.tell():
                 self.error = "it became shorter while it was followed"
-            elif stat.S_ISREG(own.st_mode) and own.st_mtime_ns != self._written_ns:
-                self._written_ns = own.st_mtime_ns
+            elif stat.S_ISREG(opened.st_mode) and opened.st_mtime_ns != self._written_ns:
+                self._written_ns = opened.st_mtime_ns
                 with open(self._path, "rb") as again:
                     again.seek(self._plain.tell() - len(self._tail))
-                    there = again.read(len(self._tail))
-                if len(there) == len(self._tail) and there != self._tail:
+                    tail = again.read(len(self._tail))
+                if len(tail) == len(self._tail) and tail != self._tail:
                     self.error = "it was written anew while it was followed"
         except OSError:
             self.error = "it was removed while it was followed" if is_at_end else None

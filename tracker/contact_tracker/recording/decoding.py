@@ -110,15 +110,15 @@ def fields_with_poses(channel: Channel) -> list[str]:
         definition = parse_definition(channel.schema.decode(errors="replace"), channel.type)
     except (ValueError, KeyError):
         return []
-    found, waiting = list[str](), [("", definition.type)]
+    paths, waiting = list[str](), [("", definition.type)]
     for path, kind in waiting:  # which grows
         fields = definition.fields.get(kind, ())
         names = {field.name for field in fields}
         if any(names.issuperset(parts) for parts in _PARTS.items()):
-            found.append(path or ".")
+            paths.append(path or ".")
         elif len(waiting) < _MOST_FIELDS:
             waiting += [(f"{path}.{field.name}".lstrip("."), field.type) for field in fields]
-    return found
+    return paths
 
 
 def poses_at(path: str, message: Any) -> Iterator[tuple[str, str, Pose] | None]:
@@ -137,7 +137,7 @@ def poses_at(path: str, message: Any) -> Iterator[tuple[str, str, Pose] | None]:
         place = next((name for name in _PARTS if hasattr(pose, name)), "position")
         px, py, pz = map(float, _XYZ(getattr(pose, place)))
         x, y, z, w = map(float, _XYZW(getattr(pose, _PARTS[place])))
-        stamps = (one for one in _nearest(inside, _STAMPS) if not isinstance(one, int | float | str))
+        stamps = (stamp for stamp in _nearest(inside, _STAMPS) if not isinstance(stamp, int | float | str))
         stamp_ns = next(filter(None, map(_stamp_ns, stamps)), 0)
         frame = next(filter(None, _nearest(inside, _FRAMES)), "")
         if not isinstance(frame, str):
@@ -163,8 +163,8 @@ def _reached(
     elif not index:
         names: Any = getattr(inside[-1], "name", None)
         has_names = hasattr(names, "__len__") and not isinstance(names, str) and len(names) == len(value)
-        for i, one in enumerate(value):
-            yield from _reached((*inside, one), rest, str(names[i] if has_names else i))
+        for i, element in enumerate(value):
+            yield from _reached((*inside, element), rest, str(names[i] if has_names else i))
     elif int(index) < len(value):
         yield from _reached((*inside, value[int(index)]), rest, number)
     else:
@@ -181,15 +181,15 @@ def _nearest(inside: tuple[Any, ...], names: tuple[str, ...]) -> Iterator[Any]:
 
 def _child(inside: tuple[Any, ...], number: str) -> str:
     """The name of the body, of a marker ``ns/id``; its number where it has no name."""
-    found = list[str]()
+    words = list[str]()
     for part in reversed(inside):
         if hasattr(part, "ns") and hasattr(part, "id"):
-            found.append(f"{part.ns}/{part.id}")
+            words.append(f"{part.ns}/{part.id}")
             continue
         names = _NAMES_IN_LISTS if number and part is not inside[0] else _NAMES
-        texts = (one for one in _nearest((part,), names) if isinstance(one, str | int) and one != "")
-        found += [str(one) for one in islice(texts, 1)]
-    return "/".join(found) or number
+        texts = (text for text in _nearest((part,), names) if isinstance(text, str | int) and text != "")
+        words += [str(text) for text in islice(texts, 1)]
+    return "/".join(words) or number
 
 
 def _stamp_ns(stamp: Any) -> int:
@@ -253,12 +253,12 @@ class _KnownLayout:
         """The poses in a message; None unless it has the size of its type and names, and if one of several
         bodies has no name or is in it twice: such messages are left to the library."""
         at, names, tail, repeats = self._layout
-        found = list[LoggedPose]()
+        poses = list[LoggedPose]()
         try:
             order = _ORDERS[data[:2]]
             read_head, read_size, read_pose = _HEAD[order].unpack_from, _SIZE[order].unpack_from, _POSE[order]
             count = read_size(data, _ENCAPSULATION)[0] if repeats else 1
-            while len(found) < count:
+            while len(poses) < count:
                 sec, nanosec, size = read_head(data, at)
                 end = at + 12 + size
                 for _ in range(names - 1):
@@ -271,12 +271,12 @@ class _KnownLayout:
                 if source is None:
                     source = self._new_source(key, order)
                 pose = Pose(sec * SECOND_NS + nanosec, (x, y, z), (qx, qy, qz, qw))
-                found.append((source, pose, log_time_ns))
+                poses.append((source, pose, log_time_ns))
                 at = start + read_pose.size + tail
         except (struct.error, KeyError, UnicodeDecodeError):
             return None
-        is_whole = at == len(data) and (count == 1 or len({source for source, _, _ in found}) == count)
-        return found if is_whole else None
+        is_whole = at == len(data) and (count == 1 or len({source for source, _, _ in poses}) == count)
+        return poses if is_whole else None
 
     def _new_source(self, key: bytes, order: str) -> PoseSource:
         """The source with the names in ``key``, each after its size and ended by a zero byte."""
@@ -381,7 +381,7 @@ class MessageDecoder:
         """The poses at a path in a message, by the library's decoder."""
         decoded, (channel, log_time_ns, _) = self.decode(message), message
         try:
-            observed = [one for one in poses_at(path, decoded) if one is not None]
+            observed = list(filter(None, poses_at(path, decoded)))
         except (AttributeError, IndexError, TypeError, ValueError, OverflowError, RuntimeError) as error:
             raise Undecodable(f"{channel.topic}: {error}") from error
         name = channel.topic, channel.type
@@ -399,15 +399,15 @@ class MessageDecoder:
     def _decoder(self, channel: Channel) -> _Decoder:
         key = channel.encoding, channel.type, channel.schema_encoding, channel.schema
         if key not in self._decoders:
-            found = _Decoder(None, why="its definition in the file is too long, or one of too many")
+            decoder = _Decoder(None, why="its definition in the file is too long, or one of too many")
             work = _RECORDS_PER_DEFINITION + len(channel.schema) // _DEFINITION_BYTES_PER_RECORD
             with suppress(TooMuchWork):
                 self._budget.spend(work)
-                found = _decoder_of(channel)
-            known = known_definition(channel.type) if channel.encoding == "cdr" else None
-            if found.decode is None:
-                found = _Decoder(None) if known is None else _cdr(known)._replace(why=found.why)
-            self._decoders[key] = found
+                decoder = _decoder_of(channel)
+            definition = known_definition(channel.type) if channel.encoding == "cdr" else None
+            if decoder.decode is None:
+                decoder = _Decoder(None) if definition is None else _cdr(definition)._replace(why=decoder.why)
+            self._decoders[key] = decoder
         if (why := self._decoders[key].why) is not None:
             self.assumed[channel.topic, channel.type] = why
         return self._decoders[key]
@@ -470,6 +470,6 @@ def _cdr(definition: Definition) -> _Decoder:
     schema = Schema(id=1, name=definition.type, encoding="ros2msg", data=definition.ros2msg.encode())
     with redirect_stderr(StringIO()):  # the parser also prints its errors
         decode = DecoderFactory().decoder_for("cdr", schema)
-    known = known_definition(definition.type)
-    is_known = known is not None and known.fields == definition.fields
+    reference = known_definition(definition.type)
+    is_known = reference is not None and reference.fields == definition.fields
     return _Decoder(decode, is_known, None, definition.bytes_per_record)

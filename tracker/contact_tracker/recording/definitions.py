@@ -11,7 +11,7 @@ import struct
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from graphlib import TopologicalSorter
-from itertools import groupby
+from itertools import chain, groupby
 from types import SimpleNamespace
 from typing import Any, Final, NamedTuple
 
@@ -108,7 +108,8 @@ class Definition(NamedTuple):
         parts = list[str]()
         for name, fields in self.fields.items():
             sizes = ("" if length is None else f"[{length or ''}]" for _, _, length in fields)
-            lines = "".join(f"{one.type}{size} {one.name}\n" for one, size in zip(fields, sizes, strict=True))
+            pairs = zip(fields, sizes, strict=True)
+            lines = "".join(f"{field.type}{size} {field.name}\n" for field, size in pairs)
             parts.append(f"{'=' * 80}\nMSG: {name}\n{lines}" if parts else lines)
         return "".join(parts)
 
@@ -128,10 +129,10 @@ def parse_definition(text: str, type_name: str) -> Definition:
             return written
         name = _short(written)
         names = [name] if "/" in name else [f"{package}/{name}", last_names.get(name, ""), f"std_msgs/{name}"]
-        found = next((one for one in names if one in bodies or one in _PARTS), None)
-        if found is None:
+        full_name = next((name for name in names if name in bodies or name in _PARTS), None)
+        if full_name is None:
             raise ValueError(f"the type {written} is not defined")
-        return found
+        return full_name
 
     fields, is_complete, waiting = dict[str, list[Field]](), True, [message]
     for name in waiting:  # which grows
@@ -145,15 +146,15 @@ def parse_definition(text: str, type_name: str) -> Definition:
         waiting += [field.type for field in fields[name] if field.type not in PRIMITIVES]
         if sum(map(len, fields.values())) > _MOST_FIELDS:
             raise ValueError("the definition has too many fields")
-    parts = {name: {field.type for field in own} - PRIMITIVES.keys() for name, own in fields.items()}
+    parts = {name: {field.type for field in fields[name]} - PRIMITIVES.keys() for name in fields}
     levels, sizes = dict[str, int](), dict[str, int](PRIMITIVES)
     for name in TopologicalSorter(parts).static_order():  # raises ValueError where a type is part of itself
         levels[name] = 1 + max((levels[part] for part in parts[name]), default=0)
-        own = [_LENGTH.size if n == 0 else (n or 1) * sizes[kind] for kind, _, n in fields[name]]
-        sizes[name] = max(sum(own), 1)
+        least = (_LENGTH.size if n == 0 else (n or 1) * sizes[kind] for kind, _, n in fields[name])
+        sizes[name] = max(sum(least), 1)
     if levels[message] > _DEEPEST:
         raise ValueError("the definition is too deep")
-    arrays = {kind for own in fields.values() for kind, _, length in own if length is not None}
+    arrays = {kind for kind, _, length in chain(*fields.values()) if length is not None}
     element_bytes = min((sizes[kind] for kind in arrays - PRIMITIVES.keys()), default=sizes[message])
     bytes_per_record = min(BYTES_PER_RECORD, _ELEMENTS_PER_RECORD * element_bytes)
     return Definition(message, fields, is_complete, bytes_per_record)
@@ -174,11 +175,11 @@ def _bodies(text: str, name: str) -> dict[str, list[str]]:
         if _RULE.fullmatch(line):
             after_rule = True
         elif after_rule and line.strip():
-            found = _NAME.fullmatch(line)
-            if found is None:
+            match = _NAME.fullmatch(line)
+            if match is None:
                 raise ValueError("a definition of a type without its name")
             body, after_rule = [], False
-            bodies.setdefault(_short(found[1]), body)
+            bodies.setdefault(_short(match[1]), body)
         else:
             body.append(line)
     return bodies
@@ -186,12 +187,12 @@ def _bodies(text: str, name: str) -> dict[str, list[str]]:
 
 def _field(line: str) -> Field | None:
     """The field that a line defines; None for a constant, a comment, or nothing; raises ValueError."""
-    found = _FIELD.match(line)
-    if found is None and line.strip() and not line.lstrip().startswith("#"):
+    match = _FIELD.match(line)
+    if match is None and line.strip() and not line.lstrip().startswith("#"):
         raise ValueError("a line that defines no field")
-    if found is None or found[5]:
+    if match is None or match[5]:
         return None
-    kind, brackets, length, name, _ = found.groups()
+    kind, brackets, length, name, _ = match.groups()
     return Field(kind, name, None if brackets is None else 0 if "<" in brackets else int(length or 0))
 
 
@@ -244,15 +245,15 @@ def ros1_decoder(definition: Definition) -> Callable[[bytes], Any]:
             return numbers.unpack_from(data, at), at + numbers.size
         values, element = list[Any](), field._replace(length=None)
         for _ in range(count):
-            found, at = value(element, data, at)
-            values.append(found)
+            element_value, at = value(element, data, at)
+            values.append(element_value)
         return values, at
 
     def decode(data: bytes) -> Any:
-        found, end = message(definition.type, data, 0)
+        decoded, end = message(definition.type, data, 0)
         if end != len(data):
             raise ValueError(f"{len(data) - end} bytes more than its definition has")
-        return found
+        return decoded
 
     return decode
 
@@ -260,13 +261,13 @@ def ros1_decoder(definition: Definition) -> Callable[[bytes], Any]:
 def _plan(name: str, fields: Sequence[Field]) -> list[_Step]:
     """The steps that read a type: consecutive numbers are read together."""
     steps = list[_Step]()
-    for are_numbers, some in groupby(fields, lambda one: one.length is None and one.type in _FORMATS):
-        own = list(some)
+    for are_numbers, group in groupby(fields, lambda f: f.length is None and f.type in _FORMATS):
+        run = list(group)
         if are_numbers:
-            formats = "".join(_FORMATS[field.type] for field in own)
-            steps.append(([field.name for field in own], struct.Struct(f"<{formats}")))
+            formats = "".join(_FORMATS[field.type] for field in run)
+            steps.append(([field.name for field in run], struct.Struct(f"<{formats}")))
         else:
-            steps += [([field.name], field) for field in own]
+            steps += [([field.name], field) for field in run]
     if not steps:
         raise ValueError(f"{name} has no fields")
     return steps

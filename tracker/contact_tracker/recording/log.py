@@ -146,9 +146,9 @@ class PoseLog:
         why = self._composer.why if self._composer is not None else why
         count = counts.get("known_definition", 0)
         assumed = assumption_text(count, self.source.type, why) if count and why else self._reading.assumption
-        many = (remark_on_excursions(counts),) if self._is_resumed else remarks_on(counts, self.taken)
+        doubts = (remark_on_excursions(counts),) if self._is_resumed else remarks_on(counts, self.taken)
         is_reset = counts.get("clock_reset") and self._reading.is_folder
-        return tuple(filter(None, (assumed, *many, _SEVERAL if is_reset else None)))
+        return tuple(filter(None, (assumed, *doubts, _SEVERAL if is_reset else None)))
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -231,38 +231,38 @@ class PoseLog:
         if self._read_ns is None and not self.valid:
             self.origin_ns = int(stamp_ns[0])
         self._read_ns = int(stamp_ns[-1]) - self.origin_ns
-        first = bisect_left(stamp_ns, self.origin_ns + self._start_ns)
+        begin = bisect_left(stamp_ns, self.origin_ns + self._start_ns)
         end = bisect_left(stamp_ns, self.origin_ns + self._end_ns)
-        if first < end:
-            self.first_ns = self.first_ns if self.valid else int(stamp_ns[first])
-            self.valid += end - first
+        if begin < end:
+            self.first_ns = self.first_ns if self.valid else int(stamp_ns[begin])
+            self.valid += end - begin
             self.last_ns = int(stamp_ns[end - 1])
-        return slice(first, end), end < count
+        return slice(begin, end), end < count
 
     def _own(self) -> Iterator[Logged]:
         """The poses of the source from where the log goes on; what else is read is counted."""
-        for one in self._logged:
-            if one is None:
+        for entry in self._logged:
+            if entry is None:
                 self._counts["undecodable"] += 1
-            elif one[0] != self.source:
-                self._note_other(one[0])
+            elif entry[0] != self.source:
+                self._note_other(entry[0])
             else:
                 self._taken += 1
                 if self._taken > self._skipped:
                     if self._assumed and (self.source.topic, self.source.type) in self._assumed:
                         self._counts["known_definition"] += 1
-                    yield one[1:]
+                    yield entry[1:]
 
-    def _note_other(self, other: PoseSource) -> None:
+    def _note_other(self, source: PoseSource) -> None:
         """Note a pose of another matching source, or of the same body in another parent frame."""
-        fits = self._frame is None or other.is_named(self._frame)
-        if not fits and (not other.child_frame_id or other.child_frame_id != self.source.child_frame_id):
+        fits = self._frame is None or source.is_named(self._frame)
+        if not fits and (not source.child_frame_id or source.child_frame_id != self.source.child_frame_id):
             return
         if fits and not self._count_late:
-            only_one(self._reading.path, [self.source, other])
+            only_one(self._reading.path, [self.source, source])
         self._counts["other_source"] += 1
-        if other not in self.late_sources and len(self.late_sources) < _LATE:
-            self.late_sources = (*self.late_sources, other)
+        if source not in self.late_sources and len(self.late_sources) < _LATE:
+            self.late_sources = (*self.late_sources, source)
 
 
 def open_log(
@@ -302,20 +302,20 @@ def open_log(
         Several sources match.
     """
     is_chain = relative_to is not None or (frame is not None and ARROW in frame)
-    wanted = ChannelFilter(topic, table, is_chain, relative_to)
-    reading = Reading(path, wanted, follow, table)
+    selection = ChannelFilter(topic, table, is_chain, relative_to)
+    reading = Reading(path, selection, follow, table)
     groups = reading.decoder.groups(reading)
     count_late = count_late or follow is not None
-    known = {} if follow else peek(path, wanted, table.field)
-    all_known = dict(known)
+    sources = {} if follow else peek(path, selection, table.field)
+    all_sources = dict(sources)
     head: list[Sequence[LoggedPose | None]] = []
     while True:
-        fitting = [s for s in known if wanted.takes(s) and (frame is None or s.is_named(frame))]
+        fitting = [s for s in sources if selection.takes(s) and (frame is None or s.is_named(frame))]
         logged = chain.from_iterable(chain(head, groups))
         if fitting and relative_to is None:
             source = only_one(path, fitting, composition_hint(fitting))
-            source = replace(source, messages=wanted.counts.get(source.topic))
-            note, prefix, around = None, known[source], set(all_known)
+            source = replace(source, messages=selection.counts.get(source.topic))
+            note, prefix, around = None, sources[source], set(all_sources)
             if source.frame_id and not (frame == source.frames and is_chain):
                 with suppress(NoPoses, MissingExtra):
                     around |= (
@@ -323,52 +323,52 @@ def open_log(
                     )
                 note = moving_parent_note(around, source)
             return PoseLog(source, reading, logged, prefix, frame, count_late, None, note)
-        found = find_chain(path, all_known, fitting, frame, relative_to)
-        if found is not None:
-            steps, source = found
+        composition = find_chain(path, all_sources, fitting, frame, relative_to)
+        if composition is not None:
+            steps, source = composition
             at_once = 1 if follow is not None or path == STDIN else BATCH
-            learned = {} if reading.is_table else all_known
+            learned = {} if reading.is_table else all_sources
             composer = Composer(steps, source, reading.decoder.assumed, at_once, learned)
-            prefix, composed = all_known[steps[last_moving(steps)].source], composer.compose(logged)
+            prefix, composed = all_sources[steps[last_moving(steps)].source], composer.compose(logged)
             return PoseLog(source, reading, composed, prefix, None, count_late, composer)
-        more = take_prefix(groups)
-        head = [*head, *more] if is_chain else more
-        if not more or sum(map(len, head)) > _MOST_HEAD:
-            raise _explain(path, frame, set(all_known), wanted, reading.damage)
-        known = poses_by_source(chain.from_iterable(more))
-        all_known = {**known, **all_known}
+        following = take_prefix(groups)
+        head = [*head, *following] if is_chain else following
+        if not following or sum(map(len, head)) > _MOST_HEAD:
+            raise _explain(path, frame, set(all_sources), selection, reading.damage)
+        sources = poses_by_source(chain.from_iterable(following))
+        all_sources = {**sources, **all_sources}
 
 
 def list_sources(path: str, table: TableReading = AS_NAMED) -> list[PoseSource]:
     """The pose sources of a recording, found as by ``open_log``, which for ``-`` consumes its start; raises
     UnreadableRecording if there is no such file, or it is no recording."""
-    wanted = ChannelFilter(None, table)
+    selection = ChannelFilter(None, table)
     try:
-        known = peek(path, wanted, table.field)
+        sources = peek(path, selection, table.field)
     except NoPoses:
         return []
-    if not known:
-        reading = Reading(path, wanted, table=table)
-        known = poses_by_source(chain.from_iterable(take_prefix(reading.decoder.groups(reading))))
-    return [replace(source, messages=wanted.counts.get(source.topic)) for source in sorted(known)]
+    if not sources:
+        reading = Reading(path, selection, table=table)
+        sources = poses_by_source(chain.from_iterable(take_prefix(reading.decoder.groups(reading))))
+    return [replace(source, messages=selection.counts.get(source.topic)) for source in sorted(sources)]
 
 
 def _explain(
-    path: str, frame: str | None, known: set[PoseSource], wanted: ChannelFilter, damage: str | None
+    path: str, frame: str | None, sources: set[PoseSource], selection: ChannelFilter, damage: str | None
 ) -> Exception:
     """The error where no pose is selected."""
-    relative_to = wanted.relative_to
-    is_named = frame is None or any(source.is_named(frame) for source in known)
-    if known and relative_to is not None and is_named:
-        return without_frame(path, f"that leads to {relative_to}", relative_to, known)
-    if known and frame is not None:
-        hint = relative_hint(path, known, frame) if relative_to is None else ""
-        if not any(source.frames for source in known) and len(known) == 1:
+    relative_to = selection.relative_to
+    is_named = frame is None or any(source.is_named(frame) for source in sources)
+    if sources and relative_to is not None and is_named:
+        return without_frame(path, f"that leads to {relative_to}", relative_to, sources)
+    if sources and frame is not None:
+        hint = relative_hint(path, sources, frame) if relative_to is None else ""
+        if not any(source.frames for source in sources) and len(sources) == 1:
             hint = "; it has no frame: leave out --frame"
-        return without_frame(path, frame, frame, known, hint)
+        return without_frame(path, frame, frame, sources, hint)
     if damage is not None:
         return UnreadableRecording(f"{path}: no pose can be read: {damage}")
-    return wanted.nothing_found(path)
+    return selection.nothing_found(path)
 
 
 SOURCES_KEPT: Final = 256
@@ -523,17 +523,17 @@ def summarise(path: str, table: TableReading = AS_NAMED) -> RecordingSummary:
                 case RawMessage(channel, _, _):
                     topics[channel.topic, channel.type, channel.encoding] += 1
                 case Rows(rows_of, poses):
-                    for source, some in zip(rows_of, poses, strict=True):
-                        topics[source.topic, source.type, ROWS] += len(some)
+                    for source, source_poses in zip(rows_of, poses, strict=True):
+                        topics[source.topic, source.type, ROWS] += len(source_poses)
             yield item
 
     reading = Reading(path, lambda channel: True, table=table)
     logged, assumed = reading.decoder.poses(noted(reading)), reading.decoder.assumed
     sources, undecodable, more_sources = _summaries(logged, assumed, reading.is_table)
     assumptions = [
-        f"{one.source.topic}: {assumption_text(one.observed, one.source.type, why)}"
-        for one in sources
-        if (why := assumed.get((one.source.topic, one.source.type))) is not None
+        f"{summary.source.topic}: {assumption_text(summary.observed, summary.source.type, why)}"
+        for summary in sources
+        if (why := assumed.get((summary.source.topic, summary.source.type))) is not None
     ]
     assumptions += filter(None, [reading.assumption])
     about = topics, metadata, tuple(attachments), undecodable, reading.damage
@@ -543,10 +543,10 @@ def summarise(path: str, table: TableReading = AS_NAMED) -> RecordingSummary:
 def summarise_log(log: PoseLog) -> SourceSummary:
     """Summary of the poses that a log selects, which may be composed; reads it to its end."""
     sources, _, _ = _summaries(log._logged, log._assumed, log.is_stamped)
-    (found,) = (one for one in sources if one.source == log.source)
-    found.source = log.source
-    found.counts += Counter(log.counts)
-    return found
+    (summary,) = (candidate for candidate in sources if candidate.source == log.source)
+    summary.source = log.source
+    summary.counts += Counter(log.counts)
+    return summary
 
 
 def _summaries(
@@ -554,11 +554,11 @@ def _summaries(
 ) -> tuple[tuple[SourceSummary, ...], int, bool]:
     """The summary of each source, the number of undecodable messages, and whether there are more sources."""
     tallies, undecodable, more_sources, kept = dict[PoseSource, SourceSummary](), 0, False, 0
-    for one in logged:
-        if one is None:
+    for entry in logged:
+        if entry is None:
             undecodable += 1
             continue
-        source, pose, log_time_ns = one
+        source, pose, log_time_ns = entry
         tally = tallies.get(source)
         if tally is None:
             if len(tallies) >= SOURCES_KEPT:

@@ -84,23 +84,23 @@ def decompress(compression: str, data: bytes, size: int, budget: WorkBudget) -> 
     budget.inflate(work * len(data), work * size)
     match compression:
         case "" | "none":
-            found = data
+            plain = data
         case "zstd":
-            found = inflate_zstd(data, size)
+            plain = inflate_zstd(data, size)
         case "lz4":
             import lz4.frame  # type: ignore[import-untyped]
 
-            found = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size)
+            plain = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size)
         case "bz2":
             try:
-                found = bz2.BZ2Decompressor().decompress(data, size)
+                plain = bz2.BZ2Decompressor().decompress(data, size)
             except OSError as error:  # else it would look as if the file could not be read
                 raise ValueError(f"its bz2 data is damaged: {error}") from error
         case unknown:
             raise ValueError(f"unknown compression {unknown!r}")
-    if len(found) != size:
-        raise ValueError(f"{len(found)} bytes where {size} were promised")
-    return found
+    if len(plain) != size:
+        raise ValueError(f"{len(plain)} bytes where {size} were promised")
+    return plain
 
 
 def inflate_zstd(data: bytes, limit: int) -> bytes:
@@ -216,11 +216,11 @@ class RecordLoop:
         self,
         stream: ByteStream,
         report: Callable[[str], None],
-        wanted: Callable[[Channel], bool] | None,
+        is_wanted: Callable[[Channel], bool] | None,
         summary: Summary | None = None,
     ) -> None:
-        self._opcodes = _READ if wanted is not None else _READ - {Opcode.CHUNK, Opcode.MESSAGE}
-        self._report, self._stream, self._wanted = report, stream, wanted
+        self._opcodes = _READ if is_wanted is not None else _READ - {Opcode.CHUNK, Opcode.MESSAGE}
+        self._report, self._stream, self._wanted = report, stream, is_wanted
         self.is_sound, self.messages = True, 0
         self._schemas: dict[int, records.Schema] = {}
         self._channels: dict[int, Channel | None] = {}

@@ -106,9 +106,9 @@ def _refuse_unrelated(path: str, parts: Sequence[str]) -> None:
         formats = sorted({os.path.splitext(_plain(name))[1].lower() for name in names})
         several = f"of different formats ({', '.join(formats)})"
         how = several if len(formats) > 1 else "that do not follow each other"
-        more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+        remainder = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
         raise AmbiguousSource(
-            f"{path} holds recordings {how}: {', '.join(names[:_NAMED])}{more}; "
+            f"{path} holds recordings {how}: {', '.join(names[:_NAMED])}{remainder}; "
             f"name one of them (parts of one recording are taken together beside a {_METADATA})"
         )
 
@@ -116,8 +116,9 @@ def _refuse_unrelated(path: str, parts: Sequence[str]) -> None:
 def _interval_ns(part: str) -> tuple[int, int] | None:
     """First and last log time of a part, if its index has them."""
     summary = summary_of(part)
-    known = None if summary is None else summary.statistics
-    return (known.message_start_time, known.message_end_time) if known and known.message_count else None
+    if summary is None or (statistics := summary.statistics) is None or not statistics.message_count:
+        return None
+    return statistics.message_start_time, statistics.message_end_time
 
 
 def is_table_file(path: str) -> bool:
@@ -149,12 +150,12 @@ class Reading:
     def __init__(
         self,
         path: str,
-        wanted: Callable[[Channel], bool] | None,
+        is_wanted: Callable[[Channel], bool] | None,
         follow: Follow | None = None,
         table: TableReading = AS_NAMED,
     ) -> None:
         path = recording_of(path)
-        if follow is None and wanted is not None:
+        if follow is None and is_wanted is not None:
             _refuse_unrelated(path, parts_of(path))
         self.is_table = is_table_file(path)
         if table.is_of_table and not self.is_table:
@@ -163,7 +164,7 @@ class Reading:
             raise ChoiceError(
                 f"{_shown(path)}: it is a table: say which columns the poses are in by --columns"
             )
-        self.path, self._wanted, self._follow, self._table_reading = path, wanted, follow, table
+        self.path, self._wanted, self._follow, self._table_reading = path, is_wanted, follow, table
         self.assumption: str | None = None
         self._damages, self._more_damages = list[str](), 0
         self.budget = WorkBudget()
@@ -177,8 +178,8 @@ class Reading:
     @property
     def damage(self) -> str | None:
         """One line, or None without damage."""
-        more = f"and {self._more_damages} more" if self._more_damages else ""
-        return "; ".join(filter(None, (*self._damages, more, self.budget.damage))) or None
+        remainder = f"and {self._more_damages} more" if self._more_damages else ""
+        return "; ".join(filter(None, (*self._damages, remainder, self.budget.damage))) or None
 
     def __iter__(self) -> Iterator[Item]:
         readable = False
@@ -241,25 +242,25 @@ class Reading:
     ) -> Iterator[Item]:
         """The items of a file with an index, messages by log time: chunks that overlap are read by the index,
         messages outside of chunks are buffered, as others may be earlier."""
-        known, chunks = summary.statistics, summary.chunk_indexes
-        assert known is not None
-        others: list[Entry] = [*summary.attachment_indexes, *summary.metadata_indexes]
-        if not known.chunk_count and not chunks:
+        statistics, chunks = summary.statistics, summary.chunk_indexes
+        assert statistics is not None
+        entries: list[Entry] = [*summary.attachment_indexes, *summary.metadata_indexes]
+        if not statistics.chunk_count and not chunks:
             yield from in_log_order((0, [item]) for item in loop)
             return
         chunks = sorted(chunks, key=lambda chunk: chunk.chunk_start_offset)
         is_in_order = all(a.message_end_time <= b.message_start_time for a, b in pairwise(chunks))
-        counts = known.chunk_count, known.attachment_count + known.metadata_count
-        is_whole = counts == (len(chunks), len(others))
+        counts = statistics.chunk_count, statistics.attachment_count + statistics.metadata_count
+        is_whole = counts == (len(chunks), len(entries))
         if is_in_order or not is_whole or any(loop.opcode_of(chunk) != Opcode.CHUNK for chunk in chunks):
             stream.seek(0)
             yield from loop
             return
-        for entry in others:
+        for entry in entries:
             yield from loop.items_of(entry)
         chunks.sort(key=lambda chunk: chunk.message_start_time)
         yield from in_log_order((chunk.message_start_time, loop.items_of(chunk)) for chunk in chunks)
-        if loop.is_sound and (lost := known.message_count - loop.messages) > 0:
+        if loop.is_sound and (lost := statistics.message_count - loop.messages) > 0:
             report(f"{lost} messages outside of chunks, which overlap in log time, are left out")
 
     def _parts(self) -> Iterator[tuple[str, bool]]:

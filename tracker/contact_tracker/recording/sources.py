@@ -98,8 +98,8 @@ class Stamping(NamedTuple):
         return 0 if self.by_log_time or self.offset_ns is None else self.offset_ns
 
     def admitted(self, gate: PoseGate, logged: Iterable[Logged]) -> Poses:
-        """The valid ones of some poses."""
-        return gate.admit_all(self.stamped(*one, gate.counts) for one in logged)
+        """The poses with their stamps that pass the gate."""
+        return gate.admit_all(self.stamped(*entry, gate.counts) for entry in logged)
 
     def stamped(self, pose: Pose, log_time_ns: int, counts: Counter[str]) -> Pose:
         """The pose with its log time as stamp if it lacks one, which is counted.
@@ -183,18 +183,18 @@ class ChannelFilter:
     def nothing_found(self, path: str) -> NoPoses | ChoiceError:
         """The error that lists what the recording has instead of the selected poses."""
         seen = list(self.seen.values())
-        asked = [c for c in seen if self._topic is not None and self._is_asked(c)]
+        requested = [c for c in seen if self._topic is not None and self._is_asked(c)]
         poses = [c for c in seen if may_have_poses(c, self._field)]
         alike = [c for c in seen if not may_have_poses(c) and _POSE_LIKE.search(c.type)]
         alike = alike or [c for c in seen if not is_readable(c)]
-        fields = _fields_in(path, asked or seen, self._table)
+        fields = _fields_in(path, requested or seen, self._table)
         fault: type[NoPoses | ChoiceError] = NoPoses
-        if any(map(self, asked)):
-            text = _UNDECODED.format(asked[0].topic[:_TEXT_SHOWN])
-        elif fields and (asked or not poses):
+        if any(map(self, requested)):
+            text = _UNDECODED.format(requested[0].topic[:_TEXT_SHOWN])
+        elif fields and (requested or not poses):
             text = fields
-        elif asked:
-            fault, text = (ChoiceError if poses else NoPoses), _reasons(asked)
+        elif requested:
+            fault, text = (ChoiceError if poses else NoPoses), _reasons(requested)
         elif self._topic is not None:
             topics = [c.topic for c in (poses or seen)]
             fault, near = (ChoiceError if poses else NoPoses), suggestion(self._topic, topics)[:_TEXT_SHOWN]
@@ -219,7 +219,7 @@ def may_be_step(channel: Channel, relative_to: str | None) -> bool:
     return canonical(channel.type) in TRANSFORM_TYPES or channel.topic == relative_to
 
 
-def peek(path: str, wanted: ChannelFilter, field: str | None = None) -> dict[PoseSource, list[Logged]]:
+def peek(path: str, selection: ChannelFilter, field: str | None = None) -> dict[PoseSource, list[Logged]]:
     """The sources on the wanted channels of an index, with the poses in the prefix of each; reads only the
     chunks that have its first messages. ``field`` is the path to poses in messages of other types.
 
@@ -235,12 +235,12 @@ def peek(path: str, wanted: ChannelFilter, field: str | None = None) -> dict[Pos
         for channel_id in sorted(summary.channels):
             count = summary.statistics.channel_message_counts.get(channel_id, 0)
             channel = channel_of(summary.channels[channel_id], summary.schemas)
-            wanted.counts[channel.topic] += count
-            if wanted(channel) and count and channel not in read:
+            selection.counts[channel.topic] += count
+            if selection(channel) and count and channel not in read:
                 missing[channel_id] = channel
         messages += _peek_channels(part, summary, missing)
-    if indexed and not any(wanted(channel) for channel in list(wanted.seen.values())):
-        raise wanted.nothing_found(path)
+    if indexed and not any(selection(channel) for channel in list(selection.seen.values())):
+        raise selection.nothing_found(path)
     budget = WorkBudget(sum(os.path.getsize(part) for part in parts_of(path) if is_regular(part)))
     return poses_by_source(MessageDecoder(budget, field).poses(messages))
 
@@ -260,10 +260,10 @@ def _peek_channels(part: str, summary: Summary, missing: Mapping[int, Channel]) 
     with open_stream(part, budget=budget) as stream:
         loop = RecordLoop(stream, lambda text: None, prefixes.__contains__, summary)
         for chunk in sorted(summary.chunk_indexes, key=lambda chunk: chunk.chunk_start_offset):
-            there = [
+            channels = [
                 missing[channel_id] for channel_id in missing.keys() & chunk.message_index_offsets.keys()
             ]
-            if sizes.total() >= 4 * BUFFER_BYTES or all(map(is_full, there)):
+            if sizes.total() >= 4 * BUFFER_BYTES or all(map(is_full, channels)):
                 continue
             for item in loop.items_of(chunk):
                 if isinstance(item, RawMessage) and not is_full(item.channel):
@@ -274,13 +274,13 @@ def _peek_channels(part: str, summary: Summary, missing: Mapping[int, Channel]) 
 
 def take_prefix(groups: Iterator[Sequence[LoggedPose | None]]) -> list[Sequence[LoggedPose | None]]:
     """The poses of the next messages or rows, up to one second of log time, or many; empty at the end."""
-    prefix, times_ns, many = list[Sequence[LoggedPose | None]](), list[int](), 0
+    prefix, times_ns, count = list[Sequence[LoggedPose | None]](), list[int](), 0
     for group in groups:
         prefix.append(group)
-        many += len(group)
-        times_ns += [one[2] for one in group[:1] if one is not None]
+        count += len(group)
+        times_ns += [entry[2] for entry in group[:1] if entry is not None]
         is_long = bool(times_ns) and times_ns[-1] - times_ns[0] >= PREFIX_NS
-        if is_long or len(prefix) >= PREFIX_MESSAGES or many >= ROWS_AT_ONCE:
+        if is_long or len(prefix) >= PREFIX_MESSAGES or count >= ROWS_AT_ONCE:
             break
     return prefix
 
@@ -288,22 +288,22 @@ def take_prefix(groups: Iterator[Sequence[LoggedPose | None]]) -> list[Sequence[
 def poses_by_source(logged: Iterable[LoggedPose | None]) -> dict[PoseSource, list[Logged]]:
     """The sources of poses, each with its own; what could not be decoded is skipped."""
     poses: dict[PoseSource, list[Logged]] = {}
-    for one in logged:
-        if one is not None:
-            poses.setdefault(one[0], []).append(one[1:])
+    for entry in logged:
+        if entry is not None:
+            poses.setdefault(entry[0], []).append(entry[1:])
     return poses
 
 
 def only_one(path: str, sources: Iterable[PoseSource], hint: str = "") -> PoseSource:
     """The only source; raises AmbiguousSource, which lists them, if there are several; ``hint`` names
     alternatives."""
-    first, *others = sources
-    if others:
-        listing = _listing(map(str, sorted({first, *others})), "; ")
+    source, *further = sources
+    if further:
+        listing = _listing(map(str, sorted({source, *further})), "; ")
         raise AmbiguousSource(
             f"{path} holds several pose sources, choose by --topic or --frame{hint}: {listing}"
         )
-    return first
+    return source
 
 
 def without_frame(
@@ -311,9 +311,9 @@ def without_frame(
 ) -> ChoiceError:
     """The error where no source has a frame, ``lacking`` in words and ``name`` as given; ``hint`` says how to
     have its poses all the same."""
-    there = sorted(sources)
-    names = [text for s in there for text in (s.topic, s.frame_id, s.child_frame_id, s.frames) if text]
-    listing = _listing(map(str, there), "; ")
+    listed = sorted(sources)
+    names = [text for s in listed for text in (s.topic, s.frame_id, s.child_frame_id, s.frames) if text]
+    listing = _listing(map(str, listed), "; ")
     advice = hint or suggestion(name, names)
     return ChoiceError(
         f"{path}: no pose source has the frame {lacking}; there is {listing}{advice[:_TEXT_SHOWN]}"
@@ -323,28 +323,29 @@ def without_frame(
 def _fields_in(path: str, channels: Iterable[Channel], table: TableReading) -> str:
     """What messages of unknown types, or without the field that is asked for, have poses in, with the command
     that reads them; empty if none has."""
-    asked = table.field
-    found = [(c, field) for c in channels if asked or not may_have_poses(c) for field in fields_with_poses(c)]
-    if not found or asked in [field for _, field in found]:
+    stated = table.field
+    unknown = (channel for channel in channels if stated or not may_have_poses(channel))
+    fields = [(channel, field) for channel in unknown for field in fields_with_poses(channel)]
+    if not fields or stated in [field for _, field in fields]:
         return ""
-    channel, field = found[0]
+    channel, field = fields[0]
     command = replace(table, field=field).command(path, "--topic", channel.topic)
-    others = [f"{field} of {c.topic}" for c, field in found[1:]]
-    more = f"; others are in {_listing(others)}" if others else ""
-    lacks = "" if asked is None else f"no messages have poses in the field {asked}; "
-    where = f"{channel.topic} ({channel.type})"[:_TEXT_SHOWN]
-    return f"{lacks}the messages of {where} have poses in the field {field}: read them by {command}{more}"
+    further = [f"{field} of {c.topic}" for c, field in fields[1:]]
+    hint = f"; others are in {_listing(further)}" if further else ""
+    lacks = "" if stated is None else f"no messages have poses in the field {stated}; "
+    place = f"{channel.topic} ({channel.type})"[:_TEXT_SHOWN]
+    return f"{lacks}the messages of {place} have poses in the field {field}: read them by {command}{hint}"
 
 
 def _reasons(channels: Sequence[Channel]) -> str:
     """The message on channels that are not pose sources."""
     reasons = list[str]()
-    for one in channels[:_LISTED]:
-        why = f"{one.type}, which is no pose"
-        if not is_readable(one) or not one.type:
-            how = f"{one.encoding or 'no encoding'} with {one.schema_encoding or 'no schema'}"
-            why = f"{one.type or 'of no type'} in {how}"
-        reasons.append(f"{one.topic} is {why}"[:_TEXT_SHOWN])
+    for channel in channels[:_LISTED]:
+        why = f"{channel.type}, which is no pose"
+        if not is_readable(channel) or not channel.type:
+            how = f"{channel.encoding or 'no encoding'} with {channel.schema_encoding or 'no schema'}"
+            why = f"{channel.type or 'of no type'} in {how}"
+        reasons.append(f"{channel.topic} is {why}"[:_TEXT_SHOWN])
     if any(map(is_readable, channels)):
         reasons.append(f"poses are {USUAL}")
     if not all(map(is_readable, channels)):
@@ -356,5 +357,5 @@ def _reasons(channels: Sequence[Channel]) -> str:
 
 def _listing(texts: Iterable[str], separator: str = ", ") -> str:
     all_texts = [text[:_TEXT_SHOWN] for text in texts]
-    more = len(all_texts) - _LISTED
-    return separator.join(all_texts[:_LISTED]) + (f"{separator}and {more} more" if more > 0 else "")
+    hidden = len(all_texts) - _LISTED
+    return separator.join(all_texts[:_LISTED]) + (f"{separator}and {hidden} more" if hidden > 0 else "")

@@ -76,11 +76,11 @@ these are meant, to quaternions ``xyzw``."""
 
 def quaternions(kind: str, values: Array, how: str) -> Array:
     """Quaternions (N, 4) ``xyzw`` of rotations of a kind; NaN where a value is not finite."""
-    known = np.isfinite(values).all(axis=1)
-    found = np.full((len(values), 4), np.nan)
-    if known.any():
-        found[known] = ROTATIONS[kind][1](values[known], how)
-    return found
+    is_finite = np.isfinite(values).all(axis=1)
+    quats = np.full((len(values), 4), np.nan)
+    if is_finite.any():
+        quats[is_finite] = ROTATIONS[kind][1](values[is_finite], how)
+    return quats
 
 
 BLANKS: Final = '" \t\r\n'
@@ -123,9 +123,9 @@ def numbers(cells: Sequence[str]) -> Array:
 
 def are_numbers(values: Sequence[str]) -> bool:
     """Whether values are numbers and empty cells, with at least one number."""
-    given = [value for value in values if value.strip(BLANKS)]
+    filled = [value for value in values if value.strip(BLANKS)]
     try:
-        return bool(list(map(number, given)))
+        return bool(list(map(number, filled)))
     except ValueError:
         return False
 
@@ -214,7 +214,7 @@ class TableLayout:
 
 
 def bodies_of(
-    found: Mapping[str, Mapping[str, int]],
+    by_body: Mapping[str, Mapping[str, int]],
     columns: Sequence[tuple[str, str]],
     reading: TableReading,
     unit: str = "",
@@ -223,14 +223,14 @@ def bodies_of(
 
     Parameters
     ----------
-    found : indices of columns by body and role.
+    by_body : indices of columns by body and role.
     columns : name and unit of each column, the unit empty where unknown; ``unit`` is that of positions then.
 
     Raises OpenReading if it is not known what the rotation of a body is, or the unit of its angles, and
     UnreadableRecording if a unit is unknown, or the units of x, y and z differ.
     """
     bodies, open_names = list[Body](), list[str]()
-    for name, places in found.items():
+    for name, places in by_body.items():
         kinds = [kind for kind, (roles, _) in ROTATIONS.items() if places.keys() >= set(roles)]
         if not kinds or not places.keys() >= set(POSITION):
             continue
@@ -243,19 +243,19 @@ def bodies_of(
             continue
         roles, _ = ROTATIONS[kind]
         named = [columns[places[role]] for role in POSITION]
-        position = [(label, (reading.unit or own or unit).lower()) for label, own in named]
-        for (label, of_label), (_, own) in zip(position, named, strict=True):
-            if LENGTHS_M.get(own.lower()) not in (None, LENGTHS_M.get(of_label)):
-                raise UnreadableRecording(_contradicted(label, own, of_label))
+        position = [(label, (reading.unit or column_unit or unit).lower()) for label, column_unit in named]
+        for (label, of_label), (_, column_unit) in zip(position, named, strict=True):
+            if LENGTHS_M.get(column_unit.lower()) not in (None, LENGTHS_M.get(of_label)):
+                raise UnreadableRecording(_contradicted(label, column_unit, of_label))
             if of_label and of_label not in LENGTHS_M:
                 raise UnreadableRecording(_unknown_unit(of_label, label, "m, cm, mm, um"))
-        metres, *others = {LENGTHS_M.get(of_label, 1.0) for _, of_label in position}
-        if others:
+        metres, *differing = {LENGTHS_M.get(of_label, 1.0) for _, of_label in position}
+        if differing:
             labels = ", ".join(label for label, _ in named)
             raise UnreadableRecording(f"the units of the columns {labels} differ: give all three in one")
         how = _how(reading, [columns[places[role]] for role in roles[3:] or roles])
         own_places = tuple(places[role] for role in (*POSITION, *roles))
-        has_unit = all(reading.unit or own or unit for _, own in named)
+        has_unit = all(reading.unit or column_unit or unit for _, column_unit in named)
         bodies.append(Body(name, own_places, metres, kind, how, has_unit))
     if open_names and not bodies:
         raise OpenReading(", ".join(open_names[:3]))
@@ -277,12 +277,12 @@ def _how(reading: TableReading, columns: Sequence[tuple[str, str]]) -> str:
     return f"{reading.euler}:{units.pop()}"
 
 
-def _contradicted(name: str, own: str, stated: str) -> str:
-    return f"column '{name.strip()}' states the unit {own}, not {stated}: give none, or correct its name"
+def _contradicted(name: str, unit: str, stated: str) -> str:
+    return f"column '{name.strip()}' states the unit {unit}, not {stated}: give none, or correct its name"
 
 
-def _unknown_unit(unit: str, name: str, known: str) -> str:
-    return f"the unit '{unit}' of column '{name.strip()}' is not known: {known}"
+def _unknown_unit(unit: str, name: str, choices: str) -> str:
+    return f"the unit '{unit}' of column '{name.strip()}' is not known: {choices}"
 
 
 _UNIT: Final = re.compile(r"[\s_]*[\[(](?!\d+\])([^\])]*)[\])]\s*$|_(mm|cm|um|m|s|ms|us|ns|deg|rad)$")
@@ -360,13 +360,13 @@ class Columns:
     def numbered(self, base: str) -> dict[int, int]:
         """Indices of the columns ``base[0]``, ``base_1``, ... by their number, and of ``base[0][0]``, ... row
         by row."""
-        found = dict[tuple[int, ...], int]()
+        places = dict[tuple[int, ...], int]()
         for pattern in (NUMBERED, BY_ROW):
-            for place, name in enumerate(self.names if not found else ()):
+            for place, name in enumerate(self.names if not places else ()):
                 match = pattern.fullmatch(name)
                 if match is not None and match[1].lower() == base.lower():
-                    found.setdefault(tuple(map(int, match.groups()[1:])), place)
-        ordered = sorted(found.items())
+                    places.setdefault(tuple(map(int, match.groups()[1:])), place)
+        ordered = sorted(places.items())
         return {key[0] if len(key) == 1 else i: place for i, (key, place) in enumerate(ordered)}
 
     def places(self, name: str, is_group: bool) -> list[int]:
@@ -374,46 +374,46 @@ class Columns:
         raises ChoiceError."""
         lower = name.lower()
         by_lower = [*map(str.lower, self.names)]
-        for names, wanted in ((self.names, name), (by_lower, lower), (self.plain, lower)):
-            if not is_group and wanted in names:
-                return [names.index(wanted)]
+        for names, key in ((self.names, name), (by_lower, lower), (self.plain, lower)):
+            if not is_group and key in names:
+                return [names.index(key)]
         part = _SLICE.fullmatch(name)
         if part is not None and (part[3] is not None) == is_group:
-            first = int(part[2])
+            begin = int(part[2])
             numbered = self.numbered(part[1])
-            wanted_numbers = range(first, int(part[3] or first + 1))
+            wanted_numbers = range(begin, int(part[3] or begin + 1))
             if all(number in numbered for number in wanted_numbers):
                 return [numbered[number] for number in wanted_numbers]
         elif is_group and (numbered := self.numbered(name)):
             return list(numbered.values())
         group = f"s {name}" if part is not None else f"s {name}[0], {name}[1], ..."
-        what = group if is_group else f" {name!r}"
+        missing = group if is_group else f" {name!r}"
         raise ChoiceError(
-            f"no column{what}{suggestion(name, self.names) or f'; there are {_listed(self.names)}'}"
+            f"no column{missing}{suggestion(name, self.names) or f'; there are {_listed(self.names)}'}"
         )
 
     def find(self, reading: TableReading) -> dict[str, dict[str, int]]:
         """Indices by body and role: those that the reading states, and others by their names."""
         stated = dict(chain.from_iterable(self._stated(*one, reading) for one in reading.columns))
-        found: dict[str, dict[str, int]] = {}
+        by_body: dict[str, dict[str, int]] = {}
         for place, name in enumerate(self.plain):
             if place not in stated.values():
                 for body, role in _roles(name, reading.matrix == "columns"):
-                    found.setdefault(body, {}).setdefault(role, place)
+                    by_body.setdefault(body, {}).setdefault(role, place)
         times = {role: stated.pop(role) for role in (TIME, REST) if role in stated}
         if stated:  # the body without a name, or else that of most columns
-            main = "" if "" in found or not found else max(found, key=lambda body: len(found[body]))
-            found = {main: {**found.get(main, {}), **stated}}
-        return {**found, TIME: times}
+            main = "" if "" in by_body or not by_body else max(by_body, key=lambda body: len(by_body[body]))
+            by_body = {main: {**by_body.get(main, {}), **stated}}
+        return {**by_body, TIME: times}
 
     def _stated(self, role: str, name: str, reading: TableReading) -> list[tuple[str, int]]:
         places = self.places(name, role in GROUPS)
         if role not in GROUPS:
             return [(role, places[0])]
         if role != "matrix":
-            many, part = len(GROUPS[role]), f"{name.partition('[')[0]}[0:{len(GROUPS[role])}]"
-            if len(places) != many:
-                raise ChoiceError(f"{role} is {many} columns, as {part}, and {name} has {len(places)}")
+            size, part = len(GROUPS[role]), f"{name.partition('[')[0]}[0:{len(GROUPS[role])}]"
+            if len(places) != size:
+                raise ChoiceError(f"{role} is {size} columns, as {part}, and {name} has {len(places)}")
             return list(zip(GROUPS[role], places, strict=True))
         if len(places) not in _MATRIX_SHAPES:
             raise ChoiceError(f"a matrix has 9, 12 or 16 values, and {name} {len(places)}")
@@ -460,8 +460,8 @@ def _body(prefix: str) -> str:
 
 def layout(columns: Columns, reading: TableReading) -> TableLayout:
     """The layout of columns; raises UnreadableRecording or ChoiceError."""
-    found = columns.find(reading)
-    time, rest = columns.time(reading, found.pop(TIME))
+    by_body = columns.find(reading)
+    time, rest = columns.time(reading, by_body.pop(TIME))
     time_ns, unit = reading.time_ns, "" if time is None or time < 0 else columns.units[time].lower()
     unit_ns = NAMED_NS.get(unit)
     if time is not None and not time_ns:
@@ -470,12 +470,12 @@ def layout(columns: Columns, reading: TableReading) -> TableLayout:
         time_ns = NAMED_NS.get(columns.plain[time]) if unit in _CLOCKS else unit_ns
     if reading.has_frame_numbers and unit_ns not in (None, TIMES_NS["s"]):  # whole seconds may be frames
         raise ChoiceError(f"the column {columns.names[time or 0]!r} has times, {NO_FRAMES}")
-    found = {
-        body: {r: place for r, place in places.items() if place != time} for body, places in found.items()
+    by_body = {
+        body: {r: place for r, place in places.items() if place != time} for body, places in by_body.items()
     }
-    bodies = bodies_of(found, list(zip(columns.names, columns.units, strict=True)), reading)
+    bodies = bodies_of(by_body, list(zip(columns.names, columns.units, strict=True)), reading)
     if time is None or not bodies:
-        best = max(found.values(), key=len, default=())
+        best = max(by_body.values(), key=len, default=())
         raise _lacking(columns, reading, time is not None, POSE_ROLES if bodies else best)
     quaternion = tuple(columns.names[place] for place in bodies[0].columns[3:])
     has_angles = are_named_angles(quaternion)
@@ -525,8 +525,8 @@ def _listed(names: Sequence[str]) -> str:
             else (part[1], int(part[2]) - place)
         )
 
-    shown = list[str]()
+    listed = list[str]()
     for (base, begin), group in groupby(range(len(names)), run):
-        first, *more = group
-        shown.append(f"{base}[{begin + first}:{begin + more[-1] + 1}]" if more else names[first])
-    return ", ".join(shown[:_SHOWN]) + (", ..." if len(shown) > _SHOWN else "")
+        first, *rest = group
+        listed.append(f"{base}[{begin + first}:{begin + rest[-1] + 1}]" if rest else names[first])
+    return ", ".join(listed[:_SHOWN]) + (", ..." if len(listed) > _SHOWN else "")

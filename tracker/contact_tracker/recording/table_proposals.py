@@ -149,8 +149,8 @@ def _meanings(rows: Sequence[Sequence[str]]) -> list[TableReading]:
     KITTI's and TUM's, else at the end of seven values with angles; a time before it, or two numbers as of
     ``ros2 topic echo --csv``."""
     values = rows[0] if rows else ()
-    row, width = np.array([numbers(one) for one in rows if len(one) == len(values)]), len(values)
-    row = row[np.isfinite(row[:, width - 4 :]).all(axis=1)]
+    table, width = np.array([numbers(row) for row in rows if len(row) == len(values)]), len(values)
+    table = table[np.isfinite(table[:, width - 4 :]).all(axis=1)]
 
     def meaning(begin: int, how: Mapping[str, Any], **groups: int) -> TableReading:
         """A pose of groups of so many values from a place on, after the time."""
@@ -165,15 +165,15 @@ def _meanings(rows: Sequence[Sequence[str]]) -> list[TableReading]:
             return reading_of({TIME: f"{UNNAMED}0", REST: f"{UNNAMED}1", **columns}, **how)
         return reading_of({TIME: f"{UNNAMED}{before[-1]}", **columns}, **how)
 
-    if not len(row):
+    if not len(table):
         return []
     for count in (16, 12):
         for begin in range(width - count + 1):
-            if (order := _order_of_matrices(row[:, begin : begin + count])) is not None:
+            if (order := _order_of_matrices(table[:, begin : begin + count])) is not None:
                 return [meaning(begin, {"matrix": order}, matrix=count)]
-    if (first := _begin_of_pose(row)) is not None:
-        return [meaning(first, {}, position=3, quaternion=4)]
-    if width in (6, 7) and np.isfinite(row).all():
+    if (place := _begin_of_pose(table)) is not None:
+        return [meaning(place, {}, position=3, quaternion=4)]
+    if width in (6, 7) and np.isfinite(table).all():
         return [meaning(width - 6, how, position=3, rotation=3) for how in _ANGLES_OR_VECTOR]
     return []
 
@@ -181,11 +181,11 @@ def _meanings(rows: Sequence[Sequence[str]]) -> list[TableReading]:
 def may_end_with_quaternions(rows: Sequence[Sequence[str]]) -> bool:
     """Whether the last four values of most rows have one norm, as quaternions have with any scale; angles
     that change have not."""
-    last = _present(np.array([numbers(row[-4:]) for row in rows if len(row) >= 4]).reshape(-1, 4))
-    if not len(last):
+    ends = _present(np.array([numbers(row[-4:]) for row in rows if len(row) >= 4]).reshape(-1, 4))
+    if not len(ends):
         return True
-    norms = np.linalg.norm(last, axis=1)
-    rounding = 1.0 if (last == np.rint(last)).all() else 0.0  # of four integers by a half each
+    norms = np.linalg.norm(ends, axis=1)
+    rounding = 1.0 if (ends == np.rint(ends)).all() else 0.0  # of four integers by a half each
     is_near = np.abs(norms - np.median(norms)) <= NORM_TOLERANCE * np.median(norms) + rounding
     return bool(2 * np.count_nonzero(is_near) >= len(norms))
 
@@ -226,15 +226,15 @@ def _proposal(columns: Columns, reading: TableReading, path: str, rows: Rows) ->
     """What the columns seem to be, and the command that reads them so; None if nothing fits."""
     reading, about_time, about_rate = _with_time(columns, reading, rows)
     lower = {*map(str.lower, columns.names), *columns.plain}
-    for (system, names, meant), prefix in product(KNOWN, _prefixes(lower)):
+    for (system, names, meaning), prefix in product(KNOWN, _prefixes(lower)):
         if lower.issuperset(prefix + name for name in names):
             written = {name.lower(): name for name in reversed(columns.names)}
-            own = tuple(
-                (role, written.get(f"{prefix}{name}".lower(), prefix + name)) for role, name in meant.columns
-            )
-            one = replace(meant, columns=own).with_(reading)
-            if not _fault(columns, one):
-                return f"if its columns are those of {system}, read them by {one.command(path)}{about_rate}"
+            roles = ((role, prefix + name) for role, name in meaning.columns)
+            spelled = tuple((role, written.get(name.lower(), name)) for role, name in roles)
+            candidate = replace(meaning, columns=spelled).with_(reading)
+            if not _fault(columns, candidate):
+                command = candidate.command(path)
+                return f"if its columns are those of {system}, read them by {command}{about_rate}"
     fault = _fault(columns, reading)
     if fault is None:
         return f"{about_time}: read them by {reading.command(path)}{about_rate}"
@@ -245,24 +245,24 @@ def _proposal(columns: Columns, reading: TableReading, path: str, rows: Rows) ->
     matches = [pattern.fullmatch(name) for name in columns.names for pattern in (NUMBERED, BY_ROW)]
     bases = dict.fromkeys(match[1] for match in matches if match is not None and CAN_BE_GIVEN(match[1]))
     counted = ((base, len(columns.numbered(base))) for base in islice(bases, _MOST_GROUPS))
-    parts = [(base, many) for base, many in counted if many in _LISTS or many > len(POSE_ROLES)]
+    parts = [(base, size) for base, size in counted if size in _LISTS or size > len(POSE_ROLES)]
     pairs = (
         [a, b]
         for a, b in product(parts, parts)
         if (a[1] < b[1] or (a[1] == b[1] == 3 and a != b)) and not a[0].startswith(f"{b[0]}[")
     )
-    for some in chain(([part] for part in parts), pairs):
-        one = reading
-        for base, many in some:
-            is_turn = len(some) > 1 and many == 3 and _TURNING.search(base) is not None
-            stated, meant = _VECTOR if is_turn else _meant(columns, base, rows)
-            one = meant.with_(reading_of(stated.format(base))).with_(one)
-        fault = _fault(columns, one)
+    for groups in chain(([part] for part in parts), pairs):
+        candidate = reading
+        for base, size in groups:
+            is_turn = len(groups) > 1 and size == 3 and _TURNING.search(base) is not None
+            stated, meaning = _VECTOR if is_turn else _meant(columns, base, rows)
+            candidate = meaning.with_(reading_of(stated.format(base))).with_(candidate)
+        fault = _fault(columns, candidate)
         if not fault:
-            commands = _commands(one, path, 9 in [many for _, many in some])
+            commands = _commands(candidate, path, 9 in [size for _, size in groups])
             return f"if its columns are meant so, read them by {commands}{about_rate}"
         if isinstance(fault, OpenReading) and (
-            text := _open_rotation(fault, columns, one, path, rows, about_rate)
+            text := _open_rotation(fault, columns, candidate, path, rows, about_rate)
         ):
             return text
     return None
@@ -270,40 +270,40 @@ def _proposal(columns: Columns, reading: TableReading, path: str, rows: Rows) ->
 
 def _prefixes(names: Collection[str]) -> list[str]:
     """What may stand before the names of a system, as ``rist_`` or ``tool.``; none first."""
-    found = (_PREFIX.match(name) for name in sorted(names))
-    return ["", *dict.fromkeys(match[0] for match in islice(filter(None, found), _MOST_GROUPS))]
+    matches = (_PREFIX.match(name) for name in sorted(names))
+    return ["", *dict.fromkeys(match[0] for match in islice(filter(None, matches), _MOST_GROUPS))]
 
 
 def _meant(columns: Columns, base: str, rows: Rows) -> tuple[str, TableReading]:
     """What the numbered columns of a name are, by their number and their first values."""
     places = list(columns.numbered(base).values())
     table = [numbers([row[i] for i in places]) for row in rows() if len(row) > max(places)]
-    values, many = np.array(table).reshape(-1, len(places)), len(places)
-    if many in (16, 12, 9):
-        order = _order_of_matrices(values) if many > 9 else None
+    values, count = np.array(table).reshape(-1, len(places)), len(places)
+    if count in (16, 12, 9):
+        order = _order_of_matrices(values) if count > 9 else None
         return "matrix={0}", reading_of(matrix=order or "rows")
-    if many >= len(POSE_ROLES) and len(values):
+    if count >= len(POSE_ROLES) and len(values):
         begin = _begin_of_pose(values)
         if begin is not None:
             spans = f"position={{0}}[{begin}:{begin + 3}],quaternion={{0}}[{begin + 3}:{begin + 7}]"
             return spans, reading_of()
-        if many > len(POSE_ROLES):
+        if count > len(POSE_ROLES):
             return "position={0}", reading_of()  # there are too many
-        many -= 1 if len(_present(values)) else 0
-    return _LISTS.get(many, _LISTS[3])
+        count -= 1 if len(_present(values)) else 0
+    return _LISTS.get(count, _LISTS[3])
 
 
 def _open_rotation(
     fault: OpenReading, columns: Columns, reading: TableReading, path: str, rows: Rows, about_rate: str
 ) -> str | None:
     """What the three numbers of a rotation are, and how they are read; None if no way to read them fits."""
-    what, ways = _three_numbers(str(fault).split(", "), columns, rows)
-    readings = [one for way in ways if not _fault(columns, one := reading.with_(way))]
+    description, ways = _three_numbers(str(fault).split(", "), columns, rows)
+    readings = [candidate for way in ways if not _fault(columns, candidate := reading.with_(way))]
     if readings:
-        commands = " or ".join(one.command(path) for one in readings)
-        orders = f". {_ORDERS}" if any(one.euler for one in readings) else ""
-        return f"its rotations are {fault}, {what}: read them by {commands}{about_rate}{orders}"
-    if what:
+        commands = " or ".join(candidate.command(path) for candidate in readings)
+        orders = f". {_ORDERS}" if any(candidate.euler for candidate in readings) else ""
+        return f"its rotations are {fault}, {description}: read them by {commands}{about_rate}{orders}"
+    if description:
         return None
     unit = f"write its unit into the names, as in '{str(fault).partition(', ')[0]} [deg]'"
     return f"its rotation vector {fault} is longer than a turn in radians: {unit}"
@@ -326,10 +326,10 @@ def _three_numbers(names: Sequence[str], columns: Columns, rows: Rows) -> tuple[
     if are_named_angles(names) or order == "XYZ" or is_far:
         return "three angles", angles
     vector = reading_of(rotation_vector=True)
-    what = "three numbers, angles or a rotation vector"
+    description = "three numbers, angles or a rotation vector"
     if len(angles) > 1 and len(values):  # no larger than a turn in radians: hardly degrees
-        return what, [vector, *angles[::-1]]
-    return what, [angles[0], vector]
+        return description, [vector, *angles[::-1]]
+    return description, [angles[0], vector]
 
 
 def _with_time(columns: Columns, reading: TableReading, rows: Rows) -> tuple[TableReading, str, str]:
@@ -343,10 +343,10 @@ def _with_time(columns: Columns, reading: TableReading, rows: Rows) -> tuple[Tab
     if like is not None and not numbered:
         return reading.with_(reading_of({TIME: like})), f"if {like} is the time", ""
     if columns.names[0] == f"{UNNAMED}0" and not numbered:  # the index of a DataFrame
-        first = numbers([row[0] for row in rows()])
-        if len(first) > 1 and (np.diff(first) > 0.0).all() and (first != np.round(first)).any():
-            found = reading.with_(reading_of({TIME: columns.names[0]}))
-            return found, "if its first column, which has no name, is the time", ""
+        index = numbers([row[0] for row in rows()])
+        if len(index) > 1 and (np.diff(index) > 0.0).all() and (index != np.round(index)).any():
+            timed = reading.with_(reading_of({TIME: columns.names[0]}))
+            return timed, "if its first column, which has no name, is the time", ""
     about = "its times are numbers of frames" if numbered else "it has no times"
     rate = f", with the rate of your {'frames' if numbered else 'rows'} instead of {_A_RATE}"
     return reading.with_(reading_of(time_unit=_A_RATE)), about, rate
@@ -360,8 +360,8 @@ def _commands(reading: TableReading, path: str, is_square: bool = False) -> str:
         return f"{command} or, if it goes along columns, {replace(reading, matrix='columns').command(path)}"
     if (group := columns.pop("quaternion", None)) is None:
         return command
-    first = replace(reading, columns=(*columns.items(), ("wxyz", group)))
-    return f"{command} or, with the real part first, {first.command(path)}"
+    real_first = replace(reading, columns=(*columns.items(), ("wxyz", group)))
+    return f"{command} or, with the real part first, {real_first.command(path)}"
 
 
 def _fault(columns: Columns, reading: TableReading) -> Exception | None:

@@ -123,8 +123,8 @@ def _median_step(times: NDArray[np.float64]) -> float | None:
 
 def _first_within(bounds_s: tuple[float, float], value: float | None) -> str | None:
     """The first unit in which a value is within bounds."""
-    least, most = bounds_s
-    units = (unit for unit, ns in TIMES_NS.items() if value and least <= value * ns * 1e-9 <= most)
+    lower, upper = bounds_s
+    units = (unit for unit, ns in TIMES_NS.items() if value and lower <= value * ns * 1e-9 <= upper)
     return next(units, None)
 
 
@@ -165,14 +165,14 @@ class TableTimes:
         UnreadableRecording if times are ticks since another year than 1970.
         """
         floats = numbers(times)
-        known, stamps = np.isfinite(floats), np.full(len(times), NEVER)
+        is_number, stamps = np.isfinite(floats), np.full(len(times), NEVER)
         if self._are_dates is None:
-            dates = sum(bool(_DATE.fullmatch(text)) for text in compress(times, ~known))
-            if not dates and not known.any():
+            dates = sum(bool(_DATE.fullmatch(text)) for text in compress(times, ~is_number))
+            if not dates and not is_number.any():
                 return stamps
-            self._are_dates = dates > known.sum()
+            self._are_dates = dates > is_number.sum()
             if not self._are_dates:
-                self._find_unit(floats[known])
+                self._find_unit(floats[is_number])
             elif self._reading.time_unit is not None:
                 raise ChoiceError(
                     f"{self._path}: its times are dates: leave out --time-unit, which is for tables whose "
@@ -181,16 +181,16 @@ class TableTimes:
         if self._are_dates:
             return self._stamps_of_dates(times)
         assert self._scale is not None
-        known &= np.abs(floats * self._scale - self._epoch_ns) < RANGE_NS
+        is_number &= np.abs(floats * self._scale - self._epoch_ns) < RANGE_NS
         if self._scale == round(self._scale):  # exact to the written nanosecond
-            unit_ns, written = round(self._scale), compress(times, known)
-            stamps[known] = [exact_ns(time, unit_ns) - self._epoch_ns for time in written]
+            unit_ns, written = round(self._scale), compress(times, is_number)
+            stamps[is_number] = [exact_ns(time, unit_ns) - self._epoch_ns for time in written]
         else:
-            stamps[known] = np.round(floats[known] * self._scale)
+            stamps[is_number] = np.round(floats[is_number] * self._scale)
         if rests is not None:
             more_ns = numbers(rests) * self._rest_ns
             has_rest = (more_ns >= 0) & (more_ns < 1e9)
-            stamps[has_rest & known] += more_ns[has_rest & known].astype(np.int64)
+            stamps[has_rest & is_number] += more_ns[has_rest & is_number].astype(np.int64)
             stamps[~has_rest] = NEVER
         return stamps
 
@@ -221,14 +221,15 @@ class TableTimes:
         doubt, step = None, _median_step(times)
         if self._reading.has_frame_numbers and (times != np.round(times)).any():
             raise ChoiceError(f"{self._path}: its times are not whole, {NO_FRAMES}")
-        for unit, (epochs, what) in _EPOCHS_S.items():
+        for unit, (epochs, description) in _EPOCHS_S.items():
             unit_s = TIME_UNITS_NS[unit] * 1e-9
-            dated = [one for one in epochs if _DATE_S[0] <= float(times[0]) * unit_s - one <= _DATE_S[1]]
+            first_s = float(times[0]) * unit_s
+            dated = [epoch_s for epoch_s in epochs if _DATE_S[0] <= first_s - epoch_s <= _DATE_S[1]]
             if unit == self._reading.time_unit:
                 self._epoch_ns = sum(dated[:1]) * 10**9
             elif dated and not self._is_certain and (step or 0.0) * unit_s <= _SECONDS:
                 command = TableReading(time_unit=unit).with_(self._reading).command(self._path)
-                raise UnreadableRecording(f"its times look like {what}: read them by {command}")
+                raise UnreadableRecording(f"its times look like {description}: read them by {command}")
         if self._scale is None:
             unit, doubt = unit_of(times)
             self._scale = TIME_UNITS_NS[unit]
@@ -350,7 +351,7 @@ def _kind(path: str, begin: bytes) -> str:
     """The kind of a table, a key of ``binary_tables.TABLES``, by the first bytes and the name of a file;
     empty for others."""
     name = path.lower()
-    return next((kind for kind, first, end in _BINARY if first.match(begin) and name.endswith(end)), "")
+    return next((kind for kind, magic, end in _BINARY if magic.match(begin) and name.endswith(end)), "")
 
 
 def is_table(path: str, begin: bytes) -> bool:
@@ -371,7 +372,7 @@ def has_poses(path: str) -> bool:
 
 def read_table(
     path: str,
-    wanted: Callable[[Channel], bool],
+    is_wanted: Callable[[Channel], bool],
     report: Callable[[str], None],
     budget: WorkBudget,
     assume: Callable[[str], None],
@@ -381,7 +382,7 @@ def read_table(
 
     Parameters
     ----------
-    wanted : whether poses of such a channel are read.
+    is_wanted : whether poses of such a channel are read.
     report : called with one line on rows that cannot be read.
     budget : bounds the size of a compressed table.
     assume : called with one line on each assumption.
@@ -401,24 +402,24 @@ def read_table(
     layout, topic = table.layout, os.path.basename(path)
     read_as = ReadAs(False, reading, path, layout.quaternion, layout.has_angles)
     sources = tuple(PoseSource(topic, layout.kind, "", body.name, None, read_as) for body in layout.bodies)
-    is_wanted = wanted(Channel(topic, ROWS, layout.kind, "", b""))
+    is_read = is_wanted(Channel(topic, ROWS, layout.kind, "", b""))
     times, lost, why, doubt = TableTimes(path, layout, reading, assume), 0, "", None
-    for columns in table if is_wanted else ():
+    for columns in table if is_read else ():
         texts = [str(time) for time in columns[layout.time]]
         rests = None if layout.rest is None else [str(rest) for rest in columns[layout.rest]]
         stamps = times.stamps_ns(texts, rests)
         good = stamps != NEVER
         if not good.all():
-            first = int(good.argmin())
-            why = why or _without_time(texts[first], columns, first, layout)
+            row = int(good.argmin())
+            why = why or _without_time(texts[row], columns, row, layout)
             lost += int((~good).sum())
-        values = [_values(columns, body) for body in layout.bodies]
+        values = [(_values(columns, body), body) for body in layout.bodies]
         if doubt is None:
-            doubts = (doubt_of_angles(*one, reading, path) for one in zip(values, layout.bodies, strict=True))
+            doubts = (doubt_of_angles(numbers, body, reading, path) for numbers, body in values)
             if (doubt := next(filter(None, doubts), None)) is not None:
                 assume(doubt)
-        poses = (body.poses(own) for own, body in zip(values, layout.bodies, strict=True))
-        yield Rows(sources, tuple(Poses(stamps, one[:, :3], one[:, 3:])[good] for one in poses))
+        poses = (body.poses(numbers) for numbers, body in values)
+        yield Rows(sources, tuple(Poses(stamps, rows[:, :3], rows[:, 3:])[good] for rows in poses))
     if lost:
         report(f"{lost} {'row has' if lost == 1 else 'rows have'} {why}")
     for damage in table.damage:
@@ -439,15 +440,15 @@ def _without_time(text: str, columns: Columns, row: int, layout: TableLayout) ->
     """What a row without a time lacks: a time, or, if it has nothing but text in its first cell, the
     separators of the others."""
     lacks = "no time that is a number or a date"
-    others = [columns[place][row] for place in layout.places if place != layout.time]
-    is_alone = text and not any(isinstance(value, str) and value for value in others)
+    cells = [columns[place][row] for place in layout.places if place != layout.time]
+    is_alone = text and not any(isinstance(value, str) and value for value in cells)
     if is_alone and layout.kind not in ("Parquet", "Feather", "JSON"):
         return f"{lacks}: separate their values by {SEPARATORS[layout.separator or ' ']}, as in the first row"
-    shown = f" ({printable(text[:_LONGEST_TIME])!r})" if text else ""
+    cell = f" ({printable(text[:_LONGEST_TIME])!r})" if text else ""
     if are_numbers([text]) and text:
-        what = f"a time more than {RANGE_NS / _YEAR_NS:.0f} years from 1970{shown}"
-        return f"{what}: give its unit by --time-unit s, ms, us or ns"
-    return f"{lacks}{shown}: give each a number, or a date as 2026-03-01T10:00:00.25"
+        fault = f"a time more than {RANGE_NS / _YEAR_NS:.0f} years from 1970{cell}"
+        return f"{fault}: give its unit by --time-unit s, ms, us or ns"
+    return f"{lacks}{cell}: give each a number, or a date as 2026-03-01T10:00:00.25"
 
 
 def _values(columns: Columns, body: Body) -> NDArray[np.float64]:

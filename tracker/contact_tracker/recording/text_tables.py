@@ -119,14 +119,14 @@ class TextTable:
 
     def __iter__(self) -> Iterator[dict[int, Sequence[str]]]:
         rows = self._rows()
-        while some := list(islice(rows, ROWS_AT_ONCE)):
-            yield dict(zip(self.layout.places, zip(*some, strict=True), strict=True))
+        while batch := list(islice(rows, ROWS_AT_ONCE)):
+            yield dict(zip(self.layout.places, zip(*batch, strict=True), strict=True))
 
     def _opened(self) -> IO[str]:
         return open(self._path, encoding=self._encoding, errors="replace")
 
     def _rows(self) -> Iterator[list[str]]:
-        layout, separator, many, last = self.layout, self.layout.separator, 0, list[str]()
+        layout, separator, count, previous = self.layout, self.layout.separator, 0, list[str]()
         places, width = layout.places, max(layout.places) + 1
         with self._opened() as file:
             lines = _entries_in(file) if self._is_document else _lines(file)
@@ -138,19 +138,19 @@ class TextTable:
                         return  # the end of a section
                     continue
                 cells = _named_cells(line, layout) if layout.names else _cells_of(line, separator)
-                if line[-1] != "\n" and len(line) < _LINE and last and _is_cut(last, cells):
+                if line[-1] != "\n" and len(line) < _LINE and previous and _is_cut(previous, cells):
                     self.damage = (_CUT_OFF,)
                     return
-                last = cells
+                previous = cells
                 if len(cells) < width:
                     cells = cells + [""] * (width - len(cells))
                 row = [cells[place] for place in places]
                 if layout.time < 0:
-                    row[0] = str(many)
+                    row[0] = str(count)
                 if len(line) > _LONGEST_CELL * width:
                     row = [cell[:_LONGEST_CELL] for cell in row]
                 if any(map(str.strip, row)):
-                    many += 1
+                    count += 1
                     yield row
 
 
@@ -192,33 +192,33 @@ def _fields_of(line: str) -> dict[str, str]:
     if not line.lstrip().startswith("{"):
         _, *between = _PAIR.split(line)[::3]
         between = [text.strip(_BETWEEN_PAIRS) for text in between]
-        if rest := next((text for text in between if not _OF_NEXT.fullmatch(text)), ""):
+        if unread := next((text for text in between if not _OF_NEXT.fullmatch(text)), ""):
             raise ValueError(
-                f"beside its values with names there is {rest[:_LONGEST_CELL]!r}: leave it out, and write a "
-                "unit in the name, as in x_cm=29"
+                f"beside its values with names there is {unread[:_LONGEST_CELL]!r}: leave it out, and write "
+                "a unit in the name, as in x_cm=29"
             )
         return _flattened({name: _values_in(value) for name, value in _PAIR.findall(line)})
     try:
-        given = _loads(line)
+        entry = _loads(line)
     except RecursionError as error:
         raise ValueError("it is too deep") from error
-    if not isinstance(given, dict):
+    if not isinstance(entry, dict):
         raise ValueError("it is no object")
-    return _flattened(given)
+    return _flattened(entry)
 
 
-def _flattened(given: Mapping[str, Any]) -> dict[str, str]:
+def _flattened(entry: Mapping[str, Any]) -> dict[str, str]:
     """The numbers and texts in an object and its parts."""
-    found, waiting = dict[str, str](), list(given.items())[::-1]
+    fields, waiting = dict[str, str](), list(entry.items())[::-1]
     while waiting:
         name, value = waiting.pop()
         if isinstance(value, dict):
-            waiting += [(f"{name}.{key}", one) for key, one in value.items()][::-1]
+            waiting += [(f"{name}.{key}", part) for key, part in value.items()][::-1]
         elif isinstance(value, list):
-            waiting += [(f"{name}[{i}]", one) for i, one in enumerate(value)][::-1]
+            waiting += [(f"{name}[{i}]", part) for i, part in enumerate(value)][::-1]
         elif isinstance(value, str) or value is None:
-            found[name] = value or ""
-    return found
+            fields[name] = value or ""
+    return fields
 
 
 def _is_document(lines: Sequence[str]) -> bool:
@@ -242,26 +242,26 @@ def _entries_in(file: IO[str]) -> Iterator[str]:
             "it is JSON of more than 64 MB: write one object a line, as jq -c '.[]' does"
         )
     try:
-        given = _loads(text)
+        content = _loads(text)
     except (ValueError, RecursionError) as error:
         raise UnreadableRecording(f"it begins like JSON, but is none: {error}") from error
-    if isinstance(given, dict) and given and all(map(str.isdigit, given)):  # by the number of a frame
-        parts = ((name, value if _has_objects(value) else [value]) for name, value in given.items())
-        given = [{"frame": name, **_named(one)} for name, value in parts for one in value]
-    elif isinstance(given, dict):
-        lists = {name: value for name, value in given.items() if isinstance(value, list)}
+    if isinstance(content, dict) and content and all(map(str.isdigit, content)):  # by the number of a frame
+        parts = ((name, value if _has_objects(value) else [value]) for name, value in content.items())
+        content = [{"frame": name, **_named(entry)} for name, value in parts for entry in value]
+    elif isinstance(content, dict):
+        lists = {name: value for name, value in content.items() if isinstance(value, list)}
         objects = [value for value in lists.values() if _has_objects(value)]
         longest = max(map(len, lists.values()), default=0)
         rows = {name: value for name, value in lists.items() if len(value) == longest}
         by_row = [dict(zip(rows, row, strict=True)) for row in zip(*rows.values(), strict=True)]
-        given = objects[0] if len(objects) == 1 and len(objects[0]) == longest else by_row
-    if given == []:
+        content = objects[0] if len(objects) == 1 and len(objects[0]) == longest else by_row
+    if content == []:
         raise UnreadableRecording(
             "it is JSON without entries in a list, or lists of one length by name: write these alone, as by "
             "jq .data"
         )
-    for one in given if isinstance(given, list) else [given]:
-        yield json.dumps(_named(one)) + "\n"
+    for entry in content if isinstance(content, list) else [content]:
+        yield json.dumps(_named(entry)) + "\n"
 
 
 def _has_objects(value: Any) -> bool:
@@ -357,17 +357,17 @@ def _motive_layout(lines: Sequence[str], reading: TableReading, path: str) -> Ta
         )
     is_local = about.get("coordinate space", "Global").lower() != "global"
     turn = "q" if rotation.lower() == "quaternion" else "r"
-    found: dict[str, dict[str, dict[str, int]]] = {kind: {} for kind in _BODY_KINDS}
+    by_kind: dict[str, dict[str, dict[str, int]]] = {kind: {} for kind in _BODY_KINDS}
     columns = zip(lower[kind_row], cells[kind_row + 1], lower[head - 1], lower[head], strict=False)
     for place, (kind, name, value, axis) in enumerate(columns):
         if value in ("rotation", "position") and kind in _BODY_KINDS[: 1 if is_local else 2]:
-            role, bodies = axis if value == "position" else turn + axis, found[kind]
+            role, bodies = axis if value == "position" else turn + axis, by_kind[kind]
             names = (name if i == 1 else f"{name} {i}" for i in range(1, len(cells[head]) + 2))
             bodies.setdefault(next(n for n in names if role not in bodies.get(n, ())), {})[role] = place
     unit = reading.unit or about.get("length units", about.get("units", "Meters"))
     try:
         named = bodies_of(
-            found["bone"] | found["rigid body"], [(name, "") for name in cells[head]], reading, unit
+            by_kind["bone"] | by_kind["rigid body"], [(name, "") for name in cells[head]], reading, unit
         )
     except OpenReading:
         stated = reading.with_(reading_of(euler=f"{rotation}:deg")).command(path)
@@ -402,15 +402,15 @@ def _vicon_layout(lines: Sequence[str], reading: TableReading, path: str) -> Tab
     if len(cells) < 5 or not are_numbers(cells[1][:1]) or not number(cells[1][0]) > 0:
         raise UnreadableRecording(f"its section {section} lacks rate, names, columns or units above its rows")
     names, axes, units = cells[2], [axis.lower() for axis in cells[3]], map(str.lower, cells[4])
-    found = dict[str, dict[str, int]]()
+    by_body = dict[str, dict[str, int]]()
     for start, end in pairwise([*(i for i, name in enumerate(names) if name), len(axes)]):
         turn = "q" if "rw" in axes[start:end] else "r"
         roles = {f"r{axis}": turn + axis for axis in "xyzw"} | {f"t{axis}": axis for axis in "xyz"}
         places = {roles[axis]: start + i for i, axis in enumerate(axes[start:end]) if axis in roles}
-        found.setdefault(_short(names[start]), places)
+        by_body.setdefault(_short(names[start]), places)
     columns = list(zip(axes, chain(units, repeat("")), strict=False))
     try:
-        bodies = bodies_of(found, columns, reading, "mm")
+        bodies = bodies_of(by_body, columns, reading, "mm")
     except OpenReading:
         name = next(filter(None, names))
         kind = (about[1] if (about := _ABOUT.match(name)) is not None else None) or ""
@@ -577,10 +577,10 @@ def _check_widths(rows: Sequence[str], layout: TableLayout, names: int) -> None:
             f"rows have {max(widths)} values under {names} names: name all columns, and where these are "
             "decimal commas, write points, or separate values by semicolons"
         )
-    many = len(_cells_of(rows[0], layout.separator)) if rows else names
-    if many <= max(layout.places):
+    count = len(_cells_of(rows[0], layout.separator)) if rows else names
+    if count <= max(layout.places):
         raise UnreadableRecording(
-            f"row 1 has {many} {'value' if many == 1 else 'values'}, the header has {names}: separate the "
+            f"row 1 has {count} {'value' if count == 1 else 'values'}, the header has {names}: separate the "
             f"values of all rows by {SEPARATORS[layout.separator or ' ']}, as the names in the header"
         )
 

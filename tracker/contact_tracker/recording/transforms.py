@@ -55,7 +55,7 @@ class TransformTree:
         self, sources: Iterable[PoseSource], named: Mapping[PoseSource, PoseSource] | None = None
     ) -> None:
         self._steps: dict[str, dict[str, Step]] = {}
-        for called, source in sorted(({one: one for one in sources} | dict(named or {})).items()):
+        for called, source in sorted(({source: source for source in sources} | dict(named or {})).items()):
             if called.child_frame_id:
                 parent, child = frame_name(called.frame_id), frame_name(called.child_frame_id)
                 self._steps.setdefault(parent, {}).setdefault(child, Step(source, False))
@@ -70,10 +70,10 @@ class TransformTree:
         reached: dict[str, tuple[str, Step] | None] = {start: None}
         waiting = [start]
         for frame in waiting:  # which grows
-            for other, step in self._steps.get(frame, {}).items():
-                if other not in reached:
-                    reached[other] = frame, step
-                    waiting.append(other)
+            for neighbour, step in self._steps.get(frame, {}).items():
+                if neighbour not in reached:
+                    reached[neighbour] = frame, step
+                    waiting.append(neighbour)
         if end not in reached:
             return None
         steps, at = list[Step](), reached[end]
@@ -110,7 +110,7 @@ def last_moving(chain: Sequence[Step]) -> int:
 
 def find_chain(
     path: str,
-    known: Iterable[PoseSource],
+    sources: Iterable[PoseSource],
     bodies: Sequence[PoseSource],
     frame: str | None,
     relative_to: str | None,
@@ -119,7 +119,7 @@ def find_chain(
     ``bodies``, and the name of the composed poses; None where none are known yet, or none of them moves."""
     if relative_to is None:
         parent, arrow, child = (frame or "").partition(ARROW)
-        steps = TransformTree(filter(is_transform, known)).chain(parent, child) if arrow else None
+        steps = TransformTree(filter(is_transform, sources)).chain(parent, child) if arrow else None
         if steps is None or last_moving(steps) < 0:
             return None
     else:
@@ -130,7 +130,7 @@ def find_chain(
             return None
         body = only_one(path, bodies)
         parent, child = relative_to, body.child_frame_id
-        if (steps := chain_relative(path, known, body, relative_to)) is None:
+        if (steps := chain_relative(path, sources, body, relative_to)) is None:
             return None
     last = steps[last_moving(steps)].source
     frame_moves = any(step.inverted and not is_static(step.source) for step in steps)
@@ -138,11 +138,11 @@ def find_chain(
 
 
 def chain_relative(
-    path: str, known: Iterable[PoseSource], source: PoseSource, relative_to: str
+    path: str, available: Iterable[PoseSource], source: PoseSource, relative_to: str
 ) -> Chain | None:
     """The transforms from a frame, or from another body (by its topic, or its name beside it in a table), to
     the body of ``source``."""
-    sources = set(known)
+    sources = set(available)
     references = [s for s in sources if s.topic == relative_to and s != source]
     references = references or [s for s in sources if s != source and is_beside(s, source, relative_to)]
     tree = {s for s in sources if is_transform(s) and s != source}
@@ -156,12 +156,12 @@ def chain_relative(
     return TransformTree(tree, named).chain(start, _BODY)
 
 
-def is_beside(other: PoseSource, source: PoseSource, name: str) -> bool:
-    """Whether ``other`` has the poses of the body ``name`` in the frame in which those of ``source`` are."""
-    is_same_frame = frame_name(other.frame_id) == frame_name(source.frame_id)
-    is_known_to_be = other.topic == source.topic and not source.frame_id  # of one file of motion capture
-    is_named = bool(name) and frame_name(other.child_frame_id) == frame_name(name)
-    return is_named and is_same_frame and is_known_to_be and not is_transform(other)
+def is_beside(candidate: PoseSource, source: PoseSource, name: str) -> bool:
+    """Whether ``candidate`` has the poses of the body ``name`` in the frame of the poses of ``source``."""
+    is_same_frame = frame_name(candidate.frame_id) == frame_name(source.frame_id)
+    is_known_to_be = candidate.topic == source.topic and not source.frame_id  # of one file of motion capture
+    is_named = bool(name) and frame_name(candidate.child_frame_id) == frame_name(name)
+    return is_named and is_same_frame and is_known_to_be and not is_transform(candidate)
 
 
 def composition_hint(sources: Iterable[PoseSource]) -> str:
@@ -177,18 +177,18 @@ def composition_hint(sources: Iterable[PoseSource]) -> str:
 
 def relative_hint(path: str, sources: Iterable[PoseSource], frame: str) -> str:
     """A hint for ``PARENT->CHILD`` where ``--relative-to`` would give these poses, else empty."""
-    known = sorted(sources)
+    ordered = sorted(sources)
     parent, arrow, child = frame.partition(ARROW)
-    for source in known if arrow else ():
+    for source in ordered if arrow else ():
         with suppress(AmbiguousSource):
-            if source.child_frame_id == child and chain_relative(path, known, source, parent):
+            if source.child_frame_id == child and chain_relative(path, ordered, source, parent):
                 return f"; compose it by --frame {child} --relative-to {parent}"
     return ""
 
 
-def moving_parent_note(known: Iterable[PoseSource], source: PoseSource) -> str | None:
+def moving_parent_note(sources: Iterable[PoseSource], source: PoseSource) -> str | None:
     """One line if the parent frame of the poses may itself move, else None."""
-    tree = TransformTree(s for s in known if s != source)
+    tree = TransformTree(s for s in sources if s != source)
     root = tree.moving_root(source.frame_id) if source.frame_id else None
     if root is None:
         return None
@@ -237,7 +237,7 @@ class Composer:
         source: PoseSource,
         assumed: Mapping[tuple[str, str], str],
         at_once: int,
-        known: Mapping[PoseSource, list[Logged]],
+        read_ahead: Mapping[PoseSource, list[Logged]],
     ) -> None:
         self.counts: Counter[str] = Counter()
         self.why: str | None = None
@@ -247,7 +247,7 @@ class Composer:
         self._parents = [self._tracks[s.source] for i, s in enumerate(steps) if i != self._body]
         self._waiting: deque[Logged] = deque()
         self._stampings = dict[PoseSource, Stamping]()
-        for of, logged in known.items():
+        for of, logged in read_ahead.items():
             if of in self._tracks and is_static(of):
                 for pose, _ in logged[:1]:
                     self._tracks[of].add(pose)
@@ -257,11 +257,11 @@ class Composer:
     def compose(self, logged: Iterable[LoggedPose | None]) -> Iterator[LoggedPose | None]:
         """The composed poses; other poses are dropped, and None is passed on."""
         body = self._steps[self._body].source
-        for one in logged:
-            if one is None:
+        for entry in logged:
+            if entry is None:
                 yield None
                 continue
-            source, pose, log_time_ns = one
+            source, pose, log_time_ns = entry
             if source in self._tracks:
                 stamping = self._stampings.get(source)
                 counts = self.counts if source == body else Counter[str]()
@@ -294,8 +294,8 @@ class Composer:
         elif len(self._waiting) > _MOST_WAITING:
             yield from self._emit(_MOST_WAITING // 2)
 
-    def _emit(self, many: int) -> Iterator[LoggedPose]:
-        logged = [self._waiting.popleft() for _ in range(many)]
+    def _emit(self, count: int) -> Iterator[LoggedPose]:
+        logged = [self._waiting.popleft() for _ in range(count)]
         if not logged:
             return
         poses = Poses.collect(pose for pose, _ in logged)
@@ -307,8 +307,8 @@ class Composer:
         for i, (source, inverted) in enumerate(self._steps):
             place, turn = poses.position_m, Rotation.from_quat(quats)
             if i != self._body:
-                place, turn, known = self._tracks[source].at(poses.stamp_ns)
-                good &= known
+                place, turn, is_known = self._tracks[source].at(poses.stamp_ns)
+                good &= is_known
             if inverted:
                 turn = turn.inv()
                 place = -turn.apply(place)
@@ -387,10 +387,10 @@ class _Track:
         begin = np.where(times_ns[end] > stamps_ns, end - 1, end).clip(min=0)
         step_ns = times_ns[end] - times_ns[begin]
         rests = (positions[begin] == positions[end]).all(axis=1) & (quats[begin] == quats[end]).all(axis=1)
-        known = (times_ns[begin] <= stamps_ns) & (stamps_ns <= times_ns[end]) & ((step_ns <= GAP_NS) | rests)
+        is_between = (times_ns[begin] <= stamps_ns) & (stamps_ns <= times_ns[end])
         share = ((stamps_ns - times_ns[begin]) / np.maximum(step_ns, 1)).clip(0.0, 1.0)[:, None]
         rotations = Rotation.from_quat(quats)
         turn = (rotations[begin].inv() * rotations[end]).as_rotvec()
         rotation = rotations[begin] * Rotation.from_rotvec(share * turn)
         position = positions[begin] + share * (positions[end] - positions[begin])
-        return position, rotation, known | self._static
+        return position, rotation, (is_between & ((step_ns <= GAP_NS) | rests)) | self._static

@@ -113,18 +113,18 @@ def read_wrenches(
             raise ChoiceError(f"{path}: {topic} is {kind}; only {WRENCH_TYPE} is read")
         raise InputError(f"{path}: no message on {topic} can be used")
     frames, stamps, log_times, numbers = zip(*rows, strict=True)
-    frame_id, *others = sorted({*frames})
-    if others:
-        raise ChoiceError(f"{path}: {topic} changes its frame: {', '.join([frame_id, *others][:4])}")
+    frame_id, *further = sorted({*frames})
+    if further:
+        raise ChoiceError(f"{path}: {topic} changes its frame: {', '.join([frame_id, *further][:4])}")
     stamp_column, columns = np.array(stamps, np.int64), np.array(numbers, float)
-    found = Wrenches(stamp_column, columns[:, :3], columns[:, 3:]).valid
-    dropped += len(stamps) - len(found)
-    if not len(found):
+    wrenches = Wrenches(stamp_column, columns[:, :3], columns[:, 3:]).valid
+    dropped += len(stamps) - len(wrenches)
+    if not len(wrenches):
         raise InputError(f"{path}: no wrench on {topic} is finite")
     every_ns, first = np.unique(stamp_column, return_index=True)
-    logged_ns = np.array(log_times, np.int64)[first[every_ns.searchsorted(found.stamp_ns)]]
-    placed, taken, bad = _about_body(path, topic, frame_id, source, poses, found, logged_ns)
-    unplaced = len(found) - len(placed)
+    logged_ns = np.array(log_times, np.int64)[first[every_ns.searchsorted(wrenches.stamp_ns)]]
+    placed, taken, bad = _about_body(path, topic, frame_id, source, poses, wrenches, logged_ns)
+    unplaced = len(wrenches) - len(placed)
     return WrenchLog(placed, dropped, unplaced, bad, frame_id, taken)
 
 
@@ -134,24 +134,24 @@ def _about_body(
     frame_id: str,
     source: PoseSource,
     poses: Poses,
-    found: Wrenches,
+    wrenches: Wrenches,
     logged_ns: NDArray[np.int64],
 ) -> tuple[Wrenches, str, int]:
     """The wrenches about the body's origin and in its axes, what their frame was taken for, and how many
     transforms are bad; ``logged_ns`` (N,) is when each was logged. Raises as ``read_wrenches``."""
     body, parent = source.child_frame_id, source.frame_id
     if not frame_id:
-        return found, "in no frame that is named: taken as the object's", 0
+        return wrenches, "in no frame that is named: taken as the object's", 0
     if body and frame_name(frame_id) == frame_name(body):
-        return found, f"in the frame {frame_id}, the object's", 0
+        return wrenches, f"in the frame {frame_id}, the object's", 0
     if frame_name(frame_id) == frame_name(parent):
-        return about_body(found, poses), f"in the frame {frame_id}, that of the poses", 0
+        return about_body(wrenches, poses), f"in the frame {frame_id}, that of the poses", 0
     reading = Reading(path, lambda channel: may_be_step(channel, source.frame_id) and is_readable(channel))
-    groups, known = reading.decoder.groups(reading), dict[PoseSource, list[Logged]]()
+    groups, read_ahead = reading.decoder.groups(reading), dict[PoseSource, list[Logged]]()
     steps, in_object, is_in_tree = tuple[Step, ...](), False, False
-    while not steps and (more := take_prefix(groups)):
-        known = {**poses_by_source(chain.from_iterable(more)), **known}
-        steps, in_object, is_in_tree = _chain(known, frame_id, source)
+    while not steps and (following := take_prefix(groups)):
+        read_ahead = {**poses_by_source(chain.from_iterable(following)), **read_ahead}
+        steps, in_object, is_in_tree = _chain(read_ahead, frame_id, source)
     if not steps:
         if body or is_in_tree:
             ends = [f"the object ({body})"] if body else []
@@ -161,16 +161,16 @@ def _about_body(
                 f"from the frame of {' or of '.join(ends) or 'the poses, which name none'}: record them too, "
                 "or transform the wrenches first"
             )
-        return found, f"in the frame {frame_id}, which no transform names: taken as the object's", 0
+        return wrenches, f"in the frame {frame_id}, which no transform names: taken as the object's", 0
     wrench, topics = PoseSource("", _WRENCH, "", _WRENCH), {step.source.topic for step in steps}
     reading = Reading(path, lambda channel: channel.topic in topics and is_readable(channel))
     all_steps, assumed = (*steps, Step(wrench, False)), reading.decoder.assumed
-    composer = Composer(all_steps, wrench, assumed, BATCH, known)
+    composer = Composer(all_steps, wrench, assumed, BATCH, read_ahead)
     origin, order = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)), logged_ns.argsort(kind="stable")
-    times_ns = zip(found.stamp_ns[order].tolist(), logged_ns[order].tolist(), strict=True)
-    wrenches = ((wrench, Pose(stamp_ns, *origin), log_time_ns) for stamp_ns, log_time_ns in times_ns)
+    times_ns = zip(wrenches.stamp_ns[order].tolist(), logged_ns[order].tolist(), strict=True)
+    stamped = ((wrench, Pose(stamp_ns, *origin), log_time_ns) for stamp_ns, log_time_ns in times_ns)
     transforms = filter(None, reading.decoder.poses(reading))
-    merged: Iterator[LoggedPose] = merge(wrenches, transforms, key=lambda logged: logged[2])
+    merged: Iterator[LoggedPose] = merge(stamped, transforms, key=lambda logged: logged[2])
     frame_poses = Poses.collect(logged[1] for logged in composer.compose(merged) if logged is not None)
     frame_poses = frame_poses[frame_poses.stamp_ns.argsort(kind="stable")]  # by stamp, not by log time
     start, names = body if in_object else parent, ", ".join(sorted(topics))
@@ -179,21 +179,21 @@ def _about_body(
             f"{path}: {topic} is in the frame {frame_id}, whose pose in {start} is not known at the time of "
             f"any wrench: are the stamps on {topic} and {names} of one clock?"
         )
-    placed = about_parent(found.at(found.stamp_ns.searchsorted(frame_poses.stamp_ns)), frame_poses)
+    placed = about_parent(wrenches.at(wrenches.stamp_ns.searchsorted(frame_poses.stamp_ns)), frame_poses)
     taken = f"in the frame {frame_id}, whose pose in {start} is on {names}"
     return placed if in_object else about_body(placed, poses), taken, composer.counts["bad_parent"]
 
 
 def _chain(
-    known: Mapping[PoseSource, list[Logged]], frame_id: str, source: PoseSource
+    read_ahead: Mapping[PoseSource, list[Logged]], frame_id: str, source: PoseSource
 ) -> tuple[Chain, bool, bool]:
     """The transforms that lead to a frame, from what poses are in, or from the object: those of which fewer
     move; empty where there are none. Then which of the two, and whether any transform names the frame."""
     named, start = dict[PoseSource, PoseSource](), source.frame_id
-    for reference in known:  # poses that are relative to those of another topic, and so in no frame
+    for reference in read_ahead:  # poses that are relative to those of another topic, and so in no frame
         if reference.topic == source.frame_id and not is_transform(reference):
             named[replace(reference, child_frame_id=REFERENCE)], start = reference, REFERENCE
-    tree = TransformTree(filter(is_transform, known), named)
+    tree = TransformTree(filter(is_transform, read_ahead), named)
     chains = list[tuple[int, bool, Chain]]()
     for begin, in_object in ((start, False), (source.child_frame_id, True)):
         if begin and (along := tree.chain(begin, frame_id)):

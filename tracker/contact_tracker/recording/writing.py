@@ -150,10 +150,10 @@ def _messages(items: Iterable[Item], writer: Writer) -> Iterator[RawMessage]:
             case RawMessage():
                 yield item
             case Rows(sources, poses):
-                for source, some in zip(sources, poses, strict=True):
+                for source, source_poses in zip(sources, poses, strict=True):
                     name = f"{source.topic}/{source.child_frame_id}".rstrip("/")
                     channel = Channel(name, "cdr", POSE_TYPE, "ros2msg", _schema(POSE_TYPE))
-                    yield from (RawMessage(channel, one.stamp_ns, _pose_cdr(one)) for one in some)
+                    yield from (RawMessage(channel, pose.stamp_ns, _pose_cdr(pose)) for pose in source_poses)
             case Attachment():
                 times = item.create_time, item.log_time
                 writer.add_attachment(*times, item.name, item.media_type, item.data)
