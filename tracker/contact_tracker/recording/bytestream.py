@@ -1,7 +1,7 @@
 """Exact reads from files, pipes, compressed files and growing files, and limits on the work they may cause.
 
-Compressed, a few bytes can expand to gigabytes or millions of records. Poses stay below these limits even of
-an object at rest that is recorded without noise (``tests/recording/test_damaged_recordings.py``).
+A few compressed bytes can expand to gigabytes or millions of records. Recordings stay below these limits,
+even of an object at rest without noise (``tests/recording/test_damaged_recordings.py``).
 """
 
 import os
@@ -23,18 +23,18 @@ RECORD_LIMIT: Final = 256 * 2**20
 """Longest record, and longest decompressed chunk (bytes)."""
 _CHUNK_BYTES: Final = 32 * 2**20
 _CHUNK_RATIO: Final = 50
-"""A chunk may expand to this size (bytes), or by this factor."""
+"""Largest decompressed size of a chunk (bytes), or its largest ratio to the compressed size."""
 _TOTAL_BYTES: Final = 256 * 2**20
 _TOTAL_RATIO: Final = 400
-"""The same for all chunks together."""
+"""The same limits for all chunks together."""
 BYTES_PER_RECORD: Final = 128
 """Bytes of a message or header that count as the work of one record."""
 _MOST_RECORDS: Final = 40_000
 _BYTES_OF_RECORD: Final = 12
-"""So many records are always allowed, and one more for so many bytes read."""
+"""Number of records that are always allowed, and number of bytes read that allow one more."""
 SHARE_OF_RECORD: Final = 0.25
-"""Work of a row of a compressed table, of a pose among others, or of a record outside of chunks, in records:
-uncompressed ones take over twice as many bytes there."""
+"""Work, in records, of a row of a compressed table, of a further pose in a message, or of a record outside of
+chunks; uncompressed, each takes over twice ``_BYTES_OF_RECORD``."""
 _ADVICE: Final = "if it is sound, write it without compression"
 
 
@@ -47,8 +47,8 @@ class WorkBudget:
 
     Attributes
     ----------
-    bytes_read : from the disk.
-    is_message_left_out : whether a message is not decoded, as that would exceed the limits.
+    bytes_read : number of bytes read from the disk.
+    is_message_left_out : whether a message was not decoded because of the limits.
     """
 
     def __init__(self, bytes_read: int = 0) -> None:
@@ -56,8 +56,8 @@ class WorkBudget:
         self._inflated, self._records = 0, 0.0
 
     def spend(self, records: float) -> None:
-        """Count records, rows, poses, or work that takes as long; raises TooMuchWork, then nothing is
-        counted: only what takes too long is left out."""
+        """Count records, rows, poses, or work that takes as long. Beyond the limit, raises TooMuchWork and
+        counts nothing, so that only the large item is left out."""
         if self._records + records > _MOST_RECORDS + self.bytes_read // _BYTES_OF_RECORD:
             raise TooMuchWork(f"more records than {self.bytes_read} bytes explain; {_ADVICE}")
         self._records += records
@@ -91,7 +91,7 @@ TABLE_ENDINGS: Final = tuple(
         *("npy", "npz", "mat", "h5", "hdf5", "c3d"),
     )
 )
-"""Usual ends of the names of tables; other text may be one as well."""
+"""Usual suffixes of tables; text files with other suffixes may be tables as well."""
 WHAT_IS_READ: Final = (
     "MCAP files, ROS bags (.db3, .bag), tables (CSV, TUM, JSON, Parquet, Feather, NumPy, MATLAB, HDF5), C3D "
     "with bodies, and exports of Motive, Vicon and Qualisys"
@@ -100,7 +100,7 @@ _UTF_16: Final = (b"\xff\xfe", b"\xfe\xff")
 _CONTROLS: Final = bytes(set(range(32)) - set(b"\t\n\r\f") | {127})
 _BLOCK: Final = 2**20
 _TAIL: Final = 64
-"""Last bytes read of a followed file, by which it is recognised when it has been written to."""
+"""Number of the last bytes read of a followed file, which are compared once it has been written to."""
 
 
 @dataclass(frozen=True)
@@ -130,8 +130,8 @@ class ByteStream:
 
     Parameters
     ----------
-    file : of uncompressed bytes.
-    budget : counts the bytes read; of a compressed file it bounds the decompressed size.
+    file : source of the bytes.
+    budget : counts the bytes read, and bounds the decompressed size.
     follow : wait for more at the end of the file at ``path``.
     """
 
@@ -161,7 +161,7 @@ class ByteStream:
 
     @property
     def way_to_table(self) -> str:
-        """What makes text a file that is read as a table."""
+        """Advice on how text in this stream can be read as a table."""
         if self._inflated is not None:
             return "decompress it: zstd -d"
         return (
@@ -169,7 +169,7 @@ class ByteStream:
         )
 
     def may_have(self, count: int) -> bool:
-        """Whether ``count`` bytes may follow; of a file that does not grow this is known without reading."""
+        """Whether ``count`` bytes may follow; known without reading if the file does not grow."""
         return self._size is None or self.position + count <= self._size
 
     def read(self, count: int) -> bytes:
@@ -231,8 +231,8 @@ class ByteStream:
         return data
 
     def _has_changed(self, is_at_end: bool) -> bool:
-        """Whether the followed file was written anew in place, as the bytes that were read last are others;
-        or, at its end, whether it is no longer at its path, or has become shorter."""
+        """Whether the followed file was rewritten in place, so that the bytes read last differ, or, at its
+        end, was replaced, removed or shortened."""
         if not self._path:
             return False
         opened = os.fstat(self._plain.fileno())

@@ -1,9 +1,4 @@
-"""Layouts of poses in tables: columns by their names and by what users say of them, units and rotations; and
-the command that reads them where their names do not say what they are.
-
-Names and systems are in tables here: what columns are called, how known systems mean theirs, and what as many
-numbered columns usually are. Rows without names have a pose where there is a rotation.
-"""
+"""Layouts of poses in tables: roles, units and rotations of columns, by their names and as users state them."""
 
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -34,7 +29,7 @@ from contact_tracker.suggestions import suggestion
 
 Array = NDArray[np.float64]
 _PLAUSIBLE: Final = 0.1
-"""Largest deviation of a determinant from 1; other matrices are no rotations."""
+"""Largest deviation from 1 of a rotation's determinant and of an axis's length."""
 
 
 def _from_euler(angles: Array, how: str) -> Array:
@@ -56,7 +51,8 @@ def _from_axes(values: Array, unit: str) -> Array:
 
 
 def _from_matrices(rows: Array, _: str) -> Array:
-    """Quaternions of the rotations nearest to matrices; zero for what is none, which the pose gate counts."""
+    """Quaternions of the rotations nearest to matrices; for other matrices zero, which the pose gate
+    counts."""
     matrices = rows.reshape(-1, 3, 3)
     is_rotation = np.abs(np.linalg.det(matrices) - 1.0) < _PLAUSIBLE
     near = Rotation.from_matrix(np.where(is_rotation[:, None, None], matrices, np.eye(3))).as_quat()
@@ -70,8 +66,8 @@ ROTATIONS: Final[Mapping[str, tuple[tuple[str, ...], Callable[[Array, str], Arra
     "axis_angle": ((*ANGLES, ANGLE), _from_axes),
     "matrix": (MATRIX, _from_matrices),
 }
-"""Kinds of rotation: the roles of their columns, and the function from their values (N, k), and text on how
-these are meant, to quaternions ``xyzw``."""
+"""Kinds of rotation: the roles of their columns, and the function from their values (N, k) and their
+convention (order and unit) to quaternions ``xyzw``."""
 
 
 def quaternions(kind: str, values: Array, how: str) -> Array:
@@ -92,7 +88,7 @@ SEPARATORS: Final[Mapping[str, str]] = {
     "|": "bars",
     " ": "blanks",
 }
-"""Characters that separate values, and what messages call them."""
+"""Characters that separate values, and their names in messages."""
 
 
 _EXPONENT: Final = re.compile(r"(?<=[\d.])[dD](?=[+-]?\d+$)")
@@ -100,8 +96,8 @@ _THOUSANDS: Final = re.compile(r"[+-]?\d{1,3}(?:(?:,\d{3})+\.\d*|(?:\.\d{3})+,\d
 
 
 def plain_number(value: str) -> str:
-    """A number in a cell as Python writes it: it may have quotes, a decimal comma, marks of thousands beside
-    a decimal mark, or an exponent of Fortran."""
+    """The number in a cell in the notation of Python; the cell may have quotes, a decimal comma, marks of
+    thousands beside a decimal mark, or an exponent of Fortran."""
     plain = value.strip(BLANKS)
     if _THOUSANDS.fullmatch(plain):
         plain = re.sub("[.,](?=.*[.,])", "", plain)
@@ -131,7 +127,7 @@ def are_numbers(values: Sequence[str]) -> bool:
 
 
 class OpenReading(UnreadableRecording):
-    """The columns of a rotation, which are named, may be meant in several ways."""
+    """The convention of a rotation is ambiguous; the message has the names of its columns."""
 
 
 @dataclass(frozen=True)
@@ -142,7 +138,7 @@ class Body:
     ----------
     metres : factor of the position.
     kind : of the rotation, a key of ``ROTATIONS``.
-    how : order and unit of angles.
+    how : convention of the rotation: order and unit of angles.
     has_unit : whether the unit of the position is stated, by the user, the columns or the format.
     """
 
@@ -159,13 +155,13 @@ class Body:
 
 
 def are_no_radians(numbers: Array) -> bool:
-    """Whether numbers, angles or a rotation vector, are larger than a turn in radians."""
+    """Whether an angle, or a component of a rotation vector, exceeds one turn in radians."""
     return bool((np.abs(numbers[np.isfinite(numbers)]) > 2.0 * np.pi).any())
 
 
 def doubt_of_angles(values: Array, body: Body, reading: TableReading, path: str) -> str | None:
-    """One line if angles, among the ``values`` (N, k) of a body's columns, are taken as radians and larger
-    than a turn."""
+    """One line if angles among the ``values`` (N, k) of a body's columns are read as radians and exceed a
+    turn."""
     order, _, unit = body.how.rpartition(":")
     has_angles = body.kind in ("euler", "rotation_vector") and unit == "rad"
     if not (has_angles and are_no_radians(values[:, 3:])):
@@ -185,10 +181,10 @@ class TableLayout:
     kind : description of the format.
     separator : of the values in a line; None for white space.
     skip : lines before the first row.
-    rest : index of a column with the rest of the second, in ``rest_ns``.
+    rest : index of a column with the fraction of the second, in units of ``rest_ns``.
     has_own_unit : whether the format itself defines the unit of its times.
-    names : of the values of JSON lines, and of cells with several values, whose columns are ``heads``.
-    quaternion : names of the columns of the only body's, if users can name others.
+    names : names of the values in JSON lines, or in cells with several values, whose columns are ``heads``.
+    quaternion : names of the columns of the only body's quaternion, if users can state other columns.
     has_angles : whether the names of columns say that rotations are angles.
     """
 
@@ -322,11 +318,11 @@ _ROLES: Final[Sequence[tuple[re.Pattern[str], str]]] = tuple(
         (r"(?<![a-z])(?:r|rot|m|t)_?([123])_?([123])", "r{0}{1}"),
     )
 )
-"""Names of columns in lower case, after that of their body; a quaternion or a position is one thing only, and
-``rotation_x`` may also be an angle."""
+"""Patterns of column names in lower case, after the name of the body, and their roles; only one of the first
+three applies, and ``rotation_x`` may also be an angle."""
 NUMBERED: Final = re.compile(r"(.*?)[\[_.]?(\d{1,4})\]?")
 BY_ROW: Final = re.compile(r"(.*?)[\[_.](\d{1,2})\]?[\[_.](\d{1,2})\]?")
-"""Numbers in one row of values, and of rows and columns of a matrix, as ``T_0_3``."""
+"""Numbers of the elements of a list, and of the rows and columns of a matrix, as in ``T_0_3``."""
 _SLICE: Final = re.compile(r"(.*)\[(\d{1,4})(?::(\d{1,4}))?\]")
 _GENERIC: Final = {"", "pose", "field", "transform", "data", "msg", "message", "state"}
 _MATRIX_SHAPES: Final = {9: (3, 3), 12: (3, 4), 16: (4, 4)}
@@ -338,7 +334,7 @@ _NAMED_ANGLES: Final = re.compile("|".join((*_TURNS, "euler", "angle")), re.IGNO
 NAMED_VECTOR: Final = re.compile("rvec|rot_?vec|axis_?angle", re.IGNORECASE)
 """Names of columns of angles, and of a rotation vector."""
 CAN_BE_GIVEN: Final = re.compile(r"[^,=]+").fullmatch
-"""Whether ``--columns`` can have a name."""
+"""Whether ``--columns`` can state a name."""
 _LONGEST_NAME: Final = 200
 NO_FRAMES: Final = (
     "not numbers of frames: leave out the rate, or name the frames' column by --columns time=frame"
@@ -349,7 +345,8 @@ POSE_ROLES: Final = (*POSITION, *QUATERNION)
 
 
 class Columns:
-    """The columns of a table: names as they are, in lower case without units, and the units."""
+    """The columns of a table: names as written, ``plain`` names in lower case without units, and the
+    units."""
 
     def __init__(self, names: Sequence[str], units: Sequence[str] = ()) -> None:
         self.names = [name.strip()[:_LONGEST_NAME] for name in names]
@@ -393,7 +390,7 @@ class Columns:
         )
 
     def find(self, reading: TableReading) -> dict[str, dict[str, int]]:
-        """Indices by body and role: those that the reading states, and others by their names."""
+        """Indices of columns by body and role, as the reading states or by their names."""
         stated = dict(chain.from_iterable(self._stated(*one, reading) for one in reading.columns))
         by_body: dict[str, dict[str, int]] = {}
         for place, name in enumerate(self.plain):
@@ -424,7 +421,7 @@ class Columns:
         return rotation + [(POSITION[i], row[3]) for i, row in enumerate(values) if len(row) > 3]
 
     def time(self, reading: TableReading, times: Mapping[str, int]) -> tuple[int | None, int | None]:
-        """Indices of the time, and of the nanoseconds of its second."""
+        """Indices of the columns of the time and of the fraction of its second; None without one."""
         if TIME in times:
             return times[TIME], times.get(REST)
         patterns = (FRAME, _TIME, _ELAPSED) if reading.has_frame_numbers else (_TIME, _ELAPSED)
@@ -444,7 +441,7 @@ def _split_unit(name: str) -> tuple[str, str]:
 
 
 def _roles(plain: str, by_columns: bool) -> Iterator[tuple[str, str]]:
-    """Body and role of a column, of which ``rotation_x`` may have two."""
+    """Body and role of a column; ``rotation_x`` may have two roles."""
     is_placed = False
     for i, (pattern, role) in enumerate(_ROLES):
         if (match := pattern.fullmatch(plain)) and not (i < 3 and is_placed):
@@ -497,7 +494,7 @@ def are_named_angles(names: Sequence[str]) -> bool:
 def _lacking(
     columns: Columns, reading: TableReading, has_time: bool, roles: Collection[str]
 ) -> UnreadableRecording:
-    """The error where columns are missing beside those of these roles."""
+    """The error if the table has only columns of these ``roles``."""
     missing, names = [role for role in POSE_ROLES if role not in roles], columns.names
     if not missing:
         return UnreadableRecording(
@@ -514,10 +511,10 @@ def _lacking(
 
 
 def _listed(names: Sequence[str]) -> str:
-    """The first names; those of the values of a list together, as ``qpos[0:14]``."""
+    """The first names as text, with the elements of a list as ``qpos[0:14]``."""
 
     def run(place: int) -> tuple[str, int]:
-        """The list of a value, and the place at which its first would be; of others name and place."""
+        """The name of a list and the place of its element 0; for other columns name and place."""
         part = _SLICE.fullmatch(names[place])
         return (
             (names[place], place)
