@@ -1,4 +1,4 @@
-"""Ground truth and metadata of a recording, and a user's own labels (spreadsheet, ELAN, Label Studio)."""
+"""Ground truth and metadata of a recording, and labels of users (spreadsheet, ELAN, Label Studio)."""
 
 import csv
 import json
@@ -106,10 +106,10 @@ _LABEL: Final = ("contact", "label", "state", "annotation", "value", "timeseries
 _UNIT: Final = re.compile(r"(.+?)[\s_-]*(?:[\[(](\w+)[\])]|[_-](?:\s*)(s|sec|ss\.msec|ms|us|ns))")
 _CLOCK: Final = re.compile(r"(?:(\d+) days? )?(?:(\d+):)?(\d{1,2}):(\d{1,2}(?:[.,]\d+)?)")
 ANY: Final = "any"
-"""The name of all contacts: the object touches."""
+"""Stands for all contact states: the object touches."""
 _BYTES: Final = 2**26
 _SLACK_NS: Final = 60 * 10**9
-"""Labels may begin and end so long before and after the poses."""
+"""Longest time (ns) by which labels may begin before, or end after, the poses."""
 
 
 Table = Sequence[Sequence[str]]
@@ -120,7 +120,7 @@ _Row = tuple[int, int, str]
 def read_labels(
     labels: str | Table, first_ns: int, last_ns: int, meanings: Mapping[str, str] | None = None
 ) -> tuple[Truth, str]:
-    """The truth by the labels in a table, and one line on how their times are taken.
+    """The truth by the labels in a table, and one line on the origin of their times.
 
     Parameters
     ----------
@@ -129,15 +129,15 @@ def read_labels(
         are in seconds, unless the names of their columns have another unit, or as ``0:01:02.5``; since the
         first pose, or as the stamps of the recording.
     first_ns, last_ns : stamps of the first and last pose.
-    meanings : states by label: ``e-f``, several as ``e-f|f-f``, ``any`` contact, or ``?`` for what is not
-        scored. Names of states need none.
+    meanings : states by label: ``e-f``, several as ``e-f|f-f``, ``any`` contact, or ``?`` if it is not
+        scored. Labels that are names of states need none.
 
     Raises
     ------
     NoTruth
         It is no such table.
     ChoiceError
-        It is not said what a label means.
+        The meaning of a label is not known.
     """
     path = labels if isinstance(labels, str) else "labels"
     rows = sorted(_rows_of_file(path) if isinstance(labels, str) else _rows_of_table(path, labels))
@@ -184,7 +184,7 @@ def meanings_of(texts: Sequence[str]) -> dict[str, str]:
 
 
 def _meaning(path: str, name: str, meanings: Mapping[str, str]) -> tuple[Contact, ...]:
-    """The states of which a label is one; none of it is not scored."""
+    """The possible states of a label; empty if it is not scored."""
     stated = meanings.get(name, name)
     if stated == UNSCORED:
         return ()
@@ -231,7 +231,7 @@ def _rows_of_table(path: str, table: Table) -> Iterator[_Row]:
 
 
 def _column(names: Sequence[str], choices: Sequence[str]) -> tuple[int, int] | None:
-    """The index of the column of one of the wanted names, and its unit in nanoseconds."""
+    """The index of the column with one of the ``choices`` as name, and its unit (ns); None without one."""
     for place, name in enumerate(names):
         plain = name.strip().lower()
         unit = _UNIT.fullmatch(plain)
@@ -242,7 +242,7 @@ def _column(names: Sequence[str], choices: Sequence[str]) -> tuple[int, int] | N
 
 
 def _rows_of_json(path: str, text: str) -> Iterator[_Row]:
-    """The intervals in JSON of Label Studio, wherever they are in it, or in a list of such objects."""
+    """The labels in JSON of Label Studio, at any depth."""
     try:
         waiting = [json.loads(text)]
     except (ValueError, RecursionError) as error:

@@ -1,9 +1,9 @@
 """Arrays of numbers by name in files of NumPy, MATLAB and HDF5.
 
-MATLAB's files up to version 7 are elements with a type, a size and data; variables are compressed one by
-one, and structs have variables in them (https://www.mathworks.com/help/pdf_doc/matlab/matfile_format.pdf).
-They are read here, as scipy makes lists as long as a file says: 400 bytes take 800 MB. Those of version 7.3
-are HDF5 with axes in reverse, which h5py reads where it is installed.
+Files of MATLAB up to version 7 are elements with a type, a size and data; each variable is compressed alone,
+and structs contain variables (https://www.mathworks.com/help/pdf_doc/matlab/matfile_format.pdf).
+They are parsed here, since scipy allocates lists as long as a file says: 400 bytes take 800 MB. Files of
+version 7.3 are HDF5 with reversed axes, which h5py reads if it is installed.
 """
 
 import math
@@ -30,7 +30,7 @@ Shape = tuple[int, ...]
 Arrays = Iterator[tuple[str, Shape, Callable[[], NDArray[Any]]]]
 """Name and shape of each array, and the function that reads its values before the next one is looked for."""
 WIDEST: Final = 64
-"""Values of a row, of a list or an array, that are columns unless they are named; an image has more."""
+"""Most values per row of a list or an array that become columns without being named; an image has more."""
 _MOST_ARRAYS: Final = 200
 _DEEPEST: Final = 5
 _ERRORS: Final = (
@@ -42,14 +42,14 @@ _ERRORS: Final = (
 def arrays_in(
     path: str, kind: str, stated: Set[str], budget: WorkBudget
 ) -> dict[str, tuple[Shape, NDArray[Any] | None]]:
-    """The shapes and values of arrays of numbers by name, in structs and groups by a path; that of
-    an ``.npy`` file has none.
+    """The shapes and values of arrays of numbers by name, or by path in structs and groups; empty for an
+    ``.npy`` file.
 
     Parameters
     ----------
-    kind : of the file: ``NumPy``, ``MATLAB`` or ``HDF5``.
-    stated : names of arrays, in lower case, that are read whatever their width; of others whose rows have
-        more than 64 values there is only the shape.
+    kind : format of the file: ``NumPy``, ``MATLAB`` or ``HDF5``.
+    stated : lower-case names of arrays that are read whatever their width; other arrays with more than 64
+        values per row have no values here.
 
     Raises UnreadableRecording if it is damaged, too large when decompressed, or h5py is not installed.
     """
@@ -130,7 +130,7 @@ def _of_matlab(path: str, budget: WorkBudget) -> Arrays:
 
 
 def _elements(data: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
-    """Types and data of the elements one after the other; the last may be cut off."""
+    """Types and data of the elements in order; the last may be cut off."""
     at = 0
     while at + 8 <= len(data):
         kind, size = struct.unpack_from(f"{order}II", data, at)
@@ -143,7 +143,7 @@ def _elements(data: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
 
 
 def _variable(data: memoryview, order: str, path: str, budget: WorkBudget, depth: int = 0) -> Arrays:
-    """The arrays of numbers in a variable, those in a struct as ``path.name``."""
+    """The arrays of numbers in a variable; arrays in a struct are named ``path.name``."""
     budget.spend(1)
     elements = _elements(data, order)
     if depth > _DEEPEST or (head := next(elements, None)) is None:

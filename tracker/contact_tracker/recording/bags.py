@@ -1,9 +1,9 @@
 """Bags: ``.bag`` files of ROS 1 (version 2.0), with or without index, and ``.db3`` files of rosbag2.
 
 A record of a ``.bag`` file is a header of named fields, and data. See http://wiki.ros.org/Bags/Format/2.0.
-Its chunks are found by going from record to record, so that each is read once, whatever an index says; the
-index orders them by time. A database can define tables by expressions that run when they are read: an
-authorizer allows only columns of tables here, and the work is bounded.
+Its chunks are found from record to record, so that each is read once, whatever the index says; the index
+orders them by time. A database can define tables by expressions that run when they are read: an authorizer
+allows only plain columns, and the work is bounded.
 """
 
 import os
@@ -34,7 +34,7 @@ _TIME: Final = struct.Struct("<II")
 
 
 class _Header(dict[bytes, bytes]):
-    """The fields of a record by name; raises ValueError where one is missing or cannot be read."""
+    """The fields of a record by name; raises ValueError if a field is missing or cannot be read."""
 
     def __init__(self, data: bytes) -> None:
         at = 0
@@ -58,7 +58,7 @@ class _Header(dict[bytes, bytes]):
 
 
 _Chunk = tuple[_Header, int, int]
-"""Header, and offset and size (bytes) of the data of a chunk."""
+"""Header of a chunk, and offset and size (bytes) of its data."""
 
 
 def read_bag(
@@ -69,7 +69,7 @@ def read_bag(
 
     Parameters
     ----------
-    is_wanted : messages of other channels are skipped unread.
+    is_wanted : accepts channels; messages of other channels are skipped unread.
     report : called with one line for each part that cannot be read.
     budget : bounds the decompressed size and the work.
 
@@ -109,8 +109,8 @@ class _Bag:
             raise UnreadableRecording("its messages are encrypted: decrypt it with rosbag decrypt")
 
     def find_chunks(self) -> tuple[dict[int, _Chunk], dict[int, int]]:
-        """The chunks by their offsets, and the first log times of those in the index (ns); connections are
-        noted."""
+        """The chunks by their offsets, and the first log times (ns) of chunks in the index; also notes
+        connections."""
         stream, chunks, begins_ns = self._stream, dict[int, _Chunk](), dict[int, int]()
         while True:
             place = stream.position
@@ -185,7 +185,7 @@ class _Bag:
 
 
 def _part(data: bytes, at: int) -> tuple[int, int]:
-    """Begin and end of the header or data of a record in a chunk, whose length is at an offset."""
+    """Begin and end of the header or data of a record in a chunk, whose length is at the offset ``at``."""
     (size,) = _LENGTH.unpack_from(data, at)
     if size > len(data) - at - _LENGTH.size:
         raise ValueError("a record is longer than its chunk")
@@ -200,13 +200,13 @@ _STEPS: Final = 10_000
 _LEAST_STEPS: Final = 50_000_000
 _STEPS_PER_BYTE: Final = 20
 _MOST_NAMED: Final = 500
-"""With more topics all messages are read and filtered afterwards."""
+"""Largest number of topics in a query; with more, all messages are read and filtered afterwards."""
 
 
 def _read_sqlite(
     path: str, is_wanted: Callable[[Channel], bool], report: Callable[[str], None], budget: WorkBudget
 ) -> Iterator[RawMessage]:
-    """The messages of a ``.db3`` file, as ``read_bag``."""
+    """The messages of a ``.db3`` file, as by ``read_bag``."""
     size = os.path.getsize(path)
     budget.bytes_read += size
     if os.path.exists(f"{path}-wal") and os.path.getsize(f"{path}-wal"):
@@ -226,8 +226,8 @@ def _read_sqlite(
 
 
 def _opened(path: str, size: int) -> sqlite3.Connection:
-    """A database of which only plain columns of its tables can be read, in steps that its size bounds; raises
-    UnreadableRecording if others are in it."""
+    """A connection that reads only plain columns of the tables, in a number of steps that the file size
+    bounds; raises UnreadableRecording if other columns are in them."""
     uri = f"file:{quote(os.path.abspath(path))}?mode=ro&immutable=1"
     file = sqlite3.connect(uri, uri=True, isolation_level=None)
     file.text_factory = lambda data: data.decode(errors="replace")
@@ -274,10 +274,9 @@ def _channels(file: sqlite3.Connection, report: Callable[[str], None]) -> Mappin
 def _messages(
     file: sqlite3.Connection, channels: Mapping[int, Channel], budget: WorkBudget, size: int
 ) -> Iterator[RawMessage]:
-    """The messages by log time, while they are together no longer than the file of ``size`` bytes: pages that
-    refer to themselves, or to one another, make any number of long ones.
-
-    They are fetched one by one after sorting, which would keep them all.
+    """The messages by log time, as long as their total length is within the ``size`` of the file (bytes):
+    pages that refer to themselves or to one another make any number of long messages. Sorting is by row, and
+    data are fetched one by one, so that they are not all in memory.
     """
     which = f"where topic_id in ({', '.join('?' * len(channels))})" if len(channels) <= _MOST_NAMED else ""
     rows = file.execute(

@@ -1,10 +1,10 @@
 """Tables of poses in Parquet and Feather, in arrays of NumPy, MATLAB and HDF5, and in C3D files with rigid
 bodies.
 
-Values in lists and structs of Parquet are columns of their own. What its pages declare is checked before a
-library decompresses them: a few bytes can expand to billions of rows or to gigabytes. Footer and page headers
-are in Thrift's compact protocol (https://parquet.apache.org/docs/file-format/), those of Feather, the file
-format of Arrow, are flatbuffers (https://arrow.apache.org/docs/format/Columnar.html).
+Values in lists and structs of Parquet are columns of their own. The sizes that pages declare are checked
+before a library decompresses them: a few bytes can expand to billions of rows or to gigabytes. Footer and
+page headers are in Thrift's compact protocol (https://parquet.apache.org/docs/file-format/), and flatbuffers
+in Feather, the file format of Arrow (https://arrow.apache.org/docs/format/Columnar.html).
 
 C3D has a header, groups of parameters, and data in blocks of 512 bytes (https://www.c3d.org). Theia3D and
 Visual3D write matrices of the data type ROTATION: 16 floats by columns and one of reliability, negative where
@@ -44,13 +44,13 @@ _PAGE_ERRORS: Final = (
 )
 _BUFFER_BYTES: Final = 2**16
 _LONGEST_LINE: Final = 120
-"""Longest text of an error of pyarrow, which may list all columns."""
+"""Longest text (characters) of an error of pyarrow, which may list all columns."""
 _LONGEST_NAME: Final = 40
 _DEEPEST: Final = 5
 
 
 _Leaf = tuple[str, tuple[str | int, ...], Any]
-"""Name, path and type of a column of single values, which is the file's column ``path[0]``, or in its structs
+"""Name, path and type of a column of single values: the file's column ``path[0]``, or a place in its structs
 or lists."""
 
 
@@ -97,7 +97,7 @@ class ParquetTable:
             self._file.close()
 
     def _values(self, batch: Any, done: int) -> dict[int, Any]:
-        """Times as text, and numbers, of a batch after ``done`` rows; rows without any are left out."""
+        """The columns of a batch after ``done`` rows: times as text, and numbers; empty rows are left out."""
         columns, time = dict[int, Any](), self.layout.time
         for place, (_, path, _) in self._chosen.items():
             column = _single(batch.column(str(path[0])), path[1:])
@@ -112,7 +112,7 @@ class ParquetTable:
         }
 
     def _first_rows(self, leaves: Sequence[_Leaf], budget: WorkBudget) -> list[list[str]]:
-        """The numbers of the first rows as text, ``nan`` for others; none where they cannot be read."""
+        """The numbers of the first rows as text, ``nan`` for other values; empty if they cannot be read."""
         names = dict.fromkeys(str(path[0]) for _, path, kind in leaves if _is_number(kind))
         try:
             self._file.check({*names}, 1, budget)
@@ -129,7 +129,7 @@ class ParquetTable:
         return rows
 
     def _first_of(self, name: str, budget: WorkBudget) -> Any:
-        """The value of a column in the first row; None where it cannot be read."""
+        """The value of a column in the first row; None if it cannot be read."""
         try:
             self._file.check({name}, 1, budget)
             batch = next(self._file.iter_batches(1, columns=[name], use_threads=False), None)
@@ -139,7 +139,8 @@ class ParquetTable:
 
 
 def _leaves(name: str, path: tuple[str | int, ...], kind: Any, example: Any) -> Iterator[_Leaf]:
-    """The columns of single values in a column of the file; the ``example`` row has the length of lists."""
+    """The columns of single values in a column of the file; ``example``, a value of it, gives the length of
+    lists."""
     if len(path) > _DEEPEST:
         return
     if types.is_struct(kind):
@@ -153,7 +154,7 @@ def _leaves(name: str, path: tuple[str | int, ...], kind: Any, example: Any) -> 
             value = values[i] if i < len(values) else None
             yield from _leaves(f"{name}[{i}]", (*path, i), kind.value_type, value)
         if length > WIDEST:
-            yield f"{name}[{WIDEST}:{length}]", path, kind  # is only told of
+            yield f"{name}[{WIDEST}:{length}]", path, kind  # named in messages only
     else:
         yield name, path, kind
 
@@ -166,7 +167,7 @@ def _is_number(kind: Any) -> bool:
 
 
 def _single(column: Any, path: tuple[str | int, ...]) -> Any:
-    """The values at a place in the structs or lists of a column; null where a list is shorter."""
+    """The values at a path in the structs or lists of a column; null if a list is shorter."""
     for i, step in enumerate(path):
         if isinstance(step, int):
             rows = [row[step] if row is not None and len(row) > step else None for row in column.to_pylist()]
@@ -176,7 +177,7 @@ def _single(column: Any, path: tuple[str | int, ...]) -> Any:
 
 
 def _texts(column: Any) -> list[str]:
-    """Times as text, dates and durations in nanoseconds; empty where there is none."""
+    """Times as text, dates and durations in nanoseconds; empty for null."""
     if types.is_temporal(column.type):
         is_time, is_duration = types.is_time(column.type), types.is_duration(column.type)
         kind = pyarrow.time64 if is_time else pyarrow.duration if is_duration else pyarrow.timestamp
@@ -193,13 +194,13 @@ def _numbers(column: Any) -> NDArray[np.float64]:
 
 
 _PAGE_HEADER: Final = 2**16
-"""Longest page header (bytes); it may contain statistics of long texts."""
+"""Longest page header (bytes), which may contain statistics of long texts."""
 _WHOLE: Final = (0, 6)
-"""Encodings in which each text is there in full; in others many values may share a long one."""
+"""Encodings that store each text in full; in other encodings many values may share a long text."""
 _MOST_SHARED: Final = 2**28
-"""Most bytes that texts in other encodings may become."""
+"""Largest decoded size (bytes) of texts in other encodings."""
 _VALUES_PER_ROW: Final = 7
-"""Values of lists that count as a row: a pose has as many."""
+"""Number of values in lists that count as a row, as of a pose."""
 _BYTES_PER_ROW: Final = 8 * _VALUES_PER_ROW
 _Struct = Mapping[int, Any]
 """The fields of a Thrift struct by number."""
@@ -213,8 +214,8 @@ class _Parquet(ParquetFile):  # type: ignore[misc]
         self._path = path
 
     def check(self, names: Set[str], bodies: int, budget: WorkBudget) -> None:
-        """Check the columns of these names in a file with so many bodies; raises UnreadableRecording if they
-        exceed the limits for the file's size, or page headers cannot be parsed."""
+        """Check the columns with these names; raises UnreadableRecording if they exceed the limits for the
+        size of the file, or page headers cannot be parsed. ``bodies`` is the number of poses per row."""
         with _checked(self._path) as file:
             for group in map(self.metadata.row_group, range(self.metadata.num_row_groups)):
                 budget.spend(SHARE_OF_RECORD * max(group.num_rows, 0) * bodies)
@@ -252,7 +253,7 @@ class _Arrow:
         self._file.close()
 
     def check(self, names: Set[str], bodies: int, budget: WorkBudget) -> None:
-        """As of Parquet, but of all columns at once, as buffers have no names."""
+        """As for Parquet, but all columns at once, as buffers have no names."""
         if self._is_checked:
             return
         self._is_checked = True
@@ -277,12 +278,12 @@ class _Arrow:
 
 _OPENED: Final[Mapping[str, Callable[[str], _Parquet | _Arrow]]] = {"Parquet": _Parquet, "Feather": _Arrow}
 _ARROW_END: Final = 10
-"""Bytes after the footer of a file of Arrow: its size and ``ARROW1``."""
+"""Number of bytes after the footer of an Arrow file: its size and ``ARROW1``."""
 
 
 def _place(data: bytes, *fields: int) -> int:
-    """The offset of a table or vector in a flatbuffer (https://flatbuffers.dev/internals/), by the fields of
-    the tables around it; 0 without one."""
+    """The offset of a table or vector in a flatbuffer (https://flatbuffers.dev/internals/), by the fields
+    that lead to it; 0 if it is absent."""
     (at,) = struct.unpack_from("<I", data)
     for field in fields:
         names, slot = at - struct.unpack_from("<i", data, at)[0], 4 + 2 * field
@@ -295,7 +296,7 @@ def _place(data: bytes, *fields: int) -> int:
 
 
 def _structs(data: bytes, form: str, *fields: int) -> Iterator[tuple[int, ...]]:
-    """The structs in a vector, by their form in the letters of ``struct``."""
+    """The structs in a vector; ``form`` is their format as in the module ``struct``."""
     if at := _place(data, *fields):
         end = at + 4 + struct.unpack_from("<I", data, at)[0] * struct.calcsize(form)
         yield from struct.iter_unpack(form, data[at + 4 : end])
@@ -303,8 +304,8 @@ def _structs(data: bytes, form: str, *fields: int) -> Iterator[tuple[int, ...]]:
 
 @contextmanager
 def _checked(path: str) -> Iterator[IO[bytes]]:
-    """A file whose parts are counted; raises UnreadableRecording if they exceed the limits for its size, or
-    cannot be parsed."""
+    """Open a file whose parts are checked; raises UnreadableRecording if they exceed the limits for its size,
+    or cannot be parsed."""
     try:
         with open(path, "rb") as file:
             yield file
@@ -431,8 +432,8 @@ class ArrayTable:
 
 
 def _rows_of(shapes: Sequence[tuple[int, ...]], widest: int) -> int:
-    """The number of rows, which is the length of the first or last axis of most arrays, of which small ones
-    count less; 0 without any."""
+    """The number of rows: the length of the first or last axis of most arrays, weighted by the logarithm of
+    their size; 0 without arrays."""
     sizes = defaultdict[int, float](float)
     for shape in shapes:
         size = math.prod(shape)
@@ -446,7 +447,7 @@ _BLOCK: Final = 512
 _INTEL: Final = 84
 _VALUES: Final = 17
 _POSE: Final = 12
-"""Values of a pose: the columns of the matrix and the position, without the last row."""
+"""Number of values of a pose: the columns of the matrix and the position, without the last row."""
 _KINDS: Final = {-1: "S1", 1: "i1", 2: "<i2", 4: "<f4"}
 _MARKERS_SHOWN: Final = 5
 _SUFFIX: Final = "_4x4"
@@ -546,4 +547,4 @@ TABLES: Final[Mapping[str, Callable[[str, TableReading, WorkBudget], ParquetTabl
     **{kind: partial(ArrayTable, kind=kind) for kind in ("NumPy", "MATLAB", "HDF5")},
     "C3D": C3DTable,
 }
-"""What reads each kind of table."""
+"""Readers of the kinds of tables."""

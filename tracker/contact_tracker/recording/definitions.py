@@ -1,8 +1,8 @@
 """Message definitions in ros2msg and of ROS 1 as the fields of types, and the decoding of ROS 1 by them.
 
-A definition in a file can be anything. It is read line by line here, in time that grows with its length, and
-only the fields of the message itself and of the types in it are kept. Libraries are given definitions that
-are written anew from these fields. Definitions in IDL are not read. Messages of ROS 1 are little-endian,
+The text of a definition in a file is not trusted: it is parsed line by line in linear time, only the fields
+of the message and of the types in it are used, and libraries get definitions that are written anew from these
+fields. Definitions in IDL are not read. Messages of ROS 1 are little-endian,
 without padding (http://wiki.ros.org/msg); sizes are checked before memory is allocated.
 """
 
@@ -18,9 +18,9 @@ from typing import Any, Final, NamedTuple
 from contact_tracker.recording.bytestream import BYTES_PER_RECORD
 
 LONGEST_DEFINITION: Final = 2**17
-"""Longest definition that is used (bytes)."""
+"""Longest definition that is used (characters)."""
 _DEEPEST: Final = 50
-"""Most nested levels that are used."""
+"""Most nested levels of types."""
 _MOST_FIELDS: Final = 1000
 """Most fields of a message and of all types in it: libraries compare the names of fields with each other."""
 _ELEMENTS_PER_RECORD: Final = 16
@@ -35,7 +35,7 @@ PRIMITIVES: Final[Mapping[str, int]] = {
     **dict.fromkeys(("int32", "uint32", "float32", "string", "wstring"), 4),
     **dict.fromkeys(("int64", "uint64", "float64", "time", "duration"), 8),
 }
-"""Types without fields, and least sizes of their values (bytes)."""
+"""Types without fields, and the least sizes of their values (bytes)."""
 _LENGTH: Final = struct.Struct("<I")
 _HEADER: Final = "std_msgs/Header header\n"
 _PARTS: Final = {
@@ -54,7 +54,7 @@ _PARTS: Final = {
     "geometry_msgs/Wrench": "geometry_msgs/Vector3 force\ngeometry_msgs/Vector3 torque\n",
     "motion_capture_tracking_interfaces/NamedPose": "string name\ngeometry_msgs/Pose pose\n",
 }
-"""Definitions of known types, as in ROS 2, that are parts of others."""
+"""Definitions of known types that are parts of others, as in ROS 2."""
 _MESSAGES: Final = {
     **_PARTS,
     "std_msgs/String": "string data\n",
@@ -68,7 +68,7 @@ _MESSAGES: Final = {
     "motion_capture_tracking_interfaces/NamedPoseArray": f"{_HEADER}"
     "motion_capture_tracking_interfaces/NamedPose[] poses\n",
 }
-"""The same of all known types."""
+"""Definitions of all known types."""
 
 
 def canonical(type_name: str) -> str:
@@ -90,8 +90,8 @@ class Definition(NamedTuple):
 
     Parameters
     ----------
-    type : of the message, as ``package/Name``.
-    fields : of each type, the message itself first.
+    type : type of the message, as ``package/Name``.
+    fields : fields of each type, the message itself first.
     is_complete : whether the file defines all of these types; the known definition of others is used.
     bytes_per_record : bytes of a message that count as the work of one record: 16 elements of an array, if
         these are no numbers or texts.
@@ -124,7 +124,8 @@ def parse_definition(text: str, type_name: str) -> Definition:
     last_names = {name.rpartition("/")[2]: name for name in bodies}
 
     def resolved(written: str, package: str) -> str:
-        """The name of a field's type: without package it is that of the same package, or the only one."""
+        """The full name of a field's type; a name without package is of the same package, or of the only type
+        with it."""
         if written in PRIMITIVES:
             return written
         name = _short(written)
@@ -210,7 +211,7 @@ _TIMES: Final = {
     "duration": [Field("int32", "sec", None), Field("int32", "nanosec", None)],
 }
 _Step = tuple[list[str], struct.Struct | Field]
-"""Names of consecutive fields with their numbers, or of one other field."""
+"""Names of consecutive numbers with their format, or one other field."""
 
 
 def ros1_decoder(definition: Definition) -> Callable[[bytes], Any]:
@@ -259,7 +260,7 @@ def ros1_decoder(definition: Definition) -> Callable[[bytes], Any]:
 
 
 def _plan(name: str, fields: Sequence[Field]) -> list[_Step]:
-    """The steps that read a type: consecutive numbers are read together."""
+    """The steps that read a type; consecutive numbers are one step."""
     steps = list[_Step]()
     for are_numbers, group in groupby(fields, lambda f: f.length is None and f.type in _FORMATS):
         run = list(group)

@@ -1,4 +1,4 @@
-"""A recording as a stream of validated poses of one source; and its summary for ``contact-tracker info``."""
+"""A recording as a stream of validated poses of one source, and its summary for ``contact-tracker info``."""
 
 from bisect import bisect_left
 from collections import Counter
@@ -52,9 +52,9 @@ from contact_tracker.recording.transforms import (
 )
 
 _MOST_HEAD: Final = 200_000
-"""Poses kept until the requested frames are connected."""
+"""Most poses that are buffered until the requested frames are connected."""
 _LATE: Final = 8
-"""Most late sources that are named."""
+"""Largest number of late sources that are named."""
 _SEVERAL: Final = "time runs backward in it; if its files are recordings of their own, name one"
 _FEW: Final = 50
 """The first poses are always read one by one."""
@@ -67,7 +67,7 @@ class PoseLog:
     Attributes
     ----------
     source : the source of the poses.
-    first : the first pose of the source, valid or not, with its log time.
+    first : the first pose of the source, valid or not, and its log time (ns).
     note : one line if the parent frame of the poses may itself move.
     gate : validates the poses.
     stamping : gives the poses their stamps.
@@ -105,7 +105,7 @@ class PoseLog:
         self._taken = self._skipped = 0
         self.origin_ns = self.first_ns = self.last_ns = self.valid = 0
         self._start_ns, self._end_ns = 0, _FOREVER_NS
-        self._read_ns: int | None = None  # until when, after the first pose
+        self._read_ns: int | None = None  # time of the last pose, since the first one
         self._reading, self._composer, self._logged = reading, composer, logged
         self._assumed = reading.decoder.assumed if composer is None else {}
         self._frame, self._count_late = frame, count_late
@@ -118,7 +118,7 @@ class PoseLog:
 
     @property
     def loss(self) -> str | None:
-        """One line with the likely cause if most poses were dropped; unknown of a log that was carried on."""
+        """One line with the likely cause if most poses were dropped; None for a log that was carried on."""
         return None if self._is_resumed else remark_on_loss(self.counts, self.taken, self.gate.refused_xyzw)
 
     def no_poses(self, name: str) -> NoPoses | ChoiceError:
@@ -140,8 +140,7 @@ class PoseLog:
     @property
     def remarks(self) -> tuple[str, ...]:
         """One line each: the known definition of a type replaced that of the file, or the time unit is a
-        guess; many poses are out of order (unknown of a log that was carried on); a folder's clock was
-        reset."""
+        guess; many poses are out of order (not for a log that was carried on); a folder's clock was reset."""
         counts, why = self.counts, self._assumed.get((self.source.topic, self.source.type))
         why = self._composer.why if self._composer is not None else why
         count = counts.get("known_definition", 0)
@@ -152,7 +151,7 @@ class PoseLog:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """All that is doubtful of the poses, one line each, the damage first; final after iteration."""
+        """All doubts about the poses, one line each, the damage first; final after iteration."""
         return tuple(filter(None, (self.damage, self.note, *self.remarks)))
 
     @property
@@ -167,12 +166,11 @@ class PoseLog:
 
     @property
     def _assigned(self) -> Stamping:
-        """The rule for stamps that are not yet assigned."""
+        """The rule for stamps, if these are not assigned yet."""
         return Stamping() if self.is_stamped else self.stamping
 
     def select(self, start_s: float, duration_s: float | None) -> None:
-        """Give the poses of an interval only, in seconds since the first one; to the end without a
-        duration."""
+        """Select the poses of an interval, in seconds since the first pose; to the end without a duration."""
         self._start_ns = round(start_s * 1e9)
         self._end_ns = _FOREVER_NS if duration_s is None else self._start_ns + round(duration_s * 1e9)
 
@@ -224,7 +222,8 @@ class PoseLog:
         yield Poses.collect(self.gate.finish())
 
     def _cut(self, stamp_ns: Sequence[int] | NDArray[np.int64]) -> tuple[slice, bool]:
-        """The rows of the next poses that are in the interval, which are counted, and whether it is over."""
+        """The rows of the next poses within the interval, which are counted, and whether the interval is
+        over."""
         count = len(stamp_ns)
         if not count:
             return slice(0, 0), False
@@ -240,7 +239,7 @@ class PoseLog:
         return slice(begin, end), end < count
 
     def _own(self) -> Iterator[Logged]:
-        """The poses of the source from where the log goes on; what else is read is counted."""
+        """The poses of the source after the skipped ones; other entries are counted."""
         for entry in self._logged:
             if entry is None:
                 self._counts["undecodable"] += 1
@@ -356,7 +355,7 @@ def list_sources(path: str, table: TableReading = AS_NAMED) -> list[PoseSource]:
 def _explain(
     path: str, frame: str | None, sources: set[PoseSource], selection: ChannelFilter, damage: str | None
 ) -> Exception:
-    """The error where no pose is selected."""
+    """The error if no pose is selected."""
     relative_to = selection.relative_to
     is_named = frame is None or any(source.is_named(frame) for source in sources)
     if sources and relative_to is not None and is_named:
@@ -376,7 +375,7 @@ BEGINNING_S: Final = 30.0
 BEGINNING_NS: Final = round(BEGINNING_S * 1e9)
 BEGINNING_POSES: Final = 20_000
 KEPT_POSES: Final = 200_000
-"""Limit for all sources together."""
+"""Most poses in the beginnings of all sources together."""
 _SAMPLE: Final = 50_000
 _MAD_TO_SIGMA: Final = 1.4826
 
@@ -439,7 +438,7 @@ class SourceSummary:
         return self._admit(keep) if (is_prefix if self._stamping is None else count == BATCH) else 0
 
     def finish(self) -> "SourceSummary":
-        """Add what is held, and find the figures of all poses."""
+        """Add the buffered poses, and compute the figures of all poses."""
         if self._waiting:
             self._admit(keep=True)
         self._note(Poses.collect(self._gate.finish()), keep=True)

@@ -32,7 +32,7 @@ _ENDINGS: Final = (".mcap", ".db3", ".mcap.zstd", ".mcap.zst")
 _METADATA: Final = "metadata.yaml"
 _OVERLAP_NS: Final = 1_000_000_000
 _PAUSE_NS: Final = 10_000_000_000
-"""Largest overlap of, and largest gap between, parts of one recording."""
+"""Largest overlap, and largest gap, between parts of one recording (ns)."""
 _NAMED: Final = 4
 _DAMAGES_SHOWN: Final = 3
 _BEGIN: Final = 64
@@ -71,7 +71,7 @@ def parts_of(path: str) -> list[str]:
 
 
 def recording_of(path: str) -> str:
-    """The recording that a path stands for: a folder's ``metadata.yaml`` for the folder."""
+    """The path of the recording: the folder, if ``path`` is its ``metadata.yaml``."""
     return os.path.dirname(path) or "." if os.path.basename(path) == _METADATA else path
 
 
@@ -132,15 +132,15 @@ class Reading:
     Parameters
     ----------
     path : file, folder or ``-``.
-    wanted : messages of other channels are skipped unread; None of all.
+    is_wanted : accepts channels; messages of other channels are skipped unread. None skips all messages.
     follow : wait for more data; a folder is complete once it has a metadata.yaml.
-    table : what the columns of a table are, where their names do not say it.
+    table : how the columns of a table are read, if their names do not say it.
 
     Attributes
     ----------
     assumption : one line on what was assumed about a table, or None.
     is_table : whether it is a table, which has poses and nothing else.
-    decoder : of the messages, with the work that the bytes read explain.
+    decoder : decoder of the messages, whose work is bounded by the bytes read.
 
     Raises UnreadableRecording if there is no such file, or, while iterating, no part can be read; ChoiceError
     if the file cannot be followed, or ``table`` does not fit; AmbiguousSource if messages of a folder of
@@ -240,8 +240,8 @@ class Reading:
     def _by_log_time(
         self, summary: Summary, loop: RecordLoop, stream: ByteStream, report: Callable[[str], None]
     ) -> Iterator[Item]:
-        """The items of a file with an index, messages by log time: chunks that overlap are read by the index,
-        messages outside of chunks are buffered, as others may be earlier."""
+        """The items of a file with an index, messages by log time: overlapping chunks are read by the index;
+        messages outside of chunks are buffered, as later ones may have earlier times."""
         statistics, chunks = summary.statistics, summary.chunk_indexes
         assert statistics is not None
         entries: list[Entry] = [*summary.attachment_indexes, *summary.metadata_indexes]
@@ -264,7 +264,7 @@ class Reading:
             report(f"{lost} messages outside of chunks, which overlap in log time, are left out")
 
     def _parts(self) -> Iterator[tuple[str, bool]]:
-        """Parts in order, and whether each is the only one; when following, new ones, too."""
+        """Parts in order, and whether each is the only one; when following, also new parts."""
         single = not self.is_folder
         if self._follow is None:
             yield from ((part, single) for part in parts_of(self.path))

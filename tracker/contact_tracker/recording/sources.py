@@ -1,11 +1,11 @@
 """Pose sources of a recording, and selection of one.
 
-A source is a topic with its frames. Where a file has an index, its channels are known from there and their
-frames from a prefix that starts at the first chunk of each. Otherwise (pipes, growing, truncated and
-index-less files) the prefix of the whole decides. A prefix is one second of log time from its first pose, and
-at most 2000 pose messages and 10,000 poses; by an index at most 8 MB, and 32 MB of all channels together. If
-another matching source appears only later, the user has to choose; a live stream continues with the first
-one, and reports it.
+A source is a topic with its frames. If a file has an index, this gives the channels, and a prefix from the
+first chunk of each gives their frames. Otherwise (pipes, growing, truncated and index-less files) the prefix
+of the whole file decides. A prefix is one second of log time from its first pose, and
+at most 2000 pose messages and 10,000 poses; with an index at most 8 MB per channel, and 32 MB together. If
+another matching source appears later, the user has to choose; a live stream continues with the first source,
+and reports the other.
 `/tf_static` does not move, and `/contact/frames` belongs to results: these are sources only if their topic is
 requested.
 """
@@ -54,9 +54,9 @@ PREFIX_NS: Final = SECOND_NS
 PREFIX_MESSAGES: Final = 2000
 _LATEST_NS: Final = 2**63 - 1
 COARSE: Final = 4
-"""Different poses per stamp from which stamps cannot order poses in time."""
+"""Number of different poses per stamp from which stamps cannot order poses in time."""
 COARSE_SECONDS: Final = 2
-"""The same for stamps in whole seconds, of which only two occur among the first poses."""
+"""The same number for stamps in whole seconds, only two of which occur among the first poses."""
 
 Logged = tuple[Pose, int]
 """A pose with the stamp of its header, and its log time in nanoseconds."""
@@ -79,7 +79,7 @@ class Stamping(NamedTuple):
 
     @classmethod
     def by(cls, prefix: Sequence[Logged]) -> "Stamping":
-        """By the first poses of a source: one second of log time, and at most 2000."""
+        """The stamping by the first poses of a source: one second of log time, at most 2000 poses."""
         good = [(pose.stamp_ns, log_time_ns) for pose, log_time_ns in prefix if pose.stamp_ns]
         are_zero = len(prefix) > 1 and not good
         stamps = {
@@ -124,7 +124,7 @@ _UNDECODED: Final = (
 )
 _LISTED: Final = 8
 _TEXT_SHOWN: Final = 120
-"""Most characters of a name from the file in messages, which escape control characters."""
+"""Largest number of characters of a name from the file in messages."""
 _POSE_LIKE: Final = re.compile(r"Pose|Transform|Odometry|TFMessage|Path|RigidBod|Mocap")
 
 
@@ -134,8 +134,8 @@ TRANSFORM_TYPES: Final = frozenset(
 
 
 class ChannelFilter:
-    """Whether a channel may carry the selected poses; records all channels that were tested, and by topic the
-    messages that an index counts.
+    """Whether a channel may carry the selected poses; records all tested channels, and the number of messages
+    by topic, if an index has it.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ class ChannelFilter:
         return self._has_poses(channel) or (self._with_transforms and may_be_step(channel, self.relative_to))
 
     def takes(self, source: PoseSource) -> bool:
-        """Whether this source may be that of the poses; transforms are read as well."""
+        """Whether this source may be the selected one; the filter also passes transforms."""
         return any(
             (channel.topic, channel.type) == (source.topic, source.type) and self._has_poses(channel)
             for channel in self.seen.values()
@@ -214,8 +214,7 @@ class ChannelFilter:
 
 
 def may_be_step(channel: Channel, relative_to: str | None) -> bool:
-    """Whether a channel may be part of a chain: it has transforms, or is the topic that poses are relative
-    to."""
+    """Whether a channel may be part of a chain: it has transforms, or is the topic ``relative_to``."""
     return canonical(channel.type) in TRANSFORM_TYPES or channel.topic == relative_to
 
 
@@ -286,7 +285,7 @@ def take_prefix(groups: Iterator[Sequence[LoggedPose | None]]) -> list[Sequence[
 
 
 def poses_by_source(logged: Iterable[LoggedPose | None]) -> dict[PoseSource, list[Logged]]:
-    """The sources of poses, each with its own; what could not be decoded is skipped."""
+    """The poses by source; messages that could not be decoded are skipped."""
     poses: dict[PoseSource, list[Logged]] = {}
     for entry in logged:
         if entry is not None:
@@ -309,8 +308,8 @@ def only_one(path: str, sources: Iterable[PoseSource], hint: str = "") -> PoseSo
 def without_frame(
     path: str, lacking: str, name: str, sources: Iterable[PoseSource], hint: str = ""
 ) -> ChoiceError:
-    """The error where no source has a frame, ``lacking`` in words and ``name`` as given; ``hint`` says how to
-    have its poses all the same."""
+    """The error if no source has a frame, which is ``lacking`` in words and ``name`` as stated; ``hint`` says
+    how to get its poses nevertheless."""
     listed = sorted(sources)
     names = [text for s in listed for text in (s.topic, s.frame_id, s.child_frame_id, s.frames) if text]
     listing = _listing(map(str, listed), "; ")
@@ -321,8 +320,8 @@ def without_frame(
 
 
 def _fields_in(path: str, channels: Iterable[Channel], table: TableReading) -> str:
-    """What messages of unknown types, or without the field that is asked for, have poses in, with the command
-    that reads them; empty if none has."""
+    """The fields with poses in messages of unknown types, or without the stated field, with the command that
+    reads them; empty if there are none."""
     stated = table.field
     unknown = (channel for channel in channels if stated or not may_have_poses(channel))
     fields = [(channel, field) for channel in unknown for field in fields_with_poses(channel)]

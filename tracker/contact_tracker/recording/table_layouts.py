@@ -1,4 +1,4 @@
-"""Layouts of poses in tables: roles, units and rotations of columns, by their names and as users state them."""
+"""Layouts of poses in tables: roles, units and rotations of columns, from their names or stated by users."""
 
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence

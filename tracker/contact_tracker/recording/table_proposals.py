@@ -1,5 +1,5 @@
-"""Layouts of tables with names and without; where these do not say what columns are, the command that reads
-them, by known systems, what as many numbered columns usually are, and values."""
+"""Layouts of tables with names and without; if the layout is ambiguous, the command that reads the table,
+proposed from known systems, numbers of columns and values."""
 
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -39,19 +39,19 @@ Rows = Callable[[], Sequence[Sequence[str]]]
 """Gives the first rows of a table."""
 
 _LIKE_TIME: Final = re.compile(r".*(?:time|stamp|date|zeit|temps|tiempo|clock|ticks)", re.IGNORECASE)
-"""Names that a column of times may have."""
+"""Names of columns that are probably times."""
 _PREFIX: Final = re.compile(r".+[._/: -]")
-"""What may stand before the names of a system's columns."""
+"""Prefix of the names of a system's columns."""
 _MOST_GROUPS: Final = 12
-"""Groups of numbered columns of which it is tried what they may be; their pairs are tried, too."""
+"""Largest number of groups of numbered columns that are tried, alone and in pairs."""
 _A_RATE: Final = "100Hz"
 _ORDERS: Final = "Orders are those of scipy: xyz about fixed axes, XYZ about the body's; deg or rad"
 _NANOSECONDS: Final = 10
-"""Digits of a second since 1970, of which the nanoseconds have fewer."""
+"""Number of digits of the seconds since 1970; those of the nanoseconds are fewer."""
 _UNIT_NORM: Final = 0.002
 """Largest deviation of a quaternion's norm from 1, and of a matrix from a rotation, in rounded values."""
 FIRST_ROWS: Final = 64
-"""Rows whose values may be looked at."""
+"""Number of first rows whose values may be looked at."""
 _UR: Final = "actual_TCP_pose"
 _UR_POSE: Final = f"position={_UR}[0:3],rotation={_UR}[3:6]"
 _BOP: Final = ("cam_r_m2c[8]", "cam_t_m2c[2]")
@@ -59,7 +59,7 @@ _BOP_POSE: Final = "position=cam_t_m2c,matrix=cam_R_m2c"
 _TWICE: Final = "a position and a quaternion"
 _AXIS_ANGLE: Final = "an axis and an angle (in degrees if the name ends with _deg)"
 _ANGLES_OR_VECTOR: Final[Sequence[Mapping[str, Any]]] = ({"euler": "xyz:deg"}, {"rotation_vector": True})
-"""What three numbers of a rotation may be."""
+"""Readings of three numbers of a rotation."""
 _OPENSIM: Final = re.compile(r".*_o[xyz]\b", re.IGNORECASE)
 KNOWN: Final[Sequence[tuple[str, tuple[str, ...], TableReading]]] = (
     ("UR's RTDE", (f"{_UR}_0".lower(), f"{_UR}_5".lower()), reading_of(_UR_POSE, rotation_vector=True)),
@@ -88,17 +88,17 @@ KNOWN: Final[Sequence[tuple[str, tuple[str, ...], TableReading]]] = (
     ("quaternions with the real part first", ("q0", "q3"), reading_of("qw=q0,qx=q1,qy=q2,qz=q3")),
     ("matrices by row and column", ("r11", "r33"), reading_of(matrix="rows")),
 )
-"""Known systems: name; names of columns, in lower case, by which one is recognised; how it means them."""
+"""Known systems: name; lower-case names of columns by which the system is recognised; the reading."""
 _LISTS: Final[Mapping[int, tuple[str, TableReading]]] = {
     7: ("position={0}[0:3],quaternion={0}[3:7]", reading_of()),
     6: ("position={0}[0:3],rotation={0}[3:6]", reading_of()),
     4: ("quaternion={0}", reading_of()),
     3: ("position={0}", reading_of()),
 }
-"""What as many numbered columns usually are."""
+"""Usual columns and reading of a group of numbered columns, by its size."""
 _VECTOR: Final = ("rotation={0}", reading_of(rotation_vector=True))
 _TURNING: Final = re.compile("rot|rvec|axis", re.IGNORECASE)
-"""Names of three columns that are a rotation vector."""
+"""Names of groups of three columns that are a rotation vector."""
 
 
 def layout_of_names(
@@ -108,8 +108,8 @@ def layout_of_names(
     units: Sequence[str] = (),
     rows: Rows = tuple,
 ) -> TableLayout:
-    """The layout of a table with named columns, whose ``units`` may be in a row of their own. The first
-    ``rows`` say which angles may be in degrees.
+    """The layout of a table with named columns; ``units`` may be those of a separate row. The first ``rows``
+    decide which angles may be in degrees.
 
     Raises UnreadableRecording, with the command that reads the columns where there is one, if none have poses
     or it is not known how they are meant; and ChoiceError if a column that the reading names is not there.
@@ -129,8 +129,8 @@ def layout_of_names(
 
 
 def layout_without_names(rows: Sequence[Sequence[str]], reading: TableReading, path: str) -> TableLayout:
-    """The layout of columns that have no names, by the values of the first rows; raises UnreadableRecording
-    where the reading does not say which columns are what."""
+    """The layout of columns without names; raises UnreadableRecording, with proposals by the values of the
+    first rows, if the reading does not state the columns."""
     values = rows[0] if rows else ()
     if not reading.columns:
         how = f"say which they are, by number from 0 on, as in --columns time={UNNAMED}0,x={UNNAMED}1"
@@ -145,15 +145,16 @@ def layout_without_names(rows: Sequence[Sequence[str]], reading: TableReading, p
 
 
 def _meanings(rows: Sequence[Sequence[str]]) -> list[TableReading]:
-    """What rows without names may be: a pose is where there is a rotation matrix or a unit quaternion, as in
-    KITTI's and TUM's, else at the end of seven values with angles; a time before it, or two numbers as of
+    """Possible readings of rows without names: the pose is a rotation matrix or a unit quaternion with its
+    position, as in KITTI and TUM, else the last six values; the time is before it, or two numbers as from
     ``ros2 topic echo --csv``."""
     values = rows[0] if rows else ()
     table, width = np.array([numbers(row) for row in rows if len(row) == len(values)]), len(values)
     table = table[np.isfinite(table[:, width - 4 :]).all(axis=1)]
 
     def meaning(begin: int, how: Mapping[str, Any], **groups: int) -> TableReading:
-        """A pose of groups of so many values from a place on, after the time."""
+        """The reading of a pose whose ``groups`` of values, by role and size, begin at ``begin``, after the
+        time."""
         columns, at = dict[str, str](), begin
         for role, count in groups.items():
             columns[role], at = f"{UNNAMED}[{at}:{at + count}]", at + count
@@ -179,20 +180,20 @@ def _meanings(rows: Sequence[Sequence[str]]) -> list[TableReading]:
 
 
 def may_end_with_quaternions(rows: Sequence[Sequence[str]]) -> bool:
-    """Whether the last four values of most rows have one norm, as quaternions have with any scale; angles
+    """Whether the last four values of most rows have the same norm, as scaled quaternions have and angles
     that change have not."""
     ends = _present(np.array([numbers(row[-4:]) for row in rows if len(row) >= 4]).reshape(-1, 4))
     if not len(ends):
         return True
     norms = np.linalg.norm(ends, axis=1)
-    rounding = 1.0 if (ends == np.rint(ends)).all() else 0.0  # of four integers by a half each
+    rounding = 1.0 if (ends == np.rint(ends)).all() else 0.0  # for four integers, half a unit each
     is_near = np.abs(norms - np.median(norms)) <= NORM_TOLERANCE * np.median(norms) + rounding
     return bool(2 * np.count_nonzero(is_near) >= len(norms))
 
 
 def _begin_of_pose(rows: Array) -> int | None:
-    """The first place in rows (N, k) at which a position and a unit quaternion may begin; one at which they
-    change, if there is any."""
+    """The first column of rows (N, k) at which a position and a unit quaternion may begin, preferably one at
+    which they change; None without one."""
     constant = None
     for begin in range(rows.shape[1] - len(POSE_ROLES) + 1):
         poses = _present(rows[:, begin : begin + len(POSE_ROLES)])
@@ -205,12 +206,13 @@ def _begin_of_pose(rows: Array) -> int | None:
 
 
 def _present(rows: Array) -> Array:
-    """The rows of poses that are not lost: they are finite, and the last four values are not all zero."""
+    """The rows of poses that are not lost: finite, and the last four values not all zero."""
     return rows[np.isfinite(rows).all(axis=1) & rows[:, -4:].any(axis=1)]
 
 
 def _order_of_matrices(values: Array) -> str | None:
-    """Whether the values (N, 16) or (N, 12) of poses go along rows or columns; None if they are no poses."""
+    """Whether the matrices of poses with the values (N, 16) or (N, 12) are written by rows or columns; None
+    if they are no poses."""
     matrices = _present(values).reshape(-1, values.shape[1] // 4, 4)
     turned = {"rows": matrices, "columns": matrices.transpose(0, 2, 1)}
     for order in turned if values.shape[1] == 16 else ("rows",):
@@ -223,7 +225,7 @@ def _order_of_matrices(values: Array) -> str | None:
 
 
 def _proposal(columns: Columns, reading: TableReading, path: str, rows: Rows) -> str | None:
-    """What the columns seem to be, and the command that reads them so; None if nothing fits."""
+    """The probable meaning of the columns, with the command that reads them so; None if nothing fits."""
     reading, about_time, about_rate = _with_time(columns, reading, rows)
     lower = {*map(str.lower, columns.names), *columns.plain}
     for (system, names, meaning), prefix in product(KNOWN, _prefixes(lower)):
@@ -269,13 +271,14 @@ def _proposal(columns: Columns, reading: TableReading, path: str, rows: Rows) ->
 
 
 def _prefixes(names: Collection[str]) -> list[str]:
-    """What may stand before the names of a system, as ``rist_`` or ``tool.``; none first."""
+    """Possible prefixes of the names of a system, as ``rist_`` or ``tool.``; the empty one first."""
     matches = (_PREFIX.match(name) for name in sorted(names))
     return ["", *dict.fromkeys(match[0] for match in islice(filter(None, matches), _MOST_GROUPS))]
 
 
 def _meant(columns: Columns, base: str, rows: Rows) -> tuple[str, TableReading]:
-    """What the numbered columns of a name are, by their number and their first values."""
+    """Roles (with ``{0}`` for the base name) and reading of numbered columns, by their number and first
+    values."""
     places = list(columns.numbered(base).values())
     table = [numbers([row[i] for i in places]) for row in rows() if len(row) > max(places)]
     values, count = np.array(table).reshape(-1, len(places)), len(places)
@@ -296,7 +299,7 @@ def _meant(columns: Columns, base: str, rows: Rows) -> tuple[str, TableReading]:
 def _open_rotation(
     fault: OpenReading, columns: Columns, reading: TableReading, path: str, rows: Rows, about_rate: str
 ) -> str | None:
-    """What the three numbers of a rotation are, and how they are read; None if no way to read them fits."""
+    """The probable meaning of the three numbers of a rotation, with the commands; None if no reading fits."""
     description, ways = _three_numbers(str(fault).split(", "), columns, rows)
     readings = [candidate for way in ways if not _fault(columns, candidate := reading.with_(way))]
     if readings:
@@ -310,8 +313,8 @@ def _open_rotation(
 
 
 def _three_numbers(names: Sequence[str], columns: Columns, rows: Rows) -> tuple[str, list[TableReading]]:
-    """What the rotation in columns with these names may be by them and by the first values, in words, and how
-    it is read: numbers in radians are no larger than a turn."""
+    """The possible meaning, in words, and the readings of a rotation in three columns, by their names and
+    first values: numbers in radians are no larger than a turn."""
     places = [i for i, name in enumerate(columns.names) if name in names]
     units = [unit for i in places if (unit := ANGLE_UNITS.get(columns.units[i], ""))]
     values = np.array([numbers([row[i] for i in places]) for row in rows() if len(row) > max(places)])
@@ -333,8 +336,8 @@ def _three_numbers(names: Sequence[str], columns: Columns, rows: Rows) -> tuple[
 
 
 def _with_time(columns: Columns, reading: TableReading, rows: Rows) -> tuple[TableReading, str, str]:
-    """A reading with a time, if no column is one by its name: what seems to be the time in words, and what to
-    say of a rate in it."""
+    """The reading with a time, if no column is named as one; then what seems to be the time, in words, and
+    the text on the rate."""
     time, _ = columns.time(reading, columns.find(reading)[TIME])
     if time is not None or reading.time_unit is not None:
         return reading, "", ""
@@ -353,8 +356,8 @@ def _with_time(columns: Columns, reading: TableReading, rows: Rows) -> tuple[Tab
 
 
 def _commands(reading: TableReading, path: str, is_square: bool = False) -> str:
-    """The command of a reading, and, where it has a group of four values, with the real part first, or where
-    it has a matrix that ``is_square``, along columns."""
+    """The command of a reading, and the alternative: for a group of four values, with the real part first;
+    for a matrix that ``is_square``, along columns."""
     columns, command = dict(reading.columns), reading.command(path)
     if is_square:
         return f"{command} or, if it goes along columns, {replace(reading, matrix='columns').command(path)}"
@@ -365,7 +368,7 @@ def _commands(reading: TableReading, path: str, is_square: bool = False) -> str:
 
 
 def _fault(columns: Columns, reading: TableReading) -> Exception | None:
-    """Why columns cannot be read so; None if they can."""
+    """The error if columns cannot be read so; else None."""
     try:
         layout(columns, reading)
     except (UnreadableRecording, ChoiceError) as error:

@@ -1,4 +1,4 @@
-"""Tables of poses in columns: text, Parquet and arrays of NumPy; and files of formats that are not read.
+"""Tables of poses in columns, the stamps of their rows, and advice on formats that are not read.
 
 Times are numbers in a unit that is named or guessed, or dates (ISO 8601).
 """
@@ -44,17 +44,17 @@ _EPOCHS_S: Final[Mapping[str, tuple[tuple[int, int], str]]] = {
     TICK: ((11_644_473_600, 62_135_596_800), "ticks of 100 ns since the year 1 or 1601"),
     DAY: ((25_569 * _DAY_S, 719_529 * _DAY_S), "days since the year 0 or 1900, as of MATLAB and Excel"),
 }
-"""Units of dates that are no seconds: seconds from their epochs to 1970, and what they are."""
+"""Units of dates other than seconds: seconds from their epochs to 1970, and their description."""
 _FASTEST_HZ: Final = 20_000.0
-"""No tracker of poses is faster: the unit is another one."""
+"""Highest rate of a tracker of poses (Hz); above it, the unit is probably wrong."""
 _FEW: Final = 10
-"""Times from which on their steps say something."""
+"""Number of times above which steps of exactly one are taken for numbers of frames."""
 _SECONDS: Final = 1.0
-"""Shorter steps may also be those of a low pose rate."""
+"""Step, in the unit of the times; shorter steps may be seconds at a low pose rate."""
 _LONGEST_STEP_S: Final = 100.0
-"""Longest step between dates."""
+"""Longest step between times that are dates (s)."""
 NEVER: Final = np.iinfo(np.int64).min
-"""The stamp of text that is no time."""
+"""Stands for the stamp of text that is no time."""
 _DATE: Final = re.compile(
     r"\s*(?:(?P<days>\d{1,5}) days?,? )?"
     r"(?:(?:(?P<year>\d{4})(?P<mark>[-/.]?)(?P<month>\d\d?)(?P=mark)(?P<day>\d\d?)"
@@ -67,18 +67,18 @@ _DATE: Final = re.compile(
 """Dates and times of a day, or durations of pandas; 10:22:31:123 has milliseconds, and 10:22:31:12 would have
 frames. Digits alone are numbers."""
 _YEARS: Final = range(1900, 2110)
-"""Years of dates that are read: stamps in nanoseconds reach from 1824 to 2116."""
+"""Years of dates that are read; stamps in nanoseconds reach from 1824 to 2116."""
 _EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
 _YEAR_NS: Final = 365.25 * _DAY_S * 1e9
 _DAY_NS: Final = _DAY_S * 10**9
 _MOST_DAYS: Final = 20
-"""Between two rows: days and months that are confused make steps of a month."""
+"""Most days between two rows; if days and months are confused, there are steps of a month."""
 
 
 def unit_of(times: NDArray[np.float64]) -> tuple[str, str | None]:
     """Guess the unit of times; returns it and one line on the assumption, if it is one.
 
-    Decided by the steps or as dates; as dates if both fit and poses would not be minutes apart.
+    The steps decide, or the times as dates; dates if both fit and poses would not be minutes apart.
     """
     step = _median_step(times)
     by_date = _first_within(_DATE_S, float(times[0]) if len(times) else None)
@@ -96,7 +96,7 @@ def unit_of(times: NDArray[np.float64]) -> tuple[str, str | None]:
 
 
 def doubt_of_unit(times: NDArray[np.float64], unit_ns: float) -> str | None:
-    """One line if times with the unit in their name would be those of a rate that no tracker has."""
+    """One line if the times, in this unit, would have a rate that no tracker has; else None."""
     step = _median_step(times)
     if step == 1.0 and unit_ns == TIMES_NS["s"] and len(times) > _FEW and (np.diff(times) == 1.0).all():
         return (
@@ -129,7 +129,7 @@ def _first_within(bounds_s: tuple[float, float], value: float | None) -> str | N
 
 
 class TableTimes:
-    """Stamps of the times in a table, some rows after others; most of the first ones decide what they are.
+    """Stamps of the times in a table, batch by batch; the majority of the first times decides their kind.
 
     Parameters
     ----------
@@ -154,7 +154,7 @@ class TableTimes:
         self._is_certain = reading.time_unit is not None or layout.has_own_unit or layout.rest is not None
         self._are_dates: bool | None = None
         self._last_date_ns: int | None = None
-        self._days = 0  # midnights so far, where times have no date
+        self._days = 0  # midnights so far, if times have no date
         self._epoch_ns = 0
 
     def stamps_ns(self, times: Sequence[str], rests: Sequence[str] | None = None) -> NDArray[np.int64]:
@@ -195,7 +195,7 @@ class TableTimes:
         return stamps
 
     def _stamps_of_dates(self, times: Sequence[str]) -> NDArray[np.int64]:
-        """Stamps of dates; times of a day go on after midnight."""
+        """Stamps (N,) of dates; times of a day continue after midnight."""
         dated = map(stamp_of_date, times)
         stamps = np.array([NEVER if stamp is None else stamp for stamp in dated], np.int64)
         rows = np.flatnonzero(stamps != NEVER)
@@ -216,8 +216,8 @@ class TableTimes:
         return stamps
 
     def _find_unit(self, times: NDArray[np.float64]) -> None:
-        """The unit and epoch of times that are numbers, by the first ones; ticks of 100 ns since the years
-        1601 or 1 are known by their size."""
+        """Find the unit and epoch of times that are numbers, from the first ones; ticks of 100 ns since the
+        year 1601 or 1 are recognised by their size."""
         doubt, step = None, _median_step(times)
         if self._reading.has_frame_numbers and (times != np.round(times)).any():
             raise ChoiceError(f"{self._path}: its times are not whole, {NO_FRAMES}")
@@ -288,11 +288,11 @@ _BINARY: Final[Sequence[tuple[str, re.Pattern[bytes], str]]] = (
     ("MATLAB", re.compile(b"(?s).[\0-\x13]\0\0|\0\0"), ".mat"),
     ("C3D", re.compile(b"(?s).P"), ".c3d"),
 )
-"""Kinds of tables, by the first bytes and the end of the name; MATLAB 4 has a number first."""
+"""Kinds of tables, by first bytes and suffix; files of MATLAB 4 begin with a number."""
 _LONGEST_TIME: Final = 40
 _RECORDINGS: Final = (".mcap", ".mcap.zst", ".mcap.zstd")
 Columns = Mapping[int, Sequence[str] | NDArray[np.float64]]
-"""Values by the index of their column, numbers perhaps as text."""
+"""Values by the index of their column; numbers may be text."""
 
 _ARRAYS: Final = "contact_tracker.Trajectory.from_arrays(t, p, q) takes times, positions and rotations"
 _PICKLE: Final = (
@@ -333,12 +333,12 @@ _OTHERS: Final = {
     "rotations of markers by scipy's Rotation.align_vectors; " + _ARRAYS,
     b"version https://git-lfs": "it is a pointer of Git LFS, not the file itself: git lfs pull",
 }
-"""First bytes of files that are not read, and how to get at what is in them."""
+"""First bytes of files that are not read, and advice on how to read their content."""
 
 
 def refuse_other_formats(path: str, begin: bytes) -> None:
-    """Raise UnreadableRecording if a file with these first bytes, which is no table, is of another known
-    format, or named as a table."""
+    """Raise UnreadableRecording if a file that is no table begins like another known format, or is named as a
+    table."""
     text = next((text for magic, text in _OTHERS.items() if begin.startswith(magic)), None)
     text = _EXCEL if path.lower().endswith((".xlsx", ".ods")) else text
     if text is not None:
@@ -378,15 +378,15 @@ def read_table(
     assume: Callable[[str], None],
     reading: TableReading = AS_NAMED,
 ) -> Iterator[Rows]:
-    """The poses of a table, in columns of some rows; a body is a source.
+    """The poses of a table in columns, batch by batch; each body is a source.
 
     Parameters
     ----------
-    is_wanted : whether poses of such a channel are read.
+    is_wanted : accepts channels; other poses are not read.
     report : called with one line on rows that cannot be read.
     budget : bounds the size of a compressed table.
     assume : called with one line on each assumption.
-    reading : what the user says of its columns.
+    reading : what the user states of its columns.
 
     Raises UnreadableRecording if it has no pose columns, or it is not known how they are meant, and
     ChoiceError if the reading does not fit it.
@@ -437,8 +437,7 @@ def _opened(path: str, reading: TableReading, budget: WorkBudget) -> "TextTable 
 
 
 def _without_time(text: str, columns: Columns, row: int, layout: TableLayout) -> str:
-    """What a row without a time lacks: a time, or, if it has nothing but text in its first cell, the
-    separators of the others."""
+    """The fault of a row without a time: no time, or, if only its first cell has text, another separator."""
     lacks = "no time that is a number or a date"
     cells = [columns[place][row] for place in layout.places if place != layout.time]
     is_alone = text and not any(isinstance(value, str) and value for value in cells)

@@ -1,6 +1,6 @@
 """Poses in another frame (``--frame PARENT->CHILD``, ``--relative-to``) composed along a chain of transforms.
 
-A pose is composed once each moving transform is known before and after it. Positions are interpolated
+A pose is composed once each moving transform has samples before and after it. Positions are interpolated
 linearly, rotations along the shortest arc. Only samples that pending poses need are kept.
 """
 
@@ -48,8 +48,8 @@ def is_static(source: PoseSource) -> bool:
 
 
 class TransformTree:
-    """The frames and the transforms between them, of each pair the first; ``named`` are further sources by
-    what they are called here."""
+    """The frames and the first transform between each pair of them; ``named`` are further sources, by their
+    names in the tree."""
 
     def __init__(
         self, sources: Iterable[PoseSource], named: Mapping[PoseSource, PoseSource] | None = None
@@ -115,8 +115,9 @@ def find_chain(
     frame: str | None,
     relative_to: str | None,
 ) -> tuple[Chain, PoseSource] | None:
-    """The transforms from parent to child of ``PARENT->CHILD``, or from ``relative_to`` to the one of
-    ``bodies``, and the name of the composed poses; None where none are known yet, or none of them moves."""
+    """The transforms from parent to child of ``PARENT->CHILD``, or from ``relative_to`` to the only one of
+    ``bodies``, and the source of the composed poses; None if they are not known yet, or none of them
+    moves."""
     if relative_to is None:
         parent, arrow, child = (frame or "").partition(ARROW)
         steps = TransformTree(filter(is_transform, sources)).chain(parent, child) if arrow else None
@@ -200,16 +201,16 @@ def moving_parent_note(sources: Iterable[PoseSource], source: PoseSource) -> str
 
 
 GAP_NS: Final = 1_000_000_000
-"""Moving transforms are not interpolated over longer gaps."""
+"""Longest gap (ns) over which moving transforms are interpolated."""
 _MOST_WAITING: Final = 20_000
 _MOST_KEPT: Final = 200_000
 _PATIENCE_NS: Final = 5_000_000_000
-"""Log time for which a pose waits for moving transforms: its stamp may lead."""
+"""Log time (ns) for which a pose waits for moving transforms, as its stamp may lead."""
 _KEPT_NS: Final = 10_000_000_000
-"""Time for which samples of a transform are kept: stamps of poses may lag."""
+"""Time (ns) for which samples of a transform are kept, as stamps of poses may lag."""
 _BACK_NS: Final = 10_000_000_000
 _FORWARD_NS: Final = 3_600_000_000_000
-"""A transform whose stamps jump by more is restarted."""
+"""Largest jumps of the stamps of a transform (ns); after larger ones its samples start anew."""
 _FARTHEST_NS: Final = 2**61
 
 
@@ -220,14 +221,14 @@ class Composer:
     ----------
     steps : the chain, from the wanted frame to the body; the last one that moves gives the stamps.
     source : name of the composed poses.
-    assumed : as of ``MessageDecoder``.
+    assumed : as in ``MessageDecoder``.
     at_once : number of poses composed together; 1 for a live stream.
-    known : poses read ahead, which say how poses are stamped, and static transforms, which they may precede.
+    read_ahead : first poses by source, which decide the stamping and have the static transforms.
 
     Attributes
     ----------
-    counts : ``no_parent``, ``parent_gap`` and ``bad_parent`` as docs/conventions.md says,
-        ``log_time_as_stamp``, and ``known_definition`` as of ``PoseLog``.
+    counts : ``no_parent``, ``parent_gap`` and ``bad_parent`` (docs/conventions.md), ``log_time_as_stamp``,
+        and ``known_definition`` as in ``PoseLog``.
     why : why the known definition of a type was used, in words.
     """
 
@@ -281,7 +282,7 @@ class Composer:
         yield from self._emit(len(self._waiting))
 
     def _ready(self, now_ns: int) -> Iterator[LoggedPose]:
-        """Pending poses that can be composed, once there are enough, and those that have waited too long."""
+        """Pending poses that can be composed, once there are enough, and poses that have waited too long."""
         if self._waiting and now_ns - self._waiting[0][1] > _PATIENCE_NS:
             late = takewhile(lambda logged: now_ns - logged[1] > _PATIENCE_NS, self._waiting)
             yield from self._emit(sum(1 for _ in late))
@@ -373,7 +374,8 @@ class _Track:
             self._samples.popleft()
 
     def at(self, stamps_ns: NDArray[np.int64]) -> tuple[NDArray[np.float64], Rotation, NDArray[np.bool_]]:
-        """Interpolated position and rotation at stamps, and whether they are known there."""
+        """Interpolated positions (N, 3) (m) and rotations at stamps (N,), and whether they are known there
+        (N,)."""
         about = deque[Pose]()  # from the last sample before the first stamp onwards
         for sample in reversed(self._samples):
             about.appendleft(sample)

@@ -1,4 +1,4 @@
-"""Wrenches on the object, from messages of geometry_msgs/msg/WrenchStamped, and what they say."""
+"""Wrenches on the object from messages of geometry_msgs/msg/WrenchStamped."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -33,21 +33,21 @@ _WRENCH: Final = "the wrench "
 """A frame name that does not occur in logs."""
 WRENCH_TYPE: Final = "geometry_msgs/msg/WrenchStamped"
 _MOST: Final = 4_000_000
-"""Wrenches that are kept, of about 330 bytes each while they are read; what comes later is counted."""
+"""Most wrenches that are kept, at about 330 bytes each while they are read; later ones are counted."""
 
 
 @dataclass(frozen=True, eq=False)
 class WrenchLog:
-    """What one topic holds.
+    """The wrenches on one topic.
 
     Parameters
     ----------
-    wrenches : finite ones, in order of time, about the body's origin and in its axes.
-    dropped : messages that cannot be decoded, without a stamp, not finite, or of a stamp that is repeated.
-    unplaced : wrenches that are left out, since the pose of their frame is not known at their stamp.
-    bad_transforms : transforms to their frame that are left out: no pose, or a stamp that goes back.
-    frame_id : of the messages.
-    taken : words on what that frame was taken for.
+    wrenches : finite wrenches in order of time, about the origin of the body and in its axes.
+    dropped : number of messages that cannot be decoded, have no stamp or a repeated one, or are not finite.
+    unplaced : number of wrenches left out, as the pose of their frame is not known at their stamp.
+    bad_transforms : number of transforms to their frame left out: no pose, or a stamp that goes back.
+    frame_id : frame of the messages.
+    taken : what that frame was taken for, in words.
     """
 
     wrenches: Wrenches
@@ -59,7 +59,7 @@ class WrenchLog:
 
     @property
     def noted(self) -> str:
-        """What was left out, in words; nothing where all is well."""
+        """What was left out, in words; empty if nothing was."""
         counts = (
             (self.dropped, "dropped {} that cannot be used"),
             (self.unplaced, f"left out {{}} at times at which the pose of {self.frame_id} is not known"),
@@ -137,8 +137,8 @@ def _about_body(
     wrenches: Wrenches,
     logged_ns: NDArray[np.int64],
 ) -> tuple[Wrenches, str, int]:
-    """The wrenches about the body's origin and in its axes, what their frame was taken for, and how many
-    transforms are bad; ``logged_ns`` (N,) is when each was logged. Raises as ``read_wrenches``."""
+    """The wrenches about the origin of the body and in its axes, what their frame was taken for, and the
+    number of bad transforms; ``logged_ns`` (N,) are log times. Raises as ``read_wrenches``."""
     body, parent = source.child_frame_id, source.frame_id
     if not frame_id:
         return wrenches, "in no frame that is named: taken as the object's", 0
@@ -187,10 +187,11 @@ def _about_body(
 def _chain(
     read_ahead: Mapping[PoseSource, list[Logged]], frame_id: str, source: PoseSource
 ) -> tuple[Chain, bool, bool]:
-    """The transforms that lead to a frame, from what poses are in, or from the object: those of which fewer
-    move; empty where there are none. Then which of the two, and whether any transform names the frame."""
+    """The transforms that lead to a frame from the frame of the poses or from the object, whichever has fewer
+    moving ones; empty without any. Then whether they start at the object, and whether any transform names the
+    frame."""
     named, start = dict[PoseSource, PoseSource](), source.frame_id
-    for reference in read_ahead:  # poses that are relative to those of another topic, and so in no frame
+    for reference in read_ahead:  # poses relative to another topic are in no frame
         if reference.topic == source.frame_id and not is_transform(reference):
             named[replace(reference, child_frame_id=REFERENCE)], start = reference, REFERENCE
     tree = TransformTree(filter(is_transform, read_ahead), named)
@@ -203,7 +204,7 @@ def _chain(
 
 
 def _decoded(reading: Reading, message: RawMessage) -> tuple[str, int, tuple[float, ...]]:
-    """Frame, stamp and numbers of a message; nothing if it is not what its schema promises."""
+    """Frame, stamp (ns) and numbers (N, N m) of a message; empty if it does not match its schema."""
     try:
         decoded = reading.decoder.decode(message)
         header, force, moment = decoded.header, decoded.wrench.force, decoded.wrench.torque
