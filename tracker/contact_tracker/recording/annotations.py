@@ -63,7 +63,7 @@ def read_truth(path: str) -> Truth | None:
 def need_truth(
     path: str, topic: str | None = None, frame: str | None = None, table: TableReading = AS_NAMED
 ) -> Truth:
-    """The ground truth of a recording, which must have one; the other parameters are those of ``open_log``.
+    """The ground truth of a recording, which must have one; the other parameters are as for ``open_log``.
 
     Raises
     ------
@@ -135,7 +135,7 @@ def read_labels(
     Raises
     ------
     NoTruth
-        It is no such table.
+        It is no table of labels, or its times do not fit the poses.
     ChoiceError
         The meaning of a label is not known.
     """

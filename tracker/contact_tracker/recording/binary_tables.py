@@ -382,8 +382,8 @@ _SHOWN: Final = 8
 class ArrayTable:
     """The columns of arrays with as many rows, batch by batch; without ``damage``.
 
-    Raises UnreadableRecording if it is damaged, too large when decompressed, or it is not known what its
-    columns are.
+    Raises UnreadableRecording if it is damaged, too large when decompressed, or the meaning of its columns is
+    not known.
     """
 
     damage: tuple[str, ...] = ()
@@ -461,8 +461,8 @@ _NO_BODIES: Final = (
 class C3DTable(ArrayTable):
     """The bodies of a C3D file in columns, batch by batch; ``damage`` says how many frames are missing.
 
-    Raises UnreadableRecording if it is damaged or has no bodies, and ChoiceError if the user says of its
-    columns what the file says itself.
+    Raises UnreadableRecording if it is damaged or has no bodies, and ChoiceError if the user states rotations
+    or times, which the file states itself.
     """
 
     def __init__(self, path: str, reading: TableReading, budget: WorkBudget) -> None:

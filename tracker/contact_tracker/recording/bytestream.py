@@ -302,7 +302,7 @@ def encoding_of(begin: bytes) -> str:
 
 def is_text(begin: bytes, path: str = "") -> bool:
     """Whether a file with these first bytes is text; in other encodings than UTF-8 and UTF-16, only if its
-    name is that of a table."""
+    name has the suffix of a table."""
     encoding = encoding_of(begin)
     if encoding == "utf-16":
         return True

@@ -316,7 +316,7 @@ class MessageDecoder:
 
     Parameters
     ----------
-    budget : of the recording; messages that exceed it are not decoded.
+    budget : budget of the recording; messages that exceed it are not decoded.
     field : path to the poses, in messages that have these fields.
 
     Attributes
@@ -425,7 +425,7 @@ class MessageDecoder:
 
 
 def assumption_text(count: int, type_name: str, why: str) -> str:
-    """One line that says that a definition was assumed for ``count`` poses."""
+    """One line on the definition that was assumed for ``count`` poses."""
     return f"{count} poses are read by the known definition of {type_name}: {why}"
 
 

@@ -73,7 +73,7 @@ class PoseLog:
     stamping : gives the poses their stamps.
     is_stamped : whether all poses have their stamps, also where these are zero: in tables, and composed.
     late_sources : matching sources that appeared after this one was chosen.
-    counts : what was dropped or repaired so far, by kind: those of ``motion.pose_validation`` and
+    counts : numbers of dropped or repaired poses so far, by kind: the kinds of ``motion.pose_validation`` and
         ``undecodable`` (messages), ``known_definition`` (poses of messages whose type the file does not
         define usably), ``other_source`` (poses of late sources),
         ``log_time_as_stamp`` (poses whose header has no time, see ``contact_tracker.recording.sources``).
@@ -192,7 +192,7 @@ class PoseLog:
         return (pose for arrival in self._arrivals for pose in arrival.poses)
 
     def arrivals(self) -> Iterator[Arrival]:
-        """What each measured pose brings, instead of the poses."""
+        """The poses and the gate's decision for each measured pose, instead of the poses alone."""
         return self._arrivals
 
     def _arrive(self) -> Iterator[Arrival]:
@@ -286,8 +286,8 @@ def open_log(
         ``follow``; else iteration ends with AmbiguousSource.
     relative_to : a frame, or another body (its topic, or its name in a file of several), in which poses are
         given instead of the header's frame.
-    table : what the columns of a table are, or the field of messages with the poses, where names and types do
-        not say it.
+    table : how the columns of a table are read, or the field of messages with the poses, if names and types
+        do not decide it.
 
     Raises
     ------
@@ -403,7 +403,7 @@ class SourceSummary:
     poses, observed : numbers of valid and of published poses.
     first_ns, last_ns : stamps of the first and last valid pose.
     median_rate_hz, jitter_s : of the time between poses; jitter is its robust standard deviation.
-    counts : what the gate dropped, repaired or noted, by kind (including ``gap`` and ``held``).
+    counts : numbers of poses that the gate dropped, repaired or noted, by kind (including ``gap`` and ``held``).
     log_offset_s : median of log time minus header stamp.
     path_m, extent_m : length of the path of the body's origin, and its range along each world axis.
     loss : one line if most poses were dropped.
@@ -507,7 +507,7 @@ class RecordingSummary:
 
 
 def summarise(path: str, table: TableReading = AS_NAMED) -> RecordingSummary:
-    """Read a whole recording once, in bounded memory; ``table`` is that of ``open_log``. Raises
+    """Read a whole recording once, in bounded memory; ``table`` is as for ``open_log``. Raises
     UnreadableRecording if there is no such file, or it is no recording."""
     topics, attachments = Counter[tuple[str, str, str]](), list[str]()
     metadata: dict[str, Mapping[str, str]] = {}

@@ -207,7 +207,7 @@ class RecordLoop:
 
     Attributes
     ----------
-    messages : number of messages so far, of all channels.
+    messages : number of messages of all channels so far.
     is_sound : whether no damage was found so far.
 
     Iteration raises UnreadableRecording if the input does not start as MCAP.
@@ -252,7 +252,7 @@ class RecordLoop:
         return opcode if opcode in _READ and len(head) + length == size else None
 
     def items_of(self, index: Entry) -> list[Item]:
-        """The items of one record, as in iteration; channels are those of ``summary``."""
+        """The items of one record, as in iteration; channels are from ``summary``."""
         offset, size = _place(index)
         opcode, length = self.opcode_of(index), size - RECORD_HEAD.size
         if opcode == Opcode.ATTACHMENT and length > RECORD_LIMIT:

@@ -140,8 +140,7 @@ class ChannelFilter:
     Parameters
     ----------
     topic : ``/name``, or ``/name:TYPE`` where a topic has several types; TYPE may be without its package.
-    table : with the path to the poses in messages, if these are not those of known types, and the command
-        that reads them.
+    table : reading with the path to the poses in messages of unknown types, and the command that reads them.
     with_transforms : whether transforms are accepted as well, and the topic ``relative_to``.
     """
 
@@ -245,7 +244,8 @@ def peek(path: str, selection: ChannelFilter, field: str | None = None) -> dict[
 
 
 def _peek_channels(part: str, summary: Summary, missing: Mapping[int, Channel]) -> list[RawMessage]:
-    """The prefixes of some channels, from the chunks that have their messages; each chunk is read once."""
+    """The prefixes of the ``missing`` channels, from the chunks with their messages; each chunk is read
+    once."""
     prefixes = {channel: list[RawMessage]() for channel in missing.values()}
     sizes = Counter[Channel]()
     budget = WorkBudget(sum(chunk.chunk_length for chunk in summary.chunk_indexes))

@@ -137,7 +137,7 @@ class Body:
     Parameters
     ----------
     metres : factor of the position.
-    kind : of the rotation, a key of ``ROTATIONS``.
+    kind : kind of the rotation, a key of ``ROTATIONS``.
     how : convention of the rotation: order and unit of angles.
     has_unit : whether the unit of the position is stated, by the user, the columns or the format.
     """
@@ -179,7 +179,7 @@ class TableLayout:
     time : index of the time column; -1 where rows are numbered.
     time_ns : unit of the time in nanoseconds; None if it has to be guessed from the values.
     kind : description of the format.
-    separator : of the values in a line; None for white space.
+    separator : separator of the values in a line; None for white space.
     skip : lines before the first row.
     rest : index of a column with the fraction of the second, in units of ``rest_ns``.
     has_own_unit : whether the format itself defines the unit of its times.
@@ -220,7 +220,7 @@ def bodies_of(
     Parameters
     ----------
     by_body : indices of columns by body and role.
-    columns : name and unit of each column, the unit empty where unknown; ``unit`` is that of positions then.
+    columns : name and unit of each column; if it is empty, ``unit`` is the unit of positions.
 
     Raises OpenReading if it is not known what the rotation of a body is, or the unit of its angles, and
     UnreadableRecording if a unit is unknown, or the units of x, y and z differ.
@@ -391,14 +391,14 @@ class Columns:
 
     def find(self, reading: TableReading) -> dict[str, dict[str, int]]:
         """Indices of columns by body and role, as the reading states or by their names."""
-        stated = dict(chain.from_iterable(self._stated(*one, reading) for one in reading.columns))
+        stated = dict(chain.from_iterable(self._stated(*column, reading) for column in reading.columns))
         by_body: dict[str, dict[str, int]] = {}
         for place, name in enumerate(self.plain):
             if place not in stated.values():
                 for body, role in _roles(name, reading.matrix == "columns"):
                     by_body.setdefault(body, {}).setdefault(role, place)
         times = {role: stated.pop(role) for role in (TIME, REST) if role in stated}
-        if stated:  # the body without a name, or else that of most columns
+        if stated:  # for the body without a name, or else the one with most columns
             main = "" if "" in by_body or not by_body else max(by_body, key=lambda body: len(by_body[body]))
             by_body = {main: {**by_body.get(main, {}), **stated}}
         return {**by_body, TIME: times}

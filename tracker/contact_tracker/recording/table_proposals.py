@@ -47,7 +47,7 @@ _MOST_GROUPS: Final = 12
 _A_RATE: Final = "100Hz"
 _ORDERS: Final = "Orders are those of scipy: xyz about fixed axes, XYZ about the body's; deg or rad"
 _NANOSECONDS: Final = 10
-"""Number of digits of the seconds since 1970; those of the nanoseconds are fewer."""
+"""Number of digits of the seconds since 1970; the nanoseconds have fewer."""
 _UNIT_NORM: Final = 0.002
 """Largest deviation of a quaternion's norm from 1, and of a matrix from a rotation, in rounded values."""
 FIRST_ROWS: Final = 64

@@ -133,8 +133,8 @@ class TableTimes:
 
     Parameters
     ----------
-    path : of the table.
-    reading : its time unit is used, else that of the layout; without either the unit is guessed.
+    path : path of the table.
+    reading : its time unit replaces the unit of the layout; without either the unit is guessed.
     assume : called with one line on an assumption.
 
     Raises ChoiceError if both the reading and the layout say the unit of the times.

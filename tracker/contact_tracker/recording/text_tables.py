@@ -311,7 +311,7 @@ def _layout_in_unit(
     kinds = [layout_of for is_known, layout_of in _FORMATS if is_known(head[begin] if head else "")]
     rows = ["\n"] * begin + list(head[begin:]) if kinds else head
     layout, about, is_above = (kinds or [_layout_of_rows])[0](rows, reading, path), list[str](), True
-    for i, line in enumerate(lines):  # comments, and what is above the rows but for the names of columns
+    for i, line in enumerate(lines):  # comments, and lines above the rows except the names of columns
         cells = _cells_of(line, layout.separator)
         is_above &= layout.kind == "JSON" or not _are_values(cells)
         is_head = layout.skip - 2 <= i < layout.skip and len(cells) > max(layout.places)
@@ -617,9 +617,9 @@ def _by_jq(path: str, names: Sequence[str], place: int, body: str) -> str:
 
 _Layout = Callable[[Sequence[str], TableReading, str], TableLayout]
 _FORMATS: Final[Sequence[tuple[Callable[[str], bool], _Layout]]] = (
-    (lambda first: first.lstrip('\ufeff"').lower().startswith("format version"), _motive_layout),
-    (lambda first: first.strip(f",;{BLANKS}").lower() in (*_SECTIONS, *_OTHER_SECTIONS), _vicon_layout),
-    (lambda first: first.lstrip().startswith("{") or _has_names(first), _json_layout),
-    (lambda first: first.startswith(_QUALISYS), partial(_layout_of_rows, usual=_MATRICES)),
+    (lambda line: line.lstrip('\ufeff"').lower().startswith("format version"), _motive_layout),
+    (lambda line: line.strip(f",;{BLANKS}").lower() in (*_SECTIONS, *_OTHER_SECTIONS), _vicon_layout),
+    (lambda line: line.lstrip().startswith("{") or _has_names(line), _json_layout),
+    (lambda line: line.startswith(_QUALISYS), partial(_layout_of_rows, usual=_MATRICES)),
 )
 """Known formats: a test of the first line, and the layout; other files have rows with or without names."""

@@ -268,7 +268,7 @@ class Composer:
                 counts = self.counts if source == body else Counter[str]()
                 if stamping is not None:
                     pose = stamping.stamped(pose, log_time_ns, counts)
-                elif not pose.stamp_ns and log_time_ns:  # too few poses to tell what zero means
+                elif not pose.stamp_ns and log_time_ns:  # too few poses to decide whether zero is unset
                     pose = pose._replace(stamp_ns=log_time_ns)
                     counts["log_time_as_stamp"] += 1
                 if source == body:

@@ -47,7 +47,7 @@ class WrenchLog:
     unplaced : number of wrenches left out, as the pose of their frame is not known at their stamp.
     bad_transforms : number of transforms to their frame left out: no pose, or a stamp that goes back.
     frame_id : frame of the messages.
-    taken : what that frame was taken for, in words.
+    taken : the assumed meaning of that frame, in words.
     """
 
     wrenches: Wrenches
@@ -137,7 +137,7 @@ def _about_body(
     wrenches: Wrenches,
     logged_ns: NDArray[np.int64],
 ) -> tuple[Wrenches, str, int]:
-    """The wrenches about the origin of the body and in its axes, what their frame was taken for, and the
+    """The wrenches about the origin of the body and in its axes, the assumed meaning of their frame, and the
     number of bad transforms; ``logged_ns`` (N,) are log times. Raises as ``read_wrenches``."""
     body, parent = source.child_frame_id, source.frame_id
     if not frame_id:
@@ -199,7 +199,7 @@ def _chain(
     for begin, in_object in ((start, False), (source.child_frame_id, True)):
         if begin and (along := tree.chain(begin, frame_id)):
             chains.append((sum(not is_static(step.source) for step in along), in_object, along))
-    _, in_object, shortest = min(chains, key=lambda one: one[:2], default=(0, False, ()))
+    _, in_object, shortest = min(chains, key=lambda candidate: candidate[:2], default=(0, False, ()))
     return shortest, in_object, frame_id in tree
 
 

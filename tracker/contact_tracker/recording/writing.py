@@ -52,7 +52,7 @@ def write_recording(
     poses : to ``/object/pose``, log time = header stamp; stamps from 0 to 2^31 s.
     truth : to ``/contact/truth`` at each change of contact, and as the attachment ``truth.json``.
     metadata : the metadata record ``recording``.
-    check : of what is replaced, as of ``whole_file``.
+    check : check of the file that is replaced, as for ``whole_file``.
     wrenches : of the hand on the object, to ``/object/wrench``; stamps as of ``poses``.
 
     Raises
@@ -118,7 +118,7 @@ def write_beside(path: Path, log: str | None, added: Iterable[RawMessage]) -> No
     Parameters
     ----------
     log : the recording, which is read again; None to write the result alone. Damaged parts are left out.
-    added : messages on ``RESULT_TOPICS`` by log time; they replace those of the recording on these topics.
+    added : messages on ``RESULT_TOPICS`` by log time, which replace the recording's messages on these topics.
 
     Raises
     ------
