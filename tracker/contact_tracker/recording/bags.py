@@ -139,7 +139,11 @@ class _Bag:
         """The messages of a chunk by log time, up to any damage."""
         messages = list[RawMessage]()
         try:
-            data, at = self._inflated(chunk), 0
+            header, offset, stored = chunk
+            data, at = self._stream.read(stored) if self._stream.seek(offset) else b"", 0
+            compression = header[b"compression"].decode(errors="replace")
+            size = len(data) if compression == "none" else header.number(b"size")
+            data = decompress(compression, data, size, self._stream.budget)
             while at < len(data):
                 begin, end = _part(data, at)
                 header = _Header(data[begin:end])
@@ -161,13 +165,6 @@ class _Bag:
             topic, kind = (text.decode(errors="replace") for text in (header[b"topic"], about[b"type"]))
             channel = Channel(topic, "ros1", kind, "ros1msg", about.get(b"message_definition", b""))
             self._channels[number] = channel if self._wanted(channel) else None
-
-    def _inflated(self, chunk: _Chunk) -> bytes:
-        header, at, stored = chunk
-        data = self._stream.read(stored) if self._stream.seek(at) else b""
-        compression = header[b"compression"].decode(errors="replace")
-        size = len(data) if compression == "none" else header.number(b"size")
-        return decompress(compression, data, size, self._stream.budget)
 
     def _next_head(self) -> tuple[_Header, int]:
         """The header of the next record and the size of its data; raises EOFError at the end of the file,

@@ -39,9 +39,7 @@ from contact_tracker.recording.table_layouts import MOST_COLUMNS, UNNAMED, Body,
 from contact_tracker.recording.table_proposals import FIRST_ROWS, layout_of_names, layout_without_names
 
 _PARQUET_ERRORS: Final = (pyarrow.ArrowException, OSError, ValueError, OverflowError, KeyError)
-_PAGE_ERRORS: Final = (
-    *(ValueError, LookupError, TypeError, AttributeError, RecursionError, struct.error, OSError),
-)
+_BROKEN: Final = (ValueError, LookupError, TypeError, AttributeError, RecursionError, struct.error, OSError)
 _BUFFER_BYTES: Final = 2**16
 _LONGEST_LINE: Final = 120
 """Longest text (characters) of an error of pyarrow, which may list all columns."""
@@ -311,7 +309,7 @@ def _checked(path: str) -> Iterator[IO[bytes]]:
             yield file
     except TooMuchWork as error:
         raise UnreadableRecording(f"it is too much for its size: {error}") from error
-    except _PAGE_ERRORS as error:
+    except _BROKEN as error:
         raise UnreadableRecording(f"it is damaged: where its pages begin cannot be read ({error})") from error
 
 

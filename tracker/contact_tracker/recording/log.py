@@ -403,7 +403,7 @@ class SourceSummary:
     poses, observed : numbers of valid and of published poses.
     first_ns, last_ns : stamps of the first and last valid pose.
     median_rate_hz, jitter_s : of the time between poses; jitter is its robust standard deviation.
-    counts : numbers of poses that the gate dropped, repaired or noted, by kind (including ``gap`` and ``held``).
+    counts : numbers of dropped, repaired or noted poses, by kind (including ``gap`` and ``held``).
     log_offset_s : median of log time minus header stamp.
     path_m, extent_m : length of the path of the body's origin, and its range along each world axis.
     loss : one line if most poses were dropped.

@@ -50,13 +50,7 @@ MAGIC: Final = b"\x89MCAP0\r\n"
 RECORD_HEAD: Final = struct.Struct("<BQ")
 MESSAGE_HEAD: Final = struct.Struct("<HIQQ")
 PARSE_ERRORS: Final = (
-    McapError,
-    ValueError,
-    LookupError,
-    struct.error,
-    OverflowError,
-    MemoryError,
-    RuntimeError,
+    *(McapError, ValueError, LookupError, struct.error, OverflowError, MemoryError, RuntimeError),
     zstandard.ZstdError,
 )
 

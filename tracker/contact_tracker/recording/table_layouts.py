@@ -81,13 +81,7 @@ def quaternions(kind: str, values: Array, how: str) -> Array:
 
 BLANKS: Final = '" \t\r\n'
 """Characters that may surround a value in its cell."""
-SEPARATORS: Final[Mapping[str, str]] = {
-    ";": "semicolons",
-    "\t": "tabs",
-    ",": "commas",
-    "|": "bars",
-    " ": "blanks",
-}
+SEPARATORS: Final = {";": "semicolons", "\t": "tabs", ",": "commas", "|": "bars", " ": "blanks"}
 """Characters that separate values, and their names in messages."""
 
 
@@ -350,9 +344,12 @@ class Columns:
 
     def __init__(self, names: Sequence[str], units: Sequence[str] = ()) -> None:
         self.names = [name.strip()[:_LONGEST_NAME] for name in names]
-        split = [_split_unit(name) for name in self.names]
-        self.plain = [plain for plain, _ in split]
-        self.units = [a or b for (_, a), b in zip(split, [*units, *[""] * len(names)], strict=False)]
+        self.plain = [_CAMEL.sub("_", name.lstrip("#").strip()).lower() for name in self.names]
+        self.units = [*units, *[""] * len(names)][: len(names)]
+        for place, plain in enumerate(self.plain):
+            if (unit := _UNIT.search(plain)) is not None:
+                self.plain[place] = plain[: unit.start()]
+                self.units[place] = (unit[1] or unit[2] or "").strip() or self.units[place]
 
     def numbered(self, base: str) -> dict[int, int]:
         """Indices of the columns ``base[0]``, ``base_1``, ... by their number, and of ``base[0][0]``, ... row
@@ -431,13 +428,6 @@ class Columns:
                 rests = [i for i, name in enumerate(self.plain) if _REST.fullmatch(name)]
                 return place, rests[0] if pattern is _ELAPSED and rests else None
         return (-1 if reading.has_frame_numbers else None), None
-
-
-def _split_unit(name: str) -> tuple[str, str]:
-    """The name of a column in lower case, and its unit."""
-    plain = _CAMEL.sub("_", name.strip().lstrip("#").strip()).lower()
-    unit = _UNIT.search(plain)
-    return (plain, "") if unit is None else (plain[: unit.start()], (unit[1] or unit[2] or "").strip())
 
 
 def _roles(plain: str, by_columns: bool) -> Iterator[tuple[str, str]]:

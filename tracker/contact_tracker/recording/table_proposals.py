@@ -2,7 +2,7 @@
 proposed from known systems, numbers of columns and values."""
 
 import re
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain, islice, product
 from typing import Any, Final
@@ -41,7 +41,7 @@ Rows = Callable[[], Sequence[Sequence[str]]]
 _LIKE_TIME: Final = re.compile(r".*(?:time|stamp|date|zeit|temps|tiempo|clock|ticks)", re.IGNORECASE)
 """Names of columns that are probably times."""
 _PREFIX: Final = re.compile(r".+[._/: -]")
-"""Prefix of the names of a system's columns."""
+"""Prefix of the names of a system's columns, as ``rist_`` or ``tool.``."""
 _MOST_GROUPS: Final = 12
 """Largest number of groups of numbered columns that are tried, alone and in pairs."""
 _A_RATE: Final = "100Hz"
@@ -228,7 +228,9 @@ def _proposal(columns: Columns, reading: TableReading, path: str, rows: Rows) ->
     """The probable meaning of the columns, with the command that reads them so; None if nothing fits."""
     reading, about_time, about_rate = _with_time(columns, reading, rows)
     lower = {*map(str.lower, columns.names), *columns.plain}
-    for (system, names, meaning), prefix in product(KNOWN, _prefixes(lower)):
+    prefixed = islice(filter(None, map(_PREFIX.match, sorted(lower))), _MOST_GROUPS)
+    prefixes = "", *dict.fromkeys(match[0] for match in prefixed)
+    for (system, names, meaning), prefix in product(KNOWN, prefixes):
         if lower.issuperset(prefix + name for name in names):
             written = {name.lower(): name for name in reversed(columns.names)}
             roles = ((role, prefix + name) for role, name in meaning.columns)
@@ -268,12 +270,6 @@ def _proposal(columns: Columns, reading: TableReading, path: str, rows: Rows) ->
         ):
             return text
     return None
-
-
-def _prefixes(names: Collection[str]) -> list[str]:
-    """Possible prefixes of the names of a system, as ``rist_`` or ``tool.``; the empty one first."""
-    matches = (_PREFIX.match(name) for name in sorted(names))
-    return ["", *dict.fromkeys(match[0] for match in islice(filter(None, matches), _MOST_GROUPS))]
 
 
 def _meant(columns: Columns, base: str, rows: Rows) -> tuple[str, TableReading]:

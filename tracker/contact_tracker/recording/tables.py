@@ -415,10 +415,10 @@ def read_table(
             lost += int((~good).sum())
         values = [(_values(columns, body), body) for body in layout.bodies]
         if doubt is None:
-            doubts = (doubt_of_angles(numbers, body, reading, path) for numbers, body in values)
+            doubts = (doubt_of_angles(rows, body, reading, path) for rows, body in values)
             if (doubt := next(filter(None, doubts), None)) is not None:
                 assume(doubt)
-        poses = (body.poses(numbers) for numbers, body in values)
+        poses = (body.poses(rows) for rows, body in values)
         yield Rows(sources, tuple(Poses(stamps, rows[:, :3], rows[:, 3:])[good] for rows in poses))
     if lost:
         report(f"{lost} {'row has' if lost == 1 else 'rows have'} {why}")
