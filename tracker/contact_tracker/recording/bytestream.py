@@ -173,7 +173,7 @@ class ByteStream:
         return self._size is None or self.position + count <= self._size
 
     def read(self, count: int) -> bytes:
-        """The next ``count`` bytes; fewer only where the input ends."""
+        """The next ``count`` bytes; fewer only at the end of the input."""
         parts, missing = list[bytes](), count
         while missing:
             part = self._read_some(missing)
@@ -201,7 +201,7 @@ class ByteStream:
         return None if count else b""
 
     def seek(self, position: int) -> bool:
-        """Go to ``position``; returns False where the input does not allow it."""
+        """Go to ``position``; returns False if the input does not allow it."""
         try:
             self.position = (self._inflated or self._plain).seek(position)
             self._tail = b""

@@ -149,7 +149,7 @@ def parse_definition(text: str, type_name: str) -> Definition:
             raise ValueError("the definition has too many fields")
     parts = {name: {field.type for field in fields[name]} - PRIMITIVES.keys() for name in fields}
     levels, sizes = dict[str, int](), dict[str, int](PRIMITIVES)
-    for name in TopologicalSorter(parts).static_order():  # raises ValueError where a type is part of itself
+    for name in TopologicalSorter(parts).static_order():  # raises ValueError if a type is part of itself
         levels[name] = 1 + max((levels[part] for part in parts[name]), default=0)
         least = (_LENGTH.size if n == 0 else (n or 1) * sizes[kind] for kind, _, n in fields[name])
         sizes[name] = max(sum(least), 1)

@@ -40,7 +40,7 @@ class Channel:
 
 @dataclass(frozen=True, order=True)
 class PoseSource:
-    """One stream of poses; ``messages`` is their number on its topic, where the index has it."""
+    """One stream of poses; ``messages`` is the number of messages on its topic, if the index has it."""
 
     topic: str
     type: str
@@ -72,7 +72,7 @@ class RawMessage(NamedTuple):
 
 
 class Rows(NamedTuple):
-    """Poses in columns whose stamps are their log times: as many of each source, row by row."""
+    """Poses in columns, equally many of each source, row by row; their stamps are their log times."""
 
     sources: tuple[PoseSource, ...]
     poses: tuple[Poses, ...]

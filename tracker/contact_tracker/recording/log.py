@@ -71,14 +71,14 @@ class PoseLog:
     note : one line if the parent frame of the poses may itself move.
     gate : validates the poses.
     stamping : gives the poses their stamps.
-    is_stamped : whether all poses have their stamps, also where these are zero: in tables, and composed.
+    is_stamped : whether all stamps are valid even if zero, as in tables and of composed poses.
     late_sources : matching sources that appeared after this one was chosen.
     counts : numbers of dropped or repaired poses so far, by kind: the kinds of ``motion.pose_validation`` and
-        ``undecodable`` (messages), ``known_definition`` (poses of messages whose type the file does not
-        define usably), ``other_source`` (poses of late sources),
+        ``undecodable`` (messages), ``known_definition`` (poses of messages with an unusable definition in the
+        file), ``other_source`` (poses of late sources),
         ``log_time_as_stamp`` (poses whose header has no time, see ``contact_tracker.recording.sources``).
-    origin_ns : stamp of the recording's first valid pose, also where it is not selected.
-    valid, first_ns, last_ns : number of poses given so far, and the stamps of the first and the last of them.
+    origin_ns : stamp of the recording's first valid pose, even if it is not selected.
+    valid, first_ns, last_ns : number of poses yielded so far, and the stamps of the first and the last.
     damage : one line if most poses were dropped, or the recording is truncated or damaged; final after
         iteration.
 
@@ -278,14 +278,14 @@ def open_log(
     Parameters
     ----------
     path : MCAP file, ROS bag, table, folder of rosbag2 parts, or ``-`` for standard input.
-    topic : take poses from this topic only, ``/topic:TYPE`` where it has several types.
-    frame : take poses of this frame only: ``parent->child``, the child, or, for types without child, the
-        header's frame. Where nothing is published from parent to child, transforms between them are composed.
+    topic : only poses from this topic; ``/topic:TYPE`` if it has several types.
+    frame : only poses of this frame: ``parent->child``, the child, or, for types without child, the header's
+        frame. If nothing is published from parent to child, transforms between them are composed.
     follow : continue reading while the file grows, until it is finished or ``follow.stop()`` is called.
     count_late : whether poses of a matching source that appears later are counted, as they are with
         ``follow``; else iteration ends with AmbiguousSource.
-    relative_to : a frame, or another body (its topic, or its name in a file of several), in which poses are
-        given instead of the header's frame.
+    relative_to : a frame, or another body (its topic, or its name in a file of several bodies), that replaces
+        the header's frame.
     table : how the columns of a table are read, or the field of messages with the poses, if names and types
         do not decide it.
 
@@ -396,13 +396,13 @@ class _Sample:
 
 
 class SourceSummary:
-    """Figures of one pose source, complete after ``finish``; nan or None where too few poses are valid.
+    """Figures of one pose source, complete after ``finish``; nan or None if too few poses are valid.
 
     Attributes
     ----------
     poses, observed : numbers of valid and of published poses.
     first_ns, last_ns : stamps of the first and last valid pose.
-    median_rate_hz, jitter_s : of the time between poses; jitter is its robust standard deviation.
+    median_rate_hz, jitter_s : rate by the median period, and robust standard deviation of the periods.
     counts : numbers of dropped, repaired or noted poses, by kind (including ``gap`` and ``held``).
     log_offset_s : median of log time minus header stamp.
     path_m, extent_m : length of the path of the body's origin, and its range along each world axis.
@@ -429,8 +429,8 @@ class SourceSummary:
         return (self.last_ns - self.first_ns) * 1e-9
 
     def add(self, pose: Pose, log_time_ns: int, keep: bool) -> int:
-        """Add a pose; the first are buffered until their stamping is determined. Returns how many poses were
-        kept as its beginning."""
+        """Add a pose; the first poses are buffered until their stamping is determined. Returns the number of
+        poses added to ``beginning``."""
         self.observed += 1
         self._waiting.append((pose, log_time_ns))
         span_ns, count = log_time_ns - self._waiting[0][1], len(self._waiting)
@@ -461,7 +461,7 @@ class SourceSummary:
         return self._note(self._stamping.admitted(self._gate, waiting), keep)
 
     def _note(self, poses: Poses, keep: bool) -> int:
-        """Add valid poses; returns how many were kept."""
+        """Add valid poses; returns the number added to ``beginning``."""
         if not len(poses):
             return 0
         self.first_ns = int(poses.stamp_ns[0]) if self.first_ns is None else self.first_ns
@@ -491,8 +491,8 @@ class RecordingSummary:
     topics : messages by (topic, type, encoding), of all topics.
     metadata : records by name. attachments : their names.
     undecodable : number of messages of pose topics that do not match their schema.
-    damage : one line if it is truncated or damaged.
-    assumptions : one line for each source whose type the file does not define usably, and for a guessed time
+    damage : one line if the recording is truncated or damaged.
+    assumptions : one line for each source with an unusable definition in the file, and for a guessed time
         unit.
     """
 

@@ -139,7 +139,7 @@ class ChannelFilter:
 
     Parameters
     ----------
-    topic : ``/name``, or ``/name:TYPE`` where a topic has several types; TYPE may be without its package.
+    topic : ``/name``, or ``/name:TYPE`` if the topic has several types; TYPE may be without its package.
     table : reading with the path to the poses in messages of unknown types, and the command that reads them.
     with_transforms : whether transforms are accepted as well, and the topic ``relative_to``.
     """

@@ -71,7 +71,7 @@ convention (order and unit) to quaternions ``xyzw``."""
 
 
 def quaternions(kind: str, values: Array, how: str) -> Array:
-    """Quaternions (N, 4) ``xyzw`` of rotations of a kind; NaN where a value is not finite."""
+    """Quaternions (N, 4) ``xyzw`` of rotations of a kind; NaN if a value is not finite."""
     is_finite = np.isfinite(values).all(axis=1)
     quats = np.full((len(values), 4), np.nan)
     if is_finite.any():
@@ -170,7 +170,7 @@ class TableLayout:
 
     Parameters
     ----------
-    time : index of the time column; -1 where rows are numbered.
+    time : index of the time column; -1 if rows are numbered instead.
     time_ns : unit of the time in nanoseconds; None if it has to be guessed from the values.
     kind : description of the format.
     separator : separator of the values in a line; None for white space.
@@ -276,7 +276,7 @@ def _unknown_unit(unit: str, name: str, choices: str) -> str:
 
 
 _UNIT: Final = re.compile(r"[\s_]*[\[(](?!\d+\])([^\])]*)[\])]\s*$|_(mm|cm|um|m|s|ms|us|ns|deg|rad)$")
-"""A unit in brackets, unless they hold the number of a value, or after an underscore."""
+"""A unit in brackets (which do not contain the number of an element) or after an underscore."""
 _CAMEL: Final = re.compile(r"(?<=[a-z])(?=[A-Z])")
 _TIME: Final = re.compile(r"(?:.*[./ ])?(?:rosbag)?_*(?:t|time|times|time_?stamp|stamp)")
 _ELAPSED: Final = re.compile(r"(?:.*[./ _])?(?:elapsed|elapsed_?time|secs?|seconds)")

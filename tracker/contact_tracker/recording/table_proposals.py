@@ -111,8 +111,8 @@ def layout_of_names(
     """The layout of a table with named columns; ``units`` may be those of a separate row. The first ``rows``
     decide which angles may be in degrees.
 
-    Raises UnreadableRecording, with the command that reads the columns where there is one, if none have poses
-    or it is not known how they are meant; and ChoiceError if a column that the reading names is not there.
+    Raises UnreadableRecording, with the command that reads the columns if there is one, if they have no poses
+    or their meaning is not known; and ChoiceError if a column that the reading names is not there.
     """
     if len(names) > MOST_COLUMNS:
         raise UnreadableRecording(f"its {len(names)} columns are too many: needed are {NEEDED}")

@@ -388,8 +388,8 @@ def read_table(
     assume : called with one line on each assumption.
     reading : what the user states of its columns.
 
-    Raises UnreadableRecording if it has no pose columns, or it is not known how they are meant, and
-    ChoiceError if the reading does not fit it.
+    Raises UnreadableRecording if it has no pose columns, or their meaning is not known, and ChoiceError if
+    the reading does not fit.
     """
     try:
         table = _opened(path, reading, budget)

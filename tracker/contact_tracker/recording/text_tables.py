@@ -84,7 +84,7 @@ _MARKS: Final = (";", "\t", "|", ",")
 """Separators of values; a comma may also be the decimal point."""
 _SEPARATOR_LINE: Final = re.compile(r'"?sep=(.)"?\s*', re.IGNORECASE)
 _DOCUMENT: Final = 2**26
-"""Longest JSON document (characters), which is held in memory."""
+"""Longest JSON document (characters), as it is in memory as a whole."""
 _GROUP: Final = re.compile(r"(?:(?<=^)|(?<=[,;\t|])) *([(\[{][^()\[\]{}]*[)\]}])(?= *(?:[,;\t|\r\n]|$))")
 """A cell with several values in brackets, which the separator of cells may separate as well."""
 _BETWEEN: Final = re.compile(r"\s*;\s*|,\s+|\s+")
@@ -436,7 +436,7 @@ def _short(name: str) -> str:
 
 
 def _separator_after(word: str, line: str) -> str:
-    """The separator of a line that begins with ``word``; a comma where uncertain."""
+    """The separator of a line that begins with ``word``; a comma if uncertain."""
     mark = line.strip('" \r\n\ufeff')[len(word) :].lstrip('" ')[:1]
     return mark if mark in (";", "\t") else ","
 

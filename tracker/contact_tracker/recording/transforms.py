@@ -141,7 +141,7 @@ def find_chain(
 def chain_relative(
     path: str, available: Iterable[PoseSource], source: PoseSource, relative_to: str
 ) -> Chain | None:
-    """The transforms from a frame, or from another body (by its topic, or its name beside it in a table), to
+    """The transforms from a frame, or from another body (by its topic, or its name in the same table), to
     the body of ``source``."""
     sources = set(available)
     references = [s for s in sources if s.topic == relative_to and s != source]
@@ -177,7 +177,7 @@ def composition_hint(sources: Iterable[PoseSource]) -> str:
 
 
 def relative_hint(path: str, sources: Iterable[PoseSource], frame: str) -> str:
-    """A hint for ``PARENT->CHILD`` where ``--relative-to`` would give these poses, else empty."""
+    """A hint for ``PARENT->CHILD`` if ``--relative-to`` would give these poses, else empty."""
     ordered = sorted(sources)
     parent, arrow, child = frame.partition(ARROW)
     for source in ordered if arrow else ():

@@ -73,9 +73,9 @@ def read_wrenches(
 ) -> WrenchLog:
     """The wrenches on ``topic`` of the object whose ``poses`` come from ``source``.
 
-    Messages are about the origin and in the axes of their ``header.frame_id``. That is the body's frame, the
-    frame in which its poses are, or one to which transforms lead from either. Without a name it is the
-    body's; so is one that no transform names, where poses do not name the body's (they have no child frame).
+    Wrenches are about the origin and in the axes of their ``header.frame_id``: the body's frame, the parent
+    frame of its poses, or a frame to which transforms lead from either. An empty name stands for the body's
+    frame, as does a name that no transform has, if the poses have no child frame.
 
     Parameters
     ----------

@@ -53,7 +53,7 @@ def write_recording(
     truth : to ``/contact/truth`` at each change of contact, and as the attachment ``truth.json``.
     metadata : the metadata record ``recording``.
     check : check of the file that is replaced, as for ``whole_file``.
-    wrenches : of the hand on the object, to ``/object/wrench``; stamps as of ``poses``.
+    wrenches : wrenches of the hand on the object, to ``/object/wrench``; stamps as for ``poses``.
 
     Raises
     ------
