@@ -42,7 +42,7 @@ def write_hdf5(path: Path, arrays: Arrays, **how: Any) -> None:
 def write_matlab_7_3(path: Path, arrays: Arrays) -> None:
     """HDF5 behind 512 bytes of text, with axes in reverse, and vectors as matrices."""
     turned = {
-        name: {own: np.atleast_2d(inner).T for own, inner in values.items()}
+        name: {field: np.atleast_2d(inner).T for field, inner in values.items()}
         if isinstance(values, dict)
         else np.atleast_2d(values).T
         for name, values in arrays.items()
@@ -159,8 +159,8 @@ def test_without_h5py_hdf5_is_refused_with_what_reads_it(
 def cells_that_are_not_there(path: Path) -> None:
     """A list of so many cells takes scipy 800 MB."""
     savemat(path, {"s": {"c": np.array([["a"], ["b"], ["c"]], object)}, "x": np.zeros(9)})
-    whole = path.read_bytes()
-    path.write_bytes(whole.replace(struct.pack("<ii", 3, 1), struct.pack("<ii", 10**8, 1)))
+    content = path.read_bytes()
+    path.write_bytes(content.replace(struct.pack("<ii", 3, 1), struct.pack("<ii", 10**8, 1)))
 
 
 HOSTILE: dict[str, tuple[Callable[[Path], object], str]] = {
@@ -203,10 +203,10 @@ def test_damaged_files_give_poses_or_one_line(tmp_path: Path, name: str) -> None
         feather.write_feather(pyarrow.table(table | {"l": [[1.0]] * 20}), str(path), compression="lz4")
     else:
         WRITERS[name](path, table)
-    whole = path.read_bytes()
+    content = path.read_bytes()
     assert len(Poses.collect(open_log(str(path)))) == 20
     for _ in range(25):
-        damaged = bytearray(whole[: random.choice((len(whole), random.randrange(len(whole))))])
+        damaged = bytearray(content[: random.choice((len(content), random.randrange(len(content))))])
         for at in random.sample(range(len(damaged)), min(3, len(damaged))):
             damaged[at] = random.randrange(256)
         path.write_bytes(damaged)
@@ -217,5 +217,5 @@ def test_damaged_files_give_poses_or_one_line(tmp_path: Path, name: str) -> None
 def test_python_takes_the_same(tmp_path: Path) -> None:
     savemat(tmp_path / "a.mat", {"body": {"time": T, "pose": BY_TIME_LAST}})
     columns = {"time": "body.time", "matrix": "body.pose"}
-    found = contact_tracker.read(tmp_path / "a.mat", matrix="rows", columns=columns)
-    np.testing.assert_allclose(found.position_m, P, atol=1e-12)
+    result = contact_tracker.read(tmp_path / "a.mat", matrix="rows", columns=columns)
+    np.testing.assert_allclose(result.position_m, P, atol=1e-12)

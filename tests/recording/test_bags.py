@@ -82,12 +82,12 @@ def test_rosbag1(tmp_path: Path, compression: str | None, chunk_bytes: int) -> N
 
 def test_a_bag_that_was_cut_off_gives_its_whole_chunks(tmp_path: Path) -> None:
     path = write_rosbag1(tmp_path / "a.bag", POSES, "LZ4", 500)
-    whole = path.read_bytes()
-    path.write_bytes(whole[: len(whole) // 2])
+    content = path.read_bytes()
+    path.write_bytes(content[: len(content) // 2])
     log = open_log(str(path))
-    found = Poses.collect(log)
-    np.testing.assert_array_equal(found.stamp_ns, POSES.stamp_ns[: len(found)])
-    assert 15 < len(found) < len(POSES)
+    result = Poses.collect(log)
+    np.testing.assert_array_equal(result.stamp_ns, POSES.stamp_ns[: len(result)])
+    assert 15 < len(result) < len(POSES)
     assert "it has no index, as when recording was cut off: it is read as it was written" in log.damage
 
 
@@ -128,13 +128,13 @@ def test_the_decompressed_size_of_bags_is_limited(tmp_path: Path, compression: s
     """By numbers of bytes and of records; without limits the records take three times the time allowed."""
     pack = {"none": bytes, "bz2": bz2.compress, "lz4": lz4.frame.compress}[compression]
     name, is_packed = compression.encode(), compression != "none"
-    many = connection_record() * 60_000
+    records = connection_record() * 60_000
     zeros = bytes(2**28 if is_packed else 2**16)
     packed = pack(zeros)
     cases = {
         "zeros": ([(name, packed, len(zeros))], f"become {len(zeros)}" if is_packed else "no field op"),
         "lies": ([(name, packed, 100)], "no field op"),
-        "records": ([(name, pack(many), len(many))] * (10 if is_packed else 1), "more records than"),
+        "records": ([(name, pack(records), len(records))] * (10 if is_packed else 1), "more records than"),
         "unknown": ([(b"xz", b"", 5)], "unknown compression"),
     }
     for case, (chunks, reason) in cases.items():
@@ -240,9 +240,9 @@ def test_damaged_databases_are_named(tmp_path: Path) -> None:
 def test_schemas_that_are_no_text_are_named(tmp_path: Path) -> None:
     """SQLite quotes it in its error, which Python then cannot decode."""
     path = write_sqlite(tmp_path / "bag_0.db3", POSES)
-    whole = path.read_bytes()
-    path.write_bytes(whole.replace(b"CREATE TABLE topics", b"CREA\xcaE TABLE topics"))
-    assert path.read_bytes() != whole
+    content = path.read_bytes()
+    path.write_bytes(content.replace(b"CREATE TABLE topics", b"CREA\xcaE TABLE topics"))
+    assert path.read_bytes() != content
     for read in (open_log, summarise):
         with pytest.raises(UnreadableRecording, match="as a rosbag2 database: its tables are malformed"):
             read(str(path))
@@ -251,17 +251,17 @@ def test_schemas_that_are_no_text_are_named(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("compression", "damaged", "message"),
     [
-        ("BZ2", lambda whole: whole.replace(b"BZh91AY&SY", b"BZh91AY&SZ"), "its bz2 data is damaged"),
-        (None, lambda whole: whole.replace(b"\x04\0\0\0op=\x02", b"\x04\0\0\0oq=\x02"), "no field op"),
+        ("BZ2", lambda content: content.replace(b"BZh91AY&SY", b"BZh91AY&SZ"), "its bz2 data is damaged"),
+        (None, lambda content: content.replace(b"\x04\0\0\0op=\x02", b"\x04\0\0\0oq=\x02"), "no field op"),
     ],
 )
 def test_damaged_chunks_are_named(
     tmp_path: Path, compression: str | None, damaged: Callable[[bytes], bytes], message: str
 ) -> None:
     path = write_rosbag1(tmp_path / "a.bag", POSES, compression, chunk_bytes=500)
-    whole = path.read_bytes()
-    path.write_bytes(damaged(whole))
-    assert path.read_bytes() != whole
+    content = path.read_bytes()
+    path.write_bytes(damaged(content))
+    assert path.read_bytes() != content
     with pytest.raises(UnreadableRecording, match=message):
         open_log(str(path))
 
@@ -335,6 +335,6 @@ def test_messages_that_share_pages_are_no_longer_than_the_file(tmp_path: Path) -
     with closing(sqlite3.connect(path)) as file:
         assert file.execute("select sum(length(data)) from messages").fetchone()[0] > 6 * 400_000
     reports, budget = list[str](), WorkBudget()
-    found = list(read_bag(str(path), lambda channel: True, reports.append, budget))
-    assert len(found) == 1
+    result = list(read_bag(str(path), lambda channel: True, reports.append, budget))
+    assert len(result) == 1
     assert reports == ["it is damaged: its messages are longer than the file"]

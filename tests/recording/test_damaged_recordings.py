@@ -80,16 +80,16 @@ def test_a_recording_cut_anywhere_gives_what_is_before_the_cut(
     tmp_path: Path, options: dict[str, Any]
 ) -> None:
     poses = smooth_poses(30)
-    whole = write_log(tmp_path / "whole.mcap", [poses_topic(poses)], **options).read_bytes()
+    content = write_log(tmp_path / "whole.mcap", [poses_topic(poses)], **options).read_bytes()
     cut = tmp_path / "cut.mcap"
     counts: list[int] = []
-    for length in [*range(0, len(whole), 97), len(whole) - 1]:
-        cut.write_bytes(whole[:length])
-        found, damage = read(cut)
-        counts.append(len(found))
+    for length in [*range(0, len(content), 97), len(content) - 1]:
+        cut.write_bytes(content[:length])
+        result, damage = read(cut)
+        counts.append(len(result))
         assert damage is not None
-        np.testing.assert_array_equal(found.stamp_ns, poses.stamp_ns[: len(found)])
-        np.testing.assert_array_equal(found.position_m, poses.position_m[: len(found)])
+        np.testing.assert_array_equal(result.stamp_ns, poses.stamp_ns[: len(result)])
+        np.testing.assert_array_equal(result.position_m, poses.position_m[: len(result)])
     assert counts == sorted(counts)
     assert counts[0] == 0
     assert counts[-1] == len(poses)
@@ -101,8 +101,8 @@ def test_truth_and_metadata_of_a_cut_recording(tmp_path: Path) -> None:
     truth = Truth((TruthInterval(START_NS, int(poses.stamp_ns[-1]), Contact.FF),))
     write_recording(str(path), poses, truth, {"object": "box"})
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-    found, damage = read(path)
-    assert 1000 < len(found) < 3000
+    result, damage = read(path)
+    assert 1000 < len(result) < 3000
     assert "cut off" in damage
     assert read_truth(str(path)) == truth
     assert read_metadata(str(path)) == {"recording": {"object": "box"}}
@@ -132,11 +132,11 @@ def test_on_both_sides_of_a_damaged_chunk_all_is_read(
     else:
         struct.pack_into("<Q", data, start + at, value)
     path.write_bytes(data)
-    found, damage = read(path)
-    assert 0 < len(poses) - len(found) < 15
-    assert (found.stamp_ns[0] == poses.stamp_ns[0]) == (which > 0)
-    assert found.stamp_ns[-1] == poses.stamp_ns[-1]
-    assert np.isin(found.stamp_ns, poses.stamp_ns).all()
+    result, damage = read(path)
+    assert 0 < len(poses) - len(result) < 15
+    assert (result.stamp_ns[0] == poses.stamp_ns[0]) == (which > 0)
+    assert result.stamp_ns[-1] == poses.stamp_ns[-1]
+    assert np.isin(result.stamp_ns, poses.stamp_ns).all()
     assert text.format(start) in damage
     assert summarise(str(path)).damage == damage
 
@@ -149,21 +149,21 @@ def test_after_lost_framing_reading_continues_by_the_index(tmp_path: Path, byte:
     data = bytearray(path.read_bytes())
     data[chunks[4][0] + byte] = 0x00 if byte == 0 else 0xF5
     path.write_bytes(data)
-    found, damage = read(path)
+    result, damage = read(path)
     assert damage is not None
-    assert len(found) >= len(poses) - 2 * len(poses) // len(chunks) - 2
-    assert found.stamp_ns[-1] == poses.stamp_ns[-1]
+    assert len(result) >= len(poses) - 2 * len(poses) // len(chunks) - 2
+    assert result.stamp_ns[-1] == poses.stamp_ns[-1]
 
 
 def _claiming(path: Path, opcode: int, size: int, records: bytes) -> Path:
     """A valid recording with a chunk of ``size`` bytes of repeated ``records``."""
     poses, raw = smooth_poses(100), records * (size // len(records))
-    whole = write_log(path, [poses_topic(poses)], **SMALL).read_bytes()
+    content = write_log(path, [poses_topic(poses)], **SMALL).read_bytes()
     packed = zstandard.ZstdCompressor().compress(raw)
     head = struct.pack("<QQQII", 0, 0, len(raw), 0, 4) + b"zstd" + struct.pack("<Q", len(packed))
     at = chunk_offsets(path)[2][0]
     chunk = struct.pack("<BQ", opcode, len(head) + len(packed)) + head + packed
-    path.write_bytes(whole[:at] + chunk + whole[at:])
+    path.write_bytes(content[:at] + chunk + content[at:])
     return path
 
 
@@ -183,11 +183,11 @@ def test_work_is_bounded_by_the_bytes_read(
     monkeypatch.setattr(WorkBudget, "spend", _counting(counted))
     path = _claiming(tmp_path / "a.mcap", Opcode.CHUNK, size, records)
     tracemalloc.start()
-    found, damage = read(path)
+    result, damage = read(path)
     summary = summarise(str(path))
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
-    assert len(found) == 100, "what was readable is kept"
+    assert len(result) == 100, "what was readable is kept"
     assert summary.sources[0].poses == 100
     assert "unreadable chunk" in damage
     assert sum(counted) < 4 * 50_000, "each pass looks at no more records than the bytes explain"
@@ -216,18 +216,18 @@ def test_a_long_rest_without_noise_is_read_whole(tmp_path: Path) -> None:
 
 
 def test_a_compressed_file_of_gigabytes_is_read_up_to_the_limit(tmp_path: Path) -> None:
-    whole = write_log(tmp_path / "a.mcap", [poses_topic(smooth_poses(100))], **SMALL).read_bytes()
+    content = write_log(tmp_path / "a.mcap", [poses_topic(smooth_poses(100))], **SMALL).read_bytes()
     head = struct.pack("<BQ", Opcode.MESSAGE, 200 * 2**20)
     compressor = zstandard.ZstdCompressor()
     zeros = b"".join(compressor.compress(bytes(2**25)) for _ in range(40))
     at = chunk_offsets(tmp_path / "a.mcap")[5][0]
     path = tmp_path / "b.mcap.zst"
-    path.write_bytes(compressor.compress(whole[:at] + head) + zeros)
+    path.write_bytes(compressor.compress(content[:at] + head) + zeros)
     tracemalloc.start()
-    found, damage = read(path)
+    result, damage = read(path)
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
-    assert len(found) > 20
+    assert len(result) > 20
     assert "write it without compression" in damage
     assert peak < 100e6
 
@@ -257,8 +257,8 @@ def test_what_follows_the_end_is_reported(tmp_path: Path) -> None:
     poses = smooth_poses(30)
     path = write_log(tmp_path / "a.mcap", [poses_topic(poses)])
     path.write_bytes(path.read_bytes() * 2)
-    found, damage = read(path)
-    assert len(found) == len(poses)
+    result, damage = read(path)
+    assert len(result) == len(poses)
     assert damage == "what follows its end is ignored"
 
 
@@ -286,8 +286,8 @@ def test_any_damage_raises_only_expected_errors(victim: Path, changes: list[tupl
         data[start : start + len(replacement)] = replacement
     path = str(victim.parent / "b.mcap")
     Path(path).write_bytes(data)
-    found, _ = read(path)
-    assert len(found) <= 40
+    result, _ = read(path)
+    assert len(result) <= 40
     for function in (list_sources, read_truth, read_metadata, summarise):
         try:
             function(path)  # type: ignore[operator]
@@ -303,14 +303,14 @@ def test_a_compressed_file_reads_like_the_file(tmp_path: Path) -> None:
     plain = write_log(tmp_path / "a.mcap", [poses_topic(poses)]).read_bytes()
     packed = tmp_path / "a.mcap.zstd"
     packed.write_bytes(zstandard.compress(plain))
-    found, damage = read(packed)
-    np.testing.assert_array_equal(found.position_m, poses.position_m)
+    result, damage = read(packed)
+    np.testing.assert_array_equal(result.position_m, poses.position_m)
     assert damage is None
     (tmp_path / "a.mcap").unlink()
     assert len(read(tmp_path)[0]) == len(poses)
     packed.write_bytes(packed.read_bytes()[:-500])
-    found, damage = read(packed)
-    assert len(found) <= len(poses)
+    result, damage = read(packed)
+    assert len(result) <= len(poses)
     assert damage is not None
 
 
@@ -320,8 +320,8 @@ def test_compressed_messages_are_inflated(tmp_path: Path) -> None:
     with plain.open("rb") as file:
         messages = [(m.log_time, zstandard.compress(m.data)) for _, _, m in make_reader(file).iter_messages()]
     packed = write_log(tmp_path / "b.mcap", [Topic("/p", "geometry_msgs/msg/PoseStamped", messages)])
-    found, damage = read(packed)
-    np.testing.assert_array_equal(found.position_m, poses.position_m)
+    result, damage = read(packed)
+    np.testing.assert_array_equal(result.position_m, poses.position_m)
     assert damage is None
 
 
@@ -384,9 +384,9 @@ def test_a_growing_folder_is_followed_from_part_to_part(tmp_path: Path) -> None:
 
     thread = threading.Thread(target=grow)
     thread.start()
-    found = Poses.collect(open_log(str(folder), follow=Follow(poll_s=0.002)))
+    result = Poses.collect(open_log(str(folder), follow=Follow(poll_s=0.002)))
     thread.join()
-    np.testing.assert_array_equal(found.stamp_ns, poses.stamp_ns)
+    np.testing.assert_array_equal(result.stamp_ns, poses.stamp_ns)
 
 
 def test_a_long_stream_takes_no_more_memory_than_a_chunk_and_the_prefix(tmp_path: Path) -> None:
@@ -416,15 +416,15 @@ def test_a_file_that_changes_while_it_is_followed_ends_the_stream(
     tmp_path: Path, change: str, text: str
 ) -> None:
     poses, path = smooth_poses(400), tmp_path / "a.mcap"
-    whole = write_log(path, [poses_topic(poses)], **SMALL).read_bytes()
-    path.write_bytes(whole[: len(whole) // 2])
+    content = write_log(path, [poses_topic(poses)], **SMALL).read_bytes()
+    path.write_bytes(content[: len(content) // 2])
     log = open_log(str(path), follow=Follow(poll_s=0.005))
     first = [next(iter(log)) for _ in range(20)]
     assert len(first) == 20
     if change == "replaced":
-        other = tmp_path / "b.mcap"
-        other.write_bytes(whole)
-        other.replace(path)
+        second_path = tmp_path / "b.mcap"
+        second_path.write_bytes(content)
+        second_path.replace(path)
     elif change == "shorter":
         os.truncate(path, 3000)
     elif change == "anew":  # as by a recorder that is started again
@@ -479,6 +479,6 @@ def test_messages_of_a_channel_that_nothing_describes_are_counted(tmp_path: Path
     data = bytearray(path.read_bytes())
     struct.pack_into("<H", data, data.index(b"/other") - 8, 77)  # the number of another channel
     path.write_bytes(data)
-    found, damage = read(path)
-    np.testing.assert_array_equal(found.stamp_ns, poses.stamp_ns)
+    result, damage = read(path)
+    np.testing.assert_array_equal(result.stamp_ns, poses.stamp_ns)
     assert "40 messages of channels whose description is missing" in damage

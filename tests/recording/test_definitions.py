@@ -90,10 +90,10 @@ def test_crafted_definitions_are_not_executed(
     with monkeypatch.context() as patch:
         for function in ("exec", "eval", "compile"):
             patch.setattr(builtins, function, None)
-        found, known = poses_of(path)
-    assert found + summarise(str(path)).undecodable == len(POSES)
-    assert known in (0, found)
-    assert name != "sound" or (found, known) == (len(POSES), 0)
+        result, known = poses_of(path)
+    assert result + summarise(str(path)).undecodable == len(POSES)
+    assert known in (0, result)
+    assert name != "sound" or (result, known) == (len(POSES), 0)
     assert time.process_time() - begin_s < 5.0
     assert not (tmp_path / "owned").exists()
 
@@ -184,23 +184,25 @@ def test_types_of_ros1(tmp_path: Path, kind: str) -> None:
 
 @pytest.mark.parametrize("kind", ["tf/tfMessage", "tf2_msgs/TFMessage"])
 def test_transforms_of_ros1(tmp_path: Path, kind: str) -> None:
-    one = "geometry_msgs/msg/TransformStamped"
+    stamped = "geometry_msgs/msg/TransformStamped"
     rows = [
-        (pose.stamp_ns, struct.pack("<I", 1) + ros1_message(one, i, pose)) for i, pose in enumerate(POSES)
+        (pose.stamp_ns, struct.pack("<I", 1) + ros1_message(stamped, i, pose)) for i, pose in enumerate(POSES)
     ]
-    text, _ = types_of_ros1().generate_msgdef(one, ros_version=1)
-    own, rule, parts = text.partition(RULE)
-    whole = f"geometry_msgs/TransformStamped[] transforms\n{RULE}MSG: geometry_msgs/TransformStamped\n{own}"
-    path = write_raw(tmp_path / "a.mcap", kind, "ros1", "ros1msg", (whole + rule + parts).encode(), rows)
+    text, _ = types_of_ros1().generate_msgdef(stamped, ros_version=1)
+    fields, rule, parts = text.partition(RULE)
+    content = (
+        f"geometry_msgs/TransformStamped[] transforms\n{RULE}MSG: geometry_msgs/TransformStamped\n{fields}"
+    )
+    path = write_raw(tmp_path / "a.mcap", kind, "ros1", "ros1msg", (content + rule + parts).encode(), rows)
     assert_read(path)
     assert_read(path, frame="world->cup")
 
 
 def nested(extra: str, types: Mapping[str, str]) -> str:
     """The definition of poses with further fields at the end, and their types."""
-    own, _, rest = SCHEMAS[POSE_TYPE].partition("=" * 80)
+    fields, _, rest = SCHEMAS[POSE_TYPE].partition("=" * 80)
     parts = "".join(f"{'=' * 80}\nMSG: p/{name}\n{body}\n" for name, body in types.items())
-    return f"{own.rstrip()}\n{extra}\n{'=' * 80}{rest.rstrip()}\n{parts}"
+    return f"{fields.rstrip()}\n{extra}\n{'=' * 80}{rest.rstrip()}\n{parts}"
 
 
 TINY = {"E": "uint8 a"}
@@ -247,7 +249,7 @@ def test_no_more_messages_are_decoded_than_the_bytes_explain(
         lambda data, limit: inflated.append(limit) or inflate_zstd(data, limit),
     )
     summary = summarise(str(path))
-    assert sum(one.observed for one in summary.sources) <= most < count
+    assert sum(source.observed for source in summary.sources) <= most < count
     assert summary.damage is not None
     assert len(inflated) <= most
 
@@ -257,7 +259,7 @@ def test_too_many_levels_are_not_used(tmp_path: Path, levels: Mapping[str, str],
     """The known definition is, which has no further fields."""
     path = write_many(tmp_path / "a.mcap", nested("p/A0 a", levels), bytes(1), 2000)
     summary = summarise(str(path))
-    assert [one.observed for one in summary.sources] == [2000]
+    assert [source.observed for source in summary.sources] == [2000]
     assert len(summary.assumptions) == 1
     assert f"its definition in the file {why}" in summary.assumptions[0]
 
@@ -266,11 +268,11 @@ def test_too_many_levels_are_not_used(tmp_path: Path, levels: Mapping[str, str],
 def test_many_definitions_take_no_longer_than_their_bytes_explain(
     tmp_path: Path, definition: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    many = 1500
+    length = 1500
     with (tmp_path / "a.mcap").open("wb") as file:
         writer = Writer(file)
         writer.start()
-        for i in range(many):
+        for i in range(length):
             schema = writer.register_schema(POSE_TYPE, "ros2msg", definition.format(i).encode())
             channel = writer.register_channel(f"/p{i}", "cdr", schema)
             writer.add_message(channel, i, cdr_pose(next(iter(POSES))), i)
@@ -286,8 +288,8 @@ def test_many_definitions_take_no_longer_than_their_bytes_explain(
 
 def test_what_takes_too_long_is_left_out_and_the_rest_is_read(tmp_path: Path) -> None:
     rows = [
-        (i, cdr_pose(pose) + struct.pack("<I", many) + bytes(many))
-        for i, (pose, many) in enumerate(zip(POSES, cycle((3, 1_000_000)), strict=False))
+        (i, cdr_pose(pose) + struct.pack("<I", length) + bytes(length))
+        for i, (pose, length) in enumerate(zip(POSES, cycle((3, 1_000_000)), strict=False))
     ]
     text = nested("p/E[] a", TINY).encode()
     write_raw(tmp_path / "a.mcap", POSE_TYPE, "cdr", "ros2msg", text, rows)

@@ -147,7 +147,7 @@ def test_entries_of_several_bodies_are_refused(tmp_path: Path, kind: str) -> Non
     """Also where cells have several values."""
     path, options = tmp_path / kind, ["--matrix", "rows", "--unit", "mm", "--time-unit", "200Hz"]
     if kind == "bop.json":
-        path.write_text(by_frame([[one, {**one, "obj_id": 7}] for one in SCENE]))
+        path.write_text(by_frame([[entry, {**entry, "obj_id": 7}] for entry in SCENE]))
         options += ["--columns", "position=cam_t_m2c,matrix=cam_R_m2c"]
     elif kind == "bop.csv":
         twice = [[*row[:2], body, *row[3:]] for row in OF_BOP for body in "57"]
@@ -156,7 +156,7 @@ def test_entries_of_several_bodies_are_refused(tmp_path: Path, kind: str) -> Non
     else:
         poses = (dict(zip(NAMES.split(","), row, strict=True)) for row in POSE.tolist())
         entries = ({"t": t, **pose} for t, pose in zip(T.tolist(), poses, strict=True))
-        path.write_text("\n".join(json.dumps({"name": name, **one}) for one in entries for name in "ab"))
+        path.write_text("\n".join(json.dumps({"name": name, **entry}) for entry in entries for name in "ab"))
         options = []
     with pytest.raises(UnreadableRecording, match="its rows are of several bodies") as raised:
         open_log(str(path), table=build_parser().parse_args(["info", str(path), *options]).table)
@@ -175,7 +175,9 @@ def test_the_line_of_python_makes_a_file_that_the_command_reads(
     if name == "dtrack.txt":
         bodies = (" ".join(map(repr, row)) for row in np.c_[P_MM, P_MM].tolist())
         turns = in_cell(MATRICES.transpose(0, 2, 1))
-        path.write_text("".join(DTRACK.format(*one) for one in zip(NUMBERS, T, bodies, turns, strict=True)))
+        path.write_text(
+            "".join(DTRACK.format(*entry) for entry in zip(NUMBERS, T, bodies, turns, strict=True))
+        )
     elif name == "v1.feather":
         with pytest.warns(DeprecationWarning, match="Feather V1"):
             feather.write_feather(table, name, version=1)
@@ -249,7 +251,7 @@ def test_frames_after_a_time_of_day_are_no_fraction(tmp_path: Path) -> None:
 @pytest.mark.parametrize("lost", ["null", "NaN"])
 def test_poses_of_json_may_be_lost_at_first(tmp_path: Path, lost: str) -> None:
     entries = [dict(zip(["t", *NAMES.split(",")], row, strict=True)) for row in np.c_[T, POSE].tolist()]
-    texts = [json.dumps({**one, "x": None} if i < 70 else one) for i, one in enumerate(entries)]
+    texts = [json.dumps({**entry, "x": None} if i < 70 else entry) for i, entry in enumerate(entries)]
     (tmp_path / "a.json").write_text(f"[{','.join(texts)}]".replace("null", lost))
     assert len(Poses.collect(open_log(str(tmp_path / "a.json")))) == len(T) - 70
 

@@ -51,11 +51,11 @@ def interpolated(poses: Poses, stamp_ns: int) -> np.ndarray:
     return matrix((1 - share) * poses.position_m[i] + share * poses.position_m[i + 1], quat)
 
 
-def assert_is(found: Poses, stamps_ns: np.ndarray, expected: Callable[[int, int], np.ndarray]) -> None:
+def assert_is(result: Poses, stamps_ns: np.ndarray, expected: Callable[[int, int], np.ndarray]) -> None:
     """Compare poses with ``expected(index, stamp_ns)``, to 1e-9."""
-    np.testing.assert_array_equal(found.stamp_ns, stamps_ns)
+    np.testing.assert_array_equal(result.stamp_ns, stamps_ns)
     for i, stamp_ns in enumerate(stamps_ns.tolist()):
-        got = matrix(found.position_m[i], found.quat_xyzw[i])
+        got = matrix(result.position_m[i], result.quat_xyzw[i])
         np.testing.assert_allclose(got, expected(i, stamp_ns), rtol=0, atol=1e-9)
 
 
@@ -85,25 +85,27 @@ def write_arm(path: Path, **options: int) -> Path:
 def test_a_chain_whose_parent_moves(tmp_path: Path, chunk_size: int, in_columns: bool) -> None:
     path = write_arm(tmp_path / "a.mcap", chunk_size=chunk_size)
     log = open_log(str(path), frame="world->object")
-    found = Poses.join(list(log.batches())) if in_columns else Poses.collect(log)
+    result = Poses.join(list(log.batches())) if in_columns else Poses.collect(log)
     mount = matrix(np.array(MOUNT.position_m), np.array(MOUNT.quat_xyzw))
     seen = by(OBJECT)
-    assert_is(found, OBJECT.stamp_ns, lambda i, stamp: interpolated(FLANGE, stamp) @ mount @ seen[i])
+    assert_is(result, OBJECT.stamp_ns, lambda i, stamp: interpolated(FLANGE, stamp) @ mount @ seen[i])
     assert (log.source.topic, log.source.frames) == ("/tf", "world->object")
     assert log.counts == {}
 
 
 def test_a_chain_up_and_down_the_tree(tmp_path: Path) -> None:
     """From one branch to another; the transforms of the first are inverted."""
-    other = faster(300, 80.0, 7)
-    topics = joined(tf(FLANGE, "world", "flange"), tf(OBJECT, "flange", "object"), tf(other, "world", "tool"))
+    source = faster(300, 80.0, 7)
+    topics = joined(
+        tf(FLANGE, "world", "flange"), tf(OBJECT, "flange", "object"), tf(source, "world", "tool")
+    )
     path = write_log(tmp_path / "a.mcap", [topics])
-    found = Poses.collect(open_log(str(path), frame="tool->object"))
+    result = Poses.collect(open_log(str(path), frame="tool->object"))
     seen = by(OBJECT)
     assert_is(
-        found,
+        result,
         OBJECT.stamp_ns,
-        lambda i, t: np.linalg.inv(interpolated(other, t)) @ interpolated(FLANGE, t) @ seen[i],
+        lambda i, t: np.linalg.inv(interpolated(source, t)) @ interpolated(FLANGE, t) @ seen[i],
     )
 
 
@@ -124,10 +126,10 @@ def test_relative_to_a_frame(tmp_path: Path) -> None:
 
 def test_a_chain_on_a_clock_that_starts_at_zero(tmp_path: Path) -> None:
     """The clock of a simulation: zero is no missing stamp there."""
-    both = faster(100, 31.0, 1), faster(100, 31.0, 2)
+    pair = faster(100, 31.0, 1), faster(100, 31.0, 2)
     rows = [
         (int(a.stamp_ns), [(a, "world", "flange"), (b, "flange", "object")])
-        for a, b in zip(*both, strict=True)
+        for a, b in zip(*pair, strict=True)
     ]
     messages = [
         (
@@ -143,8 +145,8 @@ def test_a_chain_on_a_clock_that_starts_at_zero(tmp_path: Path) -> None:
     ]
     path = write_log(tmp_path / "a.mcap", [Topic("/tf", TF, messages)])
     log = open_log(str(path), frame="world->object")
-    first, second = map(by, both)
-    assert_is(Poses.collect(log), both[0].stamp_ns - START_NS, lambda i, t: first[i] @ second[i])
+    first, second = map(by, pair)
+    assert_is(Poses.collect(log), pair[0].stamp_ns - START_NS, lambda i, t: first[i] @ second[i])
     assert log.counts == {}
 
 
@@ -154,8 +156,8 @@ def test_relative_to_another_body(tmp_path: Path) -> None:
     seen = by(OBJECT)
     log = open_log(path, topic="/cup", relative_to="/tray")
     assert log.source.read_as.frame_moves
-    found = Poses.collect(log)
-    assert_is(found, OBJECT.stamp_ns, lambda i, t: np.linalg.inv(interpolated(FLANGE, t)) @ seen[i])
+    result = Poses.collect(log)
+    assert_is(result, OBJECT.stamp_ns, lambda i, t: np.linalg.inv(interpolated(FLANGE, t)) @ seen[i])
 
 
 def test_poses_without_interpolation_are_counted(tmp_path: Path) -> None:
@@ -163,14 +165,14 @@ def test_poses_without_interpolation_are_counted(tmp_path: Path) -> None:
     parent = FLANGE[kept]
     topics = joined(tf(parent, "world", "flange"), tf(OBJECT, "flange", "object"))
     log = open_log(str(write_log(tmp_path / "a.mcap", [topics])), frame="world->object")
-    found = Poses.collect(log)
+    result = Poses.collect(log)
     stamps = OBJECT.stamp_ns
     outside = (stamps < parent.stamp_ns[0]) | (stamps > parent.stamp_ns[-1])
     inside = (stamps > FLANGE.stamp_ns[99]) & (stamps < FLANGE.stamp_ns[250])
     assert outside.any()
     assert inside.any()
     assert log.counts == {"no_parent": outside.sum(), "parent_gap": inside.sum(), "gap": 1}
-    np.testing.assert_array_equal(found.stamp_ns, stamps[~outside & ~inside])
+    np.testing.assert_array_equal(result.stamp_ns, stamps[~outside & ~inside])
 
 
 def test_a_parent_that_rests_is_known_between_rare_messages(tmp_path: Path) -> None:
@@ -275,7 +277,7 @@ def test_misspelt_topics_and_frames_are_named(tmp_path: Path) -> None:
         poses_topic(OBJECT, frame="camera"),
     ]
     path = str(write_log(tmp_path / "a.mcap", topics))
-    for which, meant in (
+    for which, proposal in (
         ({"topic": "/objct/pose"}, "/object/pose"),
         ({"topic": "object/pose"}, "/object/pose"),
         ({"frame": "Flange"}, "flange"),
@@ -283,7 +285,7 @@ def test_misspelt_topics_and_frames_are_named(tmp_path: Path) -> None:
         ({"frame": "fla"}, "flange"),
         ({"topic": "/object/pose", "relative_to": "wrold"}, "world"),
     ):
-        with pytest.raises(ChoiceError, match=rf"; did you mean {meant}\?$"):
+        with pytest.raises(ChoiceError, match=rf"; did you mean {proposal}\?$"):
             open_log(path, **which)
     with pytest.raises(ChoiceError, match=r"no topic /x; there is /tf, /tf_static, /object/pose$"):
         open_log(path, topic="/x")

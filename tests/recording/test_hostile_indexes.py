@@ -40,10 +40,10 @@ def chunk(data: bytes, compression: str = "") -> bytes:
     return record(Opcode.CHUNK, head + packed)
 
 
-def channels(*others: int) -> bytes:
+def channels(*further: int) -> bytes:
     """The schema of poses, the channel 1 of poses, an unknown one, and further ones of poses."""
     schema = record(Opcode.SCHEMA, struct.pack("<H", 1) + text(TYPE) + text("ros2msg") + text(SCHEMAS[TYPE]))
-    topics = [(1, 1, "/p"), (UNKNOWN, 0, "/o"), *((number, 1, f"/p{number}") for number in others)]
+    topics = [(1, 1, "/p"), (UNKNOWN, 0, "/o"), *((number, 1, f"/p{number}") for number in further)]
     return schema + b"".join(
         record(
             Opcode.CHANNEL,
@@ -87,11 +87,11 @@ def write(path: Path, data: bytes, index: bytes) -> Path:
 def poses(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     """The records of a sound file, from its header to its last chunk."""
     path = tmp_path_factory.mktemp("sound") / "a.mcap"
-    whole = write_log(path, [poses_topic(smooth_poses(POSES), "/p")], use_chunking=False).read_bytes()
+    content = write_log(path, [poses_topic(smooth_poses(POSES), "/p")], use_chunking=False).read_bytes()
     at, parts = len(MAGIC), list[bytes]()
-    while whole[at] != Opcode.DATA_END:
-        (length,) = struct.unpack_from("<Q", whole, at + 1)
-        parts.append(whole[at : at + 9 + length])
+    while content[at] != Opcode.DATA_END:
+        (length,) = struct.unpack_from("<Q", content, at + 1)
+        parts.append(content[at : at + 9 + length])
         at += 9 + length
     return b"".join(parts)
 
@@ -101,22 +101,22 @@ def test_chunks_in_the_index_are_not_decompressed(tmp_path: Path, poses: bytes) 
     path = write(tmp_path / "a.mcap", poses, bomb + channels() + statistics({1: POSES}, 0))
     tracemalloc.start()
     log = open_log(str(path))
-    found = Poses.collect(log)
+    result = Poses.collect(log)
     read_metadata(str(path))
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert summary_of(str(path)) is None
-    assert len(found) == POSES
+    assert len(result) == POSES
     assert "write it without compression" in log.damage
     assert peak < 30e6
 
 
 def test_an_index_that_begins_in_the_data_is_none(tmp_path: Path, poses: bytes) -> None:
     path = write(tmp_path / "a.mcap", poses, channels() + statistics({1: POSES}, 0))
-    whole = bytearray(path.read_bytes())
+    content = bytearray(path.read_bytes())
     assert summary_of(str(path)) is not None
-    struct.pack_into("<Q", whole, len(whole) - len(MAGIC) - 20, len(MAGIC))
-    path.write_bytes(whole)
+    struct.pack_into("<Q", content, len(content) - len(MAGIC) - 20, len(MAGIC))
+    path.write_bytes(content)
     assert summary_of(str(path)) is None
     assert len(Poses.collect(open_log(str(path)))) == POSES
 
@@ -125,8 +125,8 @@ def counted_chunks(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """Sizes of the chunks that will be read."""
     sizes = list[int]()
 
-    def counting(one: object, budget: object) -> bytes:
-        data = inflate(one, budget)  # type: ignore[arg-type]
+    def counting(record: object, budget: object) -> bytes:
+        data = inflate(record, budget)  # type: ignore[arg-type]
         sizes.append(len(data))
         return data
 
@@ -140,8 +140,8 @@ def test_overlapping_chunks_are_not_read_by_the_index(
     """Each chunk lies in a message of the one before, and reaches to its end."""
     deep, tail = 100, message(UNKNOWN) * 100
     for _ in range(deep):
-        whole = chunk(tail)
-        tail = message(UNKNOWN, whole[: len(whole) - len(tail)]) + tail
+        content = chunk(tail)
+        tail = message(UNKNOWN, content[: len(content) - len(tail)]) + tail
     outer, head = chunk(tail), len(message(UNKNOWN))
     begin = len(MAGIC) + len(poses)
     end, at = begin + len(outer), begin + len(outer) - len(tail) + head
@@ -208,17 +208,17 @@ def test_metadata_that_expands_is_left_out(tmp_path: Path, poses: bytes) -> None
 
 def two_chunks(poses: bytes) -> tuple[bytes, bytes, bytes]:
     """The records before the messages, and their two halves as chunks."""
-    at, messages, others = 0, list[bytes](), b""
+    at, messages, preamble = 0, list[bytes](), b""
     while at < len(poses):
         (length,) = struct.unpack_from("<Q", poses, at + 1)
-        one = poses[at : at + 9 + length]
-        at += len(one)
-        if one[0] == Opcode.MESSAGE:
-            messages.append(one)
+        record = poses[at : at + 9 + length]
+        at += len(record)
+        if record[0] == Opcode.MESSAGE:
+            messages.append(record)
         else:
-            others += one
+            preamble += record
     half = len(messages) // 2
-    return others, chunk(b"".join(messages[:half])), chunk(b"".join(messages[half:]))
+    return preamble, chunk(b"".join(messages[:half])), chunk(b"".join(messages[half:]))
 
 
 @pytest.mark.parametrize("error", [0, -9])
@@ -226,24 +226,24 @@ def test_chunks_whose_size_is_wrong_in_the_index_are_read_in_order(
     tmp_path: Path, poses: bytes, error: int
 ) -> None:
     """Chunks that overlap in log time, as the index says, are read by the index if it is right."""
-    others, first, second = two_chunks(poses)
-    begin = len(MAGIC) + len(others)
+    preamble, first, second = two_chunks(poses)
+    begin = len(MAGIC) + len(preamble)
     places = [Place(begin, len(first) + error), Place(begin + len(first), len(second) + error)]
     index = channels() + b"".join(chunk_index(place, [1]) for place in places)
-    path = write(tmp_path / "a.mcap", others + first + second, index + statistics({1: POSES}, 2))
+    path = write(tmp_path / "a.mcap", preamble + first + second, index + statistics({1: POSES}, 2))
     log = open_log(str(path))
     assert len(Poses.collect(log)) == POSES
     assert log.damage is None
 
 
 def test_messages_outside_of_chunks_that_are_sorted_are_reported(tmp_path: Path, poses: bytes) -> None:
-    one = chunk(message(UNKNOWN) * 10)
+    record = chunk(message(UNKNOWN) * 10)
     begin = len(MAGIC) + len(poses)
     index = channels() + b"".join(
-        chunk_index(Place(begin + i * len(one), len(one)), [UNKNOWN]) for i in range(2)
+        chunk_index(Place(begin + i * len(record), len(record)), [UNKNOWN]) for i in range(2)
     )
     counts = statistics({1: POSES, UNKNOWN: 20}, 2, messages=POSES + 20)
-    path = write(tmp_path / "a.mcap", poses + 2 * one, index + counts)
+    path = write(tmp_path / "a.mcap", poses + 2 * record, index + counts)
     assert summarise(str(path)).damage == (
         f"{POSES} messages outside of chunks, which overlap in log time, are left out"
     )

@@ -59,11 +59,11 @@ def by_library(message):
     """The poses as the library decodes them by the definition."""
     try:
         decoded = new_decoder().decode(message)
-        found = list(poses_at(POSE_TYPES[message.channel.type], decoded))
+        result = list(poses_at(POSE_TYPES[message.channel.type], decoded))
     except (Undecodable, TypeError, ValueError, OverflowError):
         return [None]
     name = message.channel.topic, message.channel.type
-    return [as_bits(PoseSource(*name, frame, child), pose) for frame, child, pose in found]
+    return [as_bits(PoseSource(*name, frame, child), pose) for frame, child, pose in result]
 
 
 def as_bits(source, pose):
@@ -73,7 +73,7 @@ def as_bits(source, pose):
 
 def shown(decoder, message):
     """The poses of a decoder; None where the message cannot be decoded."""
-    return [one and as_bits(*one[:2]) for one in decoder.poses([message])]
+    return [entry and as_bits(*entry[:2]) for entry in decoder.poses([message])]
 
 
 @each_type
@@ -146,5 +146,5 @@ def test_known_layouts_need_no_library(monkeypatch):
     monkeypatch.setattr(MessageDecoder, "decode", None)
     decoder, on = new_decoder(), channel("geometry_msgs/msg/PoseStamped")
     data = [cdr(on.type, "<", (f"frame {count}",), ((1, 2), [0.0] * 7)) for count in range(300)]
-    found = list(decoder.poses(RawMessage(on, 0, one) for one in data))
-    assert [source.frame_id for source, _, _ in found] == [f"frame {count}" for count in range(300)]
+    result = list(decoder.poses(RawMessage(on, 0, entry) for entry in data))
+    assert [source.frame_id for source, _, _ in result] == [f"frame {count}" for count in range(300)]

@@ -39,10 +39,10 @@ FIRST = next(iter(POSES))
 def assert_read(path: Path, expected: Poses = POSES, **which: Any) -> None:
     """The log has these poses, one by one and in columns; positions to the digits of JSON and text."""
     for collect in (Poses.collect, lambda log: Poses.join(list(log.batches()))):
-        found = collect(open_log(str(path), **which))
-        np.testing.assert_array_equal(found.stamp_ns, expected.stamp_ns)
-        np.testing.assert_allclose(found.position_m, expected.position_m, rtol=0, atol=1e-12)
-        np.testing.assert_allclose(found.quat_xyzw, expected.quat_xyzw, rtol=0, atol=1e-12)
+        result = collect(open_log(str(path), **which))
+        np.testing.assert_array_equal(result.stamp_ns, expected.stamp_ns)
+        np.testing.assert_allclose(result.position_m, expected.position_m, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(result.quat_xyzw, expected.quat_xyzw, rtol=0, atol=1e-12)
 
 
 # --- ROS 2 by rosbags and mcap_ros2 ------------------------------------------------------------------------
@@ -160,22 +160,22 @@ def test_poses_in_a_field_of_messages_of_another_type(tmp_path: Path, field: str
     path = wrapped(tmp_path / "a.mcap")
     reading = TableReading(field=field)
     assert_read(path, POSES, table=reading)
-    (source,) = (one.source for one in summarise(str(path), reading).sources)
+    (source,) = (entry.source for entry in summarise(str(path), reading).sources)
     assert (source.frame_id, source.child_frame_id) == ("world", "cup")
     with pytest.raises(ChoiceError, match="no table"):
         open_log(str(path), table=TableReading(field=field, unit="mm"))
 
 
 @pytest.mark.parametrize("field", [None, "poze"])
-@pytest.mark.parametrize("given", [(), ("live", "--json", "x"), ("info", "x", "--topic", "/object")])
+@pytest.mark.parametrize("arguments", [(), ("live", "--json", "x"), ("info", "x", "--topic", "/object")])
 def test_the_command_for_a_field_with_poses_is_named(
-    tmp_path: Path, field: str | None, given: tuple[str, ...]
+    tmp_path: Path, field: str | None, arguments: tuple[str, ...]
 ) -> None:
     path = wrapped(tmp_path / "a.mcap")
-    words = " ".join(given or ("segment", str(path)))
-    words += "" if "--topic" in given else " --topic /object"
+    words = " ".join(arguments or ("segment", str(path)))
+    words += "" if "--topic" in arguments else " --topic /object"
     with pytest.raises(NoPoses, match=rf"tracker {re.escape(words)} --field pose\.pose$"):
-        open_log(str(path), table=TableReading(field=field, given=given))
+        open_log(str(path), table=TableReading(field=field, given=arguments))
 
 
 def test_one_element_of_a_list_in_json(tmp_path: Path) -> None:
@@ -428,16 +428,16 @@ def detection(name: str, x: float) -> Message:
 
 def test_two_bodies_of_one_name_in_a_message_are_two_sources() -> None:
     message = Message(detections=[detection("cup", 0.0), detection("cup", 1.0), detection("box", 2.0)])
-    found = [one for one in poses_at("detections.results[0].pose", message) if one is not None]
-    assert [(child.partition("#")[0], pose.position_m[0]) for _, child, pose in found] == [
+    result = [entry for entry in poses_at("detections.results[0].pose", message) if entry is not None]
+    assert [(child.partition("#")[0], pose.position_m[0]) for _, child, pose in result] == [
         ("cup", 0.0),
         ("cup", 1.0),
         ("box", 2.0),
     ]
-    assert len({child for _, child, _ in found}) == 3
+    assert len({child for _, child, _ in result}) == 3
 
 
 def test_a_part_with_a_namespace_alone_is_no_marker() -> None:
     pose = detection("cup", 0.5).results[0].pose.pose
-    ((_, _, found),) = filter(None, poses_at("part.pose", Message(part=Message(ns="a", pose=pose))))
-    assert found.position_m == (0.5, 0.0, 0.0)
+    ((_, _, result),) = filter(None, poses_at("part.pose", Message(part=Message(ns="a", pose=pose))))
+    assert result.position_m == (0.5, 0.0, 0.0)

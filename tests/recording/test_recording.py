@@ -51,10 +51,10 @@ from mcap_logs import (
 TF = "tf2_msgs/msg/TFMessage"
 
 
-def assert_same(found: Poses, expected: Poses) -> None:
-    np.testing.assert_array_equal(found.stamp_ns, expected.stamp_ns)
-    np.testing.assert_allclose(found.position_m, expected.position_m, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(found.quat_xyzw, expected.quat_xyzw, rtol=0, atol=1e-12)
+def assert_same(result: Poses, expected: Poses) -> None:
+    np.testing.assert_array_equal(result.stamp_ns, expected.stamp_ns)
+    np.testing.assert_allclose(result.position_m, expected.position_m, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(result.quat_xyzw, expected.quat_xyzw, rtol=0, atol=1e-12)
 
 
 def labelled(poses: Poses) -> Truth:
@@ -81,8 +81,8 @@ def test_a_written_recording_is_read_back(tmp_path: Path) -> None:
     assert_same(Poses.collect(log), poses)
     assert (log.counts, log.damage) == ({}, None)
     assert (log.source.topic, log.source.frames) == ("/object/pose", "world")
-    found = read_truth(path)
-    assert found.to_json() == truth.to_json()
+    result = read_truth(path)
+    assert result.to_json() == truth.to_json()
     assert read_metadata(path) == {"recording": {"object": "box"}}
 
 
@@ -123,17 +123,17 @@ def test_messages_are_those_of_the_reference_reader(seed: int, chunk: int) -> No
             writer.add_message(int(channel), log_time, rng.bytes(size), int(rng.integers(2**63)), 0)
     writer.finish()
     file.seek(0)
-    wanted = {"/0", "/2"}
+    topics = {"/0", "/2"}
     expected = [
         (channel.topic, message.log_time, message.data)
         for _, channel, message in NonSeekingReader(file).iter_messages(log_time_order=False)
-        if channel.topic in wanted
+        if channel.topic in topics
     ]
     file.seek(0)
     damage = list[str]()
-    loop = RecordLoop(ByteStream(file), damage.append, lambda channel: channel.topic in wanted)
-    found = [(item.channel.topic, item.log_time_ns, item.data) for item in loop]
-    assert found == expected
+    loop = RecordLoop(ByteStream(file), damage.append, lambda channel: channel.topic in topics)
+    result = [(item.channel.topic, item.log_time_ns, item.data) for item in loop]
+    assert result == expected
     assert not damage
 
 
@@ -264,10 +264,10 @@ def read_alike(path: str) -> tuple[Poses, dict[str, int]]:
     """The poses of a log, with equal counts one by one, in columns and in its summary."""
     log = open_log(path)
     poses = Poses.collect(log)
-    columns, other = in_columns(path)
+    columns, in_batches = in_columns(path)
     (source,) = summarise(path).sources
     assert list(columns) == list(poses)
-    assert other.counts == log.counts == source.counts
+    assert in_batches.counts == log.counts == source.counts
     assert source.poses == len(poses)
     return poses, dict(log.counts)
 
@@ -280,15 +280,15 @@ def test_stamps_too_coarse_to_order_poses_are_not_used(
 ) -> None:
     poses = smooth_poses(int(3 * rate_hz), rate_hz)
     path = stamped(tmp_path / "a.mcap", poses.stamp_ns // resolution_ns * resolution_ns, poses)
-    found, counts = read_alike(path)
-    assert_same(found, poses)
+    result, counts = read_alike(path)
+    assert_same(result, poses)
     assert counts == {"log_time_as_stamp": len(poses)}
 
 
 def test_two_poses_per_stamp_keep_their_stamps(tmp_path: Path) -> None:
     poses = smooth_poses(600)
-    found, counts = read_alike(stamped(tmp_path / "a.mcap", poses.stamp_ns // 10**7 * 10**7, poses))
-    assert len(found) == 300
+    result, counts = read_alike(stamped(tmp_path / "a.mcap", poses.stamp_ns // 10**7 * 10**7, poses))
+    assert len(result) == 300
     assert counts == {"repeated_stamp": 300}
 
 
@@ -307,8 +307,8 @@ def test_stamps_that_are_zero_among_others_follow_from_log_time(
     poses = smooth_poses(600)
     stamps = poses.stamp_ns - delay_ns
     path = stamped(tmp_path / "a.mcap", [0 if i in zeros else ns for i, ns in enumerate(stamps)], poses)
-    found, counts = read_alike(path)
-    assert_same(found, replace(poses, stamp_ns=stamps))
+    result, counts = read_alike(path)
+    assert_same(result, replace(poses, stamp_ns=stamps))
     assert counts == {"log_time_as_stamp": len(zeros)}
 
 
@@ -317,8 +317,8 @@ def test_a_clock_that_starts_at_zero_is_not_touched(tmp_path: Path, speed: float
     """The clock of a simulation, slower or faster than real time."""
     poses = smooth_poses(900)
     stamps = np.round((poses.stamp_ns - START_NS) * speed).astype(np.int64)
-    found, counts = read_alike(stamped(tmp_path / "a.mcap", stamps, poses))
-    assert_same(found, replace(poses, stamp_ns=stamps))
+    result, counts = read_alike(stamped(tmp_path / "a.mcap", stamps, poses))
+    assert_same(result, replace(poses, stamp_ns=stamps))
     assert counts == {}
 
 
@@ -360,16 +360,16 @@ def test_columns_equal_single_poses(
     rows[120] = rows[120]._replace(stamp_ns=rows[119].stamp_ns)
     rows[200:] = [row._replace(stamp_ns=row.stamp_ns - 10**9) for row in rows[200:]]  # reset of the clock
     kind, start = "geometry_msgs/msg/PoseStamped", START_NS
-    mine = [(start + i, pose_stamped(*p, frame="map")) for i, p in enumerate(rows)]
-    others = [(start + 60 + i, pose_stamped(*p, frame="odom")) for i, p in enumerate(poses[:5])]
-    path = str(write_log(tmp_path / "a.mcap", [Topic("/p", kind, mine + mixed * others)]))
+    in_map = [(start + i, pose_stamped(*p, frame="map")) for i, p in enumerate(rows)]
+    in_odom = [(start + 60 + i, pose_stamped(*p, frame="odom")) for i, p in enumerate(poses[:5])]
+    path = str(write_log(tmp_path / "a.mcap", [Topic("/p", kind, in_map + mixed * in_odom)]))
     monkeypatch.setattr("contact_tracker.recording.log.BATCH", batch)
     log = open_log(path, frame="map")
     expected = Poses.collect(log)
-    found, other = in_columns(path, frame="map")
+    result, in_batches = in_columns(path, frame="map")
     assert len(expected) > 250
-    assert list(found) == list(expected)
-    assert other.counts == log.counts
+    assert list(result) == list(expected)
+    assert in_batches.counts == log.counts
     assert log.counts["clock_reset"] == 1
 
 
@@ -543,9 +543,9 @@ def test_without_the_attachment_the_messages_are_the_truth(tmp_path: Path) -> No
 def test_truth_is_a_list_or_an_object_with_intervals() -> None:
     """A part of it without any has no changes."""
     rows = [{"start_ns": 0, "end_ns": 5, "contact": "v-f"}]
-    one = Truth.from_json(json.dumps(rows))
-    assert one == Truth.from_json(json.dumps({"intervals": rows}))
-    assert (one.between(10, 20).changes(), one.changes()) == ([], [(0, Contact.VF)])
+    truth = Truth.from_json(json.dumps(rows))
+    assert truth == Truth.from_json(json.dumps({"intervals": rows}))
+    assert (truth.between(10, 20).changes(), truth.changes()) == ([], [(0, Contact.VF)])
 
 
 def test_truth_messages_logged_at_impossible_times_are_refused(tmp_path: Path) -> None:
@@ -611,8 +611,8 @@ def test_the_summary_describes_a_recording(tmp_path: Path) -> None:
     poses = smooth_poses(401, rate_hz=100.0)
     gone = poses[np.r_[0:150, 250:401]]
     write_recording(str(tmp_path / "a.mcap"), gone, labelled(gone), {"object": "box"})
-    found = summarise(str(tmp_path / "a.mcap"))
-    (source,) = found.sources
+    result = summarise(str(tmp_path / "a.mcap"))
+    (source,) = result.sources
     assert (source.poses, source.observed, source.counts) == (301, 301, {"gap": 1})
     assert (source.first_ns, source.last_ns) == (START_NS, int(poses.stamp_ns[-1]))
     assert source.duration_s == pytest.approx(4.0)
@@ -621,9 +621,9 @@ def test_the_summary_describes_a_recording(tmp_path: Path) -> None:
     steps = np.linalg.norm(np.diff(gone.position_m, axis=0), axis=1)
     assert source.path_m == pytest.approx(steps.sum())
     np.testing.assert_allclose(source.extent_m, np.ptp(gone.position_m, axis=0))
-    assert found.topics[("/object/pose", "geometry_msgs/msg/PoseStamped", "cdr")] == 301
-    assert found.metadata == {"recording": {"object": "box"}}
-    assert (found.attachments, found.undecodable, found.damage) == (("truth.json",), 0, None)
+    assert result.topics[("/object/pose", "geometry_msgs/msg/PoseStamped", "cdr")] == 301
+    assert result.metadata == {"recording": {"object": "box"}}
+    assert (result.attachments, result.undecodable, result.damage) == (("truth.json",), 0, None)
 
 
 def test_the_summary_of_irregular_poses_has_their_jitter(tmp_path: Path) -> None:
@@ -639,6 +639,6 @@ def test_an_invalid_log_time_is_noted(tmp_path: Path) -> None:
     """In a file log times are unsigned 64-bit integers, stamps are signed."""
     rows = [(2**63 + p.stamp_ns, pose_stamped(0, *p[1:])) for p in smooth_poses()]
     path = str(write_log(tmp_path / "a.mcap", [Topic("/p", "geometry_msgs/msg/PoseStamped", rows)]))
-    for found, log in (in_columns(path), (Poses.collect(one := open_log(path)), one)):
-        assert not len(found)
+    for result, log in (in_columns(path), (Poses.collect(log_again := open_log(path)), log_again)):
+        assert not len(result)
         assert log.counts["out_of_range"] == len(rows)

@@ -59,7 +59,7 @@ SYSTEMS: dict[str, Callable[[Path], object]] = {
 @pytest.mark.parametrize("system", SYSTEMS)
 def test_the_command_of_a_system_reads_its_export(tmp_path: Path, system: str) -> None:
     row = next(line for line in PAGE.read_text().splitlines() if line.startswith(f"| {system} |"))
-    found = re.search(r"`contact-tracker (segment [^`]+)`", row)
-    _, name, *options = shlex.split(found[1])
+    match = re.search(r"`contact-tracker (segment [^`]+)`", row)
+    _, name, *options = shlex.split(match[1])
     SYSTEMS[system](tmp_path / name)
     assert_read(tmp_path / name, *(option.replace("30Hz", "200Hz") for option in options))

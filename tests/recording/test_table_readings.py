@@ -61,10 +61,10 @@ def assert_read(path: Path, *options: str, frame: str | None = None) -> None:
     """The file is read as the poses; stamps from the first on."""
     table = build_parser().parse_args(["segment", str(path), *options]).table
     log = open_log(str(path), frame=frame, table=table)
-    found = Poses.collect(log)
-    np.testing.assert_allclose(found.stamp_ns - found.stamp_ns[0], SINCE_NS, rtol=0, atol=600)
-    np.testing.assert_allclose(found.position_m, P, rtol=0, atol=1e-9)
-    turned = np.abs(np.sum(found.quat_xyzw * Q, axis=1))
+    result = Poses.collect(log)
+    np.testing.assert_allclose(result.stamp_ns - result.stamp_ns[0], SINCE_NS, rtol=0, atol=600)
+    np.testing.assert_allclose(result.position_m, P, rtol=0, atol=1e-9)
+    turned = np.abs(np.sum(result.quat_xyzw * Q, axis=1))
     np.testing.assert_allclose(turned, 1.0, rtol=0, atol=1e-9)
     assert log.damage is None
 
@@ -369,7 +369,7 @@ def test_values_in_comments_are_no_rows(tmp_path: Path, above: str, share: str) 
 def test_many_words_are_refused_soon(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     tried = list[int]()
 
-    def count(names: Sequence[str], *others: object) -> TableLayout:
+    def count(names: Sequence[str], *units: object) -> TableLayout:
         tried.append(len(names))
         raise UnreadableRecording("none")
 
@@ -501,18 +501,18 @@ C3D = Path(__file__).parent / "two_bodies.c3d"
 
 def test_bodies_of_c3d(tmp_path: Path) -> None:
     """Damaged files are refused, or their readable part is used."""
-    found = read(C3D, child="cup")
-    np.testing.assert_array_equal(found.stamp_ns, SINCE_NS[:20])
-    np.testing.assert_allclose(found.position_m, P[:20], rtol=0, atol=1e-7)
-    np.testing.assert_allclose(np.abs(np.sum(found.quat_xyzw * Q[:20], axis=1)), 1.0, rtol=0, atol=1e-9)
+    result = read(C3D, child="cup")
+    np.testing.assert_array_equal(result.stamp_ns, SINCE_NS[:20])
+    np.testing.assert_allclose(result.position_m, P[:20], rtol=0, atol=1e-7)
+    np.testing.assert_allclose(np.abs(np.sum(result.quat_xyzw * Q[:20], axis=1)), 1.0, rtol=0, atol=1e-9)
     assert run(["info", str(C3D), "--euler", "xyz:deg"]) == 2
-    path, whole, random = tmp_path / "a.c3d", C3D.read_bytes(), Random(0)
-    path.write_bytes(whole[:-1000])
+    path, content, random = tmp_path / "a.c3d", C3D.read_bytes(), Random(0)
+    path.write_bytes(content[:-1000])
     log = open_log(str(path), frame="cup")
     assert len(Poses.collect(log)) == 12
     assert "it ends after 12 of 20 frames" in str(log.damage)
     for _ in range(40):
-        damaged = bytearray(whole)
+        damaged = bytearray(content)
         for at in random.sample(range(2560), 3):
             damaged[at] = random.randrange(256)
         path.write_bytes(damaged)
@@ -581,7 +581,7 @@ def test_python_takes_the_same_as_arguments(tmp_path: Path) -> None:
     angles = TURN.as_euler("XYZ", degrees=True)
     lines = rows(SINCE_NS // 100, 1e3 * P, angles)
     path = write(tmp_path / "a.csv", ["t,px,py,pz,rx,ry,rz"], lines)
-    given = {"unit": "mm", "time_unit": "100ns", "euler": "XYZ:deg"}
+    arguments = {"unit": "mm", "time_unit": "100ns", "euler": "XYZ:deg"}
     table = dict(
         zip(
             ("t", "px", "py", "pz", "rx", "ry", "rz"),
@@ -589,25 +589,25 @@ def test_python_takes_the_same_as_arguments(tmp_path: Path) -> None:
             strict=True,
         )
     )
-    for found in (
-        contact_tracker.read(path, **given),
-        Trajectory.from_arrays(SINCE_NS // 100, 1e3 * P, angles, **given),
-        Trajectory.from_dataframe(table, **given),
-        Trajectory.from_dataframe(pyarrow.table(table), columns={"time": "t"}, **given),
+    for result in (
+        contact_tracker.read(path, **arguments),
+        Trajectory.from_arrays(SINCE_NS // 100, 1e3 * P, angles, **arguments),
+        Trajectory.from_dataframe(table, **arguments),
+        Trajectory.from_dataframe(pyarrow.table(table), columns={"time": "t"}, **arguments),
         Trajectory.from_dataframe(
             pandas.DataFrame(np.column_stack([T, POSE])),
             columns=dict(zip(["time", *NAMES.split(",")], "01234567", strict=True)),
         ),
-        Trajectory.from_dataframe(pandas.DataFrame(table).set_index("t"), **given),
+        Trajectory.from_dataframe(pandas.DataFrame(table).set_index("t"), **arguments),
         Trajectory.from_dataframe(pandas.DataFrame(POSE, pandas.to_timedelta(SINCE_NS), NAMES.split(","))),
         Trajectory.from_arrays(T, P, TURN),
         Trajectory.from_arrays(T, P, MATRICES),
         Trajectory.from_arrays(T, P, VECTORS, rotation_vector=True),
         Trajectory.from_arrays(T, WHOLE),
     ):
-        np.testing.assert_allclose(found.stamp_ns, SINCE_NS, rtol=0, atol=101)
-        np.testing.assert_allclose(found.position_m, P, rtol=0, atol=1e-9)
-        np.testing.assert_allclose(np.abs(np.sum(found.quat_xyzw * Q, axis=1)), 1.0, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(result.stamp_ns, SINCE_NS, rtol=0, atol=101)
+        np.testing.assert_allclose(result.position_m, P, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(np.abs(np.sum(result.quat_xyzw * Q, axis=1)), 1.0, rtol=0, atol=1e-9)
     with pytest.raises(UsageError, match=r"Trajectory\.from_dataframe\(table, euler='xyz:deg'\)"):
         Trajectory.from_dataframe(table)
 
@@ -622,15 +622,15 @@ def test_columns_without_names_beside_named_ones_have_numbers(tmp_path: Path) ->
 
 
 @pytest.mark.parametrize(
-    ("given", "name"), [({"unit": "cm"}, "x .mm."), ({"euler": "xyz:rad"}, "roll .deg.")]
+    ("arguments", "name"), [({"unit": "cm"}, "x .mm."), ({"euler": "xyz:rad"}, "roll .deg.")]
 )
 def test_a_unit_against_that_in_the_names_is_refused(
-    tmp_path: Path, given: dict[str, str], name: str
+    tmp_path: Path, arguments: dict[str, str], name: str
 ) -> None:
     head = "t [s],x [mm],y [mm],z [mm],roll [deg],pitch [deg],yaw [deg]"
     log = write(tmp_path / "a.csv", [head], rows(T, 1e3 * P, TURN.as_euler("xyz", degrees=True)))
     with pytest.raises(UnreadableRecording, match=f"column '{name}' states the unit"):
-        read(log, **{"euler": "xyz", **given})
+        read(log, **{"euler": "xyz", **arguments})
     assert len(read(log, unit="mm", euler="xyz:deg")) == len(T)
 
 

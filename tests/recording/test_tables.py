@@ -50,10 +50,10 @@ def rows_of(poses: Poses) -> list[list[float]]:
 def assert_read(path: Path, expected: Poses = POSES, time_ns: float = 0, **which: str) -> None:
     for collect in (Poses.collect, lambda log: Poses.join(list(log.batches()))):
         log = open_log(str(path), **which)
-        found = collect(log)
-        np.testing.assert_allclose(found.stamp_ns, expected.stamp_ns, rtol=0, atol=time_ns)
-        np.testing.assert_allclose(found.position_m, expected.position_m, rtol=0, atol=1e-9)
-        np.testing.assert_allclose(found.quat_xyzw, expected.quat_xyzw, rtol=0, atol=1e-8)
+        result = collect(log)
+        np.testing.assert_allclose(result.stamp_ns, expected.stamp_ns, rtol=0, atol=time_ns)
+        np.testing.assert_allclose(result.position_m, expected.position_m, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(result.quat_xyzw, expected.quat_xyzw, rtol=0, atol=1e-8)
         assert log.damage is None
 
 
@@ -129,11 +129,11 @@ def test_times_of_impossible_rates_are_reported(tmp_path: Path, name: str, step:
 
 @pytest.mark.parametrize("unit", [1, 1000, 1_000_000])
 def test_the_unit_of_times_is_guessed_from_their_size(tmp_path: Path, unit: int) -> None:
-    whole = Poses(POSES.stamp_ns // 10**6 * 10**6, POSES.position_m, POSES.quat_xyzw)
-    values = np.hstack([whole.position_m, whole.quat_xyzw]).T
-    table = {"timestamp": whole.stamp_ns // unit, **dict(zip(NAMES, values, strict=True))}
+    rounded = Poses(POSES.stamp_ns // 10**6 * 10**6, POSES.position_m, POSES.quat_xyzw)
+    values = np.hstack([rounded.position_m, rounded.quat_xyzw]).T
+    table = {"timestamp": rounded.stamp_ns // unit, **dict(zip(NAMES, values, strict=True))}
     parquet.write_table(pyarrow.table(table), tmp_path / "a.parquet")
-    assert_read(tmp_path / "a.parquet", whole)
+    assert_read(tmp_path / "a.parquet", rounded)
     assert list_sources(str(tmp_path / "a.parquet"))[0].type == "Parquet"
 
 
@@ -149,9 +149,9 @@ def test_several_bodies_in_named_columns(tmp_path: Path) -> None:
     start_ns = POSES.stamp_ns[0]
     for body, poses in (("cup", POSES), ("big_table", OTHER)):
         expected = Poses(poses.stamp_ns - start_ns, poses.position_m, poses.quat_xyzw)
-        found = Poses.collect(open_log(str(path), frame=body))
-        np.testing.assert_allclose(found.position_m, expected.position_m, rtol=0, atol=1e-12)
-        np.testing.assert_array_equal(found.stamp_ns, expected.stamp_ns)
+        result = Poses.collect(open_log(str(path), frame=body))
+        np.testing.assert_allclose(result.position_m, expected.position_m, rtol=0, atol=1e-12)
+        np.testing.assert_array_equal(result.stamp_ns, expected.stamp_ns)
 
 
 @pytest.mark.parametrize("units", ["Millimeters", "Meters"])
@@ -161,11 +161,11 @@ def test_motive(tmp_path: Path, units: str, version: str) -> None:
     with pytest.raises(AmbiguousSource, match=r"take.csv ->cup \(Motive\); take.csv ->table \(Motive\)"):
         open_log(path)
     log = open_log(path, frame="cup")
-    found = Poses.collect(log)
+    result = Poses.collect(log)
     seen = np.r_[0:100, 110:300]
-    np.testing.assert_allclose(found.position_m, POSES.position_m[seen], rtol=0, atol=1e-12)
-    np.testing.assert_allclose(found.quat_xyzw, POSES.quat_xyzw[seen], rtol=0, atol=1e-12)
-    np.testing.assert_array_equal(found.stamp_ns, seen * 5_000_000)
+    np.testing.assert_allclose(result.position_m, POSES.position_m[seen], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(result.quat_xyzw, POSES.quat_xyzw[seen], rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(result.stamp_ns, seen * 5_000_000)
     assert log.counts["nonfinite"] == 10
     table = Poses.collect(open_log(path, frame="table"))
     np.testing.assert_allclose(table.position_m, OTHER.position_m, rtol=0, atol=1e-12)
@@ -182,11 +182,11 @@ def motive(kinds: list[str], names: list[str], values: list[str], axes: str, spa
 def test_bodies_of_an_export_are_relative_to_each_other(tmp_path: Path, frame: str | None) -> None:
     """Their poses are in one frame, which has no name."""
     path = str(write_motive(tmp_path / "take.csv", POSES, OTHER))
-    found = Poses.collect(open_log(path, frame=frame, relative_to="table"))
+    result = Poses.collect(open_log(path, frame=frame, relative_to="table"))
     back = OTHER.rotation.swapaxes(1, 2)
     expected = np.einsum("nij,nj->ni", back, POSES.position_m - OTHER.position_m)
-    np.testing.assert_allclose(found.position_m, expected, rtol=0, atol=1e-9)
-    np.testing.assert_allclose(found.rotation, back @ POSES.rotation, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(result.position_m, expected, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(result.rotation, back @ POSES.rotation, rtol=0, atol=1e-9)
     with pytest.raises(AmbiguousSource, match="cup is the body itself"):
         open_log(path, frame="cup", relative_to="cup")
     with pytest.raises(ChoiceError, match=r"leads to lid; there is .*->cup .*->table"):
@@ -195,17 +195,17 @@ def test_bodies_of_an_export_are_relative_to_each_other(tmp_path: Path, frame: s
 
 @pytest.mark.parametrize(("kind", "names"), [("Rigid Body", ["cup", "cup 2"]), ("Bone", ["cup"])])
 def test_motive_bodies_of_one_name_are_distinguished(tmp_path: Path, kind: str, names: list[str]) -> None:
-    path, many = tmp_path / "take.csv", len(names)
-    path.write_text(motive([kind] * 7 * many, ["cup"] * 7 * many, VALUES * many, "XYZWXYZ" * many))
+    path, count = tmp_path / "take.csv", len(names)
+    path.write_text(motive([kind] * 7 * count, ["cup"] * 7 * count, VALUES * count, "XYZWXYZ" * count))
     assert [source.child_frame_id for source in list_sources(str(path))] == names
 
 
 @pytest.mark.parametrize(
-    ("many", "message"), [(1_200, "no rigid body"), (50_000, "leave out those of no body")]
+    ("count", "message"), [(1_200, "no rigid body"), (50_000, "leave out those of no body")]
 )
-def test_exports_of_endless_columns_are_refused_at_once(tmp_path: Path, many: int, message: str) -> None:
+def test_exports_of_endless_columns_are_refused_at_once(tmp_path: Path, count: int, message: str) -> None:
     path = tmp_path / "take.csv"
-    path.write_text(motive(["Rigid Body"] * many, ["a"] * many, ["Position"] * many, ["X"] * many))
+    path.write_text(motive(["Rigid Body"] * count, ["a"] * count, ["Position"] * count, ["X"] * count))
     begin_s = time.process_time()
     with pytest.raises(UnreadableRecording, match=message):
         open_log(str(path))
@@ -245,10 +245,10 @@ def test_vicon(tmp_path: Path, kind: str, about: str) -> None:
     path = str(write_vicon(tmp_path / "trial.csv", kind=kind, about=about))
     assert [source.child_frame_id for source in list_sources(path)] == ["cup", "me:hand"]
     for name, poses in (("cup", POSES), ("me:hand", OTHER)):
-        found = Poses.collect(open_log(path, frame=name))
-        np.testing.assert_allclose(found.position_m, poses.position_m, rtol=0, atol=1e-12)
-        np.testing.assert_allclose(found.quat_xyzw, poses.quat_xyzw, rtol=0, atol=1e-12)
-        np.testing.assert_array_equal(found.stamp_ns, np.arange(1, 301) * 5_000_000)
+        result = Poses.collect(open_log(path, frame=name))
+        np.testing.assert_allclose(result.position_m, poses.position_m, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(result.quat_xyzw, poses.quat_xyzw, rtol=0, atol=1e-12)
+        np.testing.assert_array_equal(result.stamp_ns, np.arange(1, 301) * 5_000_000)
     assert [source.poses for source in summarise(path).sources] == [300, 300]
 
 
@@ -419,8 +419,8 @@ def test_parquet_of_long_texts_is_refused(
 
 def test_parquet_with_invalid_pages_is_refused(tmp_path: Path) -> None:
     path = write_parquet(tmp_path / "a.parquet", dict.fromkeys(("t", *NAMES), np.arange(9.0)))
-    whole = path.read_bytes()
-    path.write_bytes(whole[:4] + b"\xff" * 40 + whole[44:])
+    content = path.read_bytes()
+    path.write_bytes(content[:4] + b"\xff" * 40 + content[44:])
     with pytest.raises(UnreadableRecording, match="where its pages begin cannot be read"):
         open_log(str(path))
 
@@ -523,12 +523,12 @@ def test_dates_count_from_their_time_zone(tmp_path: Path) -> None:
         "2026-03-01T12:00:02+02:00",
         "2026-03-01T04:30:03-0530",
     ]
-    rows = "".join(f"{one};0;0;{i};0;0;0;1\n" for i, one in enumerate(times))
+    rows = "".join(f"{time};0;0;{i};0;0;0;1\n" for i, time in enumerate(times))
     path.write_text(f"time;x;y;z;qx;qy;qz;qw\n{rows}1500-01-01T00:00:00;0;0;0;0;0;0;1\nnever;0;0;0;0;0;0;1\n")
     log = open_log(str(path))
-    found = Poses.collect(log)
-    assert ((found.stamp_ns - found.stamp_ns[0]) / 1e9).tolist() == [0.0, 1.5, 2.0, 3.0]
-    assert np.datetime64(int(found.stamp_ns[0]), "ns") == np.datetime64("2026-03-01T10:00:00", "ns")
+    result = Poses.collect(log)
+    assert ((result.stamp_ns - result.stamp_ns[0]) / 1e9).tolist() == [0.0, 1.5, 2.0, 3.0]
+    assert np.datetime64(int(result.stamp_ns[0]), "ns") == np.datetime64("2026-03-01T10:00:00", "ns")
     assert log.damage.startswith("2 rows have no time that is a number or a date")
 
 
@@ -543,8 +543,8 @@ def test_dates_count_from_their_time_zone(tmp_path: Path) -> None:
     ],
 )
 def test_dates_of_other_forms(tmp_path: Path, above: str, times: list[str]) -> None:
-    found = Poses.collect(open_log(str(write_dates(tmp_path / "a.csv", times, above))))
-    assert (np.diff(found.stamp_ns) / 1e9).tolist() == [1.0, 1.0, 1.0]
+    result = Poses.collect(open_log(str(write_dates(tmp_path / "a.csv", times, above))))
+    assert (np.diff(result.stamp_ns) / 1e9).tolist() == [1.0, 1.0, 1.0]
 
 
 def test_days_and_months_that_cannot_be_told_are_refused(tmp_path: Path) -> None:
@@ -554,7 +554,7 @@ def test_days_and_months_that_cannot_be_told_are_refused(tmp_path: Path) -> None
 
 
 def write_dates(path: Path, times: list[str], above: str = "") -> Path:
-    rows = "".join(f"{one},0,0,{i},0,0,0,1\n" for i, one in enumerate(times))
+    rows = "".join(f"{time},0,0,{i},0,0,0,1\n" for i, time in enumerate(times))
     path.write_text(f"{HEADER}\n{above}{rows}")
     return path
 
@@ -591,8 +591,8 @@ def test_exports_separated_by_other_than_commas(tmp_path: Path, separator: str) 
         rows = csv.reader(path.read_text(encoding="utf-8-sig").splitlines())
         path.write_text("\n".join(separator.join(row).replace(".", ",") for row in rows) + "\n")
         log = open_log(str(tmp_path / name), frame="table" if name == "take.csv" else "me:hand")
-        found = Poses.collect(log)
-        np.testing.assert_allclose(found.position_m, OTHER.position_m, rtol=0, atol=1e-12)
+        result = Poses.collect(log)
+        np.testing.assert_allclose(result.position_m, OTHER.position_m, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize(("rate", "is_rounded"), [(360, True), (120, True), (100, False)])
@@ -607,9 +607,9 @@ def test_motive_times_are_those_of_the_frames_where_they_are_rounded(
         rows = [line.split(",", 2) for line in lines[7:]]
         lines[7:] = [f"{i},{int(i) / rate:.3f}000,{rest}" for i, _, rest in rows]
     path.write_text("\n".join(lines) + "\n")
-    found = Poses.collect(open_log(str(path), frame="cup"))
+    result = Poses.collect(open_log(str(path), frame="cup"))
     expected_ns = np.arange(300) / (rate if is_rounded else 200) * 1e9
-    np.testing.assert_allclose(found.stamp_ns, expected_ns, rtol=0, atol=1)
+    np.testing.assert_allclose(result.stamp_ns, expected_ns, rtol=0, atol=1)
 
 
 @pytest.mark.parametrize("separator", [", ", "\t"])
@@ -620,10 +620,10 @@ def test_names_in_a_comment_hold_for_values_with_blanks_and_tabs(tmp_path: Path,
     path.write_text(
         f"# {names}\n" + "".join(separator.join("10001234"[:7]) + f"{separator}{i}\n" for i in (5, 6))
     )
-    found = Poses.collect(open_log(str(path)))
-    np.testing.assert_array_equal(found.quat_xyzw, [[0, 0, 0, 1]] * 2)
-    np.testing.assert_array_equal(found.position_m, [[1, 2, 3]] * 2)
-    np.testing.assert_array_equal(found.stamp_ns, [5 * 10**9, 6 * 10**9])
+    result = Poses.collect(open_log(str(path)))
+    np.testing.assert_array_equal(result.quat_xyzw, [[0, 0, 0, 1]] * 2)
+    np.testing.assert_array_equal(result.position_m, [[1, 2, 3]] * 2)
+    np.testing.assert_array_equal(result.stamp_ns, [5 * 10**9, 6 * 10**9])
 
 
 def test_rows_out_of_order_are_reported_with_the_remedy(
@@ -639,8 +639,8 @@ def test_rows_out_of_order_are_reported_with_the_remedy(
     )
     assert run(["info", str(path)]) == 3
     assert log.loss in capsys.readouterr().err
-    found = Trajectory.from_arrays(rows[:, 0], rows[:, 1:4], rows[:, 4:])
-    assert (len(found), found.damage) == (kept, log.loss)
+    result = Trajectory.from_arrays(rows[:, 0], rows[:, 1:4], rows[:, 4:])
+    assert (len(result), result.damage) == (kept, log.loss)
 
 
 @pytest.mark.parametrize(

@@ -63,15 +63,15 @@ class Frame:
             return matrices(
                 np.repeat(self.position_m, len(stamps_ns), 0), self.rotation[[0] * len(stamps_ns)]
             )
-        known, wanted = (self.stamps_ns - START_NS) * 1e-9, (stamps_ns - START_NS) * 1e-9
-        position = np.column_stack([np.interp(wanted, known, column) for column in self.position_m.T])
-        return matrices(position, Slerp(known, self.rotation)(np.clip(wanted, known[0], known[-1])))
+        sample_s, time_s = (self.stamps_ns - START_NS) * 1e-9, (stamps_ns - START_NS) * 1e-9
+        position = np.column_stack([np.interp(time_s, sample_s, column) for column in self.position_m.T])
+        return matrices(position, Slerp(sample_s, self.rotation)(np.clip(time_s, sample_s[0], sample_s[-1])))
 
 
 def matrices(position: np.ndarray, rotation: Rotation) -> np.ndarray:
-    whole = np.zeros((len(position), 4, 4))
-    whole[:, :3, :3], whole[:, :3, 3], whole[:, 3, 3] = rotation.as_matrix(), position, 1.0
-    return whole
+    stacked = np.zeros((len(position), 4, 4))
+    stacked[:, :3, :3], stacked[:, :3, 3], stacked[:, 3, 3] = rotation.as_matrix(), position, 1.0
+    return stacked
 
 
 def static(parent: str, child: str, place: tuple[np.ndarray, Rotation] = MOUNT) -> Frame:
@@ -103,9 +103,9 @@ def carried(wrenches: Wrenches, frames: np.ndarray) -> Wrenches:
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         skew[:, i, j], skew[:, j, i] = wrenches.moment_nm[:, k], -wrenches.moment_nm[:, k]
     skew[:, :3, 3], skew[:, 3, :3] = -wrenches.force_n, wrenches.force_n
-    found = frames @ skew @ frames.swapaxes(1, 2)
-    moment = np.column_stack([found[:, 1, 2], found[:, 2, 0], found[:, 0, 1]])
-    return Wrenches(wrenches.stamp_ns, found[:, 3, :3], moment)
+    result = frames @ skew @ frames.swapaxes(1, 2)
+    moment = np.column_stack([result[:, 1, 2], result[:, 2, 0], result[:, 0, 1]])
+    return Wrenches(wrenches.stamp_ns, result[:, 3, :3], moment)
 
 
 def wrench_topic(wrenches: Wrenches, frame: str) -> Topic:
@@ -179,11 +179,11 @@ def test_wrenches_of_a_sensor_are_those_of_the_world(tmp_path: Path, name: str, 
         *published,
         poses=poses,
     )
-    found = read(path, topic="/object/pose")
-    assert (found.dropped, found.unplaced, found.bad_transforms) == (0, 0, 0)
-    np.testing.assert_array_equal(found.wrenches.stamp_ns, PRESSED.wrenches.stamp_ns)
-    np.testing.assert_allclose(found.wrenches.force_n, PRESSED.wrenches.force_n, atol=1e-9)
-    np.testing.assert_allclose(found.wrenches.moment_nm, PRESSED.wrenches.moment_nm, atol=1e-9)
+    result = read(path, topic="/object/pose")
+    assert (result.dropped, result.unplaced, result.bad_transforms) == (0, 0, 0)
+    np.testing.assert_array_equal(result.wrenches.stamp_ns, PRESSED.wrenches.stamp_ns)
+    np.testing.assert_allclose(result.wrenches.force_n, PRESSED.wrenches.force_n, atol=1e-9)
+    np.testing.assert_allclose(result.wrenches.moment_nm, PRESSED.wrenches.moment_nm, atol=1e-9)
 
 
 def test_wrenches_that_are_logged_late_and_in_another_order(tmp_path: Path) -> None:
@@ -193,10 +193,10 @@ def test_wrenches_that_are_logged_late_and_in_another_order(tmp_path: Path) -> N
         np.random.default_rng(2).integers(0, 2 * 10**9, 9999),
     )
     late = [(at + int(by), data) for (at, data), by in zip(topic.messages, delay_ns, strict=False)]
-    found = read(write(tmp_path / "log.mcap", replace(topic, messages=late), *frames), topic="/object/pose")
-    assert (found.dropped, found.unplaced) == (0, 0)
-    np.testing.assert_array_equal(found.wrenches.stamp_ns, PRESSED.wrenches.stamp_ns)
-    np.testing.assert_allclose(found.wrenches.moment_nm, PRESSED.wrenches.moment_nm, atol=1e-9)
+    result = read(write(tmp_path / "log.mcap", replace(topic, messages=late), *frames), topic="/object/pose")
+    assert (result.dropped, result.unplaced) == (0, 0)
+    np.testing.assert_array_equal(result.wrenches.stamp_ns, PRESSED.wrenches.stamp_ns)
+    np.testing.assert_allclose(result.wrenches.moment_nm, PRESSED.wrenches.moment_nm, atol=1e-9)
 
 
 def test_transforms_are_found_without_an_index_and_however_late(tmp_path: Path) -> None:
@@ -222,11 +222,11 @@ def test_poses_that_are_composed_themselves(tmp_path: Path, choice: dict[str, st
     to_object = np.linalg.inv(mount.at(IN_WORLD.stamp_ns)) @ sensor.at(IN_WORLD.stamp_ns)
     path = write(tmp_path / "log.mcap", wrench_topic(IN_WORLD, "ft"), arm, mount, sensor, poses=direct)
     expected = carried(IN_WORLD, to_object)
-    found = read(path, **choice)
+    result = read(path, **choice)
     # without a child frame the chain goes through the interpolated arm and back by the nearest pose
     tolerance = 1e-9 if "frame" in choice else 0.3
-    np.testing.assert_allclose(found.wrenches.force_n, expected.force_n, atol=tolerance)
-    np.testing.assert_allclose(found.wrenches.moment_nm, expected.moment_nm, atol=tolerance)
+    np.testing.assert_allclose(result.wrenches.force_n, expected.force_n, atol=tolerance)
+    np.testing.assert_allclose(result.wrenches.moment_nm, expected.moment_nm, atol=tolerance)
 
 
 def test_poses_that_are_relative_to_another_body(tmp_path: Path) -> None:
@@ -235,9 +235,9 @@ def test_poses_that_are_relative_to_another_body(tmp_path: Path) -> None:
     rows = zip(other.stamps_ns.tolist(), other.position_m, other.rotation.as_quat(), strict=True)
     table = Topic("/table/pose", "geometry_msgs/msg/PoseStamped", [(r[0], pose_stamped(*r)) for r in rows])
     topics = [unnamed_poses(), table, wrench_topic(IN_WORLD, "world")]
-    found = read(write_log(tmp_path / "log.mcap", topics), topic="/object/pose", relative_to="/table/pose")
-    np.testing.assert_allclose(found.wrenches.force_n, PRESSED.wrenches.force_n, atol=1e-9)
-    np.testing.assert_allclose(found.wrenches.moment_nm, PRESSED.wrenches.moment_nm, atol=1e-9)
+    result = read(write_log(tmp_path / "log.mcap", topics), topic="/object/pose", relative_to="/table/pose")
+    np.testing.assert_allclose(result.wrenches.force_n, PRESSED.wrenches.force_n, atol=1e-9)
+    np.testing.assert_allclose(result.wrenches.moment_nm, PRESSED.wrenches.moment_nm, atol=1e-9)
 
 
 def test_a_frame_that_is_not_connected_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -256,9 +256,9 @@ def test_a_frame_that_no_transform_names_is_refused_where_the_object_has_another
 def test_an_unknown_frame_is_the_objects_if_the_object_has_no_name(tmp_path: Path) -> None:
     """Unless transforms name it: then it is another frame, at an unknown pose."""
     unnamed = unnamed_poses()
-    found = read(write(tmp_path / "a.mcap", wrench_topic(PRESSED.wrenches, "o"), poses=unnamed))
-    np.testing.assert_array_equal(found.wrenches.force_n, PRESSED.wrenches.force_n)
-    assert found.taken == "in the frame o, which no transform names: taken as the object's"
+    result = read(write(tmp_path / "a.mcap", wrench_topic(PRESSED.wrenches, "o"), poses=unnamed))
+    np.testing.assert_array_equal(result.wrenches.force_n, PRESSED.wrenches.force_n)
+    assert result.taken == "in the frame o, which no transform names: taken as the object's"
     with pytest.raises(UsageError, match="no transforms"):
         read(
             write(tmp_path / "b.mcap", wrench_topic(IN_WORLD, "o"), static("tool0", "o"), poses=unnamed),
@@ -268,20 +268,20 @@ def test_an_unknown_frame_is_the_objects_if_the_object_has_no_name(tmp_path: Pat
 
 @pytest.mark.parametrize("poses", [named_poses(), unnamed_poses()], ids=["named", "unnamed"])
 def test_an_empty_frame_id_is_the_objects(tmp_path: Path, poses: Topic) -> None:
-    found = read(write(tmp_path / "log.mcap", wrench_topic(PRESSED.wrenches, ""), poses=poses))
-    np.testing.assert_array_equal(found.wrenches.moment_nm, PRESSED.wrenches.moment_nm)
-    assert found.taken == "in no frame that is named: taken as the object's"
+    result = read(write(tmp_path / "log.mcap", wrench_topic(PRESSED.wrenches, ""), poses=poses))
+    np.testing.assert_array_equal(result.wrenches.moment_nm, PRESSED.wrenches.moment_nm)
+    assert result.taken == "in no frame that is named: taken as the object's"
 
 
 def test_wrenches_before_the_first_transform_are_left_out_and_counted(tmp_path: Path) -> None:
     flange = moving("world", "ft", start_s=1.0)
     path = write(tmp_path / "log.mcap", wrench_topic(in_frame(flange), "ft"), flange)
-    found = read(path, topic="/object/pose")
+    result = read(path, topic="/object/pose")
     early = PRESSED.wrenches.stamp_ns < flange.stamps_ns[0]
-    assert found.unplaced == early.sum()
-    np.testing.assert_array_equal(found.wrenches.stamp_ns, PRESSED.wrenches.stamp_ns[~early])
-    np.testing.assert_allclose(found.wrenches.force_n, PRESSED.wrenches.force_n[~early], atol=1e-9)
-    assert f"left out {early.sum()} at times at which the pose of ft is not known" in found.noted
+    assert result.unplaced == early.sum()
+    np.testing.assert_array_equal(result.wrenches.stamp_ns, PRESSED.wrenches.stamp_ns[~early])
+    np.testing.assert_allclose(result.wrenches.force_n, PRESSED.wrenches.force_n[~early], atol=1e-9)
+    assert f"left out {early.sum()} at times at which the pose of ft is not known" in result.noted
 
 
 def test_transforms_of_another_time_are_an_error_in_one_line(tmp_path: Path) -> None:
@@ -292,13 +292,13 @@ def test_transforms_of_another_time_are_an_error_in_one_line(tmp_path: Path) -> 
 
 
 def test_a_gap_in_a_moving_transform_is_not_bridged(tmp_path: Path) -> None:
-    whole = moving("world", "ft")
-    kept = (whole.stamps_ns < START_NS + 2 * 10**9) | (whole.stamps_ns > START_NS + 7 * 10**9 // 2)
-    flange = Frame("world", "ft", whole.stamps_ns[kept], whole.position_m[kept], whole.rotation[kept])
-    found = read(write(tmp_path / "log.mcap", wrench_topic(IN_WORLD, "ft"), flange), topic="/object/pose")
+    frame = moving("world", "ft")
+    kept = (frame.stamps_ns < START_NS + 2 * 10**9) | (frame.stamps_ns > START_NS + 7 * 10**9 // 2)
+    flange = Frame("world", "ft", frame.stamps_ns[kept], frame.position_m[kept], frame.rotation[kept])
+    result = read(write(tmp_path / "log.mcap", wrench_topic(IN_WORLD, "ft"), flange), topic="/object/pose")
     last, following = flange.stamps_ns[[np.flatnonzero(~kept)[0] - 1, np.flatnonzero(~kept)[0]]]
     inside = (PRESSED.wrenches.stamp_ns > last) & (PRESSED.wrenches.stamp_ns < following)
-    assert found.unplaced == inside.sum() > 200
+    assert result.unplaced == inside.sum() > 200
 
 
 def test_invalid_transforms_are_left_out_and_counted(tmp_path: Path) -> None:
@@ -307,9 +307,9 @@ def test_invalid_transforms_are_left_out_and_counted(tmp_path: Path) -> None:
     at = START_NS + 2 * 10**9 + 1
     bad = (at, {"transforms": [transform(at, [0, 0, 0], [0, 0, 0, 0], "world", "ft")]})
     topics = [named_poses(), wrench_topic(in_frame(flange), "ft"), Topic("/tf", TF, [*topic.messages, bad])]
-    found = read(write_log(tmp_path / "log.mcap", topics), topic="/object/pose")
-    assert (found.bad_transforms, found.unplaced) == (1, 0)
-    np.testing.assert_allclose(found.wrenches.force_n, PRESSED.wrenches.force_n, atol=1e-9)
+    result = read(write_log(tmp_path / "log.mcap", topics), topic="/object/pose")
+    assert (result.bad_transforms, result.unplaced) == (1, 0)
+    np.testing.assert_allclose(result.wrenches.force_n, PRESSED.wrenches.force_n, atol=1e-9)
 
 
 def wrenches_topic(poses: Poses, frame: str = "object", name: str = "/wrench") -> Topic:
@@ -320,10 +320,10 @@ def wrenches_topic(poses: Poses, frame: str = "object", name: str = "/wrench") -
 
 def test_frames_that_change_are_refused(tmp_path: Path) -> None:
     poses = smooth_poses()
-    both = wrenches_topic(poses)
-    both.messages = [*both.messages[:5], *wrenches_topic(poses, "flange").messages[5:]]
+    mixed = wrenches_topic(poses)
+    mixed.messages = [*mixed.messages[:5], *wrenches_topic(poses, "flange").messages[5:]]
     with pytest.raises(UsageError, match="changes its frame"):
-        read(write_log(tmp_path / "log.mcap", [poses_topic(poses), both]))
+        read(write_log(tmp_path / "log.mcap", [poses_topic(poses), mixed]))
 
 
 def test_unusable_wrenches_are_dropped_and_counted(tmp_path: Path) -> None:
@@ -335,9 +335,9 @@ def test_unusable_wrenches_are_dropped_and_counted(tmp_path: Path) -> None:
     messages[4] = (stamp, wrench_stamped(stamp, [0, 0, 0, 0, np.inf, 0]))
     messages[5] = (stamp, wrench_stamped(0, [0.0] * 6))
     topic.messages = messages
-    found = read(write_log(tmp_path / "log.mcap", [poses_topic(poses), topic]))
-    assert found.dropped == 3
-    assert len(found.wrenches) == len(poses) - 3
+    result = read(write_log(tmp_path / "log.mcap", [poses_topic(poses), topic]))
+    assert result.dropped == 3
+    assert len(result.wrenches) == len(poses) - 3
 
 
 def test_undecodable_wrenches_are_an_error_in_one_line(tmp_path: Path) -> None:
@@ -360,10 +360,10 @@ def test_wrenches_without_free_motion_are_not_used(tmp_path: Path) -> None:
     """They are constant, at any pose: that is said in a line, and motion decides."""
     poses = smooth_poses(400)
     path = str(write_log(tmp_path / "log.mcap", [poses_topic(poses), wrenches_topic(poses)]))
-    evidence, said, (warning,) = recorded_evidence(path, "/wrench", open_log(path), load_model(), EMPTY_MAP)
+    evidence, notice, (warning,) = recorded_evidence(path, "/wrench", open_log(path), load_model(), EMPTY_MAP)
     assert evidence is None
     assert warning.startswith("/wrench is not used: ")
-    assert said == ""
+    assert notice == ""
 
 
 def test_info_reports_the_wrench_topic(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -381,8 +381,8 @@ def test_wrong_usage_is_reported(tmp_path: Path, words: str) -> None:
 
 
 def test_a_mass_that_is_overruled_is_a_warning(tmp_path: Path) -> None:
-    shown = pressed(Contact.VF, seed=3, noise=True, seconds=6.0)
-    write_recording(str(tmp_path / "a.mcap"), shown.poses, None, {}, wrenches=shown.wrenches)
+    simulated = pressed(Contact.VF, seed=3, noise=True, seconds=6.0)
+    write_recording(str(tmp_path / "a.mcap"), simulated.poses, None, {}, wrenches=simulated.wrenches)
     path = str(tmp_path / "a.mcap")
     log = open_log(path)
     *_, (doubt,) = recorded_evidence(path, "/object/wrench", log, load_model(), EMPTY_MAP, mass_kg=5.0)

@@ -1,4 +1,4 @@
-"""Ground truth and metadata of a recording, and a user's own labels (spreadsheet, ELAN, Label Studio)."""
+"""Ground truth and metadata of a recording, and labels of users (spreadsheet, ELAN, Label Studio)."""
 
 import csv
 import json
@@ -29,14 +29,13 @@ TRUTH_TYPE: Final = "std_msgs/msg/String"
 
 
 def read_truth(path: str) -> Truth | None:
-    """The ground truth of a recording: attachment ``truth.json``, else messages on ``/contact/truth``.
-
-    Of a damaged recording, the readable part. None for standard input or a FIFO, which can be read only once.
+    """The ground truth of a recording: attachment ``truth.json``, else messages on ``/contact/truth``; if the
+    recording is damaged, the readable part. None for standard input or a FIFO, which can be read only once.
 
     Raises
     ------
     UnreadableRecording
-        No such file, or not MCAP.
+        There is no such file, or it is no recording.
     NoTruth
         The truth is not in the documented form.
     """
@@ -46,13 +45,25 @@ def read_truth(path: str) -> Truth | None:
     attached = [i.data for i in stored if isinstance(i, Attachment) and i.name == TRUTH_ATTACHMENT]
     if attached:
         return Truth(tuple(i for text in attached for i in Truth.from_json(text).intervals))
-    return _from_messages(path)
+    summaries = [summary_of(part) for part in parts_of(path)]
+    if not any(s is None or any(c.topic == TRUTH_TOPIC for c in s.channels.values()) for s in summaries):
+        return None
+    changes, end_ns, reading = list[tuple[int, str]](), 0, Reading(path, lambda channel: True)
+    for message in (item for item in reading if isinstance(item, RawMessage)):
+        end_ns = max(end_ns, message.log_time_ns)
+        if (message.channel.topic, message.channel.type) == (TRUTH_TOPIC, TRUTH_TYPE):
+            try:
+                changes.append((message.log_time_ns, str(reading.decoder.decode(message).data)))
+            except (Undecodable, AttributeError) as error:
+                raise NoTruth(f"a truth message cannot be decoded: {error}") from error
+    stamps, labels = zip(*sorted(changes), strict=True) if changes else ((), ())
+    return Truth.from_changes(stamps, labels, end_ns) if changes else None
 
 
 def need_truth(
     path: str, topic: str | None = None, frame: str | None = None, table: TableReading = AS_NAMED
 ) -> Truth:
-    """The ground truth of a recording, which must have one; the other parameters are those of ``open_log``.
+    """The ground truth of a recording, which must have one; the other parameters are as for ``open_log``.
 
     Raises
     ------
@@ -73,13 +84,8 @@ def need_truth(
 
 
 def read_metadata(path: str) -> dict[str, dict[str, str]]:
-    """The metadata records by name, the last of each name. Empty for a stream.
-
-    Raises
-    ------
-    UnreadableRecording
-        No such file, or not MCAP.
-    """
+    """The metadata records by name, the last of each name; empty for a stream. Raises UnreadableRecording if
+    there is no such file, or it is no recording."""
     if not _is_rereadable(path) or is_table_file(path):
         return {}
     return {item.name: item.metadata for item in _stored(path) if isinstance(item, Metadata)}
@@ -94,32 +100,16 @@ def _stored(path: str) -> list[Attachment | Metadata]:
     return [item for item in Reading(path, None) if isinstance(item, Attachment | Metadata)]
 
 
-def _from_messages(path: str) -> Truth | None:
-    summaries = [summary_of(part) for part in parts_of(path)]
-    if not any(s is None or any(c.topic == TRUTH_TOPIC for c in s.channels.values()) for s in summaries):
-        return None
-    changes, end_ns, reading = list[tuple[int, str]](), 0, Reading(path, lambda channel: True)
-    for item in (one for one in reading if isinstance(one, RawMessage)):
-        end_ns = max(end_ns, item.log_time_ns)
-        if (item.channel.topic, item.channel.type) == (TRUTH_TOPIC, TRUTH_TYPE):
-            try:
-                changes.append((item.log_time_ns, str(reading.decoder.decode(item).data)))
-            except (Undecodable, AttributeError) as error:
-                raise NoTruth(f"a truth message cannot be decoded: {error}") from error
-    stamps, labels = zip(*sorted(changes), strict=True) if changes else ((), ())
-    return Truth.from_changes(stamps, labels, end_ns) if changes else None
-
-
 _START: Final = ("start", "begin", "begin_time", "start_time", "onset", "from", "tmin")
 _END: Final = ("end", "stop", "end_time", "offset", "to", "tmax")
 _LABEL: Final = ("contact", "label", "state", "annotation", "value", "timeserieslabels", "text")
 _UNIT: Final = re.compile(r"(.+?)[\s_-]*(?:[\[(](\w+)[\])]|[_-](?:\s*)(s|sec|ss\.msec|ms|us|ns))")
 _CLOCK: Final = re.compile(r"(?:(\d+) days? )?(?:(\d+):)?(\d{1,2}):(\d{1,2}(?:[.,]\d+)?)")
 ANY: Final = "any"
-"""The name of all contacts: the object touches."""
+"""Stands for all contact states: the object touches."""
 _BYTES: Final = 2**26
 _SLACK_NS: Final = 60 * 10**9
-"""Labels may begin and end so long before and after the poses."""
+"""Longest time (ns) by which labels may begin before, or end after, the poses."""
 
 
 Table = Sequence[Sequence[str]]
@@ -130,7 +120,7 @@ _Row = tuple[int, int, str]
 def read_labels(
     labels: str | Table, first_ns: int, last_ns: int, meanings: Mapping[str, str] | None = None
 ) -> tuple[Truth, str]:
-    """The truth by the labels in a table, and one line on how their times are taken.
+    """The truth by the labels in a table, and one line on the origin of their times.
 
     Parameters
     ----------
@@ -139,15 +129,15 @@ def read_labels(
         are in seconds, unless the names of their columns have another unit, or as ``0:01:02.5``; since the
         first pose, or as the stamps of the recording.
     first_ns, last_ns : stamps of the first and last pose.
-    meanings : states by label: ``e-f``, several as ``e-f|f-f``, ``any`` contact, or ``?`` for what is not
-        scored. Names of states need none.
+    meanings : states by label: ``e-f``, several as ``e-f|f-f``, ``any`` contact, or ``?`` if it is not
+        scored. Labels that are names of states need none.
 
     Raises
     ------
     NoTruth
-        It is no such table.
+        It is no table of labels, or its times do not fit the poses.
     ChoiceError
-        It is not said what a label means.
+        The meaning of a label is not known.
     """
     path = labels if isinstance(labels, str) else "labels"
     rows = sorted(_rows_of_file(path) if isinstance(labels, str) else _rows_of_table(path, labels))
@@ -165,15 +155,15 @@ def read_labels(
     for (_, before_ns, before), (start_ns, _, after) in pairwise(rows):
         if start_ns < before_ns:
             raise NoTruth(f"{path}: {before} and {after} overlap at {start_ns * 1e-9:.9g} s")
-    found = {
+    states_by_name = {
         name: _meaning(path, name, meanings or {}) for name in dict.fromkeys(name for _, _, name in rows)
     }
-    unused = [name for name in meanings or {} if name not in found]
+    unused = [name for name in meanings or {} if name not in states_by_name]
     if unused:
-        raise ChoiceError(f"{path}: no label {printable(unused[0])}{suggestion(unused[0], found)}")
+        raise ChoiceError(f"{path}: no label {printable(unused[0])}{suggestion(unused[0], states_by_name)}")
     intervals = list[TruthInterval]()
     for start_ns, end_ns, name in rows:
-        states = found[name]
+        states = states_by_name[name]
         contact = states[0] if len(states) == 1 else None
         coarse = CoarseLabel(name, states) if len(states) > 1 else None
         span = start_ns + offset_ns, end_ns + offset_ns - 1
@@ -182,30 +172,30 @@ def read_labels(
     return Truth(tuple(intervals)), f"{path}: the times of its {len(rows)} labels are taken {how}"
 
 
-def meanings_of(given: Sequence[str]) -> dict[str, str]:
+def meanings_of(texts: Sequence[str]) -> dict[str, str]:
     """The states by label of texts such as ``touch=any``; raises ChoiceError."""
-    found = dict[str, str]()
-    for text in given:
+    meanings = dict[str, str]()
+    for text in texts:
         label, equals, states = text.rpartition("=")
         if not equals or not label.strip():
             raise ChoiceError(f"a label means states as in touch=any, not {text!r}")
-        found[label.strip()] = states.strip()
-    return found
+        meanings[label.strip()] = states.strip()
+    return meanings
 
 
 def _meaning(path: str, name: str, meanings: Mapping[str, str]) -> tuple[Contact, ...]:
-    """The states of which a label is one; none of it is not scored."""
-    meant = meanings.get(name, name)
-    if meant == UNSCORED:
+    """The possible states of a label; empty if it is not scored."""
+    stated = meanings.get(name, name)
+    if stated == UNSCORED:
         return ()
-    if meant == ANY:
+    if stated == ANY:
         return CONTACTS
     try:
-        return tuple(dict.fromkeys(Contact(part.strip()) for part in meant.split("|")))
+        return tuple(dict.fromkeys(Contact(part.strip()) for part in stated.split("|")))
     except ValueError:
-        shown = printable(name)
+        label = printable(name)
         raise ChoiceError(
-            f"{path}: the label {shown!r} is no state: say which it is, as in --map '{shown}=any': "
+            f"{path}: the label {label!r} is no state: say which it is, as in --map '{label}=any': "
             f"{', '.join(Contact)}, several as f-f|e-f, {ANY} of the six, or {UNSCORED} if it is not scored"
         ) from None
 
@@ -227,7 +217,7 @@ def _rows_of_file(path: str) -> Iterator[_Row]:
 
 def _rows_of_table(path: str, table: Table) -> Iterator[_Row]:
     names, *rows = table
-    columns = list(filter(None, (_column(names, wanted) for wanted in (_START, _END, _LABEL))))
+    columns = list(filter(None, (_column(names, choices) for choices in (_START, _END, _LABEL))))
     if len(columns) < 3:
         needed = f"{path}: its columns are {', '.join(names[:12])}: needed are start, end and contact"
         has_names = not any(name.strip(" .-").isdecimal() for name in names)
@@ -240,19 +230,19 @@ def _rows_of_table(path: str, table: Table) -> Iterator[_Row]:
         yield _row(path, row[start], start_ns, row[end], end_ns, row[label])
 
 
-def _column(names: Sequence[str], wanted: Sequence[str]) -> tuple[int, int] | None:
-    """The index of the column of one of the wanted names, and its unit in nanoseconds."""
+def _column(names: Sequence[str], choices: Sequence[str]) -> tuple[int, int] | None:
+    """The index of the column with one of the ``choices`` as name, and its unit (ns); None without one."""
     for place, name in enumerate(names):
         plain = name.strip().lower()
         unit = _UNIT.fullmatch(plain)
         stem = (plain if unit is None else unit[1]).replace(" ", "_")
-        if stem in wanted:
+        if stem in choices:
             return place, NAMED_NS.get((unit[2] or unit[3]) if unit is not None else "s", NAMED_NS["s"])
     return None
 
 
 def _rows_of_json(path: str, text: str) -> Iterator[_Row]:
-    """The intervals in JSON of Label Studio, wherever they are in it, or in a list of such objects."""
+    """The labels in JSON of Label Studio, at any depth."""
     try:
         waiting = [json.loads(text)]
     except (ValueError, RecursionError) as error:

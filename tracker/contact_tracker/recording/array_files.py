@@ -1,9 +1,9 @@
 """Arrays of numbers by name in files of NumPy, MATLAB and HDF5.
 
-MATLAB's files up to version 7 are elements with a type, a size and data; variables are compressed one by
-one, and structs have variables in them (https://www.mathworks.com/help/pdf_doc/matlab/matfile_format.pdf).
-They are read here, as scipy makes lists as long as a file says: 400 bytes take 800 MB. Those of version 7.3
-are HDF5 with axes in reverse, which h5py reads where it is installed.
+Files of MATLAB up to version 7 are elements with a type, a size and data; each variable is compressed alone,
+and structs contain variables (https://www.mathworks.com/help/pdf_doc/matlab/matfile_format.pdf).
+They are parsed here, since scipy allocates lists as long as a file says: 400 bytes take 800 MB. Files of
+version 7.3 are HDF5 with reversed axes, which h5py reads if it is installed.
 """
 
 import math
@@ -14,6 +14,7 @@ import zipfile
 import zlib
 from collections.abc import Callable, Iterator, Set
 from contextlib import closing
+from functools import partial
 from itertools import islice
 from typing import IO, Any, Final
 
@@ -26,67 +27,60 @@ from contact_tracker.recording.bytestream import TooMuchWork, WorkBudget
 from contact_tracker.recording.table_layouts import MOST_COLUMNS, UNNAMED
 
 Shape = tuple[int, ...]
-Arrays = Iterator[tuple[str, tuple[Shape, NDArray[Any] | None]]]
-"""Names, shapes, and values where these are read."""
+Arrays = Iterator[tuple[str, Shape, Callable[[], NDArray[Any]]]]
+"""Name and shape of each array, and the function that reads its values before the next one is looked for."""
 WIDEST: Final = 64
-"""Values of a row, of a list or an array, that are columns unless they are named; an image has more."""
+"""Most values per row of a list or an array that become columns without being named; an image has more."""
 _MOST_ARRAYS: Final = 200
 _DEEPEST: Final = 5
 _ERRORS: Final = (
     *(ValueError, OSError, EOFError, RuntimeError, MemoryError, LookupError, TypeError, struct.error),
     *(zipfile.BadZipFile, zlib.error, NotImplementedError),
 )
-Wanted = Callable[[str, Shape], bool]
-"""Whether the values of an array with this name and shape are read."""
 
 
 def arrays_in(
     path: str, kind: str, stated: Set[str], budget: WorkBudget
 ) -> dict[str, tuple[Shape, NDArray[Any] | None]]:
-    """The shapes and values of arrays of numbers by name, in structs and groups by a path; that of
-    an ``.npy`` file has none.
+    """The shapes and values of arrays of numbers by name, or by path in structs and groups; empty for an
+    ``.npy`` file.
 
     Parameters
     ----------
-    kind : of the file: ``NumPy``, ``MATLAB`` or ``HDF5``.
-    stated : names of arrays, in lower case, that are read whatever their width; of others whose rows have
-        more than 64 values there is only the shape.
+    kind : format of the file: ``NumPy``, ``MATLAB`` or ``HDF5``.
+    stated : lower-case names of arrays that are read whatever their width; other arrays with more than 64
+        values per row have no values here.
 
-    Raises
-    ------
-    UnreadableRecording
-        It is damaged, too large when decompressed, or h5py is not installed.
+    Raises UnreadableRecording if it is damaged, too large when decompressed, or h5py is not installed.
     """
-
-    def is_read(name: str, shape: Shape) -> bool:
-        widest = MOST_COLUMNS if (name or UNNAMED).lower() in stated else WIDEST
-        return math.prod(shape) <= widest * max(shape[0], shape[-1])
-
+    arrays = dict[str, tuple[Shape, NDArray[Any] | None]]()
     try:
-        found = {"NumPy": _of_numpy, "MATLAB": _of_matlab, "HDF5": _of_hdf5}[kind](path, is_read, budget)
-        return {printable(name): array for name, array in islice(found, _MOST_ARRAYS)}
+        stored = {"NumPy": _of_numpy, "MATLAB": _of_matlab, "HDF5": _of_hdf5}[kind](path, budget)
+        for name, shape, read in islice(stored, _MOST_ARRAYS):
+            widest = MOST_COLUMNS if (name or UNNAMED).lower() in stated else WIDEST
+            is_read = math.prod(shape) <= widest * max(shape[0], shape[-1])
+            arrays[printable(name)] = shape, read() if is_read else None
+        return arrays
     except TooMuchWork as error:
         raise UnreadableRecording(f"it is too much for its size: {error}") from error
     except _ERRORS as error:
         raise UnreadableRecording(f"it cannot be read as arrays of {kind}: {first_line(error)}") from error
 
 
-def _of_numpy(path: str, wanted: Wanted, budget: WorkBudget) -> Arrays:
+def _of_numpy(path: str, budget: WorkBudget) -> Arrays:
     if not path.lower().endswith(".npz"):
         with open(path, "rb") as file:
-            yield from _numpy_array("", file, os.path.getsize(path), os.path.getsize(path), wanted, budget)
+            yield from _numpy_array("", file, os.path.getsize(path), os.path.getsize(path), budget)
         return
     with closing(zipfile.ZipFile(path)) as archive:
         for info in archive.infolist():
             name, sizes = info.filename.removesuffix(".npy"), (info.compress_size, info.file_size)
             with archive.open(info) as file:
-                yield from _numpy_array(name, file, *sizes, wanted, budget)
+                yield from _numpy_array(name, file, *sizes, budget)
 
 
-def _numpy_array(
-    name: str, file: IO[bytes], packed: int, size: int, wanted: Wanted, budget: WorkBudget
-) -> Arrays:
-    """An array in a file of so many bytes, ``packed`` and not, if it has numbers."""
+def _numpy_array(name: str, file: IO[bytes], packed: int, size: int, budget: WorkBudget) -> Arrays:
+    """The array in a file of ``size`` bytes, ``packed`` when compressed, if it has numbers."""
     version = npy.read_magic(file)
     read_header = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
     shape, by_columns, kind = read_header(file)
@@ -95,12 +89,13 @@ def _numpy_array(
         return
     if min(shape) < 0 or count * kind.itemsize > size:
         raise ValueError("an array is longer than its file")
-    values = None
-    if wanted(name, shape):
+
+    def read() -> NDArray[Any]:
         budget.inflate(packed, size)
         flat = np.frombuffer(file.read(count * kind.itemsize), kind)
-        values = flat.reshape(shape, order="F" if by_columns else "C")
-    yield name, (shape, values)
+        return flat.reshape(shape, order="F" if by_columns else "C")
+
+    yield name, shape, read
 
 
 _COMPRESSED, _MATRIX, _STRUCT = 15, 14, 2
@@ -113,15 +108,15 @@ _TYPES: Final = dict(
 _HEAD: Final = 128
 
 
-def _of_matlab(path: str, wanted: Wanted, budget: WorkBudget) -> Arrays:
+def _of_matlab(path: str, budget: WorkBudget) -> Arrays:
     with open(path, "rb") as file:
         data = memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
     if bytes(data[:6]) != b"MATLAB":
         from scipy.io import loadmat
 
-        for name, one in loadmat(path, appendmat=False).items():  # of version 4, which has no lists
-            if isinstance(one, np.ndarray) and one.dtype.kind in "iuf" and one.size:
-                yield name, (one.shape, one if wanted(name, one.shape) else None)
+        for name, values in loadmat(path, appendmat=False).items():  # of version 4, which has no lists
+            if isinstance(values, np.ndarray) and values.dtype.kind in "iuf" and values.size:
+                yield name, values.shape, partial(np.asarray, values)
         return
     order = "<" if bytes(data[126:128]) == b"IM" else ">"
     for kind, element in _elements(data[_HEAD:], order):
@@ -131,11 +126,11 @@ def _of_matlab(path: str, wanted: Wanted, budget: WorkBudget) -> Arrays:
             budget.inflate(len(element), size)
             element = memoryview(unpack.decompress(unpack.unconsumed_tail, max(size, 1)))
         if kind == _MATRIX:
-            yield from _variable(element, order, "", wanted, budget)
+            yield from _variable(element, order, "", budget)
 
 
 def _elements(data: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
-    """Types and data of the elements one after the other; the last may be cut off."""
+    """Types and data of the elements in order; the last may be cut off."""
     at = 0
     while at + 8 <= len(data):
         kind, size = struct.unpack_from(f"{order}II", data, at)
@@ -147,34 +142,28 @@ def _elements(data: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
             at += 8 + size + (0 if kind == _COMPRESSED else -size % 8)
 
 
-def _variable(
-    data: memoryview, order: str, path: str, wanted: Wanted, budget: WorkBudget, depth: int = 0
-) -> Arrays:
-    """The arrays of numbers in a variable, those in a struct as ``path.name``."""
+def _variable(data: memoryview, order: str, path: str, budget: WorkBudget, depth: int = 0) -> Arrays:
+    """The arrays of numbers in a variable; arrays in a struct are named ``path.name``."""
     budget.spend(1)
     elements = _elements(data, order)
-    if depth > _DEEPEST or (first := next(elements, None)) is None:
+    if depth > _DEEPEST or (head := next(elements, None)) is None:
         return
-    (flags,) = struct.unpack_from(f"{order}I", first[1])
+    (flags,) = struct.unpack_from(f"{order}I", head[1])
     shape = tuple(np.frombuffer(next(elements)[1], f"{order}i4").tolist())
-    own, kind = bytes(next(elements)[1]).decode("latin-1"), flags & 0xFF
-    path = path or own
-    count = math.prod(shape)
+    name, kind, count = bytes(next(elements)[1]).decode("latin-1"), flags & 0xFF, math.prod(shape)
+    path = path or name
     if kind == _STRUCT and count == 1:
         (width,), names = np.frombuffer(next(elements)[1], f"{order}i4"), bytes(next(elements)[1])
         starts = range(0, len(names), max(int(width), 1))
         for start, (_, element) in zip(starts, elements, strict=False):
             name = names[start : start + width].split(b"\0")[0].decode("latin-1")
-            yield from _variable(element, order, f"{path}.{name}", wanted, budget, depth + 1)
+            yield from _variable(element, order, f"{path}.{name}", budget, depth + 1)
     elif kind in _CLASSES and not flags >> 8 & _COMPLEX and count > 0:
         stored, flat = next(elements)
-        values = None
-        if wanted(path, shape):
-            values = np.frombuffer(flat, f"{order}{_TYPES[stored]}").reshape(shape, order="F")
-        yield path, (shape, values)
+        yield path, shape, lambda: np.frombuffer(flat, order + _TYPES[stored]).reshape(shape, order="F")
 
 
-def _of_hdf5(path: str, wanted: Wanted, budget: WorkBudget) -> Arrays:
+def _of_hdf5(path: str, budget: WorkBudget) -> Arrays:
     try:
         import h5py
     except ImportError:
@@ -184,13 +173,15 @@ def _of_hdf5(path: str, wanted: Wanted, budget: WorkBudget) -> Arrays:
     with h5py.File(path, "r") as file:
         names = list[str]()
         file.visit(names.append)
-        for name, one in ((name, file[name]) for name in names if not name.startswith("#")):
-            is_own = isinstance(one, h5py.Dataset) and not (one.is_virtual or one.external)
-            if not is_own or not one.shape or not one.size or one.dtype.kind not in "iuf":
-                continue
-            name, shape = (name.replace("/", "."), one.shape[::-1]) if is_matlab else (name, one.shape)
-            values = None
-            if wanted(name, shape):
-                budget.inflate(one.id.get_storage_size(), one.nbytes)
-                values = one[()].T if is_matlab else one[()]
-            yield name, (shape, values)
+
+        def read(stored: Any) -> NDArray[Any]:
+            budget.inflate(stored.id.get_storage_size(), stored.nbytes)
+            return np.asarray(stored[()].T if is_matlab else stored[()])
+
+        for name, stored in ((name, file[name]) for name in names if not name.startswith("#")):
+            is_inside = isinstance(stored, h5py.Dataset) and not (stored.is_virtual or stored.external)
+            if is_inside and stored.shape and stored.size and stored.dtype.kind in "iuf":
+                name, shape = (
+                    (name.replace("/", "."), stored.shape[::-1]) if is_matlab else (name, stored.shape)
+                )
+                yield name, shape, partial(read, stored)

@@ -1,9 +1,9 @@
 """Bags: ``.bag`` files of ROS 1 (version 2.0), with or without index, and ``.db3`` files of rosbag2.
 
 A record of a ``.bag`` file is a header of named fields, and data. See http://wiki.ros.org/Bags/Format/2.0.
-Its chunks are found by going from record to record, so that each is read once, whatever an index says; the
-index orders them by time. A database can define tables by expressions that run when they are read: an
-authorizer allows only columns of tables here, and the work is bounded.
+Its chunks are found from record to record, so that each is read once, whatever the index says; the index
+orders them by time. A database can define tables by expressions that run when they are read: an authorizer
+allows only plain columns, and the work is bounded.
 """
 
 import os
@@ -34,7 +34,7 @@ _TIME: Final = struct.Struct("<II")
 
 
 class _Header(dict[bytes, bytes]):
-    """The fields of a record by name; raises ValueError where one is missing or cannot be read."""
+    """The fields of a record by name; raises ValueError if a field is missing or cannot be read."""
 
     def __init__(self, data: bytes) -> None:
         at = 0
@@ -58,33 +58,30 @@ class _Header(dict[bytes, bytes]):
 
 
 _Chunk = tuple[_Header, int, int]
-"""Header, and offset and size (bytes) of the data of a chunk."""
+"""Header of a chunk, and offset and size (bytes) of its data."""
 
 
 def read_bag(
-    path: str, wanted: Callable[[Channel], bool], report: Callable[[str], None], budget: WorkBudget
+    path: str, is_wanted: Callable[[Channel], bool], report: Callable[[str], None], budget: WorkBudget
 ) -> Iterator[Item]:
     """The messages of a ``.bag`` or a ``.db3`` file by log time; of a ``.bag`` file without an index in the
     order of its chunks.
 
     Parameters
     ----------
-    wanted : messages of other channels are skipped unread.
+    is_wanted : accepts channels; messages of other channels are skipped unread.
     report : called with one line for each part that cannot be read.
     budget : bounds the decompressed size and the work.
 
-    Raises
-    ------
-    UnreadableRecording
-        It does not begin like a bag, is encrypted, or is not a database of rosbag2.
+    Raises UnreadableRecording if it does not begin like a bag, is encrypted, or is no database of rosbag2.
     """
     with open_stream(path, budget=budget) as stream:
         if (begin := stream.read(len(BAG_MAGIC))).startswith(b"SQLite"):
-            yield from _read_sqlite(path, wanted, report, budget)
+            yield from _read_sqlite(path, is_wanted, report, budget)
             return
         if begin != BAG_MAGIC:
             raise UnreadableRecording("it is not a bag of version 2.0: convert it with rosbag fix")
-        bag = _Bag(stream, wanted, report)
+        bag = _Bag(stream, is_wanted, report)
         chunks, begins_ns = bag.find_chunks()
         if all(chunk in begins_ns for chunk in chunks):
             ordered = sorted((begins_ns[place], place) for place in chunks)
@@ -97,9 +94,9 @@ def read_bag(
 
 class _Bag:
     def __init__(
-        self, stream: ByteStream, wanted: Callable[[Channel], bool], report: Callable[[str], None]
+        self, stream: ByteStream, is_wanted: Callable[[Channel], bool], report: Callable[[str], None]
     ) -> None:
-        self._stream, self._wanted, self._report = stream, wanted, report
+        self._stream, self._wanted, self._report = stream, is_wanted, report
         self._channels: dict[int, Channel | None] = {}
         try:
             head, size = self._next_head()
@@ -112,8 +109,8 @@ class _Bag:
             raise UnreadableRecording("its messages are encrypted: decrypt it with rosbag decrypt")
 
     def find_chunks(self) -> tuple[dict[int, _Chunk], dict[int, int]]:
-        """The chunks by their offsets, and the first log times of those in the index (ns); connections are
-        noted."""
+        """The chunks by their offsets, and the first log times (ns) of chunks in the index; also notes
+        connections."""
         stream, chunks, begins_ns = self._stream, dict[int, _Chunk](), dict[int, int]()
         while True:
             place = stream.position
@@ -140,9 +137,13 @@ class _Bag:
 
     def messages_in(self, chunk: _Chunk) -> list[RawMessage]:
         """The messages of a chunk by log time, up to any damage."""
-        found = list[RawMessage]()
+        messages = list[RawMessage]()
         try:
-            data, at = self._inflated(chunk), 0
+            header, offset, stored = chunk
+            data, at = self._stream.read(stored) if self._stream.seek(offset) else b"", 0
+            compression = header[b"compression"].decode(errors="replace")
+            size = len(data) if compression == "none" else header.number(b"size")
+            data = decompress(compression, data, size, self._stream.budget)
             while at < len(data):
                 begin, end = _part(data, at)
                 header = _Header(data[begin:end])
@@ -153,10 +154,10 @@ class _Bag:
                 elif header.number(b"op") == _MESSAGE:
                     channel = self._channels.get(header.number(b"conn"))
                     if channel is not None:
-                        found.append(RawMessage(channel, header.time_ns(b"time"), data[begin:at]))
+                        messages.append(RawMessage(channel, header.time_ns(b"time"), data[begin:at]))
         except PARSE_ERRORS as error:
             self._report(f"unreadable chunk at byte {chunk[1]} ({first_line(error)})")
-        return sorted(found, key=lambda message: message.log_time_ns)
+        return sorted(messages, key=lambda message: message.log_time_ns)
 
     def _note_connection(self, header: _Header, data: bytes) -> None:
         number, about = header.number(b"conn"), _Header(data)
@@ -165,30 +166,23 @@ class _Bag:
             channel = Channel(topic, "ros1", kind, "ros1msg", about.get(b"message_definition", b""))
             self._channels[number] = channel if self._wanted(channel) else None
 
-    def _inflated(self, chunk: _Chunk) -> bytes:
-        header, at, stored = chunk
-        data = self._stream.read(stored) if self._stream.seek(at) else b""
-        compression = header[b"compression"].decode(errors="replace")
-        size = len(data) if compression == "none" else header.number(b"size")
-        return decompress(compression, data, size, self._stream.budget)
-
     def _next_head(self) -> tuple[_Header, int]:
         """The header of the next record and the size of its data; raises EOFError at the end of the file,
         with a message if it is truncated."""
-        first = self._stream.read(_LENGTH.size)
-        if not first:
+        header_length = self._stream.read(_LENGTH.size)
+        if not header_length:
             raise EOFError
-        size = _LENGTH.unpack(first)[0] if len(first) == _LENGTH.size else RECORD_LIMIT
+        size = _LENGTH.unpack(header_length)[0] if len(header_length) == _LENGTH.size else RECORD_LIMIT
         header = self._stream.read(size) if size < RECORD_LIMIT else b""
-        last = self._stream.read(_LENGTH.size)
-        if len(header) != size or len(last) != _LENGTH.size:
+        data_length = self._stream.read(_LENGTH.size)
+        if len(header) != size or len(data_length) != _LENGTH.size:
             raise EOFError("it is cut off")
         self._stream.budget.spend(1 + size // BYTES_PER_RECORD)
-        return _Header(header), _LENGTH.unpack(last)[0]
+        return _Header(header), _LENGTH.unpack(data_length)[0]
 
 
 def _part(data: bytes, at: int) -> tuple[int, int]:
-    """Begin and end of the header or data of a record in a chunk, whose length is at an offset."""
+    """Begin and end of the header or data of a record in a chunk, whose length is at the offset ``at``."""
     (size,) = _LENGTH.unpack_from(data, at)
     if size > len(data) - at - _LENGTH.size:
         raise ValueError("a record is longer than its chunk")
@@ -203,43 +197,42 @@ _STEPS: Final = 10_000
 _LEAST_STEPS: Final = 50_000_000
 _STEPS_PER_BYTE: Final = 20
 _MOST_NAMED: Final = 500
-"""With more topics all messages are read and filtered afterwards."""
+"""Largest number of topics in a query; with more, all messages are read and filtered afterwards."""
 
 
 def _read_sqlite(
-    path: str, wanted: Callable[[Channel], bool], report: Callable[[str], None], budget: WorkBudget
+    path: str, is_wanted: Callable[[Channel], bool], report: Callable[[str], None], budget: WorkBudget
 ) -> Iterator[RawMessage]:
-    """The messages of a ``.db3`` file, as ``read_bag``."""
+    """The messages of a ``.db3`` file, as by ``read_bag``."""
     size = os.path.getsize(path)
     budget.bytes_read += size
     if os.path.exists(f"{path}-wal") and os.path.getsize(f"{path}-wal"):
         report("its last messages are in a write-ahead log that is not read: open it once with sqlite3")
+    chosen: dict[int, Channel] | None = None
     try:
         with closing(_opened(path, size)) as file:
             topics = _channels(file, report)
-            chosen = {number: channel for number, channel in topics.items() if wanted(channel)}
-            try:
-                yield from _messages(file, chosen, budget, size)
-            except (sqlite3.Error, TooMuchWork) as error:
-                report(f"it is damaged: {error}")
-            except UnicodeDecodeError:  # a message of SQLite would quote bytes that are no text
-                report("it is damaged: its tables are malformed")
-    except (sqlite3.Error, UnicodeDecodeError) as error:
-        words = error if isinstance(error, sqlite3.Error) else "its tables are malformed"
-        raise UnreadableRecording(f"it cannot be opened as a rosbag2 database: {words}") from error
+            chosen = {number: channel for number, channel in topics.items() if is_wanted(channel)}
+            yield from _messages(file, chosen, budget, size)
+    except (sqlite3.Error, TooMuchWork, UnicodeDecodeError) as error:
+        # A message of SQLite may quote bytes that are no text.
+        fault = "its tables are malformed" if isinstance(error, UnicodeDecodeError) else error
+        if chosen is None:
+            raise UnreadableRecording(f"it cannot be opened as a rosbag2 database: {fault}") from error
+        report(f"it is damaged: {fault}")
 
 
 def _opened(path: str, size: int) -> sqlite3.Connection:
-    """A database of which only plain columns of its tables can be read, in steps that its size bounds; raises
-    UnreadableRecording if others are in it."""
+    """A connection that reads only plain columns of the tables, in a number of steps that the file size
+    bounds; raises UnreadableRecording if other columns are in them."""
     uri = f"file:{quote(os.path.abspath(path))}?mode=ro&immutable=1"
     file = sqlite3.connect(uri, uri=True, isolation_level=None)
     file.text_factory = lambda data: data.decode(errors="replace")
     file.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, RECORD_LIMIT)
     for pragma in ("trusted_schema = off", "cell_size_check = on", "mmap_size = 0"):
         file.execute(f"pragma {pragma}")
-    left = count((_LEAST_STEPS + _STEPS_PER_BYTE * size) // _STEPS, -1)
-    file.set_progress_handler(lambda: next(left) <= 0, _STEPS)
+    checks = count((_LEAST_STEPS + _STEPS_PER_BYTE * size) // _STEPS, -1)
+    file.set_progress_handler(lambda: next(checks) <= 0, _STEPS)
 
     kinds = dict(file.execute("select name, type from sqlite_master").fetchall())
     for name in _TABLES & kinds.keys():
@@ -264,7 +257,7 @@ def _channels(file: sqlite3.Connection, report: Callable[[str], None]) -> Mappin
             definitions[str(kind)] = str(definition[0]), str(definition[1])
     channels, unreadable = dict[int, Channel](), 0
     for number, *about in file.execute("select id, name, type, serialization_format from topics"):
-        if not all(isinstance(one, str) for one in about):
+        if not all(isinstance(value, str) for value in about):
             unreadable += 1
             continue
         topic, kind, encoding = about
@@ -278,10 +271,9 @@ def _channels(file: sqlite3.Connection, report: Callable[[str], None]) -> Mappin
 def _messages(
     file: sqlite3.Connection, channels: Mapping[int, Channel], budget: WorkBudget, size: int
 ) -> Iterator[RawMessage]:
-    """The messages by log time, while they are together no longer than the file of ``size`` bytes: pages that
-    refer to themselves, or to one another, make any number of long ones.
-
-    They are fetched one by one after sorting, which would keep them all.
+    """The messages by log time, as long as their total length is within the ``size`` of the file (bytes):
+    pages that refer to themselves or to one another make any number of long messages. Sorting is by row, and
+    data are fetched one by one, so that they are not all in memory.
     """
     which = f"where topic_id in ({', '.join('?' * len(channels))})" if len(channels) <= _MOST_NAMED else ""
     rows = file.execute(
@@ -294,9 +286,9 @@ def _messages(
         channel = channels.get(number)
         if channel is None or not isinstance(log_time_ns, int):
             continue
-        found = fetch.execute("select data from messages where rowid = ?", [row]).fetchone()
-        if found is not None and isinstance(found[0], bytes):
-            size -= len(found[0])
+        record = fetch.execute("select data from messages where rowid = ?", [row]).fetchone()
+        if record is not None and isinstance(record[0], bytes):
+            size -= len(record[0])
             if size < 0:
                 raise TooMuchWork("its messages are longer than the file")
-            yield RawMessage(channel, max(log_time_ns, 0), found[0])
+            yield RawMessage(channel, max(log_time_ns, 0), record[0])

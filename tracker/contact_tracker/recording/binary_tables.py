@@ -1,10 +1,10 @@
 """Tables of poses in Parquet and Feather, in arrays of NumPy, MATLAB and HDF5, and in C3D files with rigid
 bodies.
 
-Values in lists and structs of Parquet are columns of their own. What its pages declare is checked before a
-library decompresses them: a few bytes can expand to billions of rows or to gigabytes. Footer and page headers
-are in Thrift's compact protocol (https://parquet.apache.org/docs/file-format/), those of Feather, the file
-format of Arrow, are flatbuffers (https://arrow.apache.org/docs/format/Columnar.html).
+Values in lists and structs of Parquet are columns of their own. The sizes that pages declare are checked
+before a library decompresses them: a few bytes can expand to billions of rows or to gigabytes. Footer and
+page headers are in Thrift's compact protocol (https://parquet.apache.org/docs/file-format/), and flatbuffers
+in Feather, the file format of Arrow (https://arrow.apache.org/docs/format/Columnar.html).
 
 C3D has a header, groups of parameters, and data in blocks of 512 bytes (https://www.c3d.org). Theia3D and
 Visual3D write matrices of the data type ROTATION: 16 floats by columns and one of reliability, negative where
@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
-from itertools import compress
+from itertools import compress, starmap
 from typing import IO, Any, Final
 
 import numpy as np
@@ -39,25 +39,23 @@ from contact_tracker.recording.table_layouts import MOST_COLUMNS, UNNAMED, Body,
 from contact_tracker.recording.table_proposals import FIRST_ROWS, layout_of_names, layout_without_names
 
 _PARQUET_ERRORS: Final = (pyarrow.ArrowException, OSError, ValueError, OverflowError, KeyError)
+_BROKEN: Final = (ValueError, LookupError, TypeError, AttributeError, RecursionError, struct.error, OSError)
 _BUFFER_BYTES: Final = 2**16
 _LONGEST_LINE: Final = 120
-"""Longest text of an error of pyarrow, which may list all columns."""
+"""Longest text (characters) of an error of pyarrow, which may list all columns."""
 _LONGEST_NAME: Final = 40
 _DEEPEST: Final = 5
 
 
 _Leaf = tuple[str, tuple[str | int, ...], Any]
-"""Name, path and type of a column of single values, which is the file's column ``path[0]``, or in its structs
+"""Name, path and type of a column of single values: the file's column ``path[0]``, or a place in its structs
 or lists."""
 
 
 class ParquetTable:
-    """A Parquet file in columns, some rows after others; after iteration ``damage`` says what is not read.
+    """A Parquet or Feather file in columns, batch by batch; after iteration ``damage`` says what is not read.
 
-    Raises
-    ------
-    UnreadableRecording
-        It is damaged, takes more work than its size explains, or has no columns of poses.
+    Raises UnreadableRecording if it is damaged, takes more work than its size explains, or has no poses.
     """
 
     def __init__(self, path: str, reading: TableReading, budget: WorkBudget, kind: str = "Parquet") -> None:
@@ -65,9 +63,9 @@ class ParquetTable:
         try:
             self._file = _OPENED[kind](path)
             leaves = list[_Leaf]()
-            for one in self._file.schema_arrow:
-                first = self._first_of(one.name, budget) if _has_list(one.type) else None
-                leaves += _leaves(one.name, (one.name,), one.type, first)
+            for field in self._file.schema_arrow:
+                example = self._first_of(field.name, budget) if types.is_nested(field.type) else None
+                leaves += _leaves(field.name, (field.name,), field.type, example)
         except _PARQUET_ERRORS as error:
             raise UnreadableRecording(
                 f"it cannot be read as a table: {first_line(error)[:_LONGEST_LINE]}"
@@ -97,31 +95,31 @@ class ParquetTable:
             self._file.close()
 
     def _values(self, batch: Any, done: int) -> dict[int, Any]:
-        """Times as text, and numbers, of a batch after ``done`` rows; rows without any are left out."""
-        found, time = dict[int, Any](), self.layout.time
+        """The columns of a batch after ``done`` rows: times as text, and numbers; empty rows are left out."""
+        columns, time = dict[int, Any](), self.layout.time
         for place, (_, path, _) in self._chosen.items():
             column = _single(batch.column(str(path[0])), path[1:])
-            found[place] = _texts(column) if place in (time, self.layout.rest) else _numbers(column)
+            columns[place] = _texts(column) if place in (time, self.layout.rest) else _numbers(column)
         if time < 0:
-            return {**found, time: [str(done + i) for i in range(len(batch))]}
-        numbers = [values for values in found.values() if isinstance(values, np.ndarray)]
-        is_row = np.array([bool(text) for text in found[time]]) | np.isfinite(numbers).any(axis=0)
+            return {**columns, time: [str(done + i) for i in range(len(batch))]}
+        numbers = [values for values in columns.values() if isinstance(values, np.ndarray)]
+        is_row = np.array([bool(text) for text in columns[time]]) | np.isfinite(numbers).any(axis=0)
         return {
             place: values[is_row] if isinstance(values, np.ndarray) else list(compress(values, is_row))
-            for place, values in found.items()
+            for place, values in columns.items()
         }
 
     def _first_rows(self, leaves: Sequence[_Leaf], budget: WorkBudget) -> list[list[str]]:
-        """The numbers of the first rows as text, ``nan`` for others; none where they cannot be read."""
-        names = dict.fromkeys(str(own[0]) for _, own, kind in leaves if _is_number(kind))
+        """The numbers of the first rows as text, ``nan`` for other values; empty if they cannot be read."""
+        names = dict.fromkeys(str(path[0]) for _, path, kind in leaves if _is_number(kind))
         try:
             self._file.check({*names}, 1, budget)
             batch = next(self._file.iter_batches(FIRST_ROWS, columns=[*names], use_threads=False))
             columns = [
-                _numbers(_single(batch.column(str(own[0])), own[1:]))
+                _numbers(_single(batch.column(str(path[0])), path[1:]))
                 if _is_number(kind)
                 else np.full(len(batch), np.nan)
-                for _, own, kind in leaves
+                for _, path, kind in leaves
             ]
         except (UnreadableRecording, StopIteration, *_PARQUET_ERRORS):
             return []
@@ -129,7 +127,7 @@ class ParquetTable:
         return rows
 
     def _first_of(self, name: str, budget: WorkBudget) -> Any:
-        """The value of a column in the first row; None where it cannot be read."""
+        """The value of a column in the first row; None if it cannot be read."""
         try:
             self._file.check({name}, 1, budget)
             batch = next(self._file.iter_batches(1, columns=[name], use_threads=False), None)
@@ -138,37 +136,25 @@ class ParquetTable:
         return None if batch is None else batch.column(0)[0].as_py()
 
 
-def _leaves(name: str, path: tuple[str | int, ...], kind: Any, first: Any) -> Iterator[_Leaf]:
-    """The columns of single values in a column of the file; the ``first`` row has the length of lists."""
+def _leaves(name: str, path: tuple[str | int, ...], kind: Any, example: Any) -> Iterator[_Leaf]:
+    """The columns of single values in a column of the file; ``example``, a value of it, gives the length of
+    lists."""
     if len(path) > _DEEPEST:
         return
     if types.is_struct(kind):
         for field in map(kind.field, range(min(kind.num_fields, WIDEST))):
-            own = first.get(field.name) if isinstance(first, dict) else None
-            yield from _leaves(f"{name}.{field.name}", (*path, field.name), field.type, own)
-    elif _is_list(kind):
-        values = first if isinstance(first, list) else []
-        many = kind.list_size if types.is_fixed_size_list(kind) else len(values)
-        for i in range(min(many, WIDEST)):
-            own = values[i] if i < len(values) else None
-            yield from _leaves(f"{name}[{i}]", (*path, i), kind.value_type, own)
-        if many > WIDEST:
-            yield f"{name}[{WIDEST}:{many}]", path, kind  # is only told of
+            value = example.get(field.name) if isinstance(example, dict) else None
+            yield from _leaves(f"{name}.{field.name}", (*path, field.name), field.type, value)
+    elif types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind):
+        values = example if isinstance(example, list) else []
+        length = kind.list_size if types.is_fixed_size_list(kind) else len(values)
+        for i in range(min(length, WIDEST)):
+            value = values[i] if i < len(values) else None
+            yield from _leaves(f"{name}[{i}]", (*path, i), kind.value_type, value)
+        if length > WIDEST:
+            yield f"{name}[{WIDEST}:{length}]", path, kind  # named in messages only
     else:
         yield name, path, kind
-
-
-def _is_list(kind: Any) -> bool:
-    return bool(types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind))
-
-
-def _has_list(kind: Any) -> bool:
-    """Whether the length of a list, at any depth, is not in the type."""
-    if types.is_struct(kind):
-        return any(_has_list(kind.field(i).type) for i in range(min(kind.num_fields, WIDEST)))
-    if not _is_list(kind):
-        return False
-    return not types.is_fixed_size_list(kind) or _has_list(kind.value_type)
 
 
 def _is_number(kind: Any) -> bool:
@@ -179,7 +165,7 @@ def _is_number(kind: Any) -> bool:
 
 
 def _single(column: Any, path: tuple[str | int, ...]) -> Any:
-    """The values at a place in the structs or lists of a column; null where a list is shorter."""
+    """The values at a path in the structs or lists of a column; null if a list is shorter."""
     for i, step in enumerate(path):
         if isinstance(step, int):
             rows = [row[step] if row is not None and len(row) > step else None for row in column.to_pylist()]
@@ -189,7 +175,7 @@ def _single(column: Any, path: tuple[str | int, ...]) -> Any:
 
 
 def _texts(column: Any) -> list[str]:
-    """Times as text, dates and durations in nanoseconds; empty where there is none."""
+    """Times as text, dates and durations in nanoseconds; empty for null."""
     if types.is_temporal(column.type):
         is_time, is_duration = types.is_time(column.type), types.is_duration(column.type)
         kind = pyarrow.time64 if is_time else pyarrow.duration if is_duration else pyarrow.timestamp
@@ -206,13 +192,13 @@ def _numbers(column: Any) -> NDArray[np.float64]:
 
 
 _PAGE_HEADER: Final = 2**16
-"""Longest page header (bytes); it may contain statistics of long texts."""
+"""Longest page header (bytes), which may contain statistics of long texts."""
 _WHOLE: Final = (0, 6)
-"""Encodings in which each text is there in full; in others many values may share a long one."""
+"""Encodings that store each text in full; in other encodings many values may share a long text."""
 _MOST_SHARED: Final = 2**28
-"""Most bytes that texts in other encodings may become."""
+"""Largest decoded size (bytes) of texts in other encodings."""
 _VALUES_PER_ROW: Final = 7
-"""Values of lists that count as a row: a pose has as many."""
+"""Number of values in lists that count as a row, as of a pose."""
 _BYTES_PER_ROW: Final = 8 * _VALUES_PER_ROW
 _Struct = Mapping[int, Any]
 """The fields of a Thrift struct by number."""
@@ -226,8 +212,8 @@ class _Parquet(ParquetFile):  # type: ignore[misc]
         self._path = path
 
     def check(self, names: Set[str], bodies: int, budget: WorkBudget) -> None:
-        """Check the columns of these names in a file with so many bodies; raises UnreadableRecording if they
-        exceed the limits for the file's size, or page headers cannot be parsed."""
+        """Check the columns with these names; raises UnreadableRecording if they exceed the limits for the
+        size of the file, or page headers cannot be parsed. ``bodies`` is the number of poses per row."""
         with _checked(self._path) as file:
             for group in map(self.metadata.row_group, range(self.metadata.num_row_groups)):
                 budget.spend(SHARE_OF_RECORD * max(group.num_rows, 0) * bodies)
@@ -265,7 +251,7 @@ class _Arrow:
         self._file.close()
 
     def check(self, names: Set[str], bodies: int, budget: WorkBudget) -> None:
-        """As of Parquet, but of all columns at once, as buffers have no names."""
+        """As for Parquet, but all columns at once, as buffers have no names."""
         if self._is_checked:
             return
         self._is_checked = True
@@ -290,25 +276,25 @@ class _Arrow:
 
 _OPENED: Final[Mapping[str, Callable[[str], _Parquet | _Arrow]]] = {"Parquet": _Parquet, "Feather": _Arrow}
 _ARROW_END: Final = 10
-"""Bytes after the footer of a file of Arrow: its size and ``ARROW1``."""
+"""Number of bytes after the footer of an Arrow file: its size and ``ARROW1``."""
 
 
 def _place(data: bytes, *fields: int) -> int:
-    """The offset of a table or vector in a flatbuffer (https://flatbuffers.dev/internals/), by the fields of
-    the tables around it; 0 without one."""
+    """The offset of a table or vector in a flatbuffer (https://flatbuffers.dev/internals/), by the fields
+    that lead to it; 0 if it is absent."""
     (at,) = struct.unpack_from("<I", data)
     for field in fields:
         names, slot = at - struct.unpack_from("<i", data, at)[0], 4 + 2 * field
         has_it = slot < struct.unpack_from("<H", data, names)[0]
-        (own,) = struct.unpack_from("<H", data, names + slot) if has_it else (0,)
-        if not own:
+        (offset,) = struct.unpack_from("<H", data, names + slot) if has_it else (0,)
+        if not offset:
             return 0
-        at += own + struct.unpack_from("<I", data, at + own)[0]
+        at += offset + struct.unpack_from("<I", data, at + offset)[0]
     return int(at)
 
 
 def _structs(data: bytes, form: str, *fields: int) -> Iterator[tuple[int, ...]]:
-    """The structs in a vector, by their form in the letters of ``struct``."""
+    """The structs in a vector; ``form`` is their format as in the module ``struct``."""
     if at := _place(data, *fields):
         end = at + 4 + struct.unpack_from("<I", data, at)[0] * struct.calcsize(form)
         yield from struct.iter_unpack(form, data[at + 4 : end])
@@ -316,22 +302,14 @@ def _structs(data: bytes, form: str, *fields: int) -> Iterator[tuple[int, ...]]:
 
 @contextmanager
 def _checked(path: str) -> Iterator[IO[bytes]]:
-    """A file whose parts are counted; raises UnreadableRecording if they exceed the limits for its size, or
-    cannot be parsed."""
+    """Open a file whose parts are checked; raises UnreadableRecording if they exceed the limits for its size,
+    or cannot be parsed."""
     try:
         with open(path, "rb") as file:
             yield file
     except TooMuchWork as error:
         raise UnreadableRecording(f"it is too much for its size: {error}") from error
-    except (
-        ValueError,
-        LookupError,
-        TypeError,
-        AttributeError,
-        RecursionError,
-        struct.error,
-        OSError,
-    ) as error:
+    except _BROKEN as error:
         raise UnreadableRecording(f"it is damaged: where its pages begin cannot be read ({error})") from error
 
 
@@ -400,12 +378,10 @@ _SHOWN: Final = 8
 
 
 class ArrayTable:
-    """The columns of arrays with as many rows, some rows after others; these have no ``damage``.
+    """The columns of arrays with as many rows, batch by batch; without ``damage``.
 
-    Raises
-    ------
-    UnreadableRecording
-        It is damaged, too large when decompressed, or it is not known which columns are what.
+    Raises UnreadableRecording if it is damaged, too large when decompressed, or the meaning of its columns is
+    not known.
     """
 
     damage: tuple[str, ...] = ()
@@ -415,8 +391,8 @@ class ArrayTable:
         arrays = arrays_in(path, kind, stated, budget)
         of_stated = [shape for name, (shape, _) in arrays.items() if (name or UNNAMED).lower() in stated]
         shapes = [shape for shape, _ in arrays.values()]
-        tried = ((of_stated, WIDEST), (of_stated, MOST_COLUMNS), (shapes, WIDEST))
-        self._rows = next(filter(None, (_rows_of(*one) for one in tried)), 0)
+        choices = (of_stated, WIDEST), (of_stated, MOST_COLUMNS), (shapes, WIDEST)
+        self._rows = next(filter(None, starmap(_rows_of, choices)), 0)
         names, left_out, self._values = list[str](), list[str](), list[NDArray[Any]]()
         for name, (shape, values) in arrays.items():
             if values is None or self._rows not in (shape[0], shape[-1]):
@@ -436,8 +412,8 @@ class ArrayTable:
         except (UnreadableRecording, ChoiceError) as error:
             if not left_out:
                 raise
-            others = ", ".join(left_out[:_SHOWN]) + ", ..." * (len(left_out) > _SHOWN)
-            text = f"{error}. Without {self._rows} rows of few values, and left out, are {others}"
+            listing = ", ".join(left_out[:_SHOWN]) + ", ..." * (len(left_out) > _SHOWN)
+            text = f"{error}. Without {self._rows} rows of few values, and left out, are {listing}"
             raise type(error)(text) from error
         self.layout = replace(layout, kind=kind)
 
@@ -445,17 +421,17 @@ class ArrayTable:
         layout = self.layout
         for begin in range(0, self._rows, ROWS_AT_ONCE):
             end = min(begin + ROWS_AT_ONCE, self._rows)
-            found: dict[int, Any] = {}
+            columns: dict[int, Any] = {}
             for place in layout.places:
                 values = np.arange(begin, end) if place < 0 else self._values[place][begin:end]
                 is_time = place in (layout.time, layout.rest)
-                found[place] = list(map(str, values.tolist())) if is_time else values.astype(np.float64)
-            yield found
+                columns[place] = list(map(str, values.tolist())) if is_time else values.astype(np.float64)
+            yield columns
 
 
 def _rows_of(shapes: Sequence[tuple[int, ...]], widest: int) -> int:
-    """The number of rows, which is the length of the first or last axis of most arrays, of which small ones
-    count less; 0 without any."""
+    """The number of rows: the length of the first or last axis of most arrays, weighted by the logarithm of
+    their size; 0 without arrays."""
     sizes = defaultdict[int, float](float)
     for shape in shapes:
         size = math.prod(shape)
@@ -469,7 +445,7 @@ _BLOCK: Final = 512
 _INTEL: Final = 84
 _VALUES: Final = 17
 _POSE: Final = 12
-"""Values of a pose: the columns of the matrix and the position, without the last row."""
+"""Number of values of a pose: the columns of the matrix and the position, without the last row."""
 _KINDS: Final = {-1: "S1", 1: "i1", 2: "<i2", 4: "<f4"}
 _MARKERS_SHOWN: Final = 5
 _SUFFIX: Final = "_4x4"
@@ -481,14 +457,10 @@ _NO_BODIES: Final = (
 
 
 class C3DTable(ArrayTable):
-    """The bodies of a C3D file in columns, some frames after others; ``damage`` says what is missing.
+    """The bodies of a C3D file in columns, batch by batch; ``damage`` says how many frames are missing.
 
-    Raises
-    ------
-    UnreadableRecording
-        It is damaged, or has no bodies.
-    ChoiceError
-        The user says of its columns what the file says itself.
+    Raises UnreadableRecording if it is damaged or has no bodies, and ChoiceError if the user states rotations
+    or times, which the file states itself.
     """
 
     def __init__(self, path: str, reading: TableReading, budget: WorkBudget) -> None:
@@ -501,34 +473,36 @@ class C3DTable(ArrayTable):
                 blocks = file.read(4)
                 if blocks[3] != _INTEL:
                     raise UnreadableRecording("its numbers are not those of a PC: write it for Intel")
-                found = _parameters(file.read(blocks[2] * _BLOCK))
-            names = [n for key in sorted(found) if key.startswith("ROTATION:LABELS") for n in found[key]]
-            names = names[: int(found.get("ROTATION:USED", [0])[0])]
+                parameters = _parameters(file.read(blocks[2] * _BLOCK))
+            labels = [key for key in sorted(parameters) if key.startswith("ROTATION:LABELS")]
+            names = [name for key in labels for name in parameters[key]]
+            names = names[: int(parameters.get("ROTATION:USED", [0])[0])]
             if not names:
-                markers = [*map(printable, found.get("POINT:LABELS", []))]
-                shown = markers[:_MARKERS_SHOWN] + ["..."] * (len(markers) > _MARKERS_SHOWN)
-                about = {"names": ", ".join(shown) or "none", "name": os.path.basename(path)}
+                markers = [*map(printable, parameters.get("POINT:LABELS", []))]
+                listed = markers[:_MARKERS_SHOWN] + ["..."] * (len(markers) > _MARKERS_SHOWN)
+                about = {"names": ", ".join(listed) or "none", "name": os.path.basename(path)}
                 raise UnreadableRecording(_NO_BODIES.format(**about))
-            unit = str([*found.get("ROTATION:UNITS", []), *found.get("POINT:UNITS", []), "mm"][0]).lower()
-            ratio = found.get("ROTATION:RATIO", [1])[0]
-            own_rate = found.get("ROTATION:RATE")
-            rate = float(found["POINT:RATE"][0] * float(ratio) if own_rate is None else own_rate[0])
+            units = *parameters.get("ROTATION:UNITS", []), *parameters.get("POINT:UNITS", []), "mm"
+            ratio = parameters.get("ROTATION:RATIO", [1])[0]
+            own_rate = parameters.get("ROTATION:RATE")
+            rate = float(parameters["POINT:RATE"][0] * float(ratio) if own_rate is None else own_rate[0])
             if not 0.0 < rate < 1e6:
                 raise ValueError(f"a rate of {rate:g} Hz")
             bodies = tuple(
                 Body(
                     name[: -len(_SUFFIX)] if name.lower().endswith(_SUFFIX) else name,
                     tuple(_POSE * i + place for place in (9, 10, 11, 0, 3, 6, 1, 4, 7, 2, 5, 8)),
-                    LENGTHS_M[reading.unit or unit],
+                    LENGTHS_M[reading.unit or str(units[0]).lower()],
                     "matrix",
                 )
                 for i, name in enumerate(names)
             )
             first, last = struct.unpack_from("<HH", head, 6)
-            rows, start = (last - first + 1) * int(ratio), int(found["ROTATION:DATA_START"][0]) % 2**16 - 1
-            there = max(os.path.getsize(path) - start * _BLOCK, 0) // (4 * _VALUES * len(bodies))
-            self._rows = there if last == 2**16 - 1 else min(rows, there)  # longer ones do not fit
-            values = np.fromfile(path, "<f4", self._rows * len(bodies) * _VALUES, offset=start * _BLOCK)
+            rows = (last - first + 1) * int(ratio)
+            start = (int(parameters["ROTATION:DATA_START"][0]) % 2**16 - 1) * _BLOCK
+            stored = max(os.path.getsize(path) - start, 0) // (4 * _VALUES * len(bodies))
+            self._rows = stored if last == 2**16 - 1 else min(rows, stored)  # longer ones do not fit
+            values = np.fromfile(path, "<f4", self._rows * len(bodies) * _VALUES, offset=start)
         except (LookupError, ValueError, TypeError, struct.error, OSError) as error:
             raise UnreadableRecording(f"it is damaged: its parameters cannot be read ({error})") from error
         if self._rows < rows:
@@ -543,7 +517,7 @@ class C3DTable(ArrayTable):
 
 def _parameters(data: bytes) -> dict[str, Any]:
     """The parameters as ``GROUP:NAME``; raises LookupError, ValueError or struct.error."""
-    groups, found, at = dict[int, str](), list[tuple[int, str, Any]](), 0
+    groups, parameters, at = dict[int, str](), list[tuple[int, str, Any]](), 0
     while at < len(data) and data[at]:
         size, group = struct.unpack_from("bb", data, at)
         name = data[at + 2 : at + 2 + abs(size)].decode("latin-1").upper()
@@ -559,11 +533,11 @@ def _parameters(data: bytes) -> dict[str, Any]:
             if kind == -1:  # text in rows of one width
                 width, text = max(shape[0] if shape else 1, 1), values.tobytes().decode("latin-1")
                 values = [text[i : i + width].strip(" \0") for i in range(0, len(text), width)]
-            found.append((group, name, values))
+            parameters.append((group, name, values))
         if not step:
             break
         at += step
-    return {f"{groups.get(group, '')}:{name}": values for group, name, values in found}
+    return {f"{groups.get(group, '')}:{name}": values for group, name, values in parameters}
 
 
 TABLES: Final[Mapping[str, Callable[[str, TableReading, WorkBudget], ParquetTable | ArrayTable]]] = {
@@ -571,4 +545,4 @@ TABLES: Final[Mapping[str, Callable[[str, TableReading, WorkBudget], ParquetTabl
     **{kind: partial(ArrayTable, kind=kind) for kind in ("NumPy", "MATLAB", "HDF5")},
     "C3D": C3DTable,
 }
-"""What reads each kind of table."""
+"""Readers of the kinds of tables."""

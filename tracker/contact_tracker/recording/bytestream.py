@@ -1,7 +1,7 @@
 """Exact reads from files, pipes, compressed files and growing files, and limits on the work they may cause.
 
-Compressed, a few bytes can expand to gigabytes or millions of records. Poses stay below these limits even of
-an object at rest that is recorded without noise (``tests/recording/test_damaged_recordings.py``).
+A few compressed bytes can expand to gigabytes or millions of records. Recordings stay below these limits,
+even of an object at rest without noise (``tests/recording/test_damaged_recordings.py``).
 """
 
 import os
@@ -9,7 +9,7 @@ import stat
 import sys
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from io import BufferedReader
 from types import SimpleNamespace
@@ -23,18 +23,18 @@ RECORD_LIMIT: Final = 256 * 2**20
 """Longest record, and longest decompressed chunk (bytes)."""
 _CHUNK_BYTES: Final = 32 * 2**20
 _CHUNK_RATIO: Final = 50
-"""A chunk may expand to this size (bytes), or by this factor."""
+"""Largest decompressed size of a chunk (bytes), or its largest ratio to the compressed size."""
 _TOTAL_BYTES: Final = 256 * 2**20
 _TOTAL_RATIO: Final = 400
-"""The same for all chunks together."""
+"""The same limits for all chunks together."""
 BYTES_PER_RECORD: Final = 128
 """Bytes of a message or header that count as the work of one record."""
 _MOST_RECORDS: Final = 40_000
 _BYTES_OF_RECORD: Final = 12
-"""So many records are always allowed, and one more for so many bytes read."""
+"""Number of records that are always allowed, and number of bytes read that allow one more."""
 SHARE_OF_RECORD: Final = 0.25
-"""Work of a row of a compressed table, of a pose among others, or of a record outside of chunks, in records:
-uncompressed ones take over twice as many bytes there."""
+"""Work, in records, of a row of a compressed table, of a further pose in a message, or of a record outside of
+chunks; uncompressed, each takes over twice ``_BYTES_OF_RECORD``."""
 _ADVICE: Final = "if it is sound, write it without compression"
 
 
@@ -47,17 +47,17 @@ class WorkBudget:
 
     Attributes
     ----------
-    bytes_read : from the disk.
-    is_message_left_out : whether a message is not decoded, as that would exceed the limits.
+    bytes_read : number of bytes read from the disk.
+    is_message_left_out : whether a message was not decoded because of the limits.
     """
 
-    def __init__(self) -> None:
-        self.bytes_read, self.is_message_left_out = 0, False
+    def __init__(self, bytes_read: int = 0) -> None:
+        self.bytes_read, self.is_message_left_out = bytes_read, False
         self._inflated, self._records = 0, 0.0
 
     def spend(self, records: float) -> None:
-        """Count records, rows, poses, or work that takes as long; raises TooMuchWork, then nothing is
-        counted: only what takes too long is left out."""
+        """Count records, rows, poses, or work that takes as long. Beyond the limit, raises TooMuchWork and
+        counts nothing, so that only the large item is left out."""
         if self._records + records > _MOST_RECORDS + self.bytes_read // _BYTES_OF_RECORD:
             raise TooMuchWork(f"more records than {self.bytes_read} bytes explain; {_ADVICE}")
         self._records += records
@@ -91,7 +91,7 @@ TABLE_ENDINGS: Final = tuple(
         *("npy", "npz", "mat", "h5", "hdf5", "c3d"),
     )
 )
-"""Usual ends of the names of tables; other text may be one as well."""
+"""Usual suffixes of tables; text files with other suffixes may be tables as well."""
 WHAT_IS_READ: Final = (
     "MCAP files, ROS bags (.db3, .bag), tables (CSV, TUM, JSON, Parquet, Feather, NumPy, MATLAB, HDF5), C3D "
     "with bodies, and exports of Motive, Vicon and Qualisys"
@@ -100,7 +100,7 @@ _UTF_16: Final = (b"\xff\xfe", b"\xfe\xff")
 _CONTROLS: Final = bytes(set(range(32)) - set(b"\t\n\r\f") | {127})
 _BLOCK: Final = 2**20
 _TAIL: Final = 64
-"""Last bytes read of a followed file, by which it is recognised when it has been written to."""
+"""Number of the last bytes read of a followed file, which are compared once it has been written to."""
 
 
 @dataclass(frozen=True)
@@ -130,8 +130,8 @@ class ByteStream:
 
     Parameters
     ----------
-    file : of uncompressed bytes.
-    budget : counts the bytes read; of a compressed file it bounds the decompressed size.
+    file : source of the bytes.
+    budget : counts the bytes read, and bounds the decompressed size.
     follow : wait for more at the end of the file at ``path``.
     """
 
@@ -150,14 +150,18 @@ class ByteStream:
         self._plain, self._path = file, path
         self._tail, self._written_ns = b"", 0
         self._inflated: IO[bytes] | None = None
-        self._size = None if compressed or follow is not None else _size_of(file)
+        self._size: int | None = None
+        with suppress(OSError):  # not every stream has a descriptor
+            status = os.fstat(file.fileno())
+            if stat.S_ISREG(status.st_mode) and follow is None and not compressed:
+                self._size = status.st_size
         if compressed:
             counted = cast(IO[bytes], SimpleNamespace(read=self._read_plain))
             self._inflated = zstandard.ZstdDecompressor().stream_reader(counted, read_across_frames=True)
 
     @property
     def way_to_table(self) -> str:
-        """What makes text a file that is read as a table."""
+        """Advice on how text in this stream can be read as a table."""
         if self._inflated is not None:
             return "decompress it: zstd -d"
         return (
@@ -165,11 +169,11 @@ class ByteStream:
         )
 
     def may_have(self, count: int) -> bool:
-        """Whether ``count`` bytes may follow; of a file that does not grow this is known without reading."""
+        """Whether ``count`` bytes may follow; known without reading if the file does not grow."""
         return self._size is None or self.position + count <= self._size
 
     def read(self, count: int) -> bytes:
-        """The next ``count`` bytes; fewer only where the input ends."""
+        """The next ``count`` bytes; fewer only at the end of the input."""
         parts, missing = list[bytes](), count
         while missing:
             part = self._read_some(missing)
@@ -197,7 +201,7 @@ class ByteStream:
         return None if count else b""
 
     def seek(self, position: int) -> bool:
-        """Go to ``position``; returns False where the input does not allow it."""
+        """Go to ``position``; returns False if the input does not allow it."""
         try:
             self.position = (self._inflated or self._plain).seek(position)
             self._tail = b""
@@ -227,36 +231,27 @@ class ByteStream:
         return data
 
     def _has_changed(self, is_at_end: bool) -> bool:
-        """Whether the followed file was written anew in place, as the bytes that were read last are others;
-        or, at its end, whether it is no longer at its path, or has become shorter."""
+        """Whether the followed file was rewritten in place, so that the bytes read last differ, or, at its
+        end, was replaced, removed or shortened."""
         if not self._path:
             return False
-        own = os.fstat(self._plain.fileno())
+        opened = os.fstat(self._plain.fileno())
         try:
-            now = os.stat(self._path)
-            if is_at_end and not os.path.samestat(now, own):
+            current = os.stat(self._path)
+            if is_at_end and not os.path.samestat(current, opened):
                 self.error = "it was replaced by another file while it was followed"
-            elif is_at_end and stat.S_ISREG(now.st_mode) and now.st_size < self._plain.tell():
+            elif is_at_end and stat.S_ISREG(current.st_mode) and current.st_size < self._plain.tell():
                 self.error = "it became shorter while it was followed"
-            elif stat.S_ISREG(own.st_mode) and own.st_mtime_ns != self._written_ns:
-                self._written_ns = own.st_mtime_ns
+            elif stat.S_ISREG(opened.st_mode) and opened.st_mtime_ns != self._written_ns:
+                self._written_ns = opened.st_mtime_ns
                 with open(self._path, "rb") as again:
                     again.seek(self._plain.tell() - len(self._tail))
-                    there = again.read(len(self._tail))
-                if len(there) == len(self._tail) and there != self._tail:
+                    tail = again.read(len(self._tail))
+                if len(tail) == len(self._tail) and tail != self._tail:
                     self.error = "it was written anew while it was followed"
         except OSError:
             self.error = "it was removed while it was followed" if is_at_end else None
         return self.error is not None
-
-
-def _size_of(file: IO[bytes]) -> int | None:
-    """Size of a regular file (bytes); None for others."""
-    try:
-        status = os.fstat(file.fileno())
-    except OSError:
-        return None
-    return status.st_size if stat.S_ISREG(status.st_mode) else None
 
 
 @contextmanager
@@ -265,12 +260,7 @@ def open_stream(
 ) -> Iterator[ByteStream]:
     """Open a file, a FIFO or, for ``-``, standard input; a file that is compressed with zstd is decompressed.
 
-    Streams of one recording share the ``budget``.
-
-    Raises
-    ------
-    UnreadableRecording
-        If it cannot be opened.
+    Streams of one recording share the ``budget``. Raises UnreadableRecording if the file cannot be opened.
     """
     try:
         file = cast(BufferedReader, sys.stdin.buffer) if path == "-" else open(path, "rb")  # noqa: SIM115
@@ -290,6 +280,15 @@ def is_regular(path: str) -> bool:
     return path not in ("", "-") and os.path.isfile(path)
 
 
+def first_bytes(path: str, count: int = 4096) -> bytes:
+    """The first bytes of a file, which identify its format; empty if it can be read only once, or not."""
+    with suppress(OSError):
+        if is_regular(path):
+            with open(path, "rb") as file:
+                return file.read(count)
+    return b""
+
+
 def encoding_of(begin: bytes) -> str:
     """The encoding of text with these first bytes."""
     if begin.startswith(_UTF_16):
@@ -303,7 +302,7 @@ def encoding_of(begin: bytes) -> str:
 
 def is_text(begin: bytes, path: str = "") -> bool:
     """Whether a file with these first bytes is text; in other encodings than UTF-8 and UTF-16, only if its
-    name is that of a table."""
+    name has the suffix of a table."""
     encoding = encoding_of(begin)
     if encoding == "utf-16":
         return True

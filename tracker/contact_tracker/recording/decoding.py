@@ -1,15 +1,16 @@
-"""Decoding of messages to poses as published, by the library of each encoding; and where poses are in them.
+"""Decoding of messages to poses as published, by the library of each encoding, and the paths of poses in
+messages.
 
-Where they are is a path of fields, of known types and as users name it (``--field``): names with dots
-between, ``detections.results[0]``; all elements of a list are meant where none is. It leads to a position and
-rotation, or to what holds these in a field ``pose`` or ``transform``. The stamp, frame and name of the
-body are those of the message or the part of it next to the pose that has one. Where there are several without
-a name, their number is the child frame: ``0`` is the first pose of a PoseArray. The stamp of a type without
-one is zero, like an unset stamp.
+A path, of a known type or stated by the user (``--field``), is names of fields with dots between,
+as in ``detections.results[0]``; a list without an index stands for all its elements. It leads to a position
+and a rotation, or to a part with these in a field ``pose`` or ``transform``. Stamp, frame and name of the
+body are those of the innermost part of the message that has one. If several bodies have no name, their number
+is the child frame: ``0`` is the first pose of a PoseArray. The stamp of a type without one is zero, like an
+unset stamp.
 
-Poses of the usual types in CDR are read at their offsets, several times faster than by field; these follow
-from the known definition of the type and the lengths of the names. If a file defines the type differently,
-its messages are left to the library.
+Poses of the usual types in CDR are read at their offsets, which follow from the known definition of the type
+and the lengths of the names, several times faster than by field. If a file defines a type differently, the
+library decodes its messages.
 """
 
 import json
@@ -48,7 +49,7 @@ from contact_tracker.recording.mcap_file import PARSE_ERRORS, inflate_zstd
 
 SECOND_NS: Final = 1_000_000_000
 _MOST_NS: Final = 2**63 - 1
-"""Stands for later stamps; the pose gate rejects it."""
+"""Largest stamp (ns), which stands for later ones; the pose gate rejects it."""
 _SECONDS: Final = ("sec", "seconds", "secs")
 _FRACTIONS: Final = ("nanosec", "nsec", "nanos", "nsecs")
 _ADDED: Final = 0
@@ -62,7 +63,7 @@ _HOLDERS: Final = ("pose", "transform")
 _XYZ: Final[Callable[[Any], Iterable[Any]]] = attrgetter("x", "y", "z")
 _XYZW: Final[Callable[[Any], Iterable[Any]]] = attrgetter("x", "y", "z", "w")
 _DEEPEST: Final = 3
-"""Most such fields in each other."""
+"""Most fields of these names within each other."""
 _FOXGLOVE: Final = {
     "PoseInFrame": "",
     "PosesInFrame": "poses",
@@ -91,12 +92,12 @@ POSE_TYPES: Final[Mapping[str, str]] = MappingProxyType(
 )
 """The path to the poses in each known type."""
 _MOST_FIELDS: Final = 500
-"""Fields of a definition that are looked at for poses."""
+"""Largest number of fields of a definition that are searched for poses."""
 
 
 def pose_field(channel: Channel, field: str | None = None) -> str | None:
-    """The path to the poses in a channel's messages, None if these have none; ``field`` is that of the user,
-    whose names are looked up in the text of the definition."""
+    """The path to the poses in a channel's messages, None if they have none; the names in the user's path
+    ``field`` are looked up in the text of the definition."""
     if field is None:
         return POSE_TYPES.get(canonical(channel.type))
     names = [*re.findall(r"[A-Za-z_]\w*", field), "(position|translation)"]
@@ -110,15 +111,15 @@ def fields_with_poses(channel: Channel) -> list[str]:
         definition = parse_definition(channel.schema.decode(errors="replace"), channel.type)
     except (ValueError, KeyError):
         return []
-    found, waiting = list[str](), [("", definition.type)]
+    paths, waiting = list[str](), [("", definition.type)]
     for path, kind in waiting:  # which grows
         fields = definition.fields.get(kind, ())
         names = {field.name for field in fields}
         if any(names.issuperset(parts) for parts in _PARTS.items()):
-            found.append(path or ".")
+            paths.append(path or ".")
         elif len(waiting) < _MOST_FIELDS:
             waiting += [(f"{path}.{field.name}".lstrip("."), field.type) for field in fields]
-    return found
+    return paths
 
 
 def poses_at(path: str, message: Any) -> Iterator[tuple[str, str, Pose] | None]:
@@ -137,7 +138,7 @@ def poses_at(path: str, message: Any) -> Iterator[tuple[str, str, Pose] | None]:
         place = next((name for name in _PARTS if hasattr(pose, name)), "position")
         px, py, pz = map(float, _XYZ(getattr(pose, place)))
         x, y, z, w = map(float, _XYZW(getattr(pose, _PARTS[place])))
-        stamps = (one for one in _nearest(inside, _STAMPS) if not isinstance(one, int | float | str))
+        stamps = (stamp for stamp in _nearest(inside, _STAMPS) if not isinstance(stamp, int | float | str))
         stamp_ns = next(filter(None, map(_stamp_ns, stamps)), 0)
         frame = next(filter(None, _nearest(inside, _FRAMES)), "")
         if not isinstance(frame, str):
@@ -151,8 +152,8 @@ def poses_at(path: str, message: Any) -> Iterator[tuple[str, str, Pose] | None]:
 def _reached(
     inside: tuple[Any, ...], steps: list[tuple[str, str]], number: str
 ) -> Iterator[tuple[tuple[Any, ...], str]]:
-    """What is at the end of a path, after all that it is part of; and its name or number, if there are
-    several. Nothing if a list has no such element."""
+    """The parts of a message along a path, the outermost first, and the name or number of the last if there
+    are several; no parts if a list has no such element."""
     if not steps:
         yield inside, number
         return
@@ -163,8 +164,8 @@ def _reached(
     elif not index:
         names: Any = getattr(inside[-1], "name", None)
         has_names = hasattr(names, "__len__") and not isinstance(names, str) and len(names) == len(value)
-        for i, one in enumerate(value):
-            yield from _reached((*inside, one), rest, str(names[i] if has_names else i))
+        for i, element in enumerate(value):
+            yield from _reached((*inside, element), rest, str(names[i] if has_names else i))
     elif int(index) < len(value):
         yield from _reached((*inside, value[int(index)]), rest, number)
     else:
@@ -172,7 +173,7 @@ def _reached(
 
 
 def _nearest(inside: tuple[Any, ...], names: tuple[str, ...]) -> Iterator[Any]:
-    """The fields of any of these names, that of the innermost part first."""
+    """The values of fields with these names, from the innermost part outwards."""
     for part in reversed(inside):
         for name in names:
             with suppress(AttributeError):
@@ -180,16 +181,16 @@ def _nearest(inside: tuple[Any, ...], names: tuple[str, ...]) -> Iterator[Any]:
 
 
 def _child(inside: tuple[Any, ...], number: str) -> str:
-    """The name of the body, of a marker ``ns/id``; its number where it has no name."""
-    found = list[str]()
+    """The name of the body, or ``ns/id`` of a marker; its number if it has no name."""
+    words = list[str]()
     for part in reversed(inside):
         if hasattr(part, "ns") and hasattr(part, "id"):
-            found.append(f"{part.ns}/{part.id}")
+            words.append(f"{part.ns}/{part.id}")
             continue
         names = _NAMES_IN_LISTS if number and part is not inside[0] else _NAMES
-        texts = (one for one in _nearest((part,), names) if isinstance(one, str | int) and one != "")
-        found += [str(one) for one in islice(texts, 1)]
-    return "/".join(found) or number
+        texts = (text for text in _nearest((part,), names) if isinstance(text, str | int) and text != "")
+        words += [str(text) for text in islice(texts, 1)]
+    return "/".join(words) or number
 
 
 def _stamp_ns(stamp: Any) -> int:
@@ -209,20 +210,18 @@ _READABLE: Final = (("cdr", "ros2msg"), ("cdr", ""), ("ros1", "ros1msg"), ("prot
 """Encodings of messages and of their schemas."""
 _MESSAGE_LIMIT: Final = 2**22
 _RECORDS_PER_DEFINITION: Final = 64
-"""Records whose work a definition takes, whatever its length."""
+"""Work of a definition of any length, in records."""
 _DEFINITION_BYTES_PER_RECORD: Final = 8
-"""Bytes of a definition that count as the work of one record more."""
-_ELEMENTS_PER_RECORD: Final = 16
-"""Elements of an array in a message that count as the work of one record."""
+"""Bytes of a definition that count as the work of one further record."""
 _INFLATED_PER_RECORD: Final = 2**17
 """Decompressed bytes of a message that count as the work of one record, whether it is decoded or not."""
 _ENCAPSULATION: Final = 4
 _ORDERS: Final = {b"\0\0": ">", b"\0\1": "<"}
-"""How messages of the first version of CDR begin, and their order of bytes."""
+"""First bytes of messages in the first version of CDR, and their byte order."""
 _COVARIANCE: Final = 288
 _TWIST: Final = 48 + _COVARIANCE
 _MOST_SOURCES: Final = 64
-"""Most sources of a channel that are kept: some have endlessly many frame names."""
+"""Most sources per channel that are kept; some channels have ever new frame names."""
 
 LoggedPose = tuple[PoseSource, Pose, int]
 """One pose as published, before validation, with its log time (ns); the child frame of its source is empty
@@ -238,29 +237,29 @@ _LAYOUTS: Final[Mapping[str, tuple[int, int, int, bool]]] = MappingProxyType(
         "tf2_msgs/msg/TFMessage": (8, 2, 0, True),
     }
 )
-"""Layouts of types in CDR: offset of the first stamp; number of names after it; bytes after the numbers of
-the pose; whether there may be several such blocks after their count."""
+"""Layouts of types in CDR: offset of the first stamp (bytes); number of names after it; bytes after the
+numbers of the pose; whether a count precedes several of these blocks."""
 _HEAD, _SIZE, _POSE = ({o: struct.Struct(o + kinds) for o in "<>"} for kinds in ("iII", "I", "7d"))
-"""By the order of bytes: stamp and size of a name, a size, and the numbers of a pose."""
+"""By byte order: stamp and size of a name, a size, and the numbers of a pose."""
 
 
 class _KnownLayout:
-    """Reads the poses of one channel at their places in the layout of its type."""
+    """Reads the poses of one channel at their offsets in the layout of its type."""
 
     def __init__(self, channel: Channel) -> None:
         self._channel, self._layout = channel, _LAYOUTS[canonical(channel.type)]
         self._sources = dict[bytes, PoseSource]()
 
     def read(self, data: bytes, log_time_ns: int) -> list[LoggedPose] | None:
-        """The poses in a message; None unless it has the size of its type and names, and if one of several
-        bodies has no name or is in it twice: such messages are left to the library."""
+        """The poses in a message; None, so that the library decodes it, if its size does not fit its type and
+        names, or if one of several bodies has no name or occurs twice."""
         at, names, tail, repeats = self._layout
-        found = list[LoggedPose]()
+        poses = list[LoggedPose]()
         try:
             order = _ORDERS[data[:2]]
             read_head, read_size, read_pose = _HEAD[order].unpack_from, _SIZE[order].unpack_from, _POSE[order]
             count = read_size(data, _ENCAPSULATION)[0] if repeats else 1
-            while len(found) < count:
+            while len(poses) < count:
                 sec, nanosec, size = read_head(data, at)
                 end = at + 12 + size
                 for _ in range(names - 1):
@@ -273,12 +272,12 @@ class _KnownLayout:
                 if source is None:
                     source = self._new_source(key, order)
                 pose = Pose(sec * SECOND_NS + nanosec, (x, y, z), (qx, qy, qz, qw))
-                found.append((source, pose, log_time_ns))
+                poses.append((source, pose, log_time_ns))
                 at = start + read_pose.size + tail
         except (struct.error, KeyError, UnicodeDecodeError):
             return None
-        is_whole = at == len(data) and (count == 1 or len({source for source, _, _ in found}) == count)
-        return found if is_whole else None
+        is_whole = at == len(data) and (count == 1 or len({source for source, _, _ in poses}) == count)
+        return poses if is_whole else None
 
     def _new_source(self, key: bytes, order: str) -> PoseSource:
         """The source with the names in ``key``, each after its size and ended by a zero byte."""
@@ -302,8 +301,9 @@ class Undecodable(Exception):
 
 
 class _Decoder(NamedTuple):
-    """The decoder of messages, None where their definition cannot be used; whether that is the known one of
-    CDR; why that is used instead of the one of the file; bytes that count as the work of a record."""
+    """The decoder of messages, None if their definition cannot be used; whether the definition equals the
+    known one of CDR; why the known one replaces that of the file; bytes that count as the work of a
+    record."""
 
     decode: Callable[[bytes], Any] | None
     is_known: bool = False
@@ -312,16 +312,16 @@ class _Decoder(NamedTuple):
 
 
 class MessageDecoder:
-    """Decodes messages by the schema of their channel, with one decoder per channel.
+    """Decodes messages by the schema of their channel.
 
     Parameters
     ----------
-    budget : of the recording; messages that exceed it are not decoded.
-    field : path to the poses in messages that have it.
+    budget : budget of the recording; messages that exceed it are not decoded.
+    field : path to the poses, in messages that have these fields.
 
     Attributes
     ----------
-    assumed : why a type on a topic is read by its known definition, in words, where it is.
+    assumed : by topic and type, why the known definition is used, in words.
     """
 
     def __init__(self, budget: WorkBudget, field: str | None = None) -> None:
@@ -338,7 +338,7 @@ class MessageDecoder:
             raise Undecodable(f"{channel.topic}: the schema of {channel.type} cannot be used")
         try:
             if data.startswith(ZSTD_MAGIC):
-                self._spend(message, 1)  # before and after: its size is not known
+                self._spend(message, 1)  # before and after, as its size is not known
                 data = inflate_zstd(data, _MESSAGE_LIMIT)
                 self._spend(message, len(data) // _INFLATED_PER_RECORD)
             self._spend(message, len(data) // bytes_per_record)
@@ -356,7 +356,7 @@ class MessageDecoder:
         return chain.from_iterable(self.groups(items))
 
     def groups(self, items: Iterable[Item]) -> Iterator[Sequence[LoggedPose | None]]:
-        """The same, those of one message or row together."""
+        """The same poses, grouped by message or row."""
         ways = dict[Channel, tuple[str | None, _KnownLayout | None]]()
         channel: Channel | None = None
         for item in items:
@@ -372,19 +372,18 @@ class MessageDecoder:
                 if path is None:
                     continue
                 try:
-                    found = None if layout is None else layout.read(item.data, item.log_time_ns)
-                    found = self._observe(item, path) if found is None else found
-                    self._spend(item, SHARE_OF_RECORD * (len(found) - 1))
+                    poses = None if layout is None else layout.read(item.data, item.log_time_ns)
+                    poses = self._observe(item, path) if poses is None else poses
+                    self._spend(item, SHARE_OF_RECORD * (len(poses) - 1))
+                    yield poses
                 except Undecodable:
                     yield (None,)
-                else:
-                    yield found
 
     def _observe(self, message: RawMessage, path: str) -> list[LoggedPose]:
         """The poses at a path in a message, by the library's decoder."""
         decoded, (channel, log_time_ns, _) = self.decode(message), message
         try:
-            observed = [one for one in poses_at(path, decoded) if one is not None]
+            observed = list(filter(None, poses_at(path, decoded)))
         except (AttributeError, IndexError, TypeError, ValueError, OverflowError, RuntimeError) as error:
             raise Undecodable(f"{channel.topic}: {error}") from error
         name = channel.topic, channel.type
@@ -402,21 +401,21 @@ class MessageDecoder:
     def _decoder(self, channel: Channel) -> _Decoder:
         key = channel.encoding, channel.type, channel.schema_encoding, channel.schema
         if key not in self._decoders:
-            found = _Decoder(None, why="its definition in the file is too long, or one of too many")
+            decoder = _Decoder(None, why="its definition in the file is too long, or one of too many")
             work = _RECORDS_PER_DEFINITION + len(channel.schema) // _DEFINITION_BYTES_PER_RECORD
             with suppress(TooMuchWork):
                 self._budget.spend(work)
-                found = _decoder_of(channel)
-            known = known_definition(channel.type) if channel.encoding == "cdr" else None
-            if found.decode is None:
-                found = _Decoder(None) if known is None else _cdr(known)._replace(why=found.why)
-            self._decoders[key] = found
+                decoder = _decoder_of(channel)
+            definition = known_definition(channel.type) if channel.encoding == "cdr" else None
+            if decoder.decode is None:
+                decoder = _Decoder(None) if definition is None else _cdr(definition)._replace(why=decoder.why)
+            self._decoders[key] = decoder
         if (why := self._decoders[key].why) is not None:
             self.assumed[channel.topic, channel.type] = why
         return self._decoders[key]
 
     def _spend(self, message: RawMessage, records: float) -> None:
-        """Count the work beyond that of one record; raises Undecodable where it exceeds the budget."""
+        """Count the work beyond one record; raises Undecodable if it exceeds the budget."""
         if records > 0:
             try:
                 self._budget.spend(records)
@@ -426,7 +425,7 @@ class MessageDecoder:
 
 
 def assumption_text(count: int, type_name: str, why: str) -> str:
-    """One line that says that a definition was assumed for ``count`` poses."""
+    """One line on the definition that was assumed for ``count`` poses."""
     return f"{count} poses are read by the known definition of {type_name}: {why}"
 
 
@@ -444,7 +443,7 @@ def is_readable(channel: Channel) -> bool:
 
 
 def _decoder_of(channel: Channel) -> _Decoder:
-    """The decoder of a channel by its schema, without one but with a reason if that is unusable."""
+    """The decoder of a channel by its schema; if that is unusable, none, with the reason."""
     if channel.schema_encoding == "ros2idl":
         return _Decoder(None, why="definitions in IDL are not read")
     if channel.encoding == "cdr" and not channel.schema.strip():
@@ -459,7 +458,7 @@ def _decoder_of(channel: Channel) -> _Decoder:
                 return _cdr(definition)._replace(why=lacks)
             case "ros1":
                 definition = parse_definition(channel.schema.decode(), channel.type)
-                return _Decoder(ros1_decoder(definition), bytes_per_record=_bytes_per_record(definition))
+                return _Decoder(ros1_decoder(definition), bytes_per_record=definition.bytes_per_record)
             case "json":
                 return _Decoder(partial(json.loads, object_hook=lambda values: SimpleNamespace(**values)))
             case "protobuf":
@@ -473,10 +472,6 @@ def _cdr(definition: Definition) -> _Decoder:
     schema = Schema(id=1, name=definition.type, encoding="ros2msg", data=definition.ros2msg.encode())
     with redirect_stderr(StringIO()):  # the parser also prints its errors
         decode = DecoderFactory().decoder_for("cdr", schema)
-    known = known_definition(definition.type)
-    is_known = known is not None and known.fields == definition.fields
-    return _Decoder(decode, is_known, None, _bytes_per_record(definition))
-
-
-def _bytes_per_record(definition: Definition) -> int:
-    return min(BYTES_PER_RECORD, _ELEMENTS_PER_RECORD * definition.element_bytes)
+    reference = known_definition(definition.type)
+    is_known = reference is not None and reference.fields == definition.fields
+    return _Decoder(decode, is_known, None, definition.bytes_per_record)

@@ -1,8 +1,8 @@
 """Message definitions in ros2msg and of ROS 1 as the fields of types, and the decoding of ROS 1 by them.
 
-A definition in a file can be anything. It is read line by line here, in time that grows with its length, and
-only the fields of the message itself and of the types in it are kept. Libraries are given definitions that
-are written anew from these fields. Definitions in IDL are not read. Messages of ROS 1 are little-endian,
+The text of a definition in a file is not trusted: it is parsed line by line in linear time, only the fields
+of the message and of the types in it are used, and libraries get definitions that are written anew from these
+fields. Definitions in IDL are not read. Messages of ROS 1 are little-endian,
 without padding (http://wiki.ros.org/msg); sizes are checked before memory is allocated.
 """
 
@@ -11,16 +11,19 @@ import struct
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from graphlib import TopologicalSorter
-from itertools import groupby
+from itertools import chain, groupby
 from types import SimpleNamespace
 from typing import Any, Final, NamedTuple
 
+from contact_tracker.recording.bytestream import BYTES_PER_RECORD
+
 LONGEST_DEFINITION: Final = 2**17
-"""Longest definition that is used (bytes)."""
+"""Longest definition that is used (characters)."""
 _DEEPEST: Final = 50
-"""Most nested levels that are used."""
+"""Most nested levels of types."""
 _MOST_FIELDS: Final = 1000
 """Most fields of a message and of all types in it: libraries compare the names of fields with each other."""
+_ELEMENTS_PER_RECORD: Final = 16
 _RULE: Final = re.compile(r"=+\s*")
 _NAME: Final = re.compile(r"\s*MSG:\s*([A-Za-z][\w/]*)\s*", re.ASCII)
 _FIELD: Final = re.compile(
@@ -32,7 +35,7 @@ PRIMITIVES: Final[Mapping[str, int]] = {
     **dict.fromkeys(("int32", "uint32", "float32", "string", "wstring"), 4),
     **dict.fromkeys(("int64", "uint64", "float64", "time", "duration"), 8),
 }
-"""Types without fields, and least sizes of their values (bytes)."""
+"""Types without fields, and the least sizes of their values (bytes)."""
 _LENGTH: Final = struct.Struct("<I")
 _HEADER: Final = "std_msgs/Header header\n"
 _PARTS: Final = {
@@ -51,7 +54,7 @@ _PARTS: Final = {
     "geometry_msgs/Wrench": "geometry_msgs/Vector3 force\ngeometry_msgs/Vector3 torque\n",
     "motion_capture_tracking_interfaces/NamedPose": "string name\ngeometry_msgs/Pose pose\n",
 }
-"""Definitions of known types, as in ROS 2, that are parts of others."""
+"""Definitions of known types that are parts of others, as in ROS 2."""
 _MESSAGES: Final = {
     **_PARTS,
     "std_msgs/String": "string data\n",
@@ -65,7 +68,7 @@ _MESSAGES: Final = {
     "motion_capture_tracking_interfaces/NamedPoseArray": f"{_HEADER}"
     "motion_capture_tracking_interfaces/NamedPose[] poses\n",
 }
-"""The same of all known types."""
+"""Definitions of all known types."""
 
 
 def canonical(type_name: str) -> str:
@@ -87,16 +90,17 @@ class Definition(NamedTuple):
 
     Parameters
     ----------
-    type : of the message, as ``package/Name``.
-    fields : of each type, the message itself first.
+    type : type of the message, as ``package/Name``.
+    fields : fields of each type, the message itself first.
     is_complete : whether the file defines all of these types; the known definition of others is used.
-    element_bytes : least size of the elements of arrays that are no numbers or texts.
+    bytes_per_record : bytes of a message that count as the work of one record: 16 elements of an array, if
+        these are no numbers or texts.
     """
 
     type: str
     fields: Mapping[str, Sequence[Field]]
     is_complete: bool
-    element_bytes: int
+    bytes_per_record: int
 
     @property
     def ros2msg(self) -> str:
@@ -104,19 +108,15 @@ class Definition(NamedTuple):
         parts = list[str]()
         for name, fields in self.fields.items():
             sizes = ("" if length is None else f"[{length or ''}]" for _, _, length in fields)
-            lines = "".join(f"{one.type}{size} {one.name}\n" for one, size in zip(fields, sizes, strict=True))
+            pairs = zip(fields, sizes, strict=True)
+            lines = "".join(f"{field.type}{size} {field.name}\n" for field, size in pairs)
             parts.append(f"{'=' * 80}\nMSG: {name}\n{lines}" if parts else lines)
         return "".join(parts)
 
 
 def parse_definition(text: str, type_name: str) -> Definition:
-    """The definition of a type by a text in ros2msg or of ROS 1.
-
-    Raises
-    ------
-    ValueError
-        It is invalid, too long or too deep, has too many fields, or a type contains itself.
-    """
+    """The definition of a type by a text in ros2msg or of ROS 1; raises ValueError if it is invalid, too long
+    or too deep, has too many fields, or a type contains itself."""
     if len(text) > LONGEST_DEFINITION:
         raise ValueError("the definition is too long")
     message = _short(canonical(type_name))
@@ -124,15 +124,16 @@ def parse_definition(text: str, type_name: str) -> Definition:
     last_names = {name.rpartition("/")[2]: name for name in bodies}
 
     def resolved(written: str, package: str) -> str:
-        """The name of a field's type: without package it is that of the same package, or the only one."""
+        """The full name of a field's type; a name without package is of the same package, or of the only type
+        with it."""
         if written in PRIMITIVES:
             return written
         name = _short(written)
         names = [name] if "/" in name else [f"{package}/{name}", last_names.get(name, ""), f"std_msgs/{name}"]
-        found = next((one for one in names if one in bodies or one in _PARTS), None)
-        if found is None:
+        full_name = next((name for name in names if name in bodies or name in _PARTS), None)
+        if full_name is None:
             raise ValueError(f"the type {written} is not defined")
-        return found
+        return full_name
 
     fields, is_complete, waiting = dict[str, list[Field]](), True, [message]
     for name in waiting:  # which grows
@@ -146,17 +147,18 @@ def parse_definition(text: str, type_name: str) -> Definition:
         waiting += [field.type for field in fields[name] if field.type not in PRIMITIVES]
         if sum(map(len, fields.values())) > _MOST_FIELDS:
             raise ValueError("the definition has too many fields")
-    parts = {name: {field.type for field in own} - PRIMITIVES.keys() for name, own in fields.items()}
+    parts = {name: {field.type for field in fields[name]} - PRIMITIVES.keys() for name in fields}
     levels, sizes = dict[str, int](), dict[str, int](PRIMITIVES)
-    for name in TopologicalSorter(parts).static_order():  # raises ValueError where a type is part of itself
+    for name in TopologicalSorter(parts).static_order():  # raises ValueError if a type is part of itself
         levels[name] = 1 + max((levels[part] for part in parts[name]), default=0)
-        own = [_LENGTH.size if n == 0 else (n or 1) * sizes[kind] for kind, _, n in fields[name]]
-        sizes[name] = max(sum(own), 1)
+        least = (_LENGTH.size if n == 0 else (n or 1) * sizes[kind] for kind, _, n in fields[name])
+        sizes[name] = max(sum(least), 1)
     if levels[message] > _DEEPEST:
         raise ValueError("the definition is too deep")
-    arrays = {kind for own in fields.values() for kind, _, length in own if length is not None}
+    arrays = {kind for kind, _, length in chain(*fields.values()) if length is not None}
     element_bytes = min((sizes[kind] for kind in arrays - PRIMITIVES.keys()), default=sizes[message])
-    return Definition(message, fields, is_complete, element_bytes)
+    bytes_per_record = min(BYTES_PER_RECORD, _ELEMENTS_PER_RECORD * element_bytes)
+    return Definition(message, fields, is_complete, bytes_per_record)
 
 
 @cache
@@ -174,11 +176,11 @@ def _bodies(text: str, name: str) -> dict[str, list[str]]:
         if _RULE.fullmatch(line):
             after_rule = True
         elif after_rule and line.strip():
-            found = _NAME.fullmatch(line)
-            if found is None:
+            match = _NAME.fullmatch(line)
+            if match is None:
                 raise ValueError("a definition of a type without its name")
             body, after_rule = [], False
-            bodies.setdefault(_short(found[1]), body)
+            bodies.setdefault(_short(match[1]), body)
         else:
             body.append(line)
     return bodies
@@ -186,12 +188,12 @@ def _bodies(text: str, name: str) -> dict[str, list[str]]:
 
 def _field(line: str) -> Field | None:
     """The field that a line defines; None for a constant, a comment, or nothing; raises ValueError."""
-    found = _FIELD.match(line)
-    if found is None and line.strip() and not line.lstrip().startswith("#"):
+    match = _FIELD.match(line)
+    if match is None and line.strip() and not line.lstrip().startswith("#"):
         raise ValueError("a line that defines no field")
-    if found is None or found[5]:
+    if match is None or match[5]:
         return None
-    kind, brackets, length, name, _ = found.groups()
+    kind, brackets, length, name, _ = match.groups()
     return Field(kind, name, None if brackets is None else 0 if "<" in brackets else int(length or 0))
 
 
@@ -209,7 +211,7 @@ _TIMES: Final = {
     "duration": [Field("int32", "sec", None), Field("int32", "nanosec", None)],
 }
 _Step = tuple[list[str], struct.Struct | Field]
-"""Names of consecutive fields with their numbers, or of one other field."""
+"""Names of consecutive numbers with their format, or one other field."""
 
 
 def ros1_decoder(definition: Definition) -> Callable[[bytes], Any]:
@@ -244,29 +246,29 @@ def ros1_decoder(definition: Definition) -> Callable[[bytes], Any]:
             return numbers.unpack_from(data, at), at + numbers.size
         values, element = list[Any](), field._replace(length=None)
         for _ in range(count):
-            found, at = value(element, data, at)
-            values.append(found)
+            element_value, at = value(element, data, at)
+            values.append(element_value)
         return values, at
 
     def decode(data: bytes) -> Any:
-        found, end = message(definition.type, data, 0)
+        decoded, end = message(definition.type, data, 0)
         if end != len(data):
             raise ValueError(f"{len(data) - end} bytes more than its definition has")
-        return found
+        return decoded
 
     return decode
 
 
 def _plan(name: str, fields: Sequence[Field]) -> list[_Step]:
-    """The steps that read a type: consecutive numbers are read together."""
+    """The steps that read a type; consecutive numbers are one step."""
     steps = list[_Step]()
-    for are_numbers, some in groupby(fields, lambda one: one.length is None and one.type in _FORMATS):
-        own = list(some)
+    for are_numbers, group in groupby(fields, lambda f: f.length is None and f.type in _FORMATS):
+        run = list(group)
         if are_numbers:
-            formats = "".join(_FORMATS[field.type] for field in own)
-            steps.append(([field.name for field in own], struct.Struct(f"<{formats}")))
+            formats = "".join(_FORMATS[field.type] for field in run)
+            steps.append(([field.name for field in run], struct.Struct(f"<{formats}")))
         else:
-            steps += [([field.name], field) for field in own]
+            steps += [([field.name], field) for field in run]
     if not steps:
         raise ValueError(f"{name} has no fields")
     return steps

@@ -1,4 +1,4 @@
-"""What recordings consist of: messages, poses in columns, attachments and metadata; and sources of poses."""
+"""Items of recordings: messages, poses in columns, attachments and metadata; and sources of poses."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
@@ -17,14 +17,14 @@ TASK_TOPIC: Final = "/contact/task_frame"
 MAP_TOPIC: Final = "/contact/map"
 RESULT_TOPICS: Final = frozenset({BELIEF_TOPIC, FRAMES_TOPIC, SCENE_TOPIC, MAP_TOPIC, TASK_TOPIC})
 ROWS: Final = "contact_tracker/pose_row"
-"""The encoding of channels whose poses come in columns: of tables, or composed of transforms."""
+"""The encoding of channels whose poses come in columns, as from tables."""
 ROWS_AT_ONCE: Final = 10_000
-"""Rows of a table that are read together; with as many poses, those read ahead are enough."""
+"""Number of rows of a table that are read together; as many poses read ahead are always enough."""
 BUFFER_BYTES: Final = 2**23
-"""Size from which messages are no longer collected, but handled."""
+"""Total size (bytes) above which no more messages are read ahead."""
 _PENDING_BYTES: Final = 8 * BUFFER_BYTES
 _MESSAGE_BYTES: Final = 245
-"""Memory of a message that is buffered beside its data, by tracemalloc."""
+"""Memory of a buffered message besides its data (bytes), by tracemalloc."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Channel:
 
 @dataclass(frozen=True, order=True)
 class PoseSource:
-    """One stream of poses; ``messages`` is their number on its topic, where the index has it."""
+    """One stream of poses; ``messages`` is the number of messages on its topic, if the index has it."""
 
     topic: str
     type: str
@@ -72,7 +72,7 @@ class RawMessage(NamedTuple):
 
 
 class Rows(NamedTuple):
-    """Poses in columns whose stamps are their log times: as many of each source, row by row."""
+    """Poses in columns, equally many of each source, row by row; their stamps are their log times."""
 
     sources: tuple[PoseSource, ...]
     poses: tuple[Poses, ...]

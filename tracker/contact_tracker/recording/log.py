@@ -1,4 +1,4 @@
-"""A recording as a stream of validated poses of one source; and its summary for ``contact-tracker info``."""
+"""A recording as a stream of validated poses of one source, and its summary for ``contact-tracker info``."""
 
 from bisect import bisect_left
 from collections import Counter
@@ -30,10 +30,11 @@ from contact_tracker.recording.decoding import LoggedPose, assumption_text
 from contact_tracker.recording.items import ROWS, Item, PoseSource, RawMessage, Rows
 from contact_tracker.recording.reading import STDIN, Reading
 from contact_tracker.recording.sources import (
+    PREFIX_MESSAGES,
+    PREFIX_NS,
     ChannelFilter,
     Logged,
     Stamping,
-    is_prefix,
     only_one,
     peek,
     poses_by_source,
@@ -51,9 +52,9 @@ from contact_tracker.recording.transforms import (
 )
 
 _MOST_HEAD: Final = 200_000
-"""Poses kept until the requested frames are connected."""
+"""Most poses that are buffered until the requested frames are connected."""
 _LATE: Final = 8
-"""Most late sources that are named."""
+"""Largest number of late sources that are named."""
 _SEVERAL: Final = "time runs backward in it; if its files are recordings of their own, name one"
 _FEW: Final = 50
 """The first poses are always read one by one."""
@@ -66,25 +67,22 @@ class PoseLog:
     Attributes
     ----------
     source : the source of the poses.
-    first : the first pose of the source, valid or not, with its log time.
+    first : the first pose of the source, valid or not, and its log time (ns).
     note : one line if the parent frame of the poses may itself move.
     gate : validates the poses.
     stamping : gives the poses their stamps.
-    is_stamped : whether all poses have their stamps, also where these are zero: in tables, and composed.
+    is_stamped : whether all stamps are valid even if zero, as in tables and of composed poses.
     late_sources : matching sources that appeared after this one was chosen.
-    counts : what was dropped or repaired so far, by kind: those of ``motion.pose_validation`` and
-        ``undecodable`` (messages), ``known_definition`` (poses of messages whose type the file does not
-        define usably), ``other_source`` (poses of late sources),
+    counts : numbers of dropped or repaired poses so far, by kind: the kinds of ``motion.pose_validation`` and
+        ``undecodable`` (messages), ``known_definition`` (poses of messages with an unusable definition in the
+        file), ``other_source`` (poses of late sources),
         ``log_time_as_stamp`` (poses whose header has no time, see ``contact_tracker.recording.sources``).
-    origin_ns : stamp of the recording's first valid pose, also where it is not selected.
-    valid, first_ns, last_ns : number of poses given so far, and the stamps of the first and the last of them.
+    origin_ns : stamp of the recording's first valid pose, even if it is not selected.
+    valid, first_ns, last_ns : number of poses yielded so far, and the stamps of the first and the last.
     damage : one line if most poses were dropped, or the recording is truncated or damaged; final after
         iteration.
 
-    Raises
-    ------
-    AmbiguousSource
-        While iterating, if another matching source appears, unless such poses are counted.
+    Iteration raises AmbiguousSource if another matching source appears, unless its poses are counted.
     """
 
     def __init__(
@@ -107,7 +105,7 @@ class PoseLog:
         self._taken = self._skipped = 0
         self.origin_ns = self.first_ns = self.last_ns = self.valid = 0
         self._start_ns, self._end_ns = 0, _FOREVER_NS
-        self._read_ns: int | None = None  # until when, after the first pose
+        self._read_ns: int | None = None  # time of the last pose, since the first one
         self._reading, self._composer, self._logged = reading, composer, logged
         self._assumed = reading.decoder.assumed if composer is None else {}
         self._frame, self._count_late = frame, count_late
@@ -120,7 +118,7 @@ class PoseLog:
 
     @property
     def loss(self) -> str | None:
-        """One line with the likely cause if most poses were dropped; unknown of a log that was carried on."""
+        """One line with the likely cause if most poses were dropped; None for a log that was carried on."""
         return None if self._is_resumed else remark_on_loss(self.counts, self.taken, self.gate.refused_xyzw)
 
     def no_poses(self, name: str) -> NoPoses | ChoiceError:
@@ -142,19 +140,18 @@ class PoseLog:
     @property
     def remarks(self) -> tuple[str, ...]:
         """One line each: the known definition of a type replaced that of the file, or the time unit is a
-        guess; many poses are out of order (unknown of a log that was carried on); a folder's clock was
-        reset."""
+        guess; many poses are out of order (not for a log that was carried on); a folder's clock was reset."""
         counts, why = self.counts, self._assumed.get((self.source.topic, self.source.type))
         why = self._composer.why if self._composer is not None else why
         count = counts.get("known_definition", 0)
         assumed = assumption_text(count, self.source.type, why) if count and why else self._reading.assumption
-        many = (remark_on_excursions(counts),) if self._is_resumed else remarks_on(counts, self.taken)
+        doubts = (remark_on_excursions(counts),) if self._is_resumed else remarks_on(counts, self.taken)
         is_reset = counts.get("clock_reset") and self._reading.is_folder
-        return tuple(filter(None, (assumed, *many, _SEVERAL if is_reset else None)))
+        return tuple(filter(None, (assumed, *doubts, _SEVERAL if is_reset else None)))
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """All that is doubtful of the poses, one line each, the damage first; final after iteration."""
+        """All doubts about the poses, one line each, the damage first; final after iteration."""
         return tuple(filter(None, (self.damage, self.note, *self.remarks)))
 
     @property
@@ -169,12 +166,11 @@ class PoseLog:
 
     @property
     def _assigned(self) -> Stamping:
-        """The rule for stamps that are not yet assigned."""
+        """The rule for stamps, if these are not assigned yet."""
         return Stamping() if self.is_stamped else self.stamping
 
     def select(self, start_s: float, duration_s: float | None) -> None:
-        """Give the poses of an interval only, in seconds since the first one; to the end without a
-        duration."""
+        """Select the poses of an interval, in seconds since the first pose; to the end without a duration."""
         self._start_ns = round(start_s * 1e9)
         self._end_ns = _FOREVER_NS if duration_s is None else self._start_ns + round(duration_s * 1e9)
 
@@ -196,7 +192,7 @@ class PoseLog:
         return (pose for arrival in self._arrivals for pose in arrival.poses)
 
     def arrivals(self) -> Iterator[Arrival]:
-        """What each measured pose brings, instead of the poses."""
+        """The poses and the gate's decision for each measured pose, instead of the poses alone."""
         return self._arrivals
 
     def _arrive(self) -> Iterator[Arrival]:
@@ -219,52 +215,53 @@ class PoseLog:
                 return
 
     def _admitted(self) -> Iterator[Poses]:
-        own, many, stamping = self._own(), min(_FEW, BATCH), self._assigned
-        while some := list(islice(own, many)):
-            many = BATCH
-            yield stamping.admitted(self.gate, some)
+        poses, count, stamping = self._own(), min(_FEW, BATCH), self._assigned
+        while logged := list(islice(poses, count)):
+            count = BATCH
+            yield stamping.admitted(self.gate, logged)
         yield Poses.collect(self.gate.finish())
 
     def _cut(self, stamp_ns: Sequence[int] | NDArray[np.int64]) -> tuple[slice, bool]:
-        """The rows of the next poses that are in the interval, which are counted, and whether it is over."""
+        """The rows of the next poses within the interval, which are counted, and whether the interval is
+        over."""
         count = len(stamp_ns)
         if not count:
             return slice(0, 0), False
         if self._read_ns is None and not self.valid:
             self.origin_ns = int(stamp_ns[0])
         self._read_ns = int(stamp_ns[-1]) - self.origin_ns
-        first = bisect_left(stamp_ns, self.origin_ns + self._start_ns)
+        begin = bisect_left(stamp_ns, self.origin_ns + self._start_ns)
         end = bisect_left(stamp_ns, self.origin_ns + self._end_ns)
-        if first < end:
-            self.first_ns = self.first_ns if self.valid else int(stamp_ns[first])
-            self.valid += end - first
+        if begin < end:
+            self.first_ns = self.first_ns if self.valid else int(stamp_ns[begin])
+            self.valid += end - begin
             self.last_ns = int(stamp_ns[end - 1])
-        return slice(first, end), end < count
+        return slice(begin, end), end < count
 
     def _own(self) -> Iterator[Logged]:
-        """The poses of the source from where the log goes on; what else is read is counted."""
-        for one in self._logged:
-            if one is None:
+        """The poses of the source after the skipped ones; other entries are counted."""
+        for entry in self._logged:
+            if entry is None:
                 self._counts["undecodable"] += 1
-            elif one[0] != self.source:
-                self._note_other(one[0])
+            elif entry[0] != self.source:
+                self._note_other(entry[0])
             else:
                 self._taken += 1
                 if self._taken > self._skipped:
                     if self._assumed and (self.source.topic, self.source.type) in self._assumed:
                         self._counts["known_definition"] += 1
-                    yield one[1:]
+                    yield entry[1:]
 
-    def _note_other(self, other: PoseSource) -> None:
+    def _note_other(self, source: PoseSource) -> None:
         """Note a pose of another matching source, or of the same body in another parent frame."""
-        fits = self._frame is None or other.is_named(self._frame)
-        if not fits and (not other.child_frame_id or other.child_frame_id != self.source.child_frame_id):
+        fits = self._frame is None or source.is_named(self._frame)
+        if not fits and (not source.child_frame_id or source.child_frame_id != self.source.child_frame_id):
             return
         if fits and not self._count_late:
-            only_one(self._reading.path, [self.source, other])
+            only_one(self._reading.path, [self.source, source])
         self._counts["other_source"] += 1
-        if other not in self.late_sources and len(self.late_sources) < _LATE:
-            self.late_sources = (*self.late_sources, other)
+        if source not in self.late_sources and len(self.late_sources) < _LATE:
+            self.late_sources = (*self.late_sources, source)
 
 
 def open_log(
@@ -281,16 +278,16 @@ def open_log(
     Parameters
     ----------
     path : MCAP file, ROS bag, table, folder of rosbag2 parts, or ``-`` for standard input.
-    topic : take poses from this topic only, ``/topic:TYPE`` where it has several types.
-    frame : take poses of this frame only: ``parent->child``, the child, or, for types without child, the
-        header's frame. Where nothing is published from parent to child, transforms between them are composed.
+    topic : only poses from this topic; ``/topic:TYPE`` if it has several types.
+    frame : only poses of this frame: ``parent->child``, the child, or, for types without child, the header's
+        frame. If nothing is published from parent to child, transforms between them are composed.
     follow : continue reading while the file grows, until it is finished or ``follow.stop()`` is called.
     count_late : whether poses of a matching source that appears later are counted, as they are with
         ``follow``; else iteration ends with AmbiguousSource.
-    relative_to : a frame, or another body (its topic, or its name in a file of several), in which poses are
-        given instead of the header's frame.
-    table : what the columns of a table are, or the field of messages with the poses, where names and types do
-        not say it.
+    relative_to : a frame, or another body (its topic, or its name in a file of several bodies), that replaces
+        the header's frame.
+    table : how the columns of a table are read, or the field of messages with the poses, if names and types
+        do not decide it.
 
     Raises
     ------
@@ -304,20 +301,20 @@ def open_log(
         Several sources match.
     """
     is_chain = relative_to is not None or (frame is not None and ARROW in frame)
-    wanted = ChannelFilter(topic, table, is_chain, relative_to)
-    reading = Reading(path, wanted, follow, table)
+    selection = ChannelFilter(topic, table, is_chain, relative_to)
+    reading = Reading(path, selection, follow, table)
     groups = reading.decoder.groups(reading)
     count_late = count_late or follow is not None
-    known = {} if follow else peek(path, wanted, table.field)
-    all_known = dict(known)
+    sources = {} if follow else peek(path, selection, table.field)
+    all_sources = dict(sources)
     head: list[Sequence[LoggedPose | None]] = []
     while True:
-        fitting = [s for s in known if wanted.takes(s) and (frame is None or s.is_named(frame))]
+        fitting = [s for s in sources if selection.takes(s) and (frame is None or s.is_named(frame))]
         logged = chain.from_iterable(chain(head, groups))
         if fitting and relative_to is None:
             source = only_one(path, fitting, composition_hint(fitting))
-            source = replace(source, messages=wanted.counts.get(source.topic))
-            note, prefix, around = None, known[source], set(all_known)
+            source = replace(source, messages=selection.counts.get(source.topic))
+            note, prefix, around = None, sources[source], set(all_sources)
             if source.frame_id and not (frame == source.frames and is_chain):
                 with suppress(NoPoses, MissingExtra):
                     around |= (
@@ -325,57 +322,52 @@ def open_log(
                     )
                 note = moving_parent_note(around, source)
             return PoseLog(source, reading, logged, prefix, frame, count_late, None, note)
-        found = find_chain(path, all_known, fitting, frame, relative_to)
-        if found is not None:
-            steps, source = found
+        composition = find_chain(path, all_sources, fitting, frame, relative_to)
+        if composition is not None:
+            steps, source = composition
             at_once = 1 if follow is not None or path == STDIN else BATCH
-            learned = {} if reading.is_table else all_known
+            learned = {} if reading.is_table else all_sources
             composer = Composer(steps, source, reading.decoder.assumed, at_once, learned)
-            prefix, composed = all_known[steps[last_moving(steps)].source], composer.compose(logged)
+            prefix, composed = all_sources[steps[last_moving(steps)].source], composer.compose(logged)
             return PoseLog(source, reading, composed, prefix, None, count_late, composer)
-        more = take_prefix(groups)
-        head = [*head, *more] if is_chain else more
-        if not more or sum(map(len, head)) > _MOST_HEAD:
-            raise _explain(path, frame, set(all_known), wanted, reading.damage)
-        known = poses_by_source(chain.from_iterable(more))
-        all_known = {**known, **all_known}
+        following = take_prefix(groups)
+        head = [*head, *following] if is_chain else following
+        if not following or sum(map(len, head)) > _MOST_HEAD:
+            raise _explain(path, frame, set(all_sources), selection, reading.damage)
+        sources = poses_by_source(chain.from_iterable(following))
+        all_sources = {**sources, **all_sources}
 
 
 def list_sources(path: str, table: TableReading = AS_NAMED) -> list[PoseSource]:
-    """The pose sources of a recording, found as by ``open_log``; of ``-`` this consumes the start.
-
-    Raises
-    ------
-    UnreadableRecording
-        No such file, or not MCAP.
-    """
-    wanted = ChannelFilter(None, table)
+    """The pose sources of a recording, found as by ``open_log``, which for ``-`` consumes its start; raises
+    UnreadableRecording if there is no such file, or it is no recording."""
+    selection = ChannelFilter(None, table)
     try:
-        known = peek(path, wanted, table.field)
+        sources = peek(path, selection, table.field)
     except NoPoses:
         return []
-    if not known:
-        reading = Reading(path, wanted, table=table)
-        known = poses_by_source(chain.from_iterable(take_prefix(reading.decoder.groups(reading))))
-    return [replace(source, messages=wanted.counts.get(source.topic)) for source in sorted(known)]
+    if not sources:
+        reading = Reading(path, selection, table=table)
+        sources = poses_by_source(chain.from_iterable(take_prefix(reading.decoder.groups(reading))))
+    return [replace(source, messages=selection.counts.get(source.topic)) for source in sorted(sources)]
 
 
 def _explain(
-    path: str, frame: str | None, known: set[PoseSource], wanted: ChannelFilter, damage: str | None
+    path: str, frame: str | None, sources: set[PoseSource], selection: ChannelFilter, damage: str | None
 ) -> Exception:
-    """The error where no pose is selected."""
-    relative_to = wanted.relative_to
-    is_named = frame is None or any(source.is_named(frame) for source in known)
-    if known and relative_to is not None and is_named:
-        return without_frame(path, f"that leads to {relative_to}", relative_to, known)
-    if known and frame is not None:
-        hint = relative_hint(path, known, frame) if relative_to is None else ""
-        if not any(source.frames for source in known) and len(known) == 1:
+    """The error if no pose is selected."""
+    relative_to = selection.relative_to
+    is_named = frame is None or any(source.is_named(frame) for source in sources)
+    if sources and relative_to is not None and is_named:
+        return without_frame(path, f"that leads to {relative_to}", relative_to, sources)
+    if sources and frame is not None:
+        hint = relative_hint(path, sources, frame) if relative_to is None else ""
+        if not any(source.frames for source in sources) and len(sources) == 1:
             hint = "; it has no frame: leave out --frame"
-        return without_frame(path, frame, frame, known, hint)
+        return without_frame(path, frame, frame, sources, hint)
     if damage is not None:
         return UnreadableRecording(f"{path}: no pose can be read: {damage}")
-    return wanted.nothing_found(path)
+    return selection.nothing_found(path)
 
 
 SOURCES_KEPT: Final = 256
@@ -383,7 +375,7 @@ BEGINNING_S: Final = 30.0
 BEGINNING_NS: Final = round(BEGINNING_S * 1e9)
 BEGINNING_POSES: Final = 20_000
 KEPT_POSES: Final = 200_000
-"""Limit for all sources together."""
+"""Most poses in the beginnings of all sources together."""
 _SAMPLE: Final = 50_000
 _MAD_TO_SIGMA: Final = 1.4826
 
@@ -404,14 +396,14 @@ class _Sample:
 
 
 class SourceSummary:
-    """Figures of one pose source, complete after ``finish``; nan or None where too few poses are valid.
+    """Figures of one pose source, complete after ``finish``; nan or None if too few poses are valid.
 
     Attributes
     ----------
     poses, observed : numbers of valid and of published poses.
     first_ns, last_ns : stamps of the first and last valid pose.
-    median_rate_hz, jitter_s : of the time between poses; jitter is its robust standard deviation.
-    counts : what the gate dropped, repaired or noted, by kind (including ``gap`` and ``held``).
+    median_rate_hz, jitter_s : rate by the median period, and robust standard deviation of the periods.
+    counts : numbers of dropped, repaired or noted poses, by kind (including ``gap`` and ``held``).
     log_offset_s : median of log time minus header stamp.
     path_m, extent_m : length of the path of the body's origin, and its range along each world axis.
     loss : one line if most poses were dropped.
@@ -437,15 +429,16 @@ class SourceSummary:
         return (self.last_ns - self.first_ns) * 1e-9
 
     def add(self, pose: Pose, log_time_ns: int, keep: bool) -> int:
-        """Add a pose; the first are buffered until their stamping is determined. Returns how many poses were
-        kept as its beginning."""
+        """Add a pose; the first poses are buffered until their stamping is determined. Returns the number of
+        poses added to ``beginning``."""
         self.observed += 1
         self._waiting.append((pose, log_time_ns))
-        is_enough = is_prefix(self._waiting) if self._stamping is None else len(self._waiting) == BATCH
-        return self._admit(keep) if is_enough else 0
+        span_ns, count = log_time_ns - self._waiting[0][1], len(self._waiting)
+        is_prefix = span_ns >= PREFIX_NS or count >= PREFIX_MESSAGES
+        return self._admit(keep) if (is_prefix if self._stamping is None else count == BATCH) else 0
 
     def finish(self) -> "SourceSummary":
-        """Add what is held, and find the figures of all poses."""
+        """Add the buffered poses, and compute the figures of all poses."""
         if self._waiting:
             self._admit(keep=True)
         self._note(Poses.collect(self._gate.finish()), keep=True)
@@ -468,7 +461,7 @@ class SourceSummary:
         return self._note(self._stamping.admitted(self._gate, waiting), keep)
 
     def _note(self, poses: Poses, keep: bool) -> int:
-        """Add valid poses; returns how many were kept."""
+        """Add valid poses; returns the number added to ``beginning``."""
         if not len(poses):
             return 0
         self.first_ns = int(poses.stamp_ns[0]) if self.first_ns is None else self.first_ns
@@ -498,8 +491,8 @@ class RecordingSummary:
     topics : messages by (topic, type, encoding), of all topics.
     metadata : records by name. attachments : their names.
     undecodable : number of messages of pose topics that do not match their schema.
-    damage : one line if it is truncated or damaged.
-    assumptions : one line for each source whose type the file does not define usably, and for a guessed time
+    damage : one line if the recording is truncated or damaged.
+    assumptions : one line for each source with an unusable definition in the file, and for a guessed time
         unit.
     """
 
@@ -514,13 +507,8 @@ class RecordingSummary:
 
 
 def summarise(path: str, table: TableReading = AS_NAMED) -> RecordingSummary:
-    """Read a whole recording once, in bounded memory; ``table`` is that of ``open_log``.
-
-    Raises
-    ------
-    UnreadableRecording
-        No such file, or not MCAP.
-    """
+    """Read a whole recording once, in bounded memory; ``table`` is as for ``open_log``. Raises
+    UnreadableRecording if there is no such file, or it is no recording."""
     topics, attachments = Counter[tuple[str, str, str]](), list[str]()
     metadata: dict[str, Mapping[str, str]] = {}
 
@@ -534,32 +522,30 @@ def summarise(path: str, table: TableReading = AS_NAMED) -> RecordingSummary:
                 case RawMessage(channel, _, _):
                     topics[channel.topic, channel.type, channel.encoding] += 1
                 case Rows(rows_of, poses):
-                    for source, some in zip(rows_of, poses, strict=True):
-                        topics[source.topic, source.type, ROWS] += len(some)
+                    for source, source_poses in zip(rows_of, poses, strict=True):
+                        topics[source.topic, source.type, ROWS] += len(source_poses)
             yield item
 
     reading = Reading(path, lambda channel: True, table=table)
     logged, assumed = reading.decoder.poses(noted(reading)), reading.decoder.assumed
     sources, undecodable, more_sources = _summaries(logged, assumed, reading.is_table)
     assumptions = [
-        f"{one.source.topic}: {assumption_text(one.observed, one.source.type, why)}"
-        for one in sources
-        if (why := assumed.get((one.source.topic, one.source.type))) is not None
+        f"{summary.source.topic}: {assumption_text(summary.observed, summary.source.type, why)}"
+        for summary in sources
+        if (why := assumed.get((summary.source.topic, summary.source.type))) is not None
     ]
     assumptions += filter(None, [reading.assumption])
-    noted_names, damage = tuple(attachments), reading.damage
-    return RecordingSummary(
-        sources, topics, metadata, noted_names, undecodable, damage, more_sources, tuple(assumptions)
-    )
+    about = topics, metadata, tuple(attachments), undecodable, reading.damage
+    return RecordingSummary(sources, *about, more_sources, tuple(assumptions))
 
 
 def summarise_log(log: PoseLog) -> SourceSummary:
     """Summary of the poses that a log selects, which may be composed; reads it to its end."""
     sources, _, _ = _summaries(log._logged, log._assumed, log.is_stamped)
-    (found,) = (one for one in sources if one.source == log.source)
-    found.source = log.source
-    found.counts += Counter(log.counts)
-    return found
+    (summary,) = (candidate for candidate in sources if candidate.source == log.source)
+    summary.source = log.source
+    summary.counts += Counter(log.counts)
+    return summary
 
 
 def _summaries(
@@ -567,11 +553,11 @@ def _summaries(
 ) -> tuple[tuple[SourceSummary, ...], int, bool]:
     """The summary of each source, the number of undecodable messages, and whether there are more sources."""
     tallies, undecodable, more_sources, kept = dict[PoseSource, SourceSummary](), 0, False, 0
-    for one in logged:
-        if one is None:
+    for entry in logged:
+        if entry is None:
             undecodable += 1
             continue
-        source, pose, log_time_ns = one
+        source, pose, log_time_ns = entry
         tally = tallies.get(source)
         if tally is None:
             if len(tallies) >= SOURCES_KEPT:

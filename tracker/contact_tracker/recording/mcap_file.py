@@ -1,9 +1,9 @@
 """MCAP files: their records, their index, and the record loop.
 
-The loop reads messages, attachments and metadata of a stream in the order of the file. It serves files that
-are complete, truncated, without index, unchunked, growing or piped, and holds one record at a time. A damaged
-chunk is left out; where the framing of records is lost, the loop continues at the next chunk of the index, if
-there is one. Chunks in the index are not decompressed.
+The loop reads messages, attachments and metadata of a stream in the order of the file. Files may be complete,
+truncated, without index, unchunked, growing or piped; one record is in memory at a time. A damaged chunk is
+left out; if the framing of records is lost, the loop continues at the next chunk of the index, if there is
+one. Chunks in the index are not decompressed.
 """
 
 import bz2
@@ -42,21 +42,15 @@ from contact_tracker.recording.items import Channel, Item, RawMessage
 IN_CHUNKS: Final = frozenset({Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE})
 _MESSAGE: Final = int(Opcode.MESSAGE)
 FIRST_UNKNOWN: Final = max(Opcode) + 1
-"""Opcodes from here on are of later versions of the format, or private, and skipped."""
+"""Lowest opcode of later versions of the format or of private records, which are skipped."""
 _BZ2_WORK: Final = 4
 """Time to decompress a byte of bz2, relative to zstd or lz4."""
 MAGIC: Final = b"\x89MCAP0\r\n"
-"""First and last bytes of a file."""
+"""First and last bytes of an MCAP file."""
 RECORD_HEAD: Final = struct.Struct("<BQ")
 MESSAGE_HEAD: Final = struct.Struct("<HIQQ")
 PARSE_ERRORS: Final = (
-    McapError,
-    ValueError,
-    LookupError,
-    struct.error,
-    OverflowError,
-    MemoryError,
-    RuntimeError,
+    *(McapError, ValueError, LookupError, struct.error, OverflowError, MemoryError, RuntimeError),
     zstandard.ZstdError,
 )
 
@@ -84,23 +78,23 @@ def decompress(compression: str, data: bytes, size: int, budget: WorkBudget) -> 
     budget.inflate(work * len(data), work * size)
     match compression:
         case "" | "none":
-            found = data
+            plain = data
         case "zstd":
-            found = inflate_zstd(data, size)
+            plain = inflate_zstd(data, size)
         case "lz4":
             import lz4.frame  # type: ignore[import-untyped]
 
-            found = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size)
+            plain = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size)
         case "bz2":
             try:
-                found = bz2.BZ2Decompressor().decompress(data, size)
+                plain = bz2.BZ2Decompressor().decompress(data, size)
             except OSError as error:  # else it would look as if the file could not be read
                 raise ValueError(f"its bz2 data is damaged: {error}") from error
         case unknown:
             raise ValueError(f"unknown compression {unknown!r}")
-    if len(found) != size:
-        raise ValueError(f"{len(found)} bytes where {size} were promised")
-    return found
+    if len(plain) != size:
+        raise ValueError(f"{len(plain)} bytes where {size} were promised")
+    return plain
 
 
 def inflate_zstd(data: bytes, limit: int) -> bytes:
@@ -133,7 +127,7 @@ _FOOTER: Final = struct.Struct("<BQQQI")
 
 
 def summary_of(part: str) -> Summary | None:
-    """The index of a file; None unless it describes all channels, and its records are disjoint."""
+    """The index of a file; None unless it describes all channels, and the records in it are disjoint."""
     if not is_regular(part):
         return None
     try:
@@ -165,8 +159,8 @@ def _place(index: Entry) -> tuple[int, int]:
 
 
 def _read(file: IO[bytes]) -> Summary | None:
-    """The records between the start that the footer gives and the footer; None if there are others than those
-    of an index, or too many."""
+    """The index between the start that the footer gives and the footer; None if it has other records, or is
+    too long."""
     if file.read(len(MAGIC)) != MAGIC:
         return None
     end = file.seek(-_FOOTER.size - len(MAGIC), os.SEEK_END)
@@ -201,29 +195,27 @@ class RecordLoop:
     ----------
     stream : positioned at the start of the file.
     report : called with one line for each damage.
-    wanted : messages of other channels are skipped unread; None of all, with their chunks.
-    summary : of the same file, where known: replaces damaged channel records and gives chunk offsets.
+    is_wanted : accepts channels; messages of other channels are skipped unread. None skips all messages, with
+        their chunks.
+    summary : index of the same file, if known: replaces damaged channel records and gives chunk offsets.
 
     Attributes
     ----------
-    messages : number of messages so far, of all channels.
+    messages : number of messages of all channels so far.
     is_sound : whether no damage was found so far.
 
-    Raises
-    ------
-    UnreadableRecording
-        While iterating, if the input does not start as MCAP.
+    Iteration raises UnreadableRecording if the input does not start as MCAP.
     """
 
     def __init__(
         self,
         stream: ByteStream,
         report: Callable[[str], None],
-        wanted: Callable[[Channel], bool] | None,
+        is_wanted: Callable[[Channel], bool] | None,
         summary: Summary | None = None,
     ) -> None:
-        self._opcodes = _READ if wanted is not None else _READ - {Opcode.CHUNK, Opcode.MESSAGE}
-        self._report, self._stream, self._wanted = report, stream, wanted
+        self._opcodes = _READ if is_wanted is not None else _READ - {Opcode.CHUNK, Opcode.MESSAGE}
+        self._report, self._stream, self._wanted = report, stream, is_wanted
         self.is_sound, self.messages = True, 0
         self._schemas: dict[int, records.Schema] = {}
         self._channels: dict[int, Channel | None] = {}
@@ -235,7 +227,7 @@ class RecordLoop:
                 self._add_channel(channel)
 
     def __iter__(self) -> Iterator[Item]:
-        """The items of one record after the other; the messages of a chunk in the order of log time."""
+        """The items record by record; the messages of a chunk by log time."""
         if (magic := self._stream.read(len(MAGIC))) != MAGIC:
             hint = f". What is read: {WHAT_IS_READ}"
             if is_text(magic):
@@ -254,7 +246,7 @@ class RecordLoop:
         return opcode if opcode in _READ and len(head) + length == size else None
 
     def items_of(self, index: Entry) -> list[Item]:
-        """The items of one record, as in iteration; channels are those of ``summary``."""
+        """The items of one record, as in iteration; channels are from ``summary``."""
         offset, size = _place(index)
         opcode, length = self.opcode_of(index), size - RECORD_HEAD.size
         if opcode == Opcode.ATTACHMENT and length > RECORD_LIMIT:
@@ -266,7 +258,7 @@ class RecordLoop:
         return self._group(opcode, payload, offset)
 
     def report_orphans(self) -> None:
-        """Add messages without channel to the damage, once nothing more is read."""
+        """Report messages without channel as damage, at the end of reading."""
         if self._orphans:
             self._damage(f"{self._orphans} messages of channels whose description is missing")
             self._orphans = 0
@@ -317,7 +309,7 @@ class RecordLoop:
             else:
                 payload = stream.take(length, is_read) if opcode > 0 else None
                 fault = f"it is cut off inside a record at byte {start}"
-            if payload is None:  # reading goes on at the next chunk that the index has
+            if payload is None:  # continue at the next chunk of the index
                 following = bisect_right(self._chunk_starts, start)
                 if not any(map(stream.seek, self._chunk_starts[following : following + 1])):
                     self._note_end(fault)
@@ -334,12 +326,12 @@ class RecordLoop:
                 return
 
     def _note_end(self, damage: str) -> None:
-        """Add why the input ends to the damage, unless the caller has stopped it."""
+        """Report why the input ends as damage, unless the caller has stopped it."""
         if self._stream.follow is None or not self._stream.follow.stopped:
             self._damage(f"{damage} ({self._stream.error})" if self._stream.error else damage)
 
     def _add(self, group: list[Item], opcode: int, payload: bytes) -> None:
-        """Add what a record of another kind holds."""
+        """Add the content of a record that is no message."""
         if opcode == Opcode.ATTACHMENT:
             crc = int.from_bytes(payload[-4:], "little")
             if crc and crc != zlib.crc32(payload[:-4]):

@@ -17,7 +17,7 @@ from contact_tracker.recording.bytestream import (
     ByteStream,
     Follow,
     WorkBudget,
-    is_regular,
+    first_bytes,
     open_stream,
 )
 from contact_tracker.recording.decoding import MessageDecoder
@@ -32,13 +32,13 @@ _ENDINGS: Final = (".mcap", ".db3", ".mcap.zstd", ".mcap.zst")
 _METADATA: Final = "metadata.yaml"
 _OVERLAP_NS: Final = 1_000_000_000
 _PAUSE_NS: Final = 10_000_000_000
-"""Largest overlap of, and largest gap between, parts of one recording."""
+"""Largest overlap, and largest gap, between parts of one recording (ns)."""
 _NAMED: Final = 4
 _DAMAGES_SHOWN: Final = 3
-_BAGS: Final = (b"SQLite format 3\0", b"#ROSBAG V")
-"""First bytes of ``.db3`` and ``.bag`` files."""
 _BEGIN: Final = 64
 """Number of first bytes that identify a format."""
+_BAGS: Final = (b"SQLite format 3\0", b"#ROSBAG V")
+"""First bytes of ``.db3`` and ``.bag`` files."""
 
 
 def parts_of(path: str) -> list[str]:
@@ -46,12 +46,7 @@ def parts_of(path: str) -> list[str]:
     ``metadata.yaml`` of a folder stands for the folder.
 
     Parts are ordered by name with numbers as numbers; uncompressed parts are preferred to compressed copies,
-    .mcap to .db3.
-
-    Raises
-    ------
-    UnreadableRecording
-        There is no such file, or the folder has no part.
+    .mcap to .db3. Raises UnreadableRecording if there is no such file, or the folder has no part.
     """
     path = recording_of(path)
     if path == STDIN or not os.path.isdir(path):
@@ -60,39 +55,29 @@ def parts_of(path: str) -> list[str]:
             raise UnreadableRecording(f"{path}: no such file{hint or near_file(path)}")
         return [path]
     try:
-        there = sorted(os.listdir(path))
+        entries = sorted(os.listdir(path))
     except OSError as error:
         raise UnreadableRecording(f"{path}: {error.strerror}") from error
-    names = sorted((n for n in there if n.lower().endswith(_ENDINGS)), key=_natural)
+    names = sorted((name for name in entries if name.lower().endswith(_ENDINGS)), key=_natural)
     if not names:
-        packed = next((n for n in there if re.search(r"\.(mcap|db3)\.\w+$", n.lower())), None)
+        packed = next((name for name in entries if re.search(r"\.(mcap|db3)\.\w+$", name.lower())), None)
         advice = "" if packed is None else f"; decompress {packed} first"
-        if any(n.lower().endswith(".txt") for n in there):
+        if any(name.lower().endswith(".txt") for name in entries):
             read = f"[numpy.loadtxt(one) for one in sorted(glob.glob({os.path.join(path, '*.txt')!r}))]"
             advice = f"; if each .txt has a matrix, numpy.save('poses.npy', {read}) makes a file that is read"
         raise UnreadableRecording(f"{path}: this folder holds no .mcap or .db3 file{advice}")
-    return [os.path.join(path, n) for n in names if _better(n) == n or _better(n) not in names]
-
-
-def _better(name: str) -> str:
-    """The name under which a part is preferred: decompressed, or converted to MCAP."""
-    plain = _plain(name)
-    return f"{name[:-4]}.mcap" if name.lower().endswith(".db3") else plain
+    preferred = {n: f"{n[:-4]}.mcap" if n.lower().endswith(".db3") else _plain(n) for n in names}
+    return [os.path.join(path, n) for n in names if preferred[n] == n or preferred[n] not in names]
 
 
 def recording_of(path: str) -> str:
-    """The recording that a path stands for: a folder's ``metadata.yaml`` for the folder."""
+    """The path of the recording: the folder, if ``path`` is its ``metadata.yaml``."""
     return os.path.dirname(path) or "." if os.path.basename(path) == _METADATA else path
 
 
 def may_be_recording(path: str) -> bool:
-    """Whether a file begins like MCAP or a ROS bag, has unknown compressed content, or is a table of poses.
-
-    Raises
-    ------
-    OSError, UnreadableRecording
-        If it cannot be read.
-    """
+    """Whether a file begins like MCAP or a ROS bag, has unknown compressed content, or is a table of poses;
+    raises OSError or UnreadableRecording if it cannot be read."""
     with open(path, "rb") as file:
         begin = file.read(_BEGIN)
     if begin.startswith(ZSTD_MAGIC):
@@ -102,18 +87,9 @@ def may_be_recording(path: str) -> bool:
     return begin.startswith((*_BAGS, MAGIC)) or has_poses(path)
 
 
-def size_budget(path: str) -> WorkBudget:
-    """The work that the bytes of all parts explain, for messages of which only the first are read."""
-    budget = WorkBudget()
-    budget.bytes_read += sum(os.path.getsize(part) for part in parts_of(path) if is_regular(part))
-    return budget
-
-
 def _refuse_unrelated(path: str, parts: Sequence[str]) -> None:
-    """Raise AmbiguousSource if the files of a folder are separate recordings.
-
-    Parts of one recording have a metadata.yaml or are consecutive in log time; files without an index have
-    names that differ only in numbers.
+    """Raise AmbiguousSource if the files of a folder are separate recordings: parts of one have a
+    metadata.yaml, are consecutive in log time, or, without an index, have names that differ only in numbers.
     """
     if len(parts) < 2 or os.path.exists(os.path.join(path, _METADATA)):
         return
@@ -130,9 +106,9 @@ def _refuse_unrelated(path: str, parts: Sequence[str]) -> None:
         formats = sorted({os.path.splitext(_plain(name))[1].lower() for name in names})
         several = f"of different formats ({', '.join(formats)})"
         how = several if len(formats) > 1 else "that do not follow each other"
-        more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+        remainder = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
         raise AmbiguousSource(
-            f"{path} holds recordings {how}: {', '.join(names[:_NAMED])}{more}; "
+            f"{path} holds recordings {how}: {', '.join(names[:_NAMED])}{remainder}; "
             f"name one of them (parts of one recording are taken together beside a {_METADATA})"
         )
 
@@ -140,13 +116,14 @@ def _refuse_unrelated(path: str, parts: Sequence[str]) -> None:
 def _interval_ns(part: str) -> tuple[int, int] | None:
     """First and last log time of a part, if its index has them."""
     summary = summary_of(part)
-    known = None if summary is None else summary.statistics
-    return (known.message_start_time, known.message_end_time) if known and known.message_count else None
+    if summary is None or (statistics := summary.statistics) is None or not statistics.message_count:
+        return None
+    return statistics.message_start_time, statistics.message_end_time
 
 
 def is_table_file(path: str) -> bool:
     """Whether a recording is a table, which has poses and nothing else."""
-    return not os.path.isdir(path) and path != STDIN and is_table(path, _begin(path))
+    return not os.path.isdir(path) and path != STDIN and is_table(path, first_bytes(path, _BEGIN))
 
 
 class Reading:
@@ -155,35 +132,30 @@ class Reading:
     Parameters
     ----------
     path : file, folder or ``-``.
-    wanted : messages of other channels are skipped unread; None of all.
+    is_wanted : accepts channels; messages of other channels are skipped unread. None skips all messages.
     follow : wait for more data; a folder is complete once it has a metadata.yaml.
-    table : what the columns of a table are, where their names do not say it.
+    table : how the columns of a table are read, if their names do not say it.
 
     Attributes
     ----------
     assumption : one line on what was assumed about a table, or None.
     is_table : whether it is a table, which has poses and nothing else.
-    decoder : of the messages, with the work that the bytes read explain.
+    decoder : decoder of the messages, whose work is bounded by the bytes read.
 
-    Raises
-    ------
-    UnreadableRecording
-        No such file, or, while iterating, nothing of it is MCAP.
-    ChoiceError
-        The file cannot be followed, or ``table`` does not fit.
-    AmbiguousSource
-        A folder of separate recordings, whose messages are read.
+    Raises UnreadableRecording if there is no such file, or, while iterating, no part can be read; ChoiceError
+    if the file cannot be followed, or ``table`` does not fit; AmbiguousSource if messages of a folder of
+    separate recordings are wanted.
     """
 
     def __init__(
         self,
         path: str,
-        wanted: Callable[[Channel], bool] | None,
+        is_wanted: Callable[[Channel], bool] | None,
         follow: Follow | None = None,
         table: TableReading = AS_NAMED,
     ) -> None:
         path = recording_of(path)
-        if follow is None and wanted is not None:
+        if follow is None and is_wanted is not None:
             _refuse_unrelated(path, parts_of(path))
         self.is_table = is_table_file(path)
         if table.is_of_table and not self.is_table:
@@ -192,7 +164,7 @@ class Reading:
             raise ChoiceError(
                 f"{_shown(path)}: it is a table: say which columns the poses are in by --columns"
             )
-        self.path, self._wanted, self._follow, self._table_reading = path, wanted, follow, table
+        self.path, self._wanted, self._follow, self._table_reading = path, is_wanted, follow, table
         self.assumption: str | None = None
         self._damages, self._more_damages = list[str](), 0
         self.budget = WorkBudget()
@@ -206,8 +178,8 @@ class Reading:
     @property
     def damage(self) -> str | None:
         """One line, or None without damage."""
-        more = f"and {self._more_damages} more" if self._more_damages else ""
-        return "; ".join(filter(None, (*self._damages, more, self.budget.damage))) or None
+        remainder = f"and {self._more_damages} more" if self._more_damages else ""
+        return "; ".join(filter(None, (*self._damages, remainder, self.budget.damage))) or None
 
     def __iter__(self) -> Iterator[Item]:
         readable = False
@@ -225,7 +197,7 @@ class Reading:
             raise errors[0]
 
     def _part(self, part: str, single: bool) -> Iterator[Item]:
-        begin = _begin(part)
+        begin = first_bytes(part, _BEGIN)
 
         def report(text: str) -> None:
             self._report(text if single else f"{os.path.basename(part)}: {text}")
@@ -268,31 +240,31 @@ class Reading:
     def _by_log_time(
         self, summary: Summary, loop: RecordLoop, stream: ByteStream, report: Callable[[str], None]
     ) -> Iterator[Item]:
-        """The items of a file with an index, messages by log time: chunks that overlap are read by the index,
-        messages outside of chunks are buffered, as others may be earlier."""
-        known, chunks = summary.statistics, summary.chunk_indexes
-        assert known is not None
-        others: list[Entry] = [*summary.attachment_indexes, *summary.metadata_indexes]
-        if not known.chunk_count and not chunks:
+        """The items of a file with an index, messages by log time: overlapping chunks are read by the index;
+        messages outside of chunks are buffered, as later ones may have earlier times."""
+        statistics, chunks = summary.statistics, summary.chunk_indexes
+        assert statistics is not None
+        entries: list[Entry] = [*summary.attachment_indexes, *summary.metadata_indexes]
+        if not statistics.chunk_count and not chunks:
             yield from in_log_order((0, [item]) for item in loop)
             return
         chunks = sorted(chunks, key=lambda chunk: chunk.chunk_start_offset)
         is_in_order = all(a.message_end_time <= b.message_start_time for a, b in pairwise(chunks))
-        counts = known.chunk_count, known.attachment_count + known.metadata_count
-        is_whole = counts == (len(chunks), len(others))
+        counts = statistics.chunk_count, statistics.attachment_count + statistics.metadata_count
+        is_whole = counts == (len(chunks), len(entries))
         if is_in_order or not is_whole or any(loop.opcode_of(chunk) != Opcode.CHUNK for chunk in chunks):
             stream.seek(0)
             yield from loop
             return
-        for entry in others:
+        for entry in entries:
             yield from loop.items_of(entry)
         chunks.sort(key=lambda chunk: chunk.message_start_time)
         yield from in_log_order((chunk.message_start_time, loop.items_of(chunk)) for chunk in chunks)
-        if loop.is_sound and (lost := known.message_count - loop.messages) > 0:
+        if loop.is_sound and (lost := statistics.message_count - loop.messages) > 0:
             report(f"{lost} messages outside of chunks, which overlap in log time, are left out")
 
     def _parts(self) -> Iterator[tuple[str, bool]]:
-        """Parts in order, and whether each is the only one; when following, new ones, too."""
+        """Parts in order, and whether each is the only one; when following, also new parts."""
         single = not self.is_folder
         if self._follow is None:
             yield from ((part, single) for part in parts_of(self.path))
@@ -305,17 +277,6 @@ class Reading:
                 done.add(new[0])
             elif os.path.exists(os.path.join(self.path, _METADATA)) or not self._follow.wait():
                 return
-
-
-def _begin(part: str) -> bytes:
-    """The first bytes of a file; empty if it can be read only once."""
-    if not is_regular(part):
-        return b""
-    try:
-        with open(part, "rb") as file:
-            return file.read(_BEGIN)
-    except OSError:
-        return b""
 
 
 def _plain(name: str) -> str:

@@ -1,15 +1,16 @@
 """Pose sources of a recording, and selection of one.
 
-A source is a topic with its frames. Where a file has an index, its channels are known from there and their
-frames from a prefix that starts at the first chunk of each. Otherwise (pipes, growing, truncated and
-index-less files) the prefix of the whole decides. A prefix is one second of log time from its first pose, and
-at most 2000 pose messages and 10,000 poses; by an index at most 8 MB, and 32 MB of all channels together. If
-another matching source appears only later, the user has to choose; a live stream continues with the first
-one, and reports it.
+A source is a topic with its frames. If a file has an index, this gives the channels, and a prefix from the
+first chunk of each gives their frames. Otherwise (pipes, growing, truncated and index-less files) the prefix
+of the whole file decides. A prefix is one second of log time from its first pose, and
+at most 2000 pose messages and 10,000 poses; with an index at most 8 MB per channel, and 32 MB together. If
+another matching source appears later, the user has to choose; a live stream continues with the first source,
+and reports the other.
 `/tf_static` does not move, and `/contact/frames` belongs to results: these are sources only if their topic is
 requested.
 """
 
+import os
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -23,7 +24,7 @@ from contact_tracker.config.table_reading import AS_NAMED, TableReading
 from contact_tracker.errors import AmbiguousSource, ChoiceError, NoPoses
 from contact_tracker.motion.pose_validation import PoseGate
 from contact_tracker.motion.poses import Pose, Poses
-from contact_tracker.recording.bytestream import WorkBudget, open_stream
+from contact_tracker.recording.bytestream import WorkBudget, is_regular, open_stream
 from contact_tracker.recording.decoding import (
     POSE_TYPES,
     READ,
@@ -46,16 +47,16 @@ from contact_tracker.recording.items import (
     RawMessage,
 )
 from contact_tracker.recording.mcap_file import RecordLoop, channel_of, summary_of
-from contact_tracker.recording.reading import parts_of, size_budget
+from contact_tracker.recording.reading import parts_of
 from contact_tracker.suggestions import suggestion
 
 PREFIX_NS: Final = SECOND_NS
 PREFIX_MESSAGES: Final = 2000
 _LATEST_NS: Final = 2**63 - 1
 COARSE: Final = 4
-"""Different poses per stamp from which stamps cannot order poses in time."""
+"""Number of different poses per stamp from which stamps cannot order poses in time."""
 COARSE_SECONDS: Final = 2
-"""The same for stamps in whole seconds, of which only two occur among the first poses."""
+"""The same number for stamps in whole seconds, only two of which occur among the first poses."""
 
 Logged = tuple[Pose, int]
 """A pose with the stamp of its header, and its log time in nanoseconds."""
@@ -78,7 +79,7 @@ class Stamping(NamedTuple):
 
     @classmethod
     def by(cls, prefix: Sequence[Logged]) -> "Stamping":
-        """By the first poses of a source: one second of log time, and at most 2000."""
+        """The stamping by the first poses of a source: one second of log time, at most 2000 poses."""
         good = [(pose.stamp_ns, log_time_ns) for pose, log_time_ns in prefix if pose.stamp_ns]
         are_zero = len(prefix) > 1 and not good
         stamps = {
@@ -97,8 +98,8 @@ class Stamping(NamedTuple):
         return 0 if self.by_log_time or self.offset_ns is None else self.offset_ns
 
     def admitted(self, gate: PoseGate, logged: Iterable[Logged]) -> Poses:
-        """The valid ones of some poses."""
-        return gate.admit_all(self.stamped(*one, gate.counts) for one in logged)
+        """The poses with their stamps that pass the gate."""
+        return gate.admit_all(self.stamped(*entry, gate.counts) for entry in logged)
 
     def stamped(self, pose: Pose, log_time_ns: int, counts: Counter[str]) -> Pose:
         """The pose with its log time as stamp if it lacks one, which is counted.
@@ -116,15 +117,14 @@ class Stamping(NamedTuple):
         return pose._replace(stamp_ns=min(stamp_ns, _LATEST_NS))
 
 
-def is_prefix(first: Sequence[Logged]) -> bool:
-    """Whether these first poses of a source are enough to decide how poses are stamped."""
-    return len(first) >= PREFIX_MESSAGES or first[-1][1] - first[0][1] >= PREFIX_NS
-
-
 _STATIC: Final = "tf_static"
+_UNDECODED: Final = (
+    "no pose on {} can be read: messages are empty, or not what their definition in the file says, or it "
+    "cannot be used"
+)
 _LISTED: Final = 8
 _TEXT_SHOWN: Final = 120
-"""Most characters of a name from the file in messages, which escape control characters."""
+"""Largest number of characters of a name from the file in messages."""
 _POSE_LIKE: Final = re.compile(r"Pose|Transform|Odometry|TFMessage|Path|RigidBod|Mocap")
 
 
@@ -134,14 +134,13 @@ TRANSFORM_TYPES: Final = frozenset(
 
 
 class ChannelFilter:
-    """Whether a channel may carry the selected poses; records all channels that were tested, and by topic the
-    messages that an index counts.
+    """Whether a channel may carry the selected poses; records all tested channels, and the number of messages
+    by topic, if an index has it.
 
     Parameters
     ----------
-    topic : ``/name``, or ``/name:TYPE`` where a topic has several types; TYPE may be without its package.
-    table : with the path to the poses in messages, if these are not those of known types, and the command
-        that reads them.
+    topic : ``/name``, or ``/name:TYPE`` if the topic has several types; TYPE may be without its package.
+    table : reading with the path to the poses in messages of unknown types, and the command that reads them.
     with_transforms : whether transforms are accepted as well, and the topic ``relative_to``.
     """
 
@@ -162,7 +161,7 @@ class ChannelFilter:
         return self._has_poses(channel) or (self._with_transforms and may_be_step(channel, self.relative_to))
 
     def takes(self, source: PoseSource) -> bool:
-        """Whether this source may be that of the poses; transforms are read as well."""
+        """Whether this source may be the selected one; the filter also passes transforms."""
         return any(
             (channel.topic, channel.type) == (source.topic, source.type) and self._has_poses(channel)
             for channel in self.seen.values()
@@ -183,18 +182,18 @@ class ChannelFilter:
     def nothing_found(self, path: str) -> NoPoses | ChoiceError:
         """The error that lists what the recording has instead of the selected poses."""
         seen = list(self.seen.values())
-        asked = [c for c in seen if self._topic is not None and self._is_asked(c)]
+        requested = [c for c in seen if self._topic is not None and self._is_asked(c)]
         poses = [c for c in seen if may_have_poses(c, self._field)]
         alike = [c for c in seen if not may_have_poses(c) and _POSE_LIKE.search(c.type)]
         alike = alike or [c for c in seen if not is_readable(c)]
-        fields = _fields_in(path, asked or seen, self._table)
+        fields = _fields_in(path, requested or seen, self._table)
         fault: type[NoPoses | ChoiceError] = NoPoses
-        if any(map(self, asked)):
-            text = _undecoded([asked[0].topic])
-        elif fields and (asked or not poses):
+        if any(map(self, requested)):
+            text = _UNDECODED.format(requested[0].topic[:_TEXT_SHOWN])
+        elif fields and (requested or not poses):
             text = fields
-        elif asked:
-            fault, text = (ChoiceError if poses else NoPoses), _reasons(asked)
+        elif requested:
+            fault, text = (ChoiceError if poses else NoPoses), _reasons(requested)
         elif self._topic is not None:
             topics = [c.topic for c in (poses or seen)]
             fault, near = (ChoiceError if poses else NoPoses), suggestion(self._topic, topics)[:_TEXT_SHOWN]
@@ -206,7 +205,7 @@ class ChannelFilter:
             text = f"its only poses are on {static}, which does not move"
             text += f": to take them all the same, --topic {static}"
         elif poses or alike:
-            text = _undecoded(c.topic for c in poses) if poses else _reasons(alike)
+            text = _UNDECODED.format(_listing(c.topic for c in poses)) if poses else _reasons(alike)
         else:
             topics_seen = _listing(f"{c.topic} ({c.type})" for c in seen) or "no topics at all"
             text = f"no pose topic among {topics_seen}; poses are {USUAL}"
@@ -214,19 +213,15 @@ class ChannelFilter:
 
 
 def may_be_step(channel: Channel, relative_to: str | None) -> bool:
-    """Whether a channel may be part of a chain: it has transforms, or is the topic that poses are relative
-    to."""
+    """Whether a channel may be part of a chain: it has transforms, or is the topic ``relative_to``."""
     return canonical(channel.type) in TRANSFORM_TYPES or channel.topic == relative_to
 
 
-def peek(path: str, wanted: ChannelFilter, field: str | None = None) -> dict[PoseSource, list[Logged]]:
+def peek(path: str, selection: ChannelFilter, field: str | None = None) -> dict[PoseSource, list[Logged]]:
     """The sources on the wanted channels of an index, with the poses in the prefix of each; reads only the
     chunks that have its first messages. ``field`` is the path to poses in messages of other types.
 
-    Raises
-    ------
-    NoPoses, ChoiceError
-        The indexes list all channels, and none is wanted, or none of the requested topic.
+    Raises NoPoses or ChoiceError if the indexes list all channels, and none is wanted, or none of the topic.
     """
     messages, indexed = list[RawMessage](), True
     for part in parts_of(path):
@@ -238,20 +233,22 @@ def peek(path: str, wanted: ChannelFilter, field: str | None = None) -> dict[Pos
         for channel_id in sorted(summary.channels):
             count = summary.statistics.channel_message_counts.get(channel_id, 0)
             channel = channel_of(summary.channels[channel_id], summary.schemas)
-            wanted.counts[channel.topic] += count
-            if wanted(channel) and count and channel not in read:
+            selection.counts[channel.topic] += count
+            if selection(channel) and count and channel not in read:
                 missing[channel_id] = channel
         messages += _peek_channels(part, summary, missing)
-    if indexed and not any(wanted(channel) for channel in list(wanted.seen.values())):
-        raise wanted.nothing_found(path)
-    return poses_by_source(MessageDecoder(size_budget(path), field).poses(messages))
+    if indexed and not any(selection(channel) for channel in list(selection.seen.values())):
+        raise selection.nothing_found(path)
+    budget = WorkBudget(sum(os.path.getsize(part) for part in parts_of(path) if is_regular(part)))
+    return poses_by_source(MessageDecoder(budget, field).poses(messages))
 
 
 def _peek_channels(part: str, summary: Summary, missing: Mapping[int, Channel]) -> list[RawMessage]:
-    """The prefixes of some channels, from the chunks that have their messages; each chunk is read once."""
+    """The prefixes of the ``missing`` channels, from the chunks with their messages; each chunk is read
+    once."""
     prefixes = {channel: list[RawMessage]() for channel in missing.values()}
-    sizes, budget = Counter[Channel](), WorkBudget()
-    budget.bytes_read += sum(chunk.chunk_length for chunk in summary.chunk_indexes)
+    sizes = Counter[Channel]()
+    budget = WorkBudget(sum(chunk.chunk_length for chunk in summary.chunk_indexes))
 
     def is_full(channel: Channel) -> bool:
         """Whether the first messages of a channel are enough: one second of log time, or many."""
@@ -262,10 +259,10 @@ def _peek_channels(part: str, summary: Summary, missing: Mapping[int, Channel]) 
     with open_stream(part, budget=budget) as stream:
         loop = RecordLoop(stream, lambda text: None, prefixes.__contains__, summary)
         for chunk in sorted(summary.chunk_indexes, key=lambda chunk: chunk.chunk_start_offset):
-            there = [
+            channels = [
                 missing[channel_id] for channel_id in missing.keys() & chunk.message_index_offsets.keys()
             ]
-            if sizes.total() >= 4 * BUFFER_BYTES or all(map(is_full, there)):
+            if sizes.total() >= 4 * BUFFER_BYTES or all(map(is_full, channels)):
                 continue
             for item in loop.items_of(chunk):
                 if isinstance(item, RawMessage) and not is_full(item.channel):
@@ -276,46 +273,46 @@ def _peek_channels(part: str, summary: Summary, missing: Mapping[int, Channel]) 
 
 def take_prefix(groups: Iterator[Sequence[LoggedPose | None]]) -> list[Sequence[LoggedPose | None]]:
     """The poses of the next messages or rows, up to one second of log time, or many; empty at the end."""
-    prefix, times_ns, many = list[Sequence[LoggedPose | None]](), list[int](), 0
+    prefix, times_ns, count = list[Sequence[LoggedPose | None]](), list[int](), 0
     for group in groups:
         prefix.append(group)
-        many += len(group)
-        times_ns += [one[2] for one in group[:1] if one is not None]
+        count += len(group)
+        times_ns += [entry[2] for entry in group[:1] if entry is not None]
         is_long = bool(times_ns) and times_ns[-1] - times_ns[0] >= PREFIX_NS
-        if is_long or len(prefix) >= PREFIX_MESSAGES or many >= ROWS_AT_ONCE:
+        if is_long or len(prefix) >= PREFIX_MESSAGES or count >= ROWS_AT_ONCE:
             break
     return prefix
 
 
 def poses_by_source(logged: Iterable[LoggedPose | None]) -> dict[PoseSource, list[Logged]]:
-    """The sources of poses, each with its own; what could not be decoded is skipped."""
+    """The poses by source; messages that could not be decoded are skipped."""
     poses: dict[PoseSource, list[Logged]] = {}
-    for one in logged:
-        if one is not None:
-            poses.setdefault(one[0], []).append(one[1:])
+    for entry in logged:
+        if entry is not None:
+            poses.setdefault(entry[0], []).append(entry[1:])
     return poses
 
 
 def only_one(path: str, sources: Iterable[PoseSource], hint: str = "") -> PoseSource:
     """The only source; raises AmbiguousSource, which lists them, if there are several; ``hint`` names
     alternatives."""
-    first, *others = sources
-    if others:
-        listing = _listing(map(str, sorted({first, *others})), "; ")
+    source, *further = sources
+    if further:
+        listing = _listing(map(str, sorted({source, *further})), "; ")
         raise AmbiguousSource(
             f"{path} holds several pose sources, choose by --topic or --frame{hint}: {listing}"
         )
-    return first
+    return source
 
 
 def without_frame(
     path: str, lacking: str, name: str, sources: Iterable[PoseSource], hint: str = ""
 ) -> ChoiceError:
-    """The error where no source has a frame, ``lacking`` in words and ``name`` as given; ``hint`` says how to
-    have its poses all the same."""
-    there = sorted(sources)
-    names = [text for s in there for text in (s.topic, s.frame_id, s.child_frame_id, s.frames) if text]
-    listing = _listing(map(str, there), "; ")
+    """The error if no source has a frame, which is ``lacking`` in words and ``name`` as stated; ``hint`` says
+    how to get its poses nevertheless."""
+    listed = sorted(sources)
+    names = [text for s in listed for text in (s.topic, s.frame_id, s.child_frame_id, s.frames) if text]
+    listing = _listing(map(str, listed), "; ")
     advice = hint or suggestion(name, names)
     return ChoiceError(
         f"{path}: no pose source has the frame {lacking}; there is {listing}{advice[:_TEXT_SHOWN]}"
@@ -323,38 +320,31 @@ def without_frame(
 
 
 def _fields_in(path: str, channels: Iterable[Channel], table: TableReading) -> str:
-    """What messages of unknown types, or without the field that is asked for, have poses in, with the command
-    that reads them; empty if none has."""
-    asked = table.field
-    found = [(c, field) for c in channels if asked or not may_have_poses(c) for field in fields_with_poses(c)]
-    if not found or asked in [field for _, field in found]:
+    """The fields with poses in messages of unknown types, or without the stated field, with the command that
+    reads them; empty if there are none."""
+    stated = table.field
+    unknown = (channel for channel in channels if stated or not may_have_poses(channel))
+    fields = [(channel, field) for channel in unknown for field in fields_with_poses(channel)]
+    if not fields or stated in [field for _, field in fields]:
         return ""
-    channel, field = found[0]
+    channel, field = fields[0]
     command = replace(table, field=field).command(path, "--topic", channel.topic)
-    others = [f"{field} of {c.topic}" for c, field in found[1:]]
-    more = f"; others are in {_listing(others)}" if others else ""
-    lacks = "" if asked is None else f"no messages have poses in the field {asked}; "
-    where = f"{channel.topic} ({channel.type})"[:_TEXT_SHOWN]
-    return f"{lacks}the messages of {where} have poses in the field {field}: read them by {command}{more}"
-
-
-def _undecoded(topics: Iterable[str]) -> str:
-    """The message on topics without decodable poses."""
-    return (
-        f"no pose on {_listing(topics)} can be read: messages are empty, or not what their definition in the "
-        "file says, or it cannot be used"
-    )
+    further = [f"{field} of {c.topic}" for c, field in fields[1:]]
+    hint = f"; others are in {_listing(further)}" if further else ""
+    lacks = "" if stated is None else f"no messages have poses in the field {stated}; "
+    place = f"{channel.topic} ({channel.type})"[:_TEXT_SHOWN]
+    return f"{lacks}the messages of {place} have poses in the field {field}: read them by {command}{hint}"
 
 
 def _reasons(channels: Sequence[Channel]) -> str:
     """The message on channels that are not pose sources."""
     reasons = list[str]()
-    for one in channels[:_LISTED]:
-        why = f"{one.type}, which is no pose"
-        if not is_readable(one) or not one.type:
-            how = f"{one.encoding or 'no encoding'} with {one.schema_encoding or 'no schema'}"
-            why = f"{one.type or 'of no type'} in {how}"
-        reasons.append(f"{one.topic} is {why}"[:_TEXT_SHOWN])
+    for channel in channels[:_LISTED]:
+        why = f"{channel.type}, which is no pose"
+        if not is_readable(channel) or not channel.type:
+            how = f"{channel.encoding or 'no encoding'} with {channel.schema_encoding or 'no schema'}"
+            why = f"{channel.type or 'of no type'} in {how}"
+        reasons.append(f"{channel.topic} is {why}"[:_TEXT_SHOWN])
     if any(map(is_readable, channels)):
         reasons.append(f"poses are {USUAL}")
     if not all(map(is_readable, channels)):
@@ -366,5 +356,5 @@ def _reasons(channels: Sequence[Channel]) -> str:
 
 def _listing(texts: Iterable[str], separator: str = ", ") -> str:
     all_texts = [text[:_TEXT_SHOWN] for text in texts]
-    more = len(all_texts) - _LISTED
-    return separator.join(all_texts[:_LISTED]) + (f"{separator}and {more} more" if more > 0 else "")
+    hidden = len(all_texts) - _LISTED
+    return separator.join(all_texts[:_LISTED]) + (f"{separator}and {hidden} more" if hidden > 0 else "")

@@ -1,9 +1,4 @@
-"""Layouts of poses in tables: columns by their names and by what users say of them, units and rotations; and
-the command that reads them where their names do not say what they are.
-
-Names and systems are in tables here: what columns are called, how known systems mean theirs, and what as many
-numbered columns usually are. Rows without names have a pose where there is a rotation.
-"""
+"""Layouts of poses in tables: roles, units and rotations of columns, from their names or stated by users."""
 
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -34,7 +29,7 @@ from contact_tracker.suggestions import suggestion
 
 Array = NDArray[np.float64]
 _PLAUSIBLE: Final = 0.1
-"""Largest deviation of a determinant from 1; other matrices are no rotations."""
+"""Largest deviation from 1 of a rotation's determinant and of an axis's length."""
 
 
 def _from_euler(angles: Array, how: str) -> Array:
@@ -56,7 +51,8 @@ def _from_axes(values: Array, unit: str) -> Array:
 
 
 def _from_matrices(rows: Array, _: str) -> Array:
-    """Quaternions of the rotations nearest to matrices; zero for what is none, which the pose gate counts."""
+    """Quaternions of the rotations nearest to matrices; for other matrices zero, which the pose gate
+    counts."""
     matrices = rows.reshape(-1, 3, 3)
     is_rotation = np.abs(np.linalg.det(matrices) - 1.0) < _PLAUSIBLE
     near = Rotation.from_matrix(np.where(is_rotation[:, None, None], matrices, np.eye(3))).as_quat()
@@ -70,29 +66,23 @@ ROTATIONS: Final[Mapping[str, tuple[tuple[str, ...], Callable[[Array, str], Arra
     "axis_angle": ((*ANGLES, ANGLE), _from_axes),
     "matrix": (MATRIX, _from_matrices),
 }
-"""Kinds of rotation: the roles of their columns, and the function from their values (N, k), and text on how
-these are meant, to quaternions ``xyzw``."""
+"""Kinds of rotation: the roles of their columns, and the function from their values (N, k) and their
+convention (order and unit) to quaternions ``xyzw``."""
 
 
 def quaternions(kind: str, values: Array, how: str) -> Array:
-    """Quaternions (N, 4) ``xyzw`` of rotations of a kind; NaN where a value is not finite."""
-    known = np.isfinite(values).all(axis=1)
-    found = np.full((len(values), 4), np.nan)
-    if known.any():
-        found[known] = ROTATIONS[kind][1](values[known], how)
-    return found
+    """Quaternions (N, 4) ``xyzw`` of rotations of a kind; NaN if a value is not finite."""
+    is_finite = np.isfinite(values).all(axis=1)
+    quats = np.full((len(values), 4), np.nan)
+    if is_finite.any():
+        quats[is_finite] = ROTATIONS[kind][1](values[is_finite], how)
+    return quats
 
 
 BLANKS: Final = '" \t\r\n'
 """Characters that may surround a value in its cell."""
-SEPARATORS: Final[Mapping[str, str]] = {
-    ";": "semicolons",
-    "\t": "tabs",
-    ",": "commas",
-    "|": "bars",
-    " ": "blanks",
-}
-"""Characters that separate values, and what messages call them."""
+SEPARATORS: Final = {";": "semicolons", "\t": "tabs", ",": "commas", "|": "bars", " ": "blanks"}
+"""Characters that separate values, and their names in messages."""
 
 
 _EXPONENT: Final = re.compile(r"(?<=[\d.])[dD](?=[+-]?\d+$)")
@@ -100,8 +90,8 @@ _THOUSANDS: Final = re.compile(r"[+-]?\d{1,3}(?:(?:,\d{3})+\.\d*|(?:\.\d{3})+,\d
 
 
 def plain_number(value: str) -> str:
-    """A number in a cell as Python writes it: it may have quotes, a decimal comma, marks of thousands beside
-    a decimal mark, or an exponent of Fortran."""
+    """The number in a cell in the notation of Python; the cell may have quotes, a decimal comma, marks of
+    thousands beside a decimal mark, or an exponent of Fortran."""
     plain = value.strip(BLANKS)
     if _THOUSANDS.fullmatch(plain):
         plain = re.sub("[.,](?=.*[.,])", "", plain)
@@ -123,15 +113,15 @@ def numbers(cells: Sequence[str]) -> Array:
 
 def are_numbers(values: Sequence[str]) -> bool:
     """Whether values are numbers and empty cells, with at least one number."""
-    given = [value for value in values if value.strip(BLANKS)]
+    filled = [value for value in values if value.strip(BLANKS)]
     try:
-        return bool(list(map(number, given)))
+        return bool(list(map(number, filled)))
     except ValueError:
         return False
 
 
 class OpenReading(UnreadableRecording):
-    """The columns of a rotation, which are named, may be meant in several ways."""
+    """The convention of a rotation is ambiguous; the message has the names of its columns."""
 
 
 @dataclass(frozen=True)
@@ -141,8 +131,8 @@ class Body:
     Parameters
     ----------
     metres : factor of the position.
-    kind : of the rotation, a key of ``ROTATIONS``.
-    how : order and unit of angles.
+    kind : kind of the rotation, a key of ``ROTATIONS``.
+    how : convention of the rotation: order and unit of angles.
     has_unit : whether the unit of the position is stated, by the user, the columns or the format.
     """
 
@@ -159,13 +149,13 @@ class Body:
 
 
 def are_no_radians(numbers: Array) -> bool:
-    """Whether numbers, angles or a rotation vector, are larger than a turn in radians."""
+    """Whether an angle, or a component of a rotation vector, exceeds one turn in radians."""
     return bool((np.abs(numbers[np.isfinite(numbers)]) > 2.0 * np.pi).any())
 
 
 def doubt_of_angles(values: Array, body: Body, reading: TableReading, path: str) -> str | None:
-    """One line if angles, among the ``values`` (N, k) of a body's columns, are taken as radians and larger
-    than a turn."""
+    """One line if angles among the ``values`` (N, k) of a body's columns are read as radians and exceed a
+    turn."""
     order, _, unit = body.how.rpartition(":")
     has_angles = body.kind in ("euler", "rotation_vector") and unit == "rad"
     if not (has_angles and are_no_radians(values[:, 3:])):
@@ -180,15 +170,15 @@ class TableLayout:
 
     Parameters
     ----------
-    time : index of the time column; -1 where rows are numbered.
+    time : index of the time column; -1 if rows are numbered instead.
     time_ns : unit of the time in nanoseconds; None if it has to be guessed from the values.
     kind : description of the format.
-    separator : of the values in a line; None for white space.
+    separator : separator of the values in a line; None for white space.
     skip : lines before the first row.
-    rest : index of a column with the rest of the second, in ``rest_ns``.
+    rest : index of a column with the fraction of the second, in units of ``rest_ns``.
     has_own_unit : whether the format itself defines the unit of its times.
-    names : of the values of JSON lines, and of cells with several values, whose columns are ``heads``.
-    quaternion : names of the columns of the only body's, if users can name others.
+    names : names of the values in JSON lines, or in cells with several values, whose columns are ``heads``.
+    quaternion : names of the columns of the only body's quaternion, if users can state other columns.
     has_angles : whether the names of columns say that rotations are angles.
     """
 
@@ -214,7 +204,7 @@ class TableLayout:
 
 
 def bodies_of(
-    found: Mapping[str, Mapping[str, int]],
+    by_body: Mapping[str, Mapping[str, int]],
     columns: Sequence[tuple[str, str]],
     reading: TableReading,
     unit: str = "",
@@ -223,18 +213,14 @@ def bodies_of(
 
     Parameters
     ----------
-    found : indices of columns by body and role.
-    columns : name and unit of each column, the unit empty where unknown; ``unit`` is that of positions then.
+    by_body : indices of columns by body and role.
+    columns : name and unit of each column; if it is empty, ``unit`` is the unit of positions.
 
-    Raises
-    ------
-    OpenReading
-        What the rotation of a body is, or the unit of its angles, is not known.
-    UnreadableRecording
-        A unit is unknown, or those of x, y and z differ.
+    Raises OpenReading if it is not known what the rotation of a body is, or the unit of its angles, and
+    UnreadableRecording if a unit is unknown, or the units of x, y and z differ.
     """
     bodies, open_names = list[Body](), list[str]()
-    for name, places in found.items():
+    for name, places in by_body.items():
         kinds = [kind for kind, (roles, _) in ROTATIONS.items() if places.keys() >= set(roles)]
         if not kinds or not places.keys() >= set(POSITION):
             continue
@@ -247,19 +233,19 @@ def bodies_of(
             continue
         roles, _ = ROTATIONS[kind]
         named = [columns[places[role]] for role in POSITION]
-        position = [(label, (reading.unit or own or unit).lower()) for label, own in named]
-        for (label, of_label), (_, own) in zip(position, named, strict=True):
-            if LENGTHS_M.get(own.lower()) not in (None, LENGTHS_M.get(of_label)):
-                raise UnreadableRecording(_contradicted(label, own, of_label))
+        position = [(label, (reading.unit or column_unit or unit).lower()) for label, column_unit in named]
+        for (label, of_label), (_, column_unit) in zip(position, named, strict=True):
+            if LENGTHS_M.get(column_unit.lower()) not in (None, LENGTHS_M.get(of_label)):
+                raise UnreadableRecording(_contradicted(label, column_unit, of_label))
             if of_label and of_label not in LENGTHS_M:
                 raise UnreadableRecording(_unknown_unit(of_label, label, "m, cm, mm, um"))
-        metres, *others = {LENGTHS_M.get(of_label, 1.0) for _, of_label in position}
-        if others:
+        metres, *differing = {LENGTHS_M.get(of_label, 1.0) for _, of_label in position}
+        if differing:
             labels = ", ".join(label for label, _ in named)
             raise UnreadableRecording(f"the units of the columns {labels} differ: give all three in one")
         how = _how(reading, [columns[places[role]] for role in roles[3:] or roles])
         own_places = tuple(places[role] for role in (*POSITION, *roles))
-        has_unit = all(reading.unit or own or unit for _, own in named)
+        has_unit = all(reading.unit or column_unit or unit for _, column_unit in named)
         bodies.append(Body(name, own_places, metres, kind, how, has_unit))
     if open_names and not bodies:
         raise OpenReading(", ".join(open_names[:3]))
@@ -281,16 +267,16 @@ def _how(reading: TableReading, columns: Sequence[tuple[str, str]]) -> str:
     return f"{reading.euler}:{units.pop()}"
 
 
-def _contradicted(name: str, own: str, stated: str) -> str:
-    return f"column '{name.strip()}' states the unit {own}, not {stated}: give none, or correct its name"
+def _contradicted(name: str, unit: str, stated: str) -> str:
+    return f"column '{name.strip()}' states the unit {unit}, not {stated}: give none, or correct its name"
 
 
-def _unknown_unit(unit: str, name: str, known: str) -> str:
-    return f"the unit '{unit}' of column '{name.strip()}' is not known: {known}"
+def _unknown_unit(unit: str, name: str, choices: str) -> str:
+    return f"the unit '{unit}' of column '{name.strip()}' is not known: {choices}"
 
 
 _UNIT: Final = re.compile(r"[\s_]*[\[(](?!\d+\])([^\])]*)[\])]\s*$|_(mm|cm|um|m|s|ms|us|ns|deg|rad)$")
-"""A unit in brackets, unless they hold the number of a value, or after an underscore."""
+"""A unit in brackets (which do not contain the number of an element) or after an underscore."""
 _CAMEL: Final = re.compile(r"(?<=[a-z])(?=[A-Z])")
 _TIME: Final = re.compile(r"(?:.*[./ ])?(?:rosbag)?_*(?:t|time|times|time_?stamp|stamp)")
 _ELAPSED: Final = re.compile(r"(?:.*[./ _])?(?:elapsed|elapsed_?time|secs?|seconds)")
@@ -326,11 +312,11 @@ _ROLES: Final[Sequence[tuple[re.Pattern[str], str]]] = tuple(
         (r"(?<![a-z])(?:r|rot|m|t)_?([123])_?([123])", "r{0}{1}"),
     )
 )
-"""Names of columns in lower case, after that of their body; a quaternion or a position is one thing only, and
-``rotation_x`` may also be an angle."""
+"""Patterns of column names in lower case, after the name of the body, and their roles; only one of the first
+three applies, and ``rotation_x`` may also be an angle."""
 NUMBERED: Final = re.compile(r"(.*?)[\[_.]?(\d{1,4})\]?")
 BY_ROW: Final = re.compile(r"(.*?)[\[_.](\d{1,2})\]?[\[_.](\d{1,2})\]?")
-"""Numbers in one row of values, and of rows and columns of a matrix, as ``T_0_3``."""
+"""Numbers of the elements of a list, and of the rows and columns of a matrix, as in ``T_0_3``."""
 _SLICE: Final = re.compile(r"(.*)\[(\d{1,4})(?::(\d{1,4}))?\]")
 _GENERIC: Final = {"", "pose", "field", "transform", "data", "msg", "message", "state"}
 _MATRIX_SHAPES: Final = {9: (3, 3), 12: (3, 4), 16: (4, 4)}
@@ -342,7 +328,7 @@ _NAMED_ANGLES: Final = re.compile("|".join((*_TURNS, "euler", "angle")), re.IGNO
 NAMED_VECTOR: Final = re.compile("rvec|rot_?vec|axis_?angle", re.IGNORECASE)
 """Names of columns of angles, and of a rotation vector."""
 CAN_BE_GIVEN: Final = re.compile(r"[^,=]+").fullmatch
-"""Whether ``--columns`` can have a name."""
+"""Whether ``--columns`` can state a name."""
 _LONGEST_NAME: Final = 200
 NO_FRAMES: Final = (
     "not numbers of frames: leave out the rate, or name the frames' column by --columns time=frame"
@@ -353,24 +339,28 @@ POSE_ROLES: Final = (*POSITION, *QUATERNION)
 
 
 class Columns:
-    """The columns of a table: names as they are, in lower case without units, and the units."""
+    """The columns of a table: names as written, ``plain`` names in lower case without units, and the
+    units."""
 
     def __init__(self, names: Sequence[str], units: Sequence[str] = ()) -> None:
         self.names = [name.strip()[:_LONGEST_NAME] for name in names]
-        split = [_split_unit(name) for name in self.names]
-        self.plain = [plain for plain, _ in split]
-        self.units = [a or b for (_, a), b in zip(split, [*units, *[""] * len(names)], strict=False)]
+        self.plain = [_CAMEL.sub("_", name.lstrip("#").strip()).lower() for name in self.names]
+        self.units = [*units, *[""] * len(names)][: len(names)]
+        for place, plain in enumerate(self.plain):
+            if (unit := _UNIT.search(plain)) is not None:
+                self.plain[place] = plain[: unit.start()]
+                self.units[place] = (unit[1] or unit[2] or "").strip() or self.units[place]
 
     def numbered(self, base: str) -> dict[int, int]:
         """Indices of the columns ``base[0]``, ``base_1``, ... by their number, and of ``base[0][0]``, ... row
         by row."""
-        found = dict[tuple[int, ...], int]()
+        places = dict[tuple[int, ...], int]()
         for pattern in (NUMBERED, BY_ROW):
-            for place, name in enumerate(self.names if not found else ()):
+            for place, name in enumerate(self.names if not places else ()):
                 match = pattern.fullmatch(name)
                 if match is not None and match[1].lower() == base.lower():
-                    found.setdefault(tuple(map(int, match.groups()[1:])), place)
-        ordered = sorted(found.items())
+                    places.setdefault(tuple(map(int, match.groups()[1:])), place)
+        ordered = sorted(places.items())
         return {key[0] if len(key) == 1 else i: place for i, (key, place) in enumerate(ordered)}
 
     def places(self, name: str, is_group: bool) -> list[int]:
@@ -378,46 +368,46 @@ class Columns:
         raises ChoiceError."""
         lower = name.lower()
         by_lower = [*map(str.lower, self.names)]
-        for names, wanted in ((self.names, name), (by_lower, lower), (self.plain, lower)):
-            if not is_group and wanted in names:
-                return [names.index(wanted)]
+        for names, key in ((self.names, name), (by_lower, lower), (self.plain, lower)):
+            if not is_group and key in names:
+                return [names.index(key)]
         part = _SLICE.fullmatch(name)
         if part is not None and (part[3] is not None) == is_group:
-            first = int(part[2])
+            begin = int(part[2])
             numbered = self.numbered(part[1])
-            wanted_numbers = range(first, int(part[3] or first + 1))
+            wanted_numbers = range(begin, int(part[3] or begin + 1))
             if all(number in numbered for number in wanted_numbers):
                 return [numbered[number] for number in wanted_numbers]
         elif is_group and (numbered := self.numbered(name)):
             return list(numbered.values())
         group = f"s {name}" if part is not None else f"s {name}[0], {name}[1], ..."
-        what = group if is_group else f" {name!r}"
+        missing = group if is_group else f" {name!r}"
         raise ChoiceError(
-            f"no column{what}{suggestion(name, self.names) or f'; there are {_listed(self.names)}'}"
+            f"no column{missing}{suggestion(name, self.names) or f'; there are {_listed(self.names)}'}"
         )
 
     def find(self, reading: TableReading) -> dict[str, dict[str, int]]:
-        """Indices by body and role: those that the reading states, and others by their names."""
-        stated = dict(chain.from_iterable(self._stated(*one, reading) for one in reading.columns))
-        found: dict[str, dict[str, int]] = {}
+        """Indices of columns by body and role, as the reading states or by their names."""
+        stated = dict(chain.from_iterable(self._stated(*column, reading) for column in reading.columns))
+        by_body: dict[str, dict[str, int]] = {}
         for place, name in enumerate(self.plain):
             if place not in stated.values():
                 for body, role in _roles(name, reading.matrix == "columns"):
-                    found.setdefault(body, {}).setdefault(role, place)
+                    by_body.setdefault(body, {}).setdefault(role, place)
         times = {role: stated.pop(role) for role in (TIME, REST) if role in stated}
-        if stated:  # the body without a name, or else that of most columns
-            main = "" if "" in found or not found else max(found, key=lambda body: len(found[body]))
-            found = {main: {**found.get(main, {}), **stated}}
-        return {**found, TIME: times}
+        if stated:  # for the body without a name, or else the one with most columns
+            main = "" if "" in by_body or not by_body else max(by_body, key=lambda body: len(by_body[body]))
+            by_body = {main: {**by_body.get(main, {}), **stated}}
+        return {**by_body, TIME: times}
 
     def _stated(self, role: str, name: str, reading: TableReading) -> list[tuple[str, int]]:
         places = self.places(name, role in GROUPS)
         if role not in GROUPS:
             return [(role, places[0])]
         if role != "matrix":
-            many, part = len(GROUPS[role]), f"{name.partition('[')[0]}[0:{len(GROUPS[role])}]"
-            if len(places) != many:
-                raise ChoiceError(f"{role} is {many} columns, as {part}, and {name} has {len(places)}")
+            size, part = len(GROUPS[role]), f"{name.partition('[')[0]}[0:{len(GROUPS[role])}]"
+            if len(places) != size:
+                raise ChoiceError(f"{role} is {size} columns, as {part}, and {name} has {len(places)}")
             return list(zip(GROUPS[role], places, strict=True))
         if len(places) not in _MATRIX_SHAPES:
             raise ChoiceError(f"a matrix has 9, 12 or 16 values, and {name} {len(places)}")
@@ -428,7 +418,7 @@ class Columns:
         return rotation + [(POSITION[i], row[3]) for i, row in enumerate(values) if len(row) > 3]
 
     def time(self, reading: TableReading, times: Mapping[str, int]) -> tuple[int | None, int | None]:
-        """Indices of the time, and of the nanoseconds of its second."""
+        """Indices of the columns of the time and of the fraction of its second; None without one."""
         if TIME in times:
             return times[TIME], times.get(REST)
         patterns = (FRAME, _TIME, _ELAPSED) if reading.has_frame_numbers else (_TIME, _ELAPSED)
@@ -440,15 +430,8 @@ class Columns:
         return (-1 if reading.has_frame_numbers else None), None
 
 
-def _split_unit(name: str) -> tuple[str, str]:
-    """The name of a column in lower case, and its unit."""
-    plain = _CAMEL.sub("_", name.strip().lstrip("#").strip()).lower()
-    unit = _UNIT.search(plain)
-    return (plain, "") if unit is None else (plain[: unit.start()], (unit[1] or unit[2] or "").strip())
-
-
 def _roles(plain: str, by_columns: bool) -> Iterator[tuple[str, str]]:
-    """Body and role of a column, of which ``rotation_x`` may have two."""
+    """Body and role of a column; ``rotation_x`` may have two roles."""
     is_placed = False
     for i, (pattern, role) in enumerate(_ROLES):
         if (match := pattern.fullmatch(plain)) and not (i < 3 and is_placed):
@@ -464,8 +447,8 @@ def _body(prefix: str) -> str:
 
 def layout(columns: Columns, reading: TableReading) -> TableLayout:
     """The layout of columns; raises UnreadableRecording or ChoiceError."""
-    found = columns.find(reading)
-    time, rest = columns.time(reading, found.pop(TIME))
+    by_body = columns.find(reading)
+    time, rest = columns.time(reading, by_body.pop(TIME))
     time_ns, unit = reading.time_ns, "" if time is None or time < 0 else columns.units[time].lower()
     unit_ns = NAMED_NS.get(unit)
     if time is not None and not time_ns:
@@ -474,12 +457,12 @@ def layout(columns: Columns, reading: TableReading) -> TableLayout:
         time_ns = NAMED_NS.get(columns.plain[time]) if unit in _CLOCKS else unit_ns
     if reading.has_frame_numbers and unit_ns not in (None, TIMES_NS["s"]):  # whole seconds may be frames
         raise ChoiceError(f"the column {columns.names[time or 0]!r} has times, {NO_FRAMES}")
-    found = {
-        body: {r: place for r, place in places.items() if place != time} for body, places in found.items()
+    by_body = {
+        body: {r: place for r, place in places.items() if place != time} for body, places in by_body.items()
     }
-    bodies = bodies_of(found, list(zip(columns.names, columns.units, strict=True)), reading)
+    bodies = bodies_of(by_body, list(zip(columns.names, columns.units, strict=True)), reading)
     if time is None or not bodies:
-        best = max(found.values(), key=len, default=())
+        best = max(by_body.values(), key=len, default=())
         raise _lacking(columns, reading, time is not None, POSE_ROLES if bodies else best)
     quaternion = tuple(columns.names[place] for place in bodies[0].columns[3:])
     has_angles = are_named_angles(quaternion)
@@ -501,7 +484,7 @@ def are_named_angles(names: Sequence[str]) -> bool:
 def _lacking(
     columns: Columns, reading: TableReading, has_time: bool, roles: Collection[str]
 ) -> UnreadableRecording:
-    """The error where columns are missing beside those of these roles."""
+    """The error if the table has only columns of these ``roles``."""
     missing, names = [role for role in POSE_ROLES if role not in roles], columns.names
     if not missing:
         return UnreadableRecording(
@@ -518,10 +501,10 @@ def _lacking(
 
 
 def _listed(names: Sequence[str]) -> str:
-    """The first names; those of the values of a list together, as ``qpos[0:14]``."""
+    """The first names as text, with the elements of a list as ``qpos[0:14]``."""
 
     def run(place: int) -> tuple[str, int]:
-        """The list of a value, and the place at which its first would be; of others name and place."""
+        """The name of a list and the place of its element 0; for other columns name and place."""
         part = _SLICE.fullmatch(names[place])
         return (
             (names[place], place)
@@ -529,8 +512,8 @@ def _listed(names: Sequence[str]) -> str:
             else (part[1], int(part[2]) - place)
         )
 
-    shown = list[str]()
+    listed = list[str]()
     for (base, begin), group in groupby(range(len(names)), run):
-        first, *more = group
-        shown.append(f"{base}[{begin + first}:{begin + more[-1] + 1}]" if more else names[first])
-    return ", ".join(shown[:_SHOWN]) + (", ..." if len(shown) > _SHOWN else "")
+        first, *rest = group
+        listed.append(f"{base}[{begin + first}:{begin + rest[-1] + 1}]" if rest else names[first])
+    return ", ".join(listed[:_SHOWN]) + (", ..." if len(listed) > _SHOWN else "")

@@ -1,8 +1,8 @@
-"""Layouts of tables with names and without; where these do not say what columns are, the command that reads
-them, by known systems, what as many numbered columns usually are, and values."""
+"""Layouts of tables with names and without; if the layout is ambiguous, the command that reads the table,
+proposed from known systems, numbers of columns and values."""
 
 import re
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain, islice, product
 from typing import Any, Final
@@ -39,19 +39,19 @@ Rows = Callable[[], Sequence[Sequence[str]]]
 """Gives the first rows of a table."""
 
 _LIKE_TIME: Final = re.compile(r".*(?:time|stamp|date|zeit|temps|tiempo|clock|ticks)", re.IGNORECASE)
-"""Names that a column of times may have."""
+"""Names of columns that are probably times."""
 _PREFIX: Final = re.compile(r".+[._/: -]")
-"""What may stand before the names of a system's columns."""
+"""Prefix of the names of a system's columns, as ``rist_`` or ``tool.``."""
 _MOST_GROUPS: Final = 12
-"""Groups of numbered columns of which it is tried what they may be; their pairs are tried, too."""
+"""Largest number of groups of numbered columns that are tried, alone and in pairs."""
 _A_RATE: Final = "100Hz"
 _ORDERS: Final = "Orders are those of scipy: xyz about fixed axes, XYZ about the body's; deg or rad"
 _NANOSECONDS: Final = 10
-"""Digits of a second since 1970, of which the nanoseconds have fewer."""
+"""Number of digits of the seconds since 1970; the nanoseconds have fewer."""
 _UNIT_NORM: Final = 0.002
 """Largest deviation of a quaternion's norm from 1, and of a matrix from a rotation, in rounded values."""
 FIRST_ROWS: Final = 64
-"""Rows whose values may be looked at."""
+"""Number of first rows whose values may be looked at."""
 _UR: Final = "actual_TCP_pose"
 _UR_POSE: Final = f"position={_UR}[0:3],rotation={_UR}[3:6]"
 _BOP: Final = ("cam_r_m2c[8]", "cam_t_m2c[2]")
@@ -59,7 +59,7 @@ _BOP_POSE: Final = "position=cam_t_m2c,matrix=cam_R_m2c"
 _TWICE: Final = "a position and a quaternion"
 _AXIS_ANGLE: Final = "an axis and an angle (in degrees if the name ends with _deg)"
 _ANGLES_OR_VECTOR: Final[Sequence[Mapping[str, Any]]] = ({"euler": "xyz:deg"}, {"rotation_vector": True})
-"""What three numbers of a rotation may be."""
+"""Readings of three numbers of a rotation."""
 _OPENSIM: Final = re.compile(r".*_o[xyz]\b", re.IGNORECASE)
 KNOWN: Final[Sequence[tuple[str, tuple[str, ...], TableReading]]] = (
     ("UR's RTDE", (f"{_UR}_0".lower(), f"{_UR}_5".lower()), reading_of(_UR_POSE, rotation_vector=True)),
@@ -88,17 +88,17 @@ KNOWN: Final[Sequence[tuple[str, tuple[str, ...], TableReading]]] = (
     ("quaternions with the real part first", ("q0", "q3"), reading_of("qw=q0,qx=q1,qy=q2,qz=q3")),
     ("matrices by row and column", ("r11", "r33"), reading_of(matrix="rows")),
 )
-"""Known systems: name; names of columns, in lower case, by which one is recognised; how it means them."""
+"""Known systems: name; lower-case names of columns by which the system is recognised; the reading."""
 _LISTS: Final[Mapping[int, tuple[str, TableReading]]] = {
     7: ("position={0}[0:3],quaternion={0}[3:7]", reading_of()),
     6: ("position={0}[0:3],rotation={0}[3:6]", reading_of()),
     4: ("quaternion={0}", reading_of()),
     3: ("position={0}", reading_of()),
 }
-"""What as many numbered columns usually are."""
+"""Usual columns and reading of a group of numbered columns, by its size."""
 _VECTOR: Final = ("rotation={0}", reading_of(rotation_vector=True))
 _TURNING: Final = re.compile("rot|rvec|axis", re.IGNORECASE)
-"""Names of three columns that are a rotation vector."""
+"""Names of groups of three columns that are a rotation vector."""
 
 
 def layout_of_names(
@@ -108,16 +108,11 @@ def layout_of_names(
     units: Sequence[str] = (),
     rows: Rows = tuple,
 ) -> TableLayout:
-    """The layout of a table with named columns, whose ``units`` may be in a row of their own. The first
-    ``rows`` say which angles may be in degrees.
+    """The layout of a table with named columns; ``units`` may be those of a separate row. The first ``rows``
+    decide which angles may be in degrees.
 
-    Raises
-    ------
-    UnreadableRecording
-        There are no columns of poses, or it is not known how they are meant; the message has the command
-        that reads them where there is one.
-    ChoiceError
-        A column that the reading names is not there.
+    Raises UnreadableRecording, with the command that reads the columns if there is one, if they have no poses
+    or their meaning is not known; and ChoiceError if a column that the reading names is not there.
     """
     if len(names) > MOST_COLUMNS:
         raise UnreadableRecording(f"its {len(names)} columns are too many: needed are {NEEDED}")
@@ -134,8 +129,8 @@ def layout_of_names(
 
 
 def layout_without_names(rows: Sequence[Sequence[str]], reading: TableReading, path: str) -> TableLayout:
-    """The layout of columns that have no names, by the values of the first rows; raises UnreadableRecording
-    where the reading does not say which columns are what."""
+    """The layout of columns without names; raises UnreadableRecording, with proposals by the values of the
+    first rows, if the reading does not state the columns."""
     values = rows[0] if rows else ()
     if not reading.columns:
         how = f"say which they are, by number from 0 on, as in --columns time={UNNAMED}0,x={UNNAMED}1"
@@ -150,15 +145,16 @@ def layout_without_names(rows: Sequence[Sequence[str]], reading: TableReading, p
 
 
 def _meanings(rows: Sequence[Sequence[str]]) -> list[TableReading]:
-    """What rows without names may be: a pose is where there is a rotation matrix or a unit quaternion, as in
-    KITTI's and TUM's, else at the end of seven values with angles; a time before it, or two numbers as of
+    """Possible readings of rows without names: the pose is a rotation matrix or a unit quaternion with its
+    position, as in KITTI and TUM, else the last six values; the time is before it, or two numbers as from
     ``ros2 topic echo --csv``."""
     values = rows[0] if rows else ()
-    row, width = np.array([numbers(one) for one in rows if len(one) == len(values)]), len(values)
-    row = row[np.isfinite(row[:, width - 4 :]).all(axis=1)]
+    table, width = np.array([numbers(row) for row in rows if len(row) == len(values)]), len(values)
+    table = table[np.isfinite(table[:, width - 4 :]).all(axis=1)]
 
     def meaning(begin: int, how: Mapping[str, Any], **groups: int) -> TableReading:
-        """A pose of groups of so many values from a place on, after the time."""
+        """The reading of a pose whose ``groups`` of values, by role and size, begin at ``begin``, after the
+        time."""
         columns, at = dict[str, str](), begin
         for role, count in groups.items():
             columns[role], at = f"{UNNAMED}[{at}:{at + count}]", at + count
@@ -170,34 +166,34 @@ def _meanings(rows: Sequence[Sequence[str]]) -> list[TableReading]:
             return reading_of({TIME: f"{UNNAMED}0", REST: f"{UNNAMED}1", **columns}, **how)
         return reading_of({TIME: f"{UNNAMED}{before[-1]}", **columns}, **how)
 
-    if not len(row):
+    if not len(table):
         return []
     for count in (16, 12):
         for begin in range(width - count + 1):
-            if (order := _order_of_matrices(row[:, begin : begin + count])) is not None:
+            if (order := _order_of_matrices(table[:, begin : begin + count])) is not None:
                 return [meaning(begin, {"matrix": order}, matrix=count)]
-    if (first := _begin_of_pose(row)) is not None:
-        return [meaning(first, {}, position=3, quaternion=4)]
-    if width in (6, 7) and np.isfinite(row).all():
+    if (place := _begin_of_pose(table)) is not None:
+        return [meaning(place, {}, position=3, quaternion=4)]
+    if width in (6, 7) and np.isfinite(table).all():
         return [meaning(width - 6, how, position=3, rotation=3) for how in _ANGLES_OR_VECTOR]
     return []
 
 
 def may_end_with_quaternions(rows: Sequence[Sequence[str]]) -> bool:
-    """Whether the last four values of most rows have one norm, as quaternions have with any scale; angles
+    """Whether the last four values of most rows have the same norm, as scaled quaternions have and angles
     that change have not."""
-    last = _present(np.array([numbers(row[-4:]) for row in rows if len(row) >= 4]).reshape(-1, 4))
-    if not len(last):
+    ends = _present(np.array([numbers(row[-4:]) for row in rows if len(row) >= 4]).reshape(-1, 4))
+    if not len(ends):
         return True
-    norms = np.linalg.norm(last, axis=1)
-    rounding = 1.0 if (last == np.rint(last)).all() else 0.0  # of four integers by a half each
+    norms = np.linalg.norm(ends, axis=1)
+    rounding = 1.0 if (ends == np.rint(ends)).all() else 0.0  # for four integers, half a unit each
     is_near = np.abs(norms - np.median(norms)) <= NORM_TOLERANCE * np.median(norms) + rounding
     return bool(2 * np.count_nonzero(is_near) >= len(norms))
 
 
 def _begin_of_pose(rows: Array) -> int | None:
-    """The first place in rows (N, k) at which a position and a unit quaternion may begin; one at which they
-    change, if there is any."""
+    """The first column of rows (N, k) at which a position and a unit quaternion may begin, preferably one at
+    which they change; None without one."""
     constant = None
     for begin in range(rows.shape[1] - len(POSE_ROLES) + 1):
         poses = _present(rows[:, begin : begin + len(POSE_ROLES)])
@@ -210,12 +206,13 @@ def _begin_of_pose(rows: Array) -> int | None:
 
 
 def _present(rows: Array) -> Array:
-    """The rows of poses that are not lost: they are finite, and the last four values are not all zero."""
+    """The rows of poses that are not lost: finite, and the last four values not all zero."""
     return rows[np.isfinite(rows).all(axis=1) & rows[:, -4:].any(axis=1)]
 
 
 def _order_of_matrices(values: Array) -> str | None:
-    """Whether the values (N, 16) or (N, 12) of poses go along rows or columns; None if they are no poses."""
+    """Whether the matrices of poses with the values (N, 16) or (N, 12) are written by rows or columns; None
+    if they are no poses."""
     matrices = _present(values).reshape(-1, values.shape[1] // 4, 4)
     turned = {"rows": matrices, "columns": matrices.transpose(0, 2, 1)}
     for order in turned if values.shape[1] == 16 else ("rows",):
@@ -228,15 +225,20 @@ def _order_of_matrices(values: Array) -> str | None:
 
 
 def _proposal(columns: Columns, reading: TableReading, path: str, rows: Rows) -> str | None:
-    """What the columns seem to be, and the command that reads them so; None if nothing fits."""
+    """The probable meaning of the columns, with the command that reads them so; None if nothing fits."""
     reading, about_time, about_rate = _with_time(columns, reading, rows)
     lower = {*map(str.lower, columns.names), *columns.plain}
-    for (system, names, meant), prefix in product(KNOWN, _prefixes(lower)):
+    prefixed = islice(filter(None, map(_PREFIX.match, sorted(lower))), _MOST_GROUPS)
+    prefixes = "", *dict.fromkeys(match[0] for match in prefixed)
+    for (system, names, meaning), prefix in product(KNOWN, prefixes):
         if lower.issuperset(prefix + name for name in names):
-            own = tuple((role, _as_written(prefix + name, columns)) for role, name in meant.columns)
-            one = replace(meant, columns=own).with_(reading)
-            if not _fault(columns, one):
-                return f"if its columns are those of {system}, read them by {one.command(path)}{about_rate}"
+            written = {name.lower(): name for name in reversed(columns.names)}
+            roles = ((role, prefix + name) for role, name in meaning.columns)
+            spelled = tuple((role, written.get(name.lower(), name)) for role, name in roles)
+            candidate = replace(meaning, columns=spelled).with_(reading)
+            if not _fault(columns, candidate):
+                command = candidate.command(path)
+                return f"if its columns are those of {system}, read them by {command}{about_rate}"
     fault = _fault(columns, reading)
     if fault is None:
         return f"{about_time}: read them by {reading.command(path)}{about_rate}"
@@ -247,78 +249,68 @@ def _proposal(columns: Columns, reading: TableReading, path: str, rows: Rows) ->
     matches = [pattern.fullmatch(name) for name in columns.names for pattern in (NUMBERED, BY_ROW)]
     bases = dict.fromkeys(match[1] for match in matches if match is not None and CAN_BE_GIVEN(match[1]))
     counted = ((base, len(columns.numbered(base))) for base in islice(bases, _MOST_GROUPS))
-    parts = [(base, many) for base, many in counted if many in _LISTS or many > len(POSE_ROLES)]
+    parts = [(base, size) for base, size in counted if size in _LISTS or size > len(POSE_ROLES)]
     pairs = (
         [a, b]
         for a, b in product(parts, parts)
         if (a[1] < b[1] or (a[1] == b[1] == 3 and a != b)) and not a[0].startswith(f"{b[0]}[")
     )
-    for some in chain(([part] for part in parts), pairs):
-        one = reading
-        for base, many in some:
-            is_turn = len(some) > 1 and many == 3 and _TURNING.search(base) is not None
-            stated, meant = _VECTOR if is_turn else _meant(columns, base, rows)
-            one = meant.with_(reading_of(stated.format(base))).with_(one)
-        fault = _fault(columns, one)
+    for groups in chain(([part] for part in parts), pairs):
+        candidate = reading
+        for base, size in groups:
+            is_turn = len(groups) > 1 and size == 3 and _TURNING.search(base) is not None
+            stated, meaning = _VECTOR if is_turn else _meant(columns, base, rows)
+            candidate = meaning.with_(reading_of(stated.format(base))).with_(candidate)
+        fault = _fault(columns, candidate)
         if not fault:
-            commands = _commands(one, path, 9 in [many for _, many in some])
+            commands = _commands(candidate, path, 9 in [size for _, size in groups])
             return f"if its columns are meant so, read them by {commands}{about_rate}"
         if isinstance(fault, OpenReading) and (
-            text := _open_rotation(fault, columns, one, path, rows, about_rate)
+            text := _open_rotation(fault, columns, candidate, path, rows, about_rate)
         ):
             return text
     return None
 
 
-def _prefixes(names: Collection[str]) -> list[str]:
-    """What may stand before the names of a system, as ``rist_`` or ``tool.``; none first."""
-    found = (_PREFIX.match(name) for name in sorted(names))
-    return ["", *dict.fromkeys(match[0] for match in islice(filter(None, found), _MOST_GROUPS))]
-
-
-def _as_written(name: str, columns: Columns) -> str:
-    """A name as the table has it, whatever the case."""
-    return next((own for own in columns.names if own.lower() == name.lower()), name)
-
-
 def _meant(columns: Columns, base: str, rows: Rows) -> tuple[str, TableReading]:
-    """What the numbered columns of a name are, by their number and their first values."""
+    """Roles (with ``{0}`` for the base name) and reading of numbered columns, by their number and first
+    values."""
     places = list(columns.numbered(base).values())
     table = [numbers([row[i] for i in places]) for row in rows() if len(row) > max(places)]
-    values, many = np.array(table).reshape(-1, len(places)), len(places)
-    if many in (16, 12, 9):
-        order = _order_of_matrices(values) if many > 9 else None
+    values, count = np.array(table).reshape(-1, len(places)), len(places)
+    if count in (16, 12, 9):
+        order = _order_of_matrices(values) if count > 9 else None
         return "matrix={0}", reading_of(matrix=order or "rows")
-    if many >= len(POSE_ROLES) and len(values):
+    if count >= len(POSE_ROLES) and len(values):
         begin = _begin_of_pose(values)
         if begin is not None:
             spans = f"position={{0}}[{begin}:{begin + 3}],quaternion={{0}}[{begin + 3}:{begin + 7}]"
             return spans, reading_of()
-        if many > len(POSE_ROLES):
+        if count > len(POSE_ROLES):
             return "position={0}", reading_of()  # there are too many
-        many -= 1 if len(_present(values)) else 0
-    return _LISTS.get(many, _LISTS[3])
+        count -= 1 if len(_present(values)) else 0
+    return _LISTS.get(count, _LISTS[3])
 
 
 def _open_rotation(
     fault: OpenReading, columns: Columns, reading: TableReading, path: str, rows: Rows, about_rate: str
 ) -> str | None:
-    """What the three numbers of a rotation are, and how they are read; None if no way to read them fits."""
-    what, ways = _three_numbers(str(fault).split(", "), columns, rows)
-    readings = [one for way in ways if not _fault(columns, one := reading.with_(way))]
+    """The probable meaning of the three numbers of a rotation, with the commands; None if no reading fits."""
+    description, ways = _three_numbers(str(fault).split(", "), columns, rows)
+    readings = [candidate for way in ways if not _fault(columns, candidate := reading.with_(way))]
     if readings:
-        commands = " or ".join(one.command(path) for one in readings)
-        orders = f". {_ORDERS}" if any(one.euler for one in readings) else ""
-        return f"its rotations are {fault}, {what}: read them by {commands}{about_rate}{orders}"
-    if what:
+        commands = " or ".join(candidate.command(path) for candidate in readings)
+        orders = f". {_ORDERS}" if any(candidate.euler for candidate in readings) else ""
+        return f"its rotations are {fault}, {description}: read them by {commands}{about_rate}{orders}"
+    if description:
         return None
     unit = f"write its unit into the names, as in '{str(fault).partition(', ')[0]} [deg]'"
     return f"its rotation vector {fault} is longer than a turn in radians: {unit}"
 
 
 def _three_numbers(names: Sequence[str], columns: Columns, rows: Rows) -> tuple[str, list[TableReading]]:
-    """What the rotation in columns with these names may be by them and by the first values, in words, and how
-    it is read: numbers in radians are no larger than a turn."""
+    """The possible meaning, in words, and the readings of a rotation in three columns, by their names and
+    first values: numbers in radians are no larger than a turn."""
     places = [i for i, name in enumerate(columns.names) if name in names]
     units = [unit for i in places if (unit := ANGLE_UNITS.get(columns.units[i], ""))]
     values = np.array([numbers([row[i] for i in places]) for row in rows() if len(row) > max(places)])
@@ -333,15 +325,15 @@ def _three_numbers(names: Sequence[str], columns: Columns, rows: Rows) -> tuple[
     if are_named_angles(names) or order == "XYZ" or is_far:
         return "three angles", angles
     vector = reading_of(rotation_vector=True)
-    what = "three numbers, angles or a rotation vector"
+    description = "three numbers, angles or a rotation vector"
     if len(angles) > 1 and len(values):  # no larger than a turn in radians: hardly degrees
-        return what, [vector, *angles[::-1]]
-    return what, [angles[0], vector]
+        return description, [vector, *angles[::-1]]
+    return description, [angles[0], vector]
 
 
 def _with_time(columns: Columns, reading: TableReading, rows: Rows) -> tuple[TableReading, str, str]:
-    """A reading with a time, if no column is one by its name: what seems to be the time in words, and what to
-    say of a rate in it."""
+    """The reading with a time, if no column is named as one; then what seems to be the time, in words, and
+    the text on the rate."""
     time, _ = columns.time(reading, columns.find(reading)[TIME])
     if time is not None or reading.time_unit is not None:
         return reading, "", ""
@@ -350,29 +342,29 @@ def _with_time(columns: Columns, reading: TableReading, rows: Rows) -> tuple[Tab
     if like is not None and not numbered:
         return reading.with_(reading_of({TIME: like})), f"if {like} is the time", ""
     if columns.names[0] == f"{UNNAMED}0" and not numbered:  # the index of a DataFrame
-        first = numbers([row[0] for row in rows()])
-        if len(first) > 1 and (np.diff(first) > 0.0).all() and (first != np.round(first)).any():
-            found = reading.with_(reading_of({TIME: columns.names[0]}))
-            return found, "if its first column, which has no name, is the time", ""
+        index = numbers([row[0] for row in rows()])
+        if len(index) > 1 and (np.diff(index) > 0.0).all() and (index != np.round(index)).any():
+            timed = reading.with_(reading_of({TIME: columns.names[0]}))
+            return timed, "if its first column, which has no name, is the time", ""
     about = "its times are numbers of frames" if numbered else "it has no times"
     rate = f", with the rate of your {'frames' if numbered else 'rows'} instead of {_A_RATE}"
     return reading.with_(reading_of(time_unit=_A_RATE)), about, rate
 
 
 def _commands(reading: TableReading, path: str, is_square: bool = False) -> str:
-    """The command of a reading, and, where it has a group of four values, with the real part first, or where
-    it has a matrix that ``is_square``, along columns."""
+    """The command of a reading, and the alternative: for a group of four values, with the real part first;
+    for a matrix that ``is_square``, along columns."""
     columns, command = dict(reading.columns), reading.command(path)
     if is_square:
         return f"{command} or, if it goes along columns, {replace(reading, matrix='columns').command(path)}"
     if (group := columns.pop("quaternion", None)) is None:
         return command
-    first = replace(reading, columns=(*columns.items(), ("wxyz", group)))
-    return f"{command} or, with the real part first, {first.command(path)}"
+    real_first = replace(reading, columns=(*columns.items(), ("wxyz", group)))
+    return f"{command} or, with the real part first, {real_first.command(path)}"
 
 
 def _fault(columns: Columns, reading: TableReading) -> Exception | None:
-    """Why columns cannot be read so; None if they can."""
+    """The error if columns cannot be read so; else None."""
     try:
         layout(columns, reading)
     except (UnreadableRecording, ChoiceError) as error:

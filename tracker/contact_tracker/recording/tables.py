@@ -1,4 +1,4 @@
-"""Tables of poses in columns: text, Parquet and arrays of NumPy; and files of formats that are not read.
+"""Tables of poses in columns, the stamps of their rows, and advice on formats that are not read.
 
 Times are numbers in a unit that is named or guessed, or dates (ISO 8601).
 """
@@ -18,7 +18,7 @@ from contact_tracker.config.quantities import RANGE_NS, TIME_WORDS, TIMES_NS
 from contact_tracker.config.table_reading import AS_NAMED, DAY, TICK, TIME_UNITS_NS, TableReading
 from contact_tracker.errors import ChoiceError, UnreadableRecording, printable
 from contact_tracker.motion.poses import Poses, ReadAs
-from contact_tracker.recording.bytestream import TABLE_ENDINGS, WHAT_IS_READ, WorkBudget, is_text
+from contact_tracker.recording.bytestream import TABLE_ENDINGS, WHAT_IS_READ, WorkBudget, first_bytes, is_text
 from contact_tracker.recording.items import ROWS, Channel, PoseSource, Rows
 from contact_tracker.recording.table_layouts import (
     NO_FRAMES,
@@ -44,17 +44,17 @@ _EPOCHS_S: Final[Mapping[str, tuple[tuple[int, int], str]]] = {
     TICK: ((11_644_473_600, 62_135_596_800), "ticks of 100 ns since the year 1 or 1601"),
     DAY: ((25_569 * _DAY_S, 719_529 * _DAY_S), "days since the year 0 or 1900, as of MATLAB and Excel"),
 }
-"""Units of dates that are no seconds: seconds from their epochs to 1970, and what they are."""
+"""Units of dates other than seconds: seconds from their epochs to 1970, and their description."""
 _FASTEST_HZ: Final = 20_000.0
-"""No tracker of poses is faster: the unit is another one."""
+"""Highest rate of a tracker of poses (Hz); above it, the unit is probably wrong."""
 _FEW: Final = 10
-"""Times from which on their steps say something."""
+"""Number of times above which steps of exactly one are taken for numbers of frames."""
 _SECONDS: Final = 1.0
-"""Shorter steps may also be those of a low pose rate."""
+"""Step, in the unit of the times; shorter steps may be seconds at a low pose rate."""
 _LONGEST_STEP_S: Final = 100.0
-"""Longest step between dates."""
+"""Longest step between times that are dates (s)."""
 NEVER: Final = np.iinfo(np.int64).min
-"""The stamp of text that is no time."""
+"""Stands for the stamp of text that is no time."""
 _DATE: Final = re.compile(
     r"\s*(?:(?P<days>\d{1,5}) days?,? )?"
     r"(?:(?:(?P<year>\d{4})(?P<mark>[-/.]?)(?P<month>\d\d?)(?P=mark)(?P<day>\d\d?)"
@@ -67,18 +67,18 @@ _DATE: Final = re.compile(
 """Dates and times of a day, or durations of pandas; 10:22:31:123 has milliseconds, and 10:22:31:12 would have
 frames. Digits alone are numbers."""
 _YEARS: Final = range(1900, 2110)
-"""Years of dates that are read: stamps in nanoseconds reach from 1824 to 2116."""
+"""Years of dates that are read; stamps in nanoseconds reach from 1824 to 2116."""
 _EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
 _YEAR_NS: Final = 365.25 * _DAY_S * 1e9
 _DAY_NS: Final = _DAY_S * 10**9
 _MOST_DAYS: Final = 20
-"""Between two rows: days and months that are confused make steps of a month."""
+"""Most days between two rows; if days and months are confused, there are steps of a month."""
 
 
 def unit_of(times: NDArray[np.float64]) -> tuple[str, str | None]:
     """Guess the unit of times; returns it and one line on the assumption, if it is one.
 
-    Decided by the steps or as dates; as dates if both fit and poses would not be minutes apart.
+    The steps decide, or the times as dates; dates if both fit and poses would not be minutes apart.
     """
     step = _median_step(times)
     by_date = _first_within(_DATE_S, float(times[0]) if len(times) else None)
@@ -96,7 +96,7 @@ def unit_of(times: NDArray[np.float64]) -> tuple[str, str | None]:
 
 
 def doubt_of_unit(times: NDArray[np.float64], unit_ns: float) -> str | None:
-    """One line if times with the unit in their name would be those of a rate that no tracker has."""
+    """One line if the times, in this unit, would have a rate that no tracker has; else None."""
     step = _median_step(times)
     if step == 1.0 and unit_ns == TIMES_NS["s"] and len(times) > _FEW and (np.diff(times) == 1.0).all():
         return (
@@ -123,24 +123,21 @@ def _median_step(times: NDArray[np.float64]) -> float | None:
 
 def _first_within(bounds_s: tuple[float, float], value: float | None) -> str | None:
     """The first unit in which a value is within bounds."""
-    least, most = bounds_s
-    units = (unit for unit, ns in TIMES_NS.items() if value and least <= value * ns * 1e-9 <= most)
+    lower, upper = bounds_s
+    units = (unit for unit, ns in TIMES_NS.items() if value and lower <= value * ns * 1e-9 <= upper)
     return next(units, None)
 
 
 class TableTimes:
-    """Stamps of the times in a table, some rows after others; most of the first ones decide what they are.
+    """Stamps of the times in a table, batch by batch; the majority of the first times decides their kind.
 
     Parameters
     ----------
-    path : of the table.
-    reading : its time unit is used, else that of the layout; without either the unit is guessed.
+    path : path of the table.
+    reading : its time unit replaces the unit of the layout; without either the unit is guessed.
     assume : called with one line on an assumption.
 
-    Raises
-    ------
-    ChoiceError
-        The layout says the unit of its times.
+    Raises ChoiceError if both the reading and the layout say the unit of the times.
     """
 
     def __init__(
@@ -157,29 +154,25 @@ class TableTimes:
         self._is_certain = reading.time_unit is not None or layout.has_own_unit or layout.rest is not None
         self._are_dates: bool | None = None
         self._last_date_ns: int | None = None
-        self._days = 0  # midnights so far, where times have no date
+        self._days = 0  # midnights so far, if times have no date
         self._epoch_ns = 0
 
     def stamps_ns(self, times: Sequence[str], rests: Sequence[str] | None = None) -> NDArray[np.int64]:
         """Stamps (N,) of times as text, and of the nanoseconds of their seconds if these have a column;
         ``NEVER`` for other text.
 
-        Raises
-        ------
-        ChoiceError
-            The user gives a unit, but they are dates; or the order of days and months is not known.
-        UnreadableRecording
-            They are ticks since another year than 1970.
+        Raises ChoiceError if the user gives a unit for dates, or the order of days and months is not known;
+        UnreadableRecording if times are ticks since another year than 1970.
         """
         floats = numbers(times)
-        known, stamps = np.isfinite(floats), np.full(len(times), NEVER)
+        is_number, stamps = np.isfinite(floats), np.full(len(times), NEVER)
         if self._are_dates is None:
-            dates = sum(bool(_DATE.fullmatch(text)) for text in compress(times, ~known))
-            if not dates and not known.any():
+            dates = sum(bool(_DATE.fullmatch(text)) for text in compress(times, ~is_number))
+            if not dates and not is_number.any():
                 return stamps
-            self._are_dates = dates > known.sum()
+            self._are_dates = dates > is_number.sum()
             if not self._are_dates:
-                self._find_unit(floats[known])
+                self._find_unit(floats[is_number])
             elif self._reading.time_unit is not None:
                 raise ChoiceError(
                     f"{self._path}: its times are dates: leave out --time-unit, which is for tables whose "
@@ -188,21 +181,21 @@ class TableTimes:
         if self._are_dates:
             return self._stamps_of_dates(times)
         assert self._scale is not None
-        known &= np.abs(floats * self._scale - self._epoch_ns) < RANGE_NS
+        is_number &= np.abs(floats * self._scale - self._epoch_ns) < RANGE_NS
         if self._scale == round(self._scale):  # exact to the written nanosecond
-            unit_ns, written = round(self._scale), compress(times, known)
-            stamps[known] = [exact_ns(time, unit_ns) - self._epoch_ns for time in written]
+            unit_ns, written = round(self._scale), compress(times, is_number)
+            stamps[is_number] = [exact_ns(time, unit_ns) - self._epoch_ns for time in written]
         else:
-            stamps[known] = np.round(floats[known] * self._scale)
+            stamps[is_number] = np.round(floats[is_number] * self._scale)
         if rests is not None:
             more_ns = numbers(rests) * self._rest_ns
             has_rest = (more_ns >= 0) & (more_ns < 1e9)
-            stamps[has_rest & known] += more_ns[has_rest & known].astype(np.int64)
+            stamps[has_rest & is_number] += more_ns[has_rest & is_number].astype(np.int64)
             stamps[~has_rest] = NEVER
         return stamps
 
     def _stamps_of_dates(self, times: Sequence[str]) -> NDArray[np.int64]:
-        """Stamps of dates; times of a day go on after midnight."""
+        """Stamps (N,) of dates; times of a day continue after midnight."""
         dated = map(stamp_of_date, times)
         stamps = np.array([NEVER if stamp is None else stamp for stamp in dated], np.int64)
         rows = np.flatnonzero(stamps != NEVER)
@@ -223,19 +216,20 @@ class TableTimes:
         return stamps
 
     def _find_unit(self, times: NDArray[np.float64]) -> None:
-        """The unit and epoch of times that are numbers, by the first ones; ticks of 100 ns since the years
-        1601 or 1 are known by their size."""
+        """Find the unit and epoch of times that are numbers, from the first ones; ticks of 100 ns since the
+        year 1601 or 1 are recognised by their size."""
         doubt, step = None, _median_step(times)
         if self._reading.has_frame_numbers and (times != np.round(times)).any():
             raise ChoiceError(f"{self._path}: its times are not whole, {NO_FRAMES}")
-        for unit, (epochs, what) in _EPOCHS_S.items():
+        for unit, (epochs, description) in _EPOCHS_S.items():
             unit_s = TIME_UNITS_NS[unit] * 1e-9
-            dated = [one for one in epochs if _DATE_S[0] <= float(times[0]) * unit_s - one <= _DATE_S[1]]
+            first_s = float(times[0]) * unit_s
+            dated = [epoch_s for epoch_s in epochs if _DATE_S[0] <= first_s - epoch_s <= _DATE_S[1]]
             if unit == self._reading.time_unit:
                 self._epoch_ns = sum(dated[:1]) * 10**9
             elif dated and not self._is_certain and (step or 0.0) * unit_s <= _SECONDS:
                 command = TableReading(time_unit=unit).with_(self._reading).command(self._path)
-                raise UnreadableRecording(f"its times look like {what}: read them by {command}")
+                raise UnreadableRecording(f"its times look like {description}: read them by {command}")
         if self._scale is None:
             unit, doubt = unit_of(times)
             self._scale = TIME_UNITS_NS[unit]
@@ -294,12 +288,11 @@ _BINARY: Final[Sequence[tuple[str, re.Pattern[bytes], str]]] = (
     ("MATLAB", re.compile(b"(?s).[\0-\x13]\0\0|\0\0"), ".mat"),
     ("C3D", re.compile(b"(?s).P"), ".c3d"),
 )
-"""Kinds of tables, by the first bytes and the end of the name; MATLAB 4 has a number first."""
+"""Kinds of tables, by first bytes and suffix; files of MATLAB 4 begin with a number."""
 _LONGEST_TIME: Final = 40
-_BEGIN: Final = 4096
 _RECORDINGS: Final = (".mcap", ".mcap.zst", ".mcap.zstd")
 Columns = Mapping[int, Sequence[str] | NDArray[np.float64]]
-"""Values by the index of their column, numbers perhaps as text."""
+"""Values by the index of their column; numbers may be text."""
 
 _ARRAYS: Final = "contact_tracker.Trajectory.from_arrays(t, p, q) takes times, positions and rotations"
 _PICKLE: Final = (
@@ -340,12 +333,12 @@ _OTHERS: Final = {
     "rotations of markers by scipy's Rotation.align_vectors; " + _ARRAYS,
     b"version https://git-lfs": "it is a pointer of Git LFS, not the file itself: git lfs pull",
 }
-"""First bytes of files that are not read, and how to get at what is in them."""
+"""First bytes of files that are not read, and advice on how to read their content."""
 
 
 def refuse_other_formats(path: str, begin: bytes) -> None:
-    """Raise UnreadableRecording if a file with these first bytes, which is no table, is of another known
-    format, or named as a table."""
+    """Raise UnreadableRecording if a file that is no table begins like another known format, or is named as a
+    table."""
     text = next((text for magic, text in _OTHERS.items() if begin.startswith(magic)), None)
     text = _EXCEL if path.lower().endswith((".xlsx", ".ods")) else text
     if text is not None:
@@ -358,7 +351,7 @@ def _kind(path: str, begin: bytes) -> str:
     """The kind of a table, a key of ``binary_tables.TABLES``, by the first bytes and the name of a file;
     empty for others."""
     name = path.lower()
-    return next((kind for kind, first, end in _BINARY if first.match(begin) and name.endswith(end)), "")
+    return next((kind for kind, magic, end in _BINARY if magic.match(begin) and name.endswith(end)), "")
 
 
 def is_table(path: str, begin: bytes) -> bool:
@@ -370,7 +363,7 @@ def is_table(path: str, begin: bytes) -> bool:
 
 def has_poses(path: str) -> bool:
     """Whether a file is a table with the columns of poses."""
-    begin = _begin(path)
+    begin = first_bytes(path)
     try:
         return is_table(path, begin) and bool(_opened(path, AS_NAMED, WorkBudget()))
     except (UnreadableRecording, ChoiceError):
@@ -379,33 +372,29 @@ def has_poses(path: str) -> bool:
 
 def read_table(
     path: str,
-    wanted: Callable[[Channel], bool],
+    is_wanted: Callable[[Channel], bool],
     report: Callable[[str], None],
     budget: WorkBudget,
     assume: Callable[[str], None],
     reading: TableReading = AS_NAMED,
 ) -> Iterator[Rows]:
-    """The poses of a table, in columns of some rows; a body is a source.
+    """The poses of a table in columns, batch by batch; each body is a source.
 
     Parameters
     ----------
-    wanted : whether poses of such a channel are read.
+    is_wanted : accepts channels; other poses are not read.
     report : called with one line on rows that cannot be read.
     budget : bounds the size of a compressed table.
     assume : called with one line on each assumption.
-    reading : what the user says of its columns.
+    reading : what the user states of its columns.
 
-    Raises
-    ------
-    UnreadableRecording
-        It has no pose columns, or it is not known how they are meant.
-    ChoiceError
-        The reading does not fit it.
+    Raises UnreadableRecording if it has no pose columns, or their meaning is not known, and ChoiceError if
+    the reading does not fit.
     """
     try:
         table = _opened(path, reading, budget)
     except UnreadableRecording as error:
-        if path.lower().endswith(TABLE_ENDINGS) or _kind(path, _begin(path)):
+        if path.lower().endswith(TABLE_ENDINGS) or _kind(path, first_bytes(path)):
             raise
         raise UnreadableRecording(
             f"it is neither a recording nor a table of poses ({error}). What is read: {WHAT_IS_READ}"
@@ -413,38 +402,33 @@ def read_table(
     layout, topic = table.layout, os.path.basename(path)
     read_as = ReadAs(False, reading, path, layout.quaternion, layout.has_angles)
     sources = tuple(PoseSource(topic, layout.kind, "", body.name, None, read_as) for body in layout.bodies)
-    is_wanted = wanted(Channel(topic, ROWS, layout.kind, "", b""))
+    is_read = is_wanted(Channel(topic, ROWS, layout.kind, "", b""))
     times, lost, why, doubt = TableTimes(path, layout, reading, assume), 0, "", None
-    for columns in table if is_wanted else ():
+    for columns in table if is_read else ():
         texts = [str(time) for time in columns[layout.time]]
         rests = None if layout.rest is None else [str(rest) for rest in columns[layout.rest]]
         stamps = times.stamps_ns(texts, rests)
         good = stamps != NEVER
         if not good.all():
-            first = int(good.argmin())
-            why = why or _without_time(texts[first], columns, first, layout)
+            row = int(good.argmin())
+            why = why or _without_time(texts[row], columns, row, layout)
             lost += int((~good).sum())
-        values = [_values(columns, body) for body in layout.bodies]
+        values = [(_values(columns, body), body) for body in layout.bodies]
         if doubt is None:
-            doubts = (doubt_of_angles(*one, reading, path) for one in zip(values, layout.bodies, strict=True))
+            doubts = (doubt_of_angles(rows, body, reading, path) for rows, body in values)
             if (doubt := next(filter(None, doubts), None)) is not None:
                 assume(doubt)
-        poses = (body.poses(own) for own, body in zip(values, layout.bodies, strict=True))
-        yield Rows(sources, tuple(Poses(stamps, one[:, :3], one[:, 3:])[good] for one in poses))
+        poses = (body.poses(rows) for rows, body in values)
+        yield Rows(sources, tuple(Poses(stamps, rows[:, :3], rows[:, 3:])[good] for rows in poses))
     if lost:
         report(f"{lost} {'row has' if lost == 1 else 'rows have'} {why}")
     for damage in table.damage:
         report(damage)
 
 
-def _begin(path: str) -> bytes:
-    with open(path, "rb") as file:
-        return file.read(_BEGIN)
-
-
 def _opened(path: str, reading: TableReading, budget: WorkBudget) -> "TextTable | ArrayTable | ParquetTable":
     budget.bytes_read += os.path.getsize(path)
-    begin = _begin(path)
+    begin = first_bytes(path)
     if not (kind := _kind(path, begin)):
         return TextTable(path, begin, reading)
     from contact_tracker.recording.binary_tables import TABLES
@@ -453,18 +437,17 @@ def _opened(path: str, reading: TableReading, budget: WorkBudget) -> "TextTable 
 
 
 def _without_time(text: str, columns: Columns, row: int, layout: TableLayout) -> str:
-    """What a row without a time lacks: a time, or, if it has nothing but text in its first cell, the
-    separators of the others."""
+    """The fault of a row without a time: no time, or, if only its first cell has text, another separator."""
     lacks = "no time that is a number or a date"
-    others = [columns[place][row] for place in layout.places if place != layout.time]
-    is_alone = text and not any(isinstance(value, str) and value for value in others)
+    cells = [columns[place][row] for place in layout.places if place != layout.time]
+    is_alone = text and not any(isinstance(value, str) and value for value in cells)
     if is_alone and layout.kind not in ("Parquet", "Feather", "JSON"):
         return f"{lacks}: separate their values by {SEPARATORS[layout.separator or ' ']}, as in the first row"
-    shown = f" ({printable(text[:_LONGEST_TIME])!r})" if text else ""
+    cell = f" ({printable(text[:_LONGEST_TIME])!r})" if text else ""
     if are_numbers([text]) and text:
-        what = f"a time more than {RANGE_NS / _YEAR_NS:.0f} years from 1970{shown}"
-        return f"{what}: give its unit by --time-unit s, ms, us or ns"
-    return f"{lacks}{shown}: give each a number, or a date as 2026-03-01T10:00:00.25"
+        fault = f"a time more than {RANGE_NS / _YEAR_NS:.0f} years from 1970{cell}"
+        return f"{fault}: give its unit by --time-unit s, ms, us or ns"
+    return f"{lacks}{cell}: give each a number, or a date as 2026-03-01T10:00:00.25"
 
 
 def _values(columns: Columns, body: Body) -> NDArray[np.float64]:

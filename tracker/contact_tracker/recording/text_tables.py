@@ -1,8 +1,7 @@
-"""Text tables: their rows, and their layout by the first lines: a known format, a header of names, or rows
-without names.
+"""Text tables: rows, and their layout from the first lines: a known format, a header of names, or rows alone.
 
-Motive writes rows of types, names, IDs (not always), parents (since format 1.25) and values above that of the
-axes, before format 1.23 without row labels; rotations are quaternions or angles. Vicon Tracker and Nexus
+Motive writes rows of types, names, IDs (not always), parents (since format 1.25) and values above the row of
+axes, without row labels before format 1.23; rotations are quaternions or angles. Vicon Tracker and Nexus
 write sections, each with its rate and the names of bodies, columns and units; three columns of rotation are
 angles or a helical vector, which most exports do not distinguish. Names are read in any case.
 """
@@ -12,12 +11,12 @@ import json
 import os
 import re
 import shlex
-from collections import defaultdict
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
-from itertools import chain, count, islice, pairwise, repeat
+from itertools import chain, islice, pairwise, repeat
 from typing import IO, Any, Final
 
 from contact_tracker.config.quantities import ANGLE_UNITS, LENGTHS, LENGTHS_M, NAMED_NS
@@ -49,20 +48,20 @@ _LINE: Final = 2**18
 """Longest line (characters); the rest of a longer one is a line of its own."""
 _HEAD_LINES: Final = 64
 _MOST_TRIED: Final = 4 * MOST_COLUMNS
-"""Words in which names of columns are looked for, 20 000 a second."""
+"""Largest number of words that are tried as names of columns, at 20 000 a second."""
 _LONGEST_CELL: Final = 64
-"""Texts of numbers and times are cut to this length (characters) in long lines."""
+"""Length (characters) to which texts of numbers and times in long lines are cut."""
 _EMPTY: Final = f",;{BLANKS}"
 _COMMENT: Final = re.compile(r"#|%|//|;(?!(?:[^;]*;){2})")
-"""How comments begin; rows of which the first cell is empty have more semicolons than one."""
+"""Beginnings of comments; a row with an empty first cell also begins with a semicolon, but has several."""
 _LENGTH: Final = re.compile(
     r"(?:\bunits?\s{0,4}=\s{0,4}1\s?|(?<![^\W_])(?<!\d[\s-]))((?:nano|micro|milli|centi|deci|kilo)met(?:er|re)s?|inch(?:es)?|feet"
     r"|[\u00b5\u03bcumcd]m)(?![^\W_])",
     re.IGNORECASE,
 )
-"""A unit of lengths but metres, unless a number is before it other than of ``1 unit = 1 mm``."""
+"""A unit of length other than metres; not after a number, except as in ``1 unit = 1 mm``."""
 _SENTENCE: Final = 1000
-"""Length of the beginning of a line in which words are looked for."""
+"""Number of characters at the beginning of a line in which a unit is looked for."""
 _PAIR: Final = re.compile(
     r"(?<![^\s,;{(])([A-Za-z_][\w./]{0,99})\s{0,8}[=:]\s{0,8}(?![A-Za-z_]\w{0,99}[=:])"
     r"([\[(][^\])]{0,500}[\])]|[^\s,;})]+)"
@@ -70,7 +69,7 @@ _PAIR: Final = re.compile(
 """A value with its name, as ``x=1.0`` or ``q: [0, 0, 0, 1]``."""
 _BETWEEN_PAIRS: Final = f"|,;()[]{{}}{BLANKS}"
 _OF_NEXT: Final = re.compile(r"(?:[A-Za-z_]\w*:)?")
-"""What may be between the pairs: nothing, or what the next ones are of, as ``rot: qx=0``."""
+"""Text that may be between pairs: nothing, or a label of the next ones, as in ``rot: qx=0``."""
 _CUT_OFF: Final = (
     "its last line is cut off inside a row and left out: if more was recorded, copy the file again"
 )
@@ -85,9 +84,9 @@ _MARKS: Final = (";", "\t", "|", ",")
 """Separators of values; a comma may also be the decimal point."""
 _SEPARATOR_LINE: Final = re.compile(r'"?sep=(.)"?\s*', re.IGNORECASE)
 _DOCUMENT: Final = 2**26
-"""Longest JSON document (characters), which is held in memory."""
+"""Longest JSON document (characters), as it is in memory as a whole."""
 _GROUP: Final = re.compile(r"(?:(?<=^)|(?<=[,;\t|])) *([(\[{][^()\[\]{}]*[)\]}])(?= *(?:[,;\t|\r\n]|$))")
-"""A cell with several values in brackets, between which there may be the separator of the cells."""
+"""A cell with several values in brackets, which the separator of cells may separate as well."""
 _BETWEEN: Final = re.compile(r"\s*;\s*|,\s+|\s+")
 _BEGIN_DOCUMENT: Final = re.compile(r"\s*(?:\{|\[\s*(?:$|[\[{]))")
 _OF_BODY: Final = re.compile(r"(?:.*[._ ])?(?:id|name|body|object|tracker|device|child_frame_id)")
@@ -100,16 +99,10 @@ _UNITS: Final = frozenset({*LENGTHS_M, *ANGLE_UNITS, *NAMED_NS, "-", "1"})
 
 
 class TextTable:
-    """A text table in columns, some rows after others; empty lines and comments are left out.
+    """A text table in columns, batch by batch; empty lines and comments are left out.
 
-    Iterate once; then ``damage`` says whether the last line is cut off inside a row, and left out.
-
-    Raises
-    ------
-    UnreadableRecording
-        It is no table of poses, or it is not known how its columns are meant.
-    ChoiceError
-        A column that the reading names is not there.
+    Iterate once; then ``damage`` says whether the last line is cut off inside a row, and left out. Raises
+    as ``layout_of_names``.
     """
 
     def __init__(self, path: str, begin: bytes, reading: TableReading) -> None:
@@ -125,14 +118,14 @@ class TextTable:
 
     def __iter__(self) -> Iterator[dict[int, Sequence[str]]]:
         rows = self._rows()
-        while some := list(islice(rows, ROWS_AT_ONCE)):
-            yield dict(zip(self.layout.places, zip(*some, strict=True), strict=True))
+        while batch := list(islice(rows, ROWS_AT_ONCE)):
+            yield dict(zip(self.layout.places, zip(*batch, strict=True), strict=True))
 
     def _opened(self) -> IO[str]:
         return open(self._path, encoding=self._encoding, errors="replace")
 
     def _rows(self) -> Iterator[list[str]]:
-        layout, separator, many, last = self.layout, self.layout.separator, 0, list[str]()
+        layout, separator, count, previous = self.layout, self.layout.separator, 0, list[str]()
         places, width = layout.places, max(layout.places) + 1
         with self._opened() as file:
             lines = _entries_in(file) if self._is_document else _lines(file)
@@ -144,19 +137,19 @@ class TextTable:
                         return  # the end of a section
                     continue
                 cells = _named_cells(line, layout) if layout.names else _cells_of(line, separator)
-                if line[-1] != "\n" and len(line) < _LINE and last and _is_cut(last, cells):
+                if line[-1] != "\n" and len(line) < _LINE and previous and _is_cut(previous, cells):
                     self.damage = (_CUT_OFF,)
                     return
-                last = cells
+                previous = cells
                 if len(cells) < width:
                     cells = cells + [""] * (width - len(cells))
                 row = [cells[place] for place in places]
                 if layout.time < 0:
-                    row[0] = str(many)
+                    row[0] = str(count)
                 if len(line) > _LONGEST_CELL * width:
                     row = [cell[:_LONGEST_CELL] for cell in row]
                 if any(map(str.strip, row)):
-                    many += 1
+                    count += 1
                     yield row
 
 
@@ -166,7 +159,7 @@ def _lines(file: IO[str]) -> Iterator[str]:
 
 def _is_cut(before: Sequence[str], last: Sequence[str]) -> bool:
     """Whether a last line without a line break is part of a row: it lacks values that the row before it has,
-    or its last value is part of a number. A number cut to a shorter one cannot be told from a whole one."""
+    or its last value is part of a number. A number that is cut to a shorter number is not noticed."""
     before, last = ([cell.strip(BLANKS) for cell in cells] for cells in (before, last))
     if len(last) != len(before):
         return len(last) < len(before)
@@ -175,7 +168,7 @@ def _is_cut(before: Sequence[str], last: Sequence[str]) -> bool:
 
 
 def _cells_of(line: str, separator: str | None) -> list[str]:
-    """The values in a line, perhaps between blanks; a quote that is open is part of the last one."""
+    """The values in a line, possibly with blanks around them; an open quote is part of the last value."""
     if separator is not None and '"' not in line and ("(" in line or "[" in line or "{" in line):
         line = _GROUP.sub(r'"\1"', line)
     if separator is None or '"' not in line:
@@ -193,42 +186,42 @@ def _table_of(lines: Sequence[str], separator: str | None) -> list[list[str]]:
 
 
 def _fields_of(line: str) -> dict[str, str]:
-    """The numbers and texts in a JSON object, or of values with their names, as ``pose.position.x`` and
-    ``state[0]``; raises ValueError."""
+    """The numbers and texts by name (``pose.position.x``, ``state[0]``) in a line with a JSON object or with
+    ``name=value`` pairs; raises ValueError."""
     if not line.lstrip().startswith("{"):
         _, *between = _PAIR.split(line)[::3]
         between = [text.strip(_BETWEEN_PAIRS) for text in between]
-        if rest := next((text for text in between if not _OF_NEXT.fullmatch(text)), ""):
+        if unread := next((text for text in between if not _OF_NEXT.fullmatch(text)), ""):
             raise ValueError(
-                f"beside its values with names there is {rest[:_LONGEST_CELL]!r}: leave it out, and write a "
-                "unit in the name, as in x_cm=29"
+                f"beside its values with names there is {unread[:_LONGEST_CELL]!r}: leave it out, and write "
+                "a unit in the name, as in x_cm=29"
             )
         return _flattened({name: _values_in(value) for name, value in _PAIR.findall(line)})
     try:
-        given = _loads(line)
+        entry = _loads(line)
     except RecursionError as error:
         raise ValueError("it is too deep") from error
-    if not isinstance(given, dict):
+    if not isinstance(entry, dict):
         raise ValueError("it is no object")
-    return _flattened(given)
+    return _flattened(entry)
 
 
-def _flattened(given: Mapping[str, Any]) -> dict[str, str]:
-    """The numbers and texts in an object and its parts."""
-    found, waiting = dict[str, str](), list(given.items())[::-1]
+def _flattened(entry: Mapping[str, Any]) -> dict[str, str]:
+    """The numbers and texts in an object and its parts, by their paths."""
+    fields, waiting = dict[str, str](), list(entry.items())[::-1]
     while waiting:
         name, value = waiting.pop()
         if isinstance(value, dict):
-            waiting += [(f"{name}.{key}", one) for key, one in value.items()][::-1]
+            waiting += [(f"{name}.{key}", part) for key, part in value.items()][::-1]
         elif isinstance(value, list):
-            waiting += [(f"{name}[{i}]", one) for i, one in enumerate(value)][::-1]
+            waiting += [(f"{name}[{i}]", part) for i, part in enumerate(value)][::-1]
         elif isinstance(value, str) or value is None:
-            found[name] = value or ""
-    return found
+            fields[name] = value or ""
+    return fields
 
 
 def _is_document(lines: Sequence[str]) -> bool:
-    """Whether text is JSON as a whole, not one object a line."""
+    """Whether the text is one JSON document, not one object per line."""
     first, second = ([line for line in lines if line.strip()] + ["", ""])[:2]
     if not second or not first.lstrip().startswith("{"):
         return _BEGIN_DOCUMENT.match(first) is not None
@@ -240,34 +233,34 @@ def _is_document(lines: Sequence[str]) -> bool:
 
 
 def _entries_in(file: IO[str]) -> Iterator[str]:
-    """The entries of a JSON document, one a line: those of its list, of the one list of objects in it, or of
-    lists of one length by their names; raises UnreadableRecording."""
+    """The entries of a JSON document, one per line: the elements of its list, of the only list of objects in
+    it, or of equally long lists by name; raises UnreadableRecording."""
     text = file.read(_DOCUMENT + 1)
     if len(text) > _DOCUMENT:
         raise UnreadableRecording(
             "it is JSON of more than 64 MB: write one object a line, as jq -c '.[]' does"
         )
     try:
-        given = _loads(text)
+        content = _loads(text)
     except (ValueError, RecursionError) as error:
         raise UnreadableRecording(f"it begins like JSON, but is none: {error}") from error
-    if isinstance(given, dict) and given and all(map(str.isdigit, given)):  # by the number of a frame
-        parts = ((name, value if _has_objects(value) else [value]) for name, value in given.items())
-        given = [{"frame": name, **_named(one)} for name, value in parts for one in value]
-    elif isinstance(given, dict):
-        lists = {name: value for name, value in given.items() if isinstance(value, list)}
+    if isinstance(content, dict) and content and all(map(str.isdigit, content)):  # by the number of a frame
+        parts = ((name, value if _has_objects(value) else [value]) for name, value in content.items())
+        content = [{"frame": name, **_named(entry)} for name, value in parts for entry in value]
+    elif isinstance(content, dict):
+        lists = {name: value for name, value in content.items() if isinstance(value, list)}
         objects = [value for value in lists.values() if _has_objects(value)]
         longest = max(map(len, lists.values()), default=0)
         rows = {name: value for name, value in lists.items() if len(value) == longest}
         by_row = [dict(zip(rows, row, strict=True)) for row in zip(*rows.values(), strict=True)]
-        given = objects[0] if len(objects) == 1 and len(objects[0]) == longest else by_row
-    if given == []:
+        content = objects[0] if len(objects) == 1 and len(objects[0]) == longest else by_row
+    if content == []:
         raise UnreadableRecording(
             "it is JSON without entries in a list, or lists of one length by name: write these alone, as by "
             "jq .data"
         )
-    for one in given if isinstance(given, list) else [given]:
-        yield json.dumps(_named(one)) + "\n"
+    for entry in content if isinstance(content, list) else [content]:
+        yield json.dumps(_named(entry)) + "\n"
 
 
 def _has_objects(value: Any) -> bool:
@@ -279,8 +272,8 @@ def _named(entry: Any) -> dict[str, Any]:
 
 
 def _values_in(cell: str) -> Any:
-    """The values in a cell of several numbers, JSON or ``(1.0, 2.0)`` or ``[1 2]``, or three or more between
-    blanks; the text of any other."""
+    """The values in a cell with several numbers, as JSON, ``(1.0, 2.0)``, ``[1 2]``, or three or more between
+    blanks; the text of any other cell."""
     text = cell.strip(BLANKS)
     if text[:1] not in ("(", "[", "{"):
         parts = text.split()
@@ -295,7 +288,7 @@ def _values_in(cell: str) -> Any:
 
 
 def _named_cells(line: str, layout: TableLayout) -> list[str]:
-    """The values in a row by their names, of JSON, or where cells have several."""
+    """The values of a row in the order of ``layout.names``, if rows are JSON or cells have several values."""
     try:
         if layout.heads:
             cells = map(_values_in, _cells_of(line, layout.separator))
@@ -310,15 +303,15 @@ def _named_cells(line: str, layout: TableLayout) -> list[str]:
 def _layout_in_unit(
     lines: Sequence[str], head: Sequence[str], reading: TableReading, path: str
 ) -> TableLayout:
-    """The layout of rows ``head``; raises also where positions would be in metres without being told, and the
-    first lines of the file name another unit."""
+    """The layout of the rows ``head``; also raises if the first ``lines`` of the file name a unit of length
+    and the layout would assume metres."""
     if any(line.count(mark) >= MOST_COLUMNS for line in head for mark in ",;\t "):
         raise UnreadableRecording(f"its rows have {MOST_COLUMNS} values or more: leave out those of no body")
     begin = next((i for i, line in enumerate(head) if line.strip() and not _COMMENT.match(line)), 0)
     kinds = [layout_of for is_known, layout_of in _FORMATS if is_known(head[begin] if head else "")]
     rows = ["\n"] * begin + list(head[begin:]) if kinds else head
     layout, about, is_above = (kinds or [_layout_of_rows])[0](rows, reading, path), list[str](), True
-    for i, line in enumerate(lines):  # comments, and what is above the rows but for the names of columns
+    for i, line in enumerate(lines):  # comments, and lines above the rows except the names of columns
         cells = _cells_of(line, layout.separator)
         is_above &= layout.kind == "JSON" or not _are_values(cells)
         is_head = layout.skip - 2 <= i < layout.skip and len(cells) > max(layout.places)
@@ -339,7 +332,7 @@ def _layout_in_unit(
 
 
 def _are_values(cells: Sequence[str]) -> bool:
-    """Whether cells are those of a row of values, not of names."""
+    """Whether most cells of a row are numbers."""
     return 2 * sum(are_numbers([cell]) for cell in cells) > len(cells)
 
 
@@ -363,17 +356,17 @@ def _motive_layout(lines: Sequence[str], reading: TableReading, path: str) -> Ta
         )
     is_local = about.get("coordinate space", "Global").lower() != "global"
     turn = "q" if rotation.lower() == "quaternion" else "r"
-    found: dict[str, dict[str, dict[str, int]]] = {kind: {} for kind in _BODY_KINDS}
+    by_kind: dict[str, dict[str, dict[str, int]]] = {kind: {} for kind in _BODY_KINDS}
     columns = zip(lower[kind_row], cells[kind_row + 1], lower[head - 1], lower[head], strict=False)
     for place, (kind, name, value, axis) in enumerate(columns):
         if value in ("rotation", "position") and kind in _BODY_KINDS[: 1 if is_local else 2]:
-            role, bodies = axis if value == "position" else turn + axis, found[kind]
+            role, bodies = axis if value == "position" else turn + axis, by_kind[kind]
             names = (name if i == 1 else f"{name} {i}" for i in range(1, len(cells[head]) + 2))
             bodies.setdefault(next(n for n in names if role not in bodies.get(n, ())), {})[role] = place
     unit = reading.unit or about.get("length units", about.get("units", "Meters"))
     try:
         named = bodies_of(
-            found["bone"] | found["rigid body"], [(name, "") for name in cells[head]], reading, unit
+            by_kind["bone"] | by_kind["rigid body"], [(name, "") for name in cells[head]], reading, unit
         )
     except OpenReading:
         stated = reading.with_(reading_of(euler=f"{rotation}:deg")).command(path)
@@ -408,15 +401,15 @@ def _vicon_layout(lines: Sequence[str], reading: TableReading, path: str) -> Tab
     if len(cells) < 5 or not are_numbers(cells[1][:1]) or not number(cells[1][0]) > 0:
         raise UnreadableRecording(f"its section {section} lacks rate, names, columns or units above its rows")
     names, axes, units = cells[2], [axis.lower() for axis in cells[3]], map(str.lower, cells[4])
-    found = dict[str, dict[str, int]]()
+    by_body = dict[str, dict[str, int]]()
     for start, end in pairwise([*(i for i, name in enumerate(names) if name), len(axes)]):
         turn = "q" if "rw" in axes[start:end] else "r"
         roles = {f"r{axis}": turn + axis for axis in "xyzw"} | {f"t{axis}": axis for axis in "xyz"}
         places = {roles[axis]: start + i for i, axis in enumerate(axes[start:end]) if axis in roles}
-        found.setdefault(_short(names[start]), places)
+        by_body.setdefault(_short(names[start]), places)
     columns = list(zip(axes, chain(units, repeat("")), strict=False))
     try:
-        bodies = bodies_of(found, columns, reading, "mm")
+        bodies = bodies_of(by_body, columns, reading, "mm")
     except OpenReading:
         name = next(filter(None, names))
         kind = (about[1] if (about := _ABOUT.match(name)) is not None else None) or ""
@@ -443,19 +436,19 @@ def _short(name: str) -> str:
 
 
 def _separator_after(word: str, line: str) -> str:
-    """The separator of a line that begins with ``word``; a comma where uncertain."""
+    """The separator of a line that begins with ``word``; a comma if uncertain."""
     mark = line.strip('" \r\n\ufeff')[len(word) :].lstrip('" ')[:1]
     return mark if mark in (";", "\t") else ","
 
 
 def _has_names(line: str) -> bool:
-    """Whether a row has the values of a pose with their names."""
+    """Whether a line has at least as many ``name=number`` pairs as a pose has values."""
     values = _flattened({name: _values_in(value) for name, value in _PAIR.findall(line)}).values()
     return sum(are_numbers([value]) for value in values) >= _LEAST_OF_POSE
 
 
 def _json_layout(lines: Sequence[str], reading: TableReading, path: str) -> TableLayout:
-    """The layout of lines with a JSON object each, with the names of all that are in the first ones."""
+    """The layout of lines with one JSON object each, by all names in these first lines."""
     names, rows = dict[str, None](), list[dict[str, str]]()
     for line in lines:
         try:
@@ -478,7 +471,7 @@ def _layout_of_rows(
     lines: Sequence[str], reading: TableReading, path: str, usual: TableReading | None = None
 ) -> TableLayout:
     """The layout by the first line with names of columns of poses, which may be a comment, else by the first
-    row of numbers; ``usual`` is what the columns are of a format, unless the reading says it."""
+    row of numbers; ``usual`` is how a known format is read, unless the user's ``reading`` states it."""
     reading = reading if usual is None or reading.kind is not None else usual.with_(reading)
     first = next((line for line in lines if line.strip()), "")
     stated = _SEPARATOR_LINE.fullmatch(first)
@@ -488,7 +481,7 @@ def _layout_of_rows(
         raise UnreadableRecording(f"its first {len(lines)} lines are empty or comments: leave them out")
     comments = [rows[0] - 1] if rows[0] and _COMMENT.match(lines[rows[0] - 1]) else []
     errors = dict[int, Exception]()
-    """The first of each number of names; of comments at -1."""
+    """The first error for each number of names; -1 stands for comments."""
     tried = 0
     for i in [*comments, *rows]:
         following = [lines[row] for row in rows if row > i]
@@ -504,7 +497,10 @@ def _layout_of_rows(
             break
         units = _units(following, separator)
         skip, values = i + 1 + bool(units), following[bool(units) :]
-        named = _distinct([name or f"{UNNAMED}{place}" for place, name in enumerate(names)])
+        named, times = list[str](), Counter[str]()
+        for name in (name or f"{UNNAMED}{place}" for place, name in enumerate(names)):
+            named.append(f"{name}.{times[name]}" if times[name] else name)  # x, x.1, as by pandas
+            times[name] += 1
         inner = _names_in_groups(named, values, separator)
         columns, cells, units = (inner, [], []) if inner else (named, values, units)
         try:
@@ -547,14 +543,8 @@ def _layout_of_rows(
         raise errors.get(-1, error) from None
 
 
-def _distinct(names: Sequence[str]) -> list[str]:
-    """The names, those that are there again with a number, as pandas reads them: ``x``, ``x.1``."""
-    times = defaultdict[str, Iterator[int]](count)
-    return [f"{name}.{i}" if (i := next(times[name])) else name for name in names]
-
-
 def _names_in_groups(names: Sequence[str], rows: Sequence[str], separator: str | None) -> list[str]:
-    """The names of the values in cells of which some have several, by the first row; none if none has."""
+    """The names of all values, if cells of the first row have several values; else empty."""
     cells = list(map(_values_in, _cells_of(rows[0], separator))) if rows else []
     if all(isinstance(cell, str) for cell in cells) or len(cells) - len(names) not in (0, 1):
         return []
@@ -562,7 +552,7 @@ def _names_in_groups(names: Sequence[str], rows: Sequence[str], separator: str |
 
 
 def _units(following: Sequence[str], separator: str | None) -> list[str]:
-    """The units of the columns, where the row after the names has them."""
+    """The units of the columns, if the row after the names has them; else empty."""
     cells = _cells_of(following[0], separator) if following else []
     cells = [cell.strip(f"[](){BLANKS}").lower() for cell in cells]
     return cells if any(cells) and all(cell in _UNITS for cell in cells if cell) else []
@@ -578,18 +568,18 @@ def _separator(line: str) -> str | None:
 
 
 def _check_widths(rows: Sequence[str], layout: TableLayout, names: int) -> None:
-    """Raise UnreadableRecording if rows have more values than there are names, whose assignment is ambiguous
-    then, or the first lacks values that are needed: it is separated otherwise."""
+    """Raise UnreadableRecording if rows have more values than there are names, so that their assignment is
+    ambiguous, or if the first row lacks values of the pose, as it has another separator."""
     widths = [len(_cells_of(row.rstrip(f"\r\n{layout.separator or ''}"), layout.separator)) for row in rows]
     if layout.separator is not None and max(widths, default=0) > names:
         raise UnreadableRecording(
             f"rows have {max(widths)} values under {names} names: name all columns, and where these are "
             "decimal commas, write points, or separate values by semicolons"
         )
-    many = len(_cells_of(rows[0], layout.separator)) if rows else names
-    if many <= max(layout.places):
+    count = len(_cells_of(rows[0], layout.separator)) if rows else names
+    if count <= max(layout.places):
         raise UnreadableRecording(
-            f"row 1 has {many} {'value' if many == 1 else 'values'}, the header has {names}: separate the "
+            f"row 1 has {count} {'value' if count == 1 else 'values'}, the header has {names}: separate the "
             f"values of all rows by {SEPARATORS[layout.separator or ' ']}, as the names in the header"
         )
 
@@ -597,8 +587,9 @@ def _check_widths(rows: Sequence[str], layout: TableLayout, names: int) -> None:
 def _check_bodies(
     names: Sequence[str], rows: Sequence[Sequence[str]], time: int, how: Callable[[int, str], str]
 ) -> None:
-    """Raise UnreadableRecording if rows of one time are of different bodies, which a column names again at
-    other times: numbers of rows differ everywhere. ``how`` is the command that takes one, by its column."""
+    """Raise UnreadableRecording if rows of one time are of different bodies, whose names in a column recur at
+    other times (numbers of rows do not). ``how`` gives the command that selects a body, by column and
+    name."""
     cells = [row for row in rows if len(row) == len(names)]
     pairs = [(a, b) for a, b in pairwise(cells) if time >= 0 and a[time] == b[time]]
     for place, name in enumerate(names):
@@ -626,9 +617,9 @@ def _by_jq(path: str, names: Sequence[str], place: int, body: str) -> str:
 
 _Layout = Callable[[Sequence[str], TableReading, str], TableLayout]
 _FORMATS: Final[Sequence[tuple[Callable[[str], bool], _Layout]]] = (
-    (lambda first: first.lstrip('\ufeff"').lower().startswith("format version"), _motive_layout),
-    (lambda first: first.strip(f",;{BLANKS}").lower() in (*_SECTIONS, *_OTHER_SECTIONS), _vicon_layout),
-    (lambda first: first.lstrip().startswith("{") or _has_names(first), _json_layout),
-    (lambda first: first.startswith(_QUALISYS), partial(_layout_of_rows, usual=_MATRICES)),
+    (lambda line: line.lstrip('\ufeff"').lower().startswith("format version"), _motive_layout),
+    (lambda line: line.strip(f",;{BLANKS}").lower() in (*_SECTIONS, *_OTHER_SECTIONS), _vicon_layout),
+    (lambda line: line.lstrip().startswith("{") or _has_names(line), _json_layout),
+    (lambda line: line.startswith(_QUALISYS), partial(_layout_of_rows, usual=_MATRICES)),
 )
-"""Known formats: whether the first line is of one, and its layout; other files have rows, named or not."""
+"""Known formats: a test of the first line, and the layout; other files have rows with or without names."""

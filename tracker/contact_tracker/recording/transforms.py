@@ -1,6 +1,6 @@
 """Poses in another frame (``--frame PARENT->CHILD``, ``--relative-to``) composed along a chain of transforms.
 
-A pose is composed once each moving transform is known before and after it. Positions are interpolated
+A pose is composed once each moving transform has samples before and after it. Positions are interpolated
 linearly, rotations along the shortest arc. Only samples that pending poses need are kept.
 """
 
@@ -48,14 +48,14 @@ def is_static(source: PoseSource) -> bool:
 
 
 class TransformTree:
-    """The frames and the transforms between them, of each pair the first; ``named`` are further sources by
-    what they are called here."""
+    """The frames and the first transform between each pair of them; ``named`` are further sources, by their
+    names in the tree."""
 
     def __init__(
         self, sources: Iterable[PoseSource], named: Mapping[PoseSource, PoseSource] | None = None
     ) -> None:
         self._steps: dict[str, dict[str, Step]] = {}
-        for called, source in sorted(({one: one for one in sources} | dict(named or {})).items()):
+        for called, source in sorted(({source: source for source in sources} | dict(named or {})).items()):
             if called.child_frame_id:
                 parent, child = frame_name(called.frame_id), frame_name(called.child_frame_id)
                 self._steps.setdefault(parent, {}).setdefault(child, Step(source, False))
@@ -70,10 +70,10 @@ class TransformTree:
         reached: dict[str, tuple[str, Step] | None] = {start: None}
         waiting = [start]
         for frame in waiting:  # which grows
-            for other, step in self._steps.get(frame, {}).items():
-                if other not in reached:
-                    reached[other] = frame, step
-                    waiting.append(other)
+            for neighbour, step in self._steps.get(frame, {}).items():
+                if neighbour not in reached:
+                    reached[neighbour] = frame, step
+                    waiting.append(neighbour)
         if end not in reached:
             return None
         steps, at = list[Step](), reached[end]
@@ -110,16 +110,17 @@ def last_moving(chain: Sequence[Step]) -> int:
 
 def find_chain(
     path: str,
-    known: Iterable[PoseSource],
+    sources: Iterable[PoseSource],
     bodies: Sequence[PoseSource],
     frame: str | None,
     relative_to: str | None,
 ) -> tuple[Chain, PoseSource] | None:
-    """The transforms from parent to child of ``PARENT->CHILD``, or from ``relative_to`` to the one of
-    ``bodies``, and the name of the composed poses; None where none are known yet, or none of them moves."""
+    """The transforms from parent to child of ``PARENT->CHILD``, or from ``relative_to`` to the only one of
+    ``bodies``, and the source of the composed poses; None if they are not known yet, or none of them
+    moves."""
     if relative_to is None:
         parent, arrow, child = (frame or "").partition(ARROW)
-        steps = TransformTree(filter(is_transform, known)).chain(parent, child) if arrow else None
+        steps = TransformTree(filter(is_transform, sources)).chain(parent, child) if arrow else None
         if steps is None or last_moving(steps) < 0:
             return None
     else:
@@ -130,7 +131,7 @@ def find_chain(
             return None
         body = only_one(path, bodies)
         parent, child = relative_to, body.child_frame_id
-        if (steps := chain_relative(path, known, body, relative_to)) is None:
+        if (steps := chain_relative(path, sources, body, relative_to)) is None:
             return None
     last = steps[last_moving(steps)].source
     frame_moves = any(step.inverted and not is_static(step.source) for step in steps)
@@ -138,11 +139,11 @@ def find_chain(
 
 
 def chain_relative(
-    path: str, known: Iterable[PoseSource], source: PoseSource, relative_to: str
+    path: str, available: Iterable[PoseSource], source: PoseSource, relative_to: str
 ) -> Chain | None:
-    """The transforms from a frame, or from another body (by its topic, or its name beside it in a table), to
+    """The transforms from a frame, or from another body (by its topic, or its name in the same table), to
     the body of ``source``."""
-    sources = set(known)
+    sources = set(available)
     references = [s for s in sources if s.topic == relative_to and s != source]
     references = references or [s for s in sources if s != source and is_beside(s, source, relative_to)]
     tree = {s for s in sources if is_transform(s) and s != source}
@@ -156,12 +157,12 @@ def chain_relative(
     return TransformTree(tree, named).chain(start, _BODY)
 
 
-def is_beside(other: PoseSource, source: PoseSource, name: str) -> bool:
-    """Whether ``other`` has the poses of the body ``name`` in the frame in which those of ``source`` are."""
-    is_same_frame = frame_name(other.frame_id) == frame_name(source.frame_id)
-    is_known_to_be = other.topic == source.topic and not source.frame_id  # of one file of motion capture
-    is_named = bool(name) and frame_name(other.child_frame_id) == frame_name(name)
-    return is_named and is_same_frame and is_known_to_be and not is_transform(other)
+def is_beside(candidate: PoseSource, source: PoseSource, name: str) -> bool:
+    """Whether ``candidate`` has the poses of the body ``name`` in the frame of the poses of ``source``."""
+    is_same_frame = frame_name(candidate.frame_id) == frame_name(source.frame_id)
+    is_known_to_be = candidate.topic == source.topic and not source.frame_id  # of one file of motion capture
+    is_named = bool(name) and frame_name(candidate.child_frame_id) == frame_name(name)
+    return is_named and is_same_frame and is_known_to_be and not is_transform(candidate)
 
 
 def composition_hint(sources: Iterable[PoseSource]) -> str:
@@ -176,19 +177,19 @@ def composition_hint(sources: Iterable[PoseSource]) -> str:
 
 
 def relative_hint(path: str, sources: Iterable[PoseSource], frame: str) -> str:
-    """A hint for ``PARENT->CHILD`` where ``--relative-to`` would give these poses, else empty."""
-    known = sorted(sources)
+    """A hint for ``PARENT->CHILD`` if ``--relative-to`` would give these poses, else empty."""
+    ordered = sorted(sources)
     parent, arrow, child = frame.partition(ARROW)
-    for source in known if arrow else ():
+    for source in ordered if arrow else ():
         with suppress(AmbiguousSource):
-            if source.child_frame_id == child and chain_relative(path, known, source, parent):
+            if source.child_frame_id == child and chain_relative(path, ordered, source, parent):
                 return f"; compose it by --frame {child} --relative-to {parent}"
     return ""
 
 
-def moving_parent_note(known: Iterable[PoseSource], source: PoseSource) -> str | None:
+def moving_parent_note(sources: Iterable[PoseSource], source: PoseSource) -> str | None:
     """One line if the parent frame of the poses may itself move, else None."""
-    tree = TransformTree(s for s in known if s != source)
+    tree = TransformTree(s for s in sources if s != source)
     root = tree.moving_root(source.frame_id) if source.frame_id else None
     if root is None:
         return None
@@ -200,16 +201,16 @@ def moving_parent_note(known: Iterable[PoseSource], source: PoseSource) -> str |
 
 
 GAP_NS: Final = 1_000_000_000
-"""Moving transforms are not interpolated over longer gaps."""
+"""Longest gap (ns) over which moving transforms are interpolated."""
 _MOST_WAITING: Final = 20_000
 _MOST_KEPT: Final = 200_000
 _PATIENCE_NS: Final = 5_000_000_000
-"""Log time for which a pose waits for moving transforms: its stamp may lead."""
+"""Log time (ns) for which a pose waits for moving transforms, as its stamp may lead."""
 _KEPT_NS: Final = 10_000_000_000
-"""Time for which samples of a transform are kept: stamps of poses may lag."""
+"""Time (ns) for which samples of a transform are kept, as stamps of poses may lag."""
 _BACK_NS: Final = 10_000_000_000
 _FORWARD_NS: Final = 3_600_000_000_000
-"""A transform whose stamps jump by more is restarted."""
+"""Largest jumps of the stamps of a transform (ns); after larger ones its samples start anew."""
 _FARTHEST_NS: Final = 2**61
 
 
@@ -220,14 +221,14 @@ class Composer:
     ----------
     steps : the chain, from the wanted frame to the body; the last one that moves gives the stamps.
     source : name of the composed poses.
-    assumed : as of ``MessageDecoder``.
+    assumed : as in ``MessageDecoder``.
     at_once : number of poses composed together; 1 for a live stream.
-    known : poses read ahead, which say how poses are stamped, and static transforms, which they may precede.
+    read_ahead : first poses by source, which decide the stamping and have the static transforms.
 
     Attributes
     ----------
-    counts : ``no_parent``, ``parent_gap`` and ``bad_parent`` as docs/conventions.md says,
-        ``log_time_as_stamp``, and ``known_definition`` as of ``PoseLog``.
+    counts : ``no_parent``, ``parent_gap`` and ``bad_parent`` (docs/conventions.md), ``log_time_as_stamp``,
+        and ``known_definition`` as in ``PoseLog``.
     why : why the known definition of a type was used, in words.
     """
 
@@ -237,7 +238,7 @@ class Composer:
         source: PoseSource,
         assumed: Mapping[tuple[str, str], str],
         at_once: int,
-        known: Mapping[PoseSource, list[Logged]],
+        read_ahead: Mapping[PoseSource, list[Logged]],
     ) -> None:
         self.counts: Counter[str] = Counter()
         self.why: str | None = None
@@ -247,7 +248,7 @@ class Composer:
         self._parents = [self._tracks[s.source] for i, s in enumerate(steps) if i != self._body]
         self._waiting: deque[Logged] = deque()
         self._stampings = dict[PoseSource, Stamping]()
-        for of, logged in known.items():
+        for of, logged in read_ahead.items():
             if of in self._tracks and is_static(of):
                 for pose, _ in logged[:1]:
                     self._tracks[of].add(pose)
@@ -257,17 +258,17 @@ class Composer:
     def compose(self, logged: Iterable[LoggedPose | None]) -> Iterator[LoggedPose | None]:
         """The composed poses; other poses are dropped, and None is passed on."""
         body = self._steps[self._body].source
-        for one in logged:
-            if one is None:
+        for entry in logged:
+            if entry is None:
                 yield None
                 continue
-            source, pose, log_time_ns = one
+            source, pose, log_time_ns = entry
             if source in self._tracks:
                 stamping = self._stampings.get(source)
                 counts = self.counts if source == body else Counter[str]()
                 if stamping is not None:
                     pose = stamping.stamped(pose, log_time_ns, counts)
-                elif not pose.stamp_ns and log_time_ns:  # too few poses to tell what zero means
+                elif not pose.stamp_ns and log_time_ns:  # too few poses to decide whether zero is unset
                     pose = pose._replace(stamp_ns=log_time_ns)
                     counts["log_time_as_stamp"] += 1
                 if source == body:
@@ -281,7 +282,7 @@ class Composer:
         yield from self._emit(len(self._waiting))
 
     def _ready(self, now_ns: int) -> Iterator[LoggedPose]:
-        """Pending poses that can be composed, once there are enough, and those that have waited too long."""
+        """Pending poses that can be composed, once there are enough, and poses that have waited too long."""
         if self._waiting and now_ns - self._waiting[0][1] > _PATIENCE_NS:
             late = takewhile(lambda logged: now_ns - logged[1] > _PATIENCE_NS, self._waiting)
             yield from self._emit(sum(1 for _ in late))
@@ -294,8 +295,8 @@ class Composer:
         elif len(self._waiting) > _MOST_WAITING:
             yield from self._emit(_MOST_WAITING // 2)
 
-    def _emit(self, many: int) -> Iterator[LoggedPose]:
-        logged = [self._waiting.popleft() for _ in range(many)]
+    def _emit(self, count: int) -> Iterator[LoggedPose]:
+        logged = [self._waiting.popleft() for _ in range(count)]
         if not logged:
             return
         poses = Poses.collect(pose for pose, _ in logged)
@@ -307,8 +308,8 @@ class Composer:
         for i, (source, inverted) in enumerate(self._steps):
             place, turn = poses.position_m, Rotation.from_quat(quats)
             if i != self._body:
-                place, turn, known = self._tracks[source].at(poses.stamp_ns)
-                good &= known
+                place, turn, is_known = self._tracks[source].at(poses.stamp_ns)
+                good &= is_known
             if inverted:
                 turn = turn.inv()
                 place = -turn.apply(place)
@@ -373,7 +374,8 @@ class _Track:
             self._samples.popleft()
 
     def at(self, stamps_ns: NDArray[np.int64]) -> tuple[NDArray[np.float64], Rotation, NDArray[np.bool_]]:
-        """Interpolated position and rotation at stamps, and whether they are known there."""
+        """Interpolated positions (N, 3) (m) and rotations at stamps (N,), and whether they are known there
+        (N,)."""
         about = deque[Pose]()  # from the last sample before the first stamp onwards
         for sample in reversed(self._samples):
             about.appendleft(sample)
@@ -387,10 +389,10 @@ class _Track:
         begin = np.where(times_ns[end] > stamps_ns, end - 1, end).clip(min=0)
         step_ns = times_ns[end] - times_ns[begin]
         rests = (positions[begin] == positions[end]).all(axis=1) & (quats[begin] == quats[end]).all(axis=1)
-        known = (times_ns[begin] <= stamps_ns) & (stamps_ns <= times_ns[end]) & ((step_ns <= GAP_NS) | rests)
+        is_between = (times_ns[begin] <= stamps_ns) & (stamps_ns <= times_ns[end])
         share = ((stamps_ns - times_ns[begin]) / np.maximum(step_ns, 1)).clip(0.0, 1.0)[:, None]
         rotations = Rotation.from_quat(quats)
         turn = (rotations[begin].inv() * rotations[end]).as_rotvec()
         rotation = rotations[begin] * Rotation.from_rotvec(share * turn)
         position = positions[begin] + share * (positions[end] - positions[begin])
-        return position, rotation, known | self._static
+        return position, rotation, (is_between & ((step_ns <= GAP_NS) | rests)) | self._static

@@ -1,6 +1,5 @@
-"""Wrenches on the object, from messages of geometry_msgs/msg/WrenchStamped, and what they say."""
+"""Wrenches on the object from messages of geometry_msgs/msg/WrenchStamped."""
 
-from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from heapq import merge
@@ -34,21 +33,21 @@ _WRENCH: Final = "the wrench "
 """A frame name that does not occur in logs."""
 WRENCH_TYPE: Final = "geometry_msgs/msg/WrenchStamped"
 _MOST: Final = 4_000_000
-"""Wrenches that are kept, of about 330 bytes each while they are read; what comes later is counted."""
+"""Most wrenches that are kept, at about 330 bytes each while they are read; later ones are counted."""
 
 
 @dataclass(frozen=True, eq=False)
 class WrenchLog:
-    """What one topic holds.
+    """The wrenches on one topic.
 
     Parameters
     ----------
-    wrenches : finite ones, in order of time, about the body's origin and in its axes.
-    dropped : messages that cannot be decoded, without a stamp, not finite, or of a stamp that is repeated.
-    unplaced : wrenches that are left out, since the pose of their frame is not known at their stamp.
-    bad_transforms : transforms to their frame that are left out: no pose, or a stamp that goes back.
-    frame_id : of the messages.
-    taken : words on what that frame was taken for.
+    wrenches : finite wrenches in order of time, about the origin of the body and in its axes.
+    dropped : number of messages that cannot be decoded, have no stamp or a repeated one, or are not finite.
+    unplaced : number of wrenches left out, as the pose of their frame is not known at their stamp.
+    bad_transforms : number of transforms to their frame left out: no pose, or a stamp that goes back.
+    frame_id : frame of the messages.
+    taken : the assumed meaning of that frame, in words.
     """
 
     wrenches: Wrenches
@@ -60,7 +59,7 @@ class WrenchLog:
 
     @property
     def noted(self) -> str:
-        """What was left out, in words; nothing where all is well."""
+        """What was left out, in words; empty if nothing was."""
         counts = (
             (self.dropped, "dropped {} that cannot be used"),
             (self.unplaced, f"left out {{}} at times at which the pose of {self.frame_id} is not known"),
@@ -74,9 +73,9 @@ def read_wrenches(
 ) -> WrenchLog:
     """The wrenches on ``topic`` of the object whose ``poses`` come from ``source``.
 
-    Messages are about the origin and in the axes of their ``header.frame_id``. That is the body's frame, the
-    frame in which its poses are, or one to which transforms lead from either. Without a name it is the
-    body's; so is one that no transform names, where poses do not name the body's (they have no child frame).
+    Wrenches are about the origin and in the axes of their ``header.frame_id``: the body's frame, the parent
+    frame of its poses, or a frame to which transforms lead from either. An empty name stands for the body's
+    frame, as does a name that no transform has, if the poses have no child frame.
 
     Parameters
     ----------
@@ -105,20 +104,27 @@ def read_wrenches(
             else:
                 dropped += 1
     if not rows:
-        raise _nothing(path, topic, channels)
+        if (channel := channels.get(topic)) is None:
+            names = [name for name in sorted(channels) if canonical(channels[name].type) == WRENCH_TYPE]
+            listing = f"{', '.join(names[:8]) or 'none'}{suggestion(topic, names)}"
+            raise ChoiceError(f"{path}: no topic {topic}; of {WRENCH_TYPE} there is {listing}")
+        if canonical(channel.type) != WRENCH_TYPE or not is_readable(channel):
+            kind = channel.type or "of no type"
+            raise ChoiceError(f"{path}: {topic} is {kind}; only {WRENCH_TYPE} is read")
+        raise InputError(f"{path}: no message on {topic} can be used")
     frames, stamps, log_times, numbers = zip(*rows, strict=True)
-    frame_id, *others = sorted({*frames})
-    if others:
-        raise ChoiceError(f"{path}: {topic} changes its frame: {', '.join([frame_id, *others][:4])}")
+    frame_id, *further = sorted({*frames})
+    if further:
+        raise ChoiceError(f"{path}: {topic} changes its frame: {', '.join([frame_id, *further][:4])}")
     stamp_column, columns = np.array(stamps, np.int64), np.array(numbers, float)
-    found = Wrenches(stamp_column, columns[:, :3], columns[:, 3:]).valid
-    dropped += len(stamps) - len(found)
-    if not len(found):
+    wrenches = Wrenches(stamp_column, columns[:, :3], columns[:, 3:]).valid
+    dropped += len(stamps) - len(wrenches)
+    if not len(wrenches):
         raise InputError(f"{path}: no wrench on {topic} is finite")
     every_ns, first = np.unique(stamp_column, return_index=True)
-    logged_ns = np.array(log_times, np.int64)[first[every_ns.searchsorted(found.stamp_ns)]]
-    placed, taken, bad = _about_body(path, topic, frame_id, source, poses, found, logged_ns)
-    unplaced = len(found) - len(placed)
+    logged_ns = np.array(log_times, np.int64)[first[every_ns.searchsorted(wrenches.stamp_ns)]]
+    placed, taken, bad = _about_body(path, topic, frame_id, source, poses, wrenches, logged_ns)
+    unplaced = len(wrenches) - len(placed)
     return WrenchLog(placed, dropped, unplaced, bad, frame_id, taken)
 
 
@@ -128,24 +134,24 @@ def _about_body(
     frame_id: str,
     source: PoseSource,
     poses: Poses,
-    found: Wrenches,
+    wrenches: Wrenches,
     logged_ns: NDArray[np.int64],
 ) -> tuple[Wrenches, str, int]:
-    """The wrenches about the body's origin and in its axes, what their frame was taken for, and how many
-    transforms are bad; ``logged_ns`` (N,) is when each was logged. Raises as ``read_wrenches``."""
+    """The wrenches about the origin of the body and in its axes, the assumed meaning of their frame, and the
+    number of bad transforms; ``logged_ns`` (N,) are log times. Raises as ``read_wrenches``."""
     body, parent = source.child_frame_id, source.frame_id
     if not frame_id:
-        return found, "in no frame that is named: taken as the object's", 0
+        return wrenches, "in no frame that is named: taken as the object's", 0
     if body and frame_name(frame_id) == frame_name(body):
-        return found, f"in the frame {frame_id}, the object's", 0
+        return wrenches, f"in the frame {frame_id}, the object's", 0
     if frame_name(frame_id) == frame_name(parent):
-        return about_body(found, poses), f"in the frame {frame_id}, that of the poses", 0
+        return about_body(wrenches, poses), f"in the frame {frame_id}, that of the poses", 0
     reading = Reading(path, lambda channel: may_be_step(channel, source.frame_id) and is_readable(channel))
-    groups, known = reading.decoder.groups(reading), dict[PoseSource, list[Logged]]()
+    groups, read_ahead = reading.decoder.groups(reading), dict[PoseSource, list[Logged]]()
     steps, in_object, is_in_tree = tuple[Step, ...](), False, False
-    while not steps and (more := take_prefix(groups)):
-        known = {**poses_by_source(chain.from_iterable(more)), **known}
-        steps, in_object, is_in_tree = _chain(known, frame_id, source)
+    while not steps and (following := take_prefix(groups)):
+        read_ahead = {**poses_by_source(chain.from_iterable(following)), **read_ahead}
+        steps, in_object, is_in_tree = _chain(read_ahead, frame_id, source)
     if not steps:
         if body or is_in_tree:
             ends = [f"the object ({body})"] if body else []
@@ -155,63 +161,50 @@ def _about_body(
                 f"from the frame of {' or of '.join(ends) or 'the poses, which name none'}: record them too, "
                 "or transform the wrenches first"
             )
-        return found, f"in the frame {frame_id}, which no transform names: taken as the object's", 0
-    frame_poses, counts = _frame_poses(path, steps, known, found.stamp_ns, logged_ns)
-    start, topics = body if in_object else parent, ", ".join(sorted({step.source.topic for step in steps}))
+        return wrenches, f"in the frame {frame_id}, which no transform names: taken as the object's", 0
+    wrench, topics = PoseSource("", _WRENCH, "", _WRENCH), {step.source.topic for step in steps}
+    reading = Reading(path, lambda channel: channel.topic in topics and is_readable(channel))
+    all_steps, assumed = (*steps, Step(wrench, False)), reading.decoder.assumed
+    composer = Composer(all_steps, wrench, assumed, BATCH, read_ahead)
+    origin, order = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)), logged_ns.argsort(kind="stable")
+    times_ns = zip(wrenches.stamp_ns[order].tolist(), logged_ns[order].tolist(), strict=True)
+    stamped = ((wrench, Pose(stamp_ns, *origin), log_time_ns) for stamp_ns, log_time_ns in times_ns)
+    transforms = filter(None, reading.decoder.poses(reading))
+    merged: Iterator[LoggedPose] = merge(stamped, transforms, key=lambda logged: logged[2])
+    frame_poses = Poses.collect(logged[1] for logged in composer.compose(merged) if logged is not None)
+    frame_poses = frame_poses[frame_poses.stamp_ns.argsort(kind="stable")]  # by stamp, not by log time
+    start, names = body if in_object else parent, ", ".join(sorted(topics))
     if not len(frame_poses):
         raise InputError(
             f"{path}: {topic} is in the frame {frame_id}, whose pose in {start} is not known at the time of "
-            f"any wrench: are the stamps on {topic} and {topics} of one clock?"
+            f"any wrench: are the stamps on {topic} and {names} of one clock?"
         )
-    placed = about_parent(found.at(found.stamp_ns.searchsorted(frame_poses.stamp_ns)), frame_poses)
-    taken = f"in the frame {frame_id}, whose pose in {start} is on {topics}"
-    return placed if in_object else about_body(placed, poses), taken, counts["bad_parent"]
+    placed = about_parent(wrenches.at(wrenches.stamp_ns.searchsorted(frame_poses.stamp_ns)), frame_poses)
+    taken = f"in the frame {frame_id}, whose pose in {start} is on {names}"
+    return placed if in_object else about_body(placed, poses), taken, composer.counts["bad_parent"]
 
 
 def _chain(
-    known: Mapping[PoseSource, list[Logged]], frame_id: str, source: PoseSource
+    read_ahead: Mapping[PoseSource, list[Logged]], frame_id: str, source: PoseSource
 ) -> tuple[Chain, bool, bool]:
-    """The transforms that lead to a frame, from what poses are in, or from the object: those of which fewer
-    move; empty where there are none. Then which of the two, and whether any transform names the frame."""
+    """The transforms that lead to a frame from the frame of the poses or from the object, whichever has fewer
+    moving ones; empty without any. Then whether they start at the object, and whether any transform names the
+    frame."""
     named, start = dict[PoseSource, PoseSource](), source.frame_id
-    for reference in known:  # poses that are relative to those of another topic, and so in no frame
+    for reference in read_ahead:  # poses relative to another topic are in no frame
         if reference.topic == source.frame_id and not is_transform(reference):
             named[replace(reference, child_frame_id=REFERENCE)], start = reference, REFERENCE
-    tree = TransformTree(filter(is_transform, known), named)
+    tree = TransformTree(filter(is_transform, read_ahead), named)
     chains = list[tuple[int, bool, Chain]]()
     for begin, in_object in ((start, False), (source.child_frame_id, True)):
         if begin and (along := tree.chain(begin, frame_id)):
             chains.append((sum(not is_static(step.source) for step in along), in_object, along))
-    _, in_object, shortest = min(chains, key=lambda one: one[:2], default=(0, False, ()))
+    _, in_object, shortest = min(chains, key=lambda candidate: candidate[:2], default=(0, False, ()))
     return shortest, in_object, frame_id in tree
 
 
-def _frame_poses(
-    path: str,
-    steps: Chain,
-    known: Mapping[PoseSource, list[Logged]],
-    stamp_ns: NDArray[np.int64],
-    logged_ns: NDArray[np.int64],
-) -> tuple[Poses, Counter[str]]:
-    """Poses of the frame that a chain leads to, at the stamps (N,) of wrenches at which they are known; and
-    what was counted."""
-    wrench = PoseSource("", _WRENCH, "", _WRENCH)
-    topics = {step.source.topic for step in steps}
-    reading = Reading(path, lambda channel: channel.topic in topics and is_readable(channel))
-    all_steps, assumed = (*steps, Step(wrench, False)), reading.decoder.assumed
-    composer = Composer(all_steps, wrench, assumed, BATCH, known)
-    origin = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
-    order = logged_ns.argsort(kind="stable")  # stamps may be in another order
-    stamps_ns, times_ns = stamp_ns[order].tolist(), logged_ns[order].tolist()
-    wrenches = ((wrench, Pose(at_ns, *origin), ns) for at_ns, ns in zip(stamps_ns, times_ns, strict=True))
-    transforms = (one for one in reading.decoder.poses(reading) if one is not None)
-    merged: Iterator[LoggedPose] = merge(wrenches, transforms, key=lambda one: one[2])
-    poses = Poses.collect(one[1] for one in composer.compose(merged) if one is not None)
-    return poses[poses.stamp_ns.argsort(kind="stable")], composer.counts
-
-
 def _decoded(reading: Reading, message: RawMessage) -> tuple[str, int, tuple[float, ...]]:
-    """Frame, stamp and numbers of a message; nothing if it is not what its schema promises."""
+    """Frame, stamp (ns) and numbers (N, N m) of a message; empty if it does not match its schema."""
     try:
         decoded = reading.decoder.decode(message)
         header, force, moment = decoded.header, decoded.wrench.force, decoded.wrench.torque
@@ -220,16 +213,3 @@ def _decoded(reading: Reading, message: RawMessage) -> tuple[str, int, tuple[flo
         return str(header.frame_id), stamp_ns, tuple(map(float, numbers))
     except (Undecodable, AttributeError, TypeError, ValueError):
         return "", 0, ()
-
-
-def _nothing(path: str, topic: str, channels: dict[str, Channel]) -> ChoiceError | InputError:
-    there = channels.get(topic)
-    if there is None:
-        names = [name for name, channel in sorted(channels.items()) if canonical(channel.type) == WRENCH_TYPE]
-        return ChoiceError(
-            f"{path}: no topic {topic}; of {WRENCH_TYPE} there is {', '.join(names[:8]) or 'none'}"
-            f"{suggestion(topic, names)}"
-        )
-    if canonical(there.type) != WRENCH_TYPE or not is_readable(there):
-        return ChoiceError(f"{path}: {topic} is {there.type or 'of no type'}; only {WRENCH_TYPE} is read")
-    return InputError(f"{path}: no message on {topic} can be used")

@@ -4,7 +4,7 @@ import struct
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from heapq import merge
 from pathlib import Path
-from typing import IO, Final
+from typing import Final
 
 import numpy as np
 from mcap.records import Attachment, Metadata
@@ -52,8 +52,8 @@ def write_recording(
     poses : to ``/object/pose``, log time = header stamp; stamps from 0 to 2^31 s.
     truth : to ``/contact/truth`` at each change of contact, and as the attachment ``truth.json``.
     metadata : the metadata record ``recording``.
-    check : of what is replaced, as of ``whole_file``.
-    wrenches : of the hand on the object, to ``/object/wrench``; stamps as of ``poses``.
+    check : check of the file that is replaced, as for ``whole_file``.
+    wrenches : wrenches of the hand on the object, to ``/object/wrench``; stamps as for ``poses``.
 
     Raises
     ------
@@ -66,37 +66,36 @@ def write_recording(
         if len(stamp_ns) and not 0 <= int(stamp_ns.min()) <= int(stamp_ns.max()) < 2**31 * 10**9:
             raise ValueError("stamps of a recording lie between 0 and 2^31 s")
     with whole_file(Path(path), check) as temporary, temporary.open("wb") as file:
-        _write(file, poses, truth, metadata, wrenches)
+        writer = Writer(file, chunk_size=_CHUNK_SIZE)
+        writer.start(profile="ros2", library=_LIBRARY)
+        writer.add_metadata(METADATA_NAME, dict(metadata))
+        pose_channel = _channel(writer, POSE_TOPIC, POSE_TYPE)
+        messages = list[tuple[int, int, bytes]]()
+        if truth is not None:
+            # Before the messages, so that a truncated or piped recording still has its truth.
+            writer.add_attachment(0, 0, TRUTH_ATTACHMENT, "application/json", truth.to_json().encode())
+            truth_channel, before = _channel(writer, TRUTH_TOPIC, TRUTH_TYPE), ""
+            for interval in truth.intervals:
+                label = interval.contact.value if interval.contact else UNSCORED
+                if label != before:
+                    data = label.encode() + b"\0"
+                    cdr = _CDR_LITTLE_ENDIAN + struct.pack("<I", len(data)) + data
+                    messages.append((interval.start_ns, truth_channel, cdr))
+                before = label
+        messages += ((pose.stamp_ns, pose_channel, _pose_cdr(pose)) for pose in poses)
+        if wrenches is not None:
+            wrench_channel = _channel(writer, WRENCH_TOPIC, WRENCH_TYPE)
+            numbers = np.concatenate([wrenches.force_n, wrenches.moment_nm], axis=1).tolist()
+            for ns, row in zip(wrenches.stamp_ns.tolist(), numbers, strict=True):
+                cdr = _WRENCH_CDR.pack(_CDR_LITTLE_ENDIAN, *divmod(ns, 10**9), 1, b"\0", *row)
+                messages.append((ns, wrench_channel, cdr))
+        for log_time_ns, channel, cdr in sorted(messages, key=lambda message: message[0]):
+            writer.add_message(channel, log_time_ns, cdr, log_time_ns)
+        writer.finish()  # type: ignore[no-untyped-call]
 
 
-def _write(
-    file: IO[bytes], poses: Poses, truth: Truth | None, metadata: Mapping[str, str], wrenches: Wrenches | None
-) -> None:
-    writer = Writer(file, chunk_size=_CHUNK_SIZE)
-    writer.start(profile="ros2", library=_LIBRARY)
-    writer.add_metadata(METADATA_NAME, dict(metadata))
-    pose_schema = writer.register_schema(POSE_TYPE, "ros2msg", _schema(POSE_TYPE))
-    pose_channel = writer.register_channel(POSE_TOPIC, "cdr", pose_schema)
-    messages = list[tuple[int, int, bytes]]()
-    if truth is not None:
-        # Before the messages, so that a truncated or piped recording still has its truth.
-        writer.add_attachment(0, 0, TRUTH_ATTACHMENT, "application/json", truth.to_json().encode())
-        truth_schema = writer.register_schema(TRUTH_TYPE, "ros2msg", b"string data\n")
-        truth_channel = writer.register_channel(TRUTH_TOPIC, "cdr", truth_schema)
-        messages += ((stamp, truth_channel, _string_cdr(label)) for stamp, label in _changes(truth))
-    messages += ((pose.stamp_ns, pose_channel, _pose_cdr(pose)) for pose in poses)
-    if wrenches is not None:
-        wrench_schema = writer.register_schema(WRENCH_TYPE, "ros2msg", _schema(WRENCH_TYPE))
-        wrench_channel = writer.register_channel(WRENCH_TOPIC, "cdr", wrench_schema)
-        numbers = np.concatenate([wrenches.force_n, wrenches.moment_nm], axis=1).tolist()
-        messages += (
-            (ns, wrench_channel, _WRENCH_CDR.pack(_CDR_LITTLE_ENDIAN, *divmod(ns, 10**9), 1, b"\0", *row))
-            for ns, row in zip(wrenches.stamp_ns.tolist(), numbers, strict=True)
-        )
-    messages.sort(key=lambda message: message[0])
-    for stamp_ns, channel, data in messages:
-        writer.add_message(channel, stamp_ns, data, stamp_ns)
-    writer.finish()  # type: ignore[no-untyped-call]
+def _channel(writer: Writer, topic: str, kind: str) -> int:
+    return writer.register_channel(topic, "cdr", writer.register_schema(kind, "ros2msg", _schema(kind)))
 
 
 def _schema(kind: str) -> bytes:
@@ -105,24 +104,9 @@ def _schema(kind: str) -> bytes:
     return definition.ros2msg.encode()
 
 
-def _changes(truth: Truth) -> Iterator[tuple[int, str]]:
-    """Stamp and label wherever the label changes."""
-    before = None
-    for interval in truth.intervals:
-        label = interval.contact.value if interval.contact else UNSCORED
-        if label != before:
-            yield interval.start_ns, label
-        before = label
-
-
 def _pose_cdr(pose: Pose) -> bytes:
     time, numbers = divmod(pose.stamp_ns, 10**9), (*pose.position_m, *pose.quat_xyzw)
     return _POSE_CDR.pack(_CDR_LITTLE_ENDIAN, *time, len(_FRAME), _FRAME, *numbers)
-
-
-def _string_cdr(text: str) -> bytes:
-    data = text.encode() + b"\0"
-    return _CDR_LITTLE_ENDIAN + struct.pack("<I", len(data)) + data
 
 
 _COPY_CHUNK_SIZE: Final = 1024 * 1024
@@ -134,7 +118,7 @@ def write_beside(path: Path, log: str | None, added: Iterable[RawMessage]) -> No
     Parameters
     ----------
     log : the recording, which is read again; None to write the result alone. Damaged parts are left out.
-    added : messages on ``RESULT_TOPICS`` by log time; they replace those of the recording on these topics.
+    added : messages on ``RESULT_TOPICS`` by log time, which replace the recording's messages on these topics.
 
     Raises
     ------
@@ -166,10 +150,10 @@ def _messages(items: Iterable[Item], writer: Writer) -> Iterator[RawMessage]:
             case RawMessage():
                 yield item
             case Rows(sources, poses):
-                for source, some in zip(sources, poses, strict=True):
+                for source, source_poses in zip(sources, poses, strict=True):
                     name = f"{source.topic}/{source.child_frame_id}".rstrip("/")
                     channel = Channel(name, "cdr", POSE_TYPE, "ros2msg", _schema(POSE_TYPE))
-                    yield from (RawMessage(channel, one.stamp_ns, _pose_cdr(one)) for one in some)
+                    yield from (RawMessage(channel, pose.stamp_ns, _pose_cdr(pose)) for pose in source_poses)
             case Attachment():
                 times = item.create_time, item.log_time
                 writer.add_attachment(*times, item.name, item.media_type, item.data)
