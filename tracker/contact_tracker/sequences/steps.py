@@ -2,7 +2,7 @@
 and what they touched; whether steps of two recordings touch the same, and how far apart that is."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import degrees, sqrt
 from typing import Final, NamedTuple
@@ -15,6 +15,7 @@ from contact_tracker.map.association import MapView, Sighting, log_evidence
 from contact_tracker.map.elements import Key
 from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.outputs.outcome import Outcome
+from contact_tracker.outputs.text import SURE_PROBABILITY
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Segment
 
@@ -62,6 +63,9 @@ def steps_of(outcome: Outcome) -> list[Step]:
         mean = np.eye(len(STATES))[segment.contact.column]
         if rows.start < rows.stop:
             mean = probability[rows].mean(axis=0)
+            p_free = probability[rows, Contact.FREE.column]
+            if segment.contact is Contact.FREE and p_free.max() > SURE_PROBABILITY:
+                segment = replace(segment, inseparable=())  # the object was free, whatever it touched beside
         mean = np.maximum(mean, LEAST_PROBABILITY)
         span_s = [(stamp_ns - origin_ns) * 1e-9 for stamp_ns in (segment.start_ns, segment.end_ns)]
         sds = bounds[number], bounds[number + 1]

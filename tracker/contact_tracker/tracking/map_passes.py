@@ -6,7 +6,6 @@ A contact may touch elements that others have touched, at little cost, or new on
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from dataclasses import replace
-from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -113,32 +112,29 @@ def _with_touches(found: Segmentation, first: Segmentation, pace: float, power: 
 
 
 def _with_open_free(
-    found: Segmentation, is_open: NDArray[np.bool_], rivals: Callable[[slice], tuple[Contact, ...]]
+    found: Segmentation,
+    is_open: NDArray[np.bool_],
+    rivals: Callable[[NDArray[np.int64]], tuple[Contact, ...]],
 ) -> Segmentation:
-    """The segmentation with free motion open to ``rivals`` of each stretch of ticks that ``is_open`` (T,).
-    Where these begin and end, segments are divided."""
+    """The segmentation with free motion open to ``rivals`` in the ticks that ``is_open`` (T,), short gaps of
+    these included. A segment is open if most of its ticks are."""
     known, rows = found.beliefs, found.beliefs.rows.copy()
     segments = list[Segment]()
-    for one in found.segments:
-        first, end = rows["stamp_ns"].searchsorted([one.start_ns, one.end_ns + 1])
+    for segment in found.segments:
+        first, end = rows["stamp_ns"].searchsorted([segment.start_ns, segment.end_ns + 1])
         within = without_short_gaps(is_open[first:end])
-        if one.contact is not Contact.FREE or not within.any():
-            segments.append(one)
-            continue
-        changes = first + np.flatnonzero(np.diff(within)) + 1
-        starts_ns = [one.start_ns, *(rows["stamp_ns"][changes - 1] + 1).tolist(), one.end_ns + 1]
-        parts = zip(pairwise([first, *changes, end]), pairwise(starts_ns), strict=True)
-        for (begin, stop), (start_ns, next_ns) in parts:
-            part, others = rows[begin:stop], one.inseparable
-            if within[begin - first]:
-                others = tuple(s for s in STATES if s in {*others, *rivals(slice(begin, stop))})
-                for row in part:
-                    row["probability"] = ambiguity.with_rivals(row["probability"], Contact.FREE, others)
-                part["inseparable"] = [state in others for state in STATES]
-            p = float(part["probability"][:, FREE].mean())
-            segments.append(
-                replace(one, start_ns=start_ns, end_ns=next_ns - 1, probability=p, inseparable=others)
-            )
+        if segment.contact is Contact.FREE and within.any():
+            open_rows = first + np.flatnonzero(within)
+            others = tuple(s for s in STATES if s in {*segment.inseparable, *rivals(open_rows)})
+            for row in open_rows.tolist():
+                shared = ambiguity.with_rivals(rows["probability"][row], Contact.FREE, others)
+                rows["probability"][row] = shared
+            rows["inseparable"][open_rows] = [state in others for state in STATES]
+            p = float(rows["probability"][first:end, FREE].mean())
+            if 2 * len(open_rows) > end - first:
+                segment = replace(segment, inseparable=others)
+            segment = replace(segment, probability=p)
+        segments.append(segment)
     beliefs = Beliefs(rows, known.geometries, known.formations, known.joints)
     return replace(found, segments=tuple(segments), beliefs=beliefs)
 
