@@ -38,8 +38,8 @@ class Map(map.Map):
             write_learned(name, self.learned)
 
 
-def _fields(known: map.Map) -> dict[str, Any]:
-    return {one.name: getattr(known, one.name) for one in fields(known)}
+def _fields(source: map.Map) -> dict[str, Any]:
+    return {field.name: getattr(source, field.name) for field in fields(source)}
 
 
 Known = str | os.PathLike[str] | Mapping[str, Any] | map.Map | None
@@ -52,16 +52,16 @@ def map_of(known: Known, note: Callable[[str], None], states: Iterable[str] | No
     UsageError.
     """
     if known is None:
-        found = map.EMPTY_MAP
+        known_map = map.EMPTY_MAP
     elif isinstance(known, map.Map):
-        found = map.Map(**_fields(known))
+        known_map = map.Map(**_fields(known))
     elif isinstance(known, Mapping):
-        found = map_from(known, Path(), note)
+        known_map = map_from(known, Path(), note)
     elif isinstance(known, str | os.PathLike):
-        found = read_map(path_from(known, "known"), note)
+        known_map = read_map(path_from(known, "known"), note)
     else:
         raise UsageError(f"known is a file, a table of its keys or a Map, not {repr(known)}")
     try:
-        return found if states is None else replace(found, states=states_from(states))
+        return known_map if states is None else replace(known_map, states=states_from(states))
     except (TypeError, ValueError) as error:
         raise UsageError(f"states: {error}") from error

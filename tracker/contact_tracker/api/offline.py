@@ -81,10 +81,13 @@ class Result(Outcome):
         """The segment that holds at a time: seconds or a duration since the first pose, or a date; raises
         UsageError outside of the recording."""
         stamp_ns = moment_ns(time, self.origin_ns)
-        found = next((one for one in self.segments if one.start_ns <= stamp_ns <= one.end_ns), None)
-        if found is None:
+        segment = next(
+            (candidate for candidate in self.segments if candidate.start_ns <= stamp_ns <= candidate.end_ns),
+            None,
+        )
+        if segment is None:
             raise UsageError(f"no segment at {time}: there are {self.trajectory.duration_s:.2f} s of poses")
-        return found
+        return segment
 
     def task_frames(self, time: Any) -> list[TaskFrame]:
         """What the contacts at a time (as in ``at``) constrain, for hybrid control of force and motion: a
@@ -92,16 +95,18 @@ class Result(Outcome):
         the joint in which the object moves, if any."""
         segment, stamps_ns = self.at(time), self.trajectory.stamp_ns
         stamp_ns = moment_ns(time, self.origin_ns)
-        part = next(one for one in segment.parts if one.start_ns <= stamp_ns <= one.end_ns)
+        part = next(part for part in segment.parts if part.start_ns <= stamp_ns <= part.end_ns)
         contacts = [
             (segment.contact, segment.geometry),
-            *((one.contact, one.geometry) for one in part.further),
+            *((contact.contact, contact.geometry) for contact in part.further),
         ]
         row = int(np.abs(stamps_ns - stamp_ns).argmin())
         pose = T_world_body(self.trajectory.position_m[row], self.trajectory.quat_xyzw[row])
-        found = (task_frame(contact, where, pose) for contact, where in contacts if where is not None)
+        frames = (
+            task_frame(contact, geometry, pose) for contact, geometry in contacts if geometry is not None
+        )
         joint = [] if segment.joint is None else [segment.joint.task_frame]
-        return [*joint, *(frame for frame in found if frame is not None)]
+        return [*joint, *(frame for frame in frames if frame is not None)]
 
     @property
     def graph(self) -> ContactGraph:
@@ -319,7 +324,7 @@ def segment(
         mass_kg = number_from(mass_kg, "mass_kg", "above zero", lambda kg: kg > 0.0)
     if not (progress is None or isinstance(progress, bool) or callable(progress)):
         raise UsageError(f"progress is True, or a function that takes the number of poses, not {progress!r}")
-    given = model_from(model, noise, accuracy)
+    parameters = model_from(model, noise, accuracy)
     notes = list[str]()
     known_map = map_of(known, notes.append, states)
     if isinstance(trajectory, Trajectory):
@@ -333,12 +338,12 @@ def segment(
         raise UsageError(f"a trajectory is a Trajectory, the path of a recording or a DataFrame, not {kind}")
     evidence = None
     if wrench is not None:
-        evidence, load, warnings = _evidence_of(wrench, poses, given, known_map, mass_kg)
+        evidence, load, warnings = _evidence_of(wrench, poses, parameters, known_map, mass_kg)
         notes += warnings
         if load:
             log_text(load)
-    with _shown(progress, len(poses)) as told:
-        outcome = segmented(poses, given, known_map, evidence, progress=told, notes=notes)
+    with _shown(progress, len(poses)) as set_done:
+        outcome = segmented(poses, parameters, known_map, evidence, progress=set_done, notes=notes)
     result = Result(**vars(outcome))
     warn_of(result.own_warnings)
     outliers = result.segmentation.outliers
@@ -363,20 +368,20 @@ def _shown(progress: Progress | bool | None, total: int) -> Iterator[Progress | 
 
 
 def _evidence_of(
-    given: str | Wrenches, trajectory: Trajectory, model: Model, known_map: KnownMap, mass_kg: float | None
+    wrench: str | Wrenches, trajectory: Trajectory, model: Model, known_map: KnownMap, mass_kg: float | None
 ) -> RecordedEvidence:
-    if isinstance(given, Wrenches):
-        return evidence_as_given(given, "the wrench", trajectory.poses, model, known_map, mass_kg)
-    if not isinstance(given, str):
-        raise UsageError(f"wrench is a topic or contact_tracker.Wrenches, not {type(given).__name__}")
+    if isinstance(wrench, Wrenches):
+        return evidence_as_given(wrench, "the wrench", trajectory.poses, model, known_map, mass_kg)
+    if not isinstance(wrench, str):
+        raise UsageError(f"wrench is a topic or contact_tracker.Wrenches, not {type(wrench).__name__}")
     if trajectory.path is None or trajectory.source is None:
         raise UsageError(
             "wrench is a topic, but this trajectory is not from a recording that can be read again"
         )
     path, poses = trajectory.path, trajectory.poses
     with errors_as(UnreadableRecording, path):
-        found = read_wrenches(path, given, trajectory.source, poses, trajectory.by_log_time)
-    return evidence_of(found, given, poses, model, known_map, mass_kg)
+        wrenches = read_wrenches(path, wrench, trajectory.source, poses, trajectory.by_log_time)
+    return evidence_of(wrenches, wrench, poses, model, known_map, mass_kg)
 
 
 class Comparison(comparison.Comparison):

@@ -59,11 +59,11 @@ class Tracker:
         accuracy: Deviations = None,
         states: Iterable[str] | None = None,
     ) -> None:
-        given, notes = model_from(model, noise, accuracy), list[str]()
-        most_s = given.search.window_s
+        parameters, notes = model_from(model, noise, accuracy), list[str]()
+        most_s = parameters.search.window_s
         lag_s = number_from(lag_s, "lag_s", f"from 0 to {most_s:g}", lambda lag_s: 0.0 <= lag_s <= most_s)
         self._notes = notes
-        self._tracker = tracker.Tracker.start(given, lag_s, map_of(known, notes.append, states))
+        self._tracker = tracker.Tracker.start(parameters, lag_s, map_of(known, notes.append, states))
         self._gate = PoseGate()
         self._given = 0
         self._restored: Path | None = None
@@ -104,10 +104,10 @@ class Tracker:
         """End the stream; returns the beliefs of the last, partial tick and those delayed by the lag."""
         with continued(self._restored):
             beliefs = self._tracker.update(self._gate.end())
-            rest = self._tracker.finish()
+            delayed = self._tracker.finish()
             self._warn_of_news(self.warnings)
         log_counts("poses", self.counts)
-        return [*beliefs, *rest]
+        return [*beliefs, *delayed]
 
     @property
     def counts(self) -> Mapping[str, int]:

@@ -54,14 +54,14 @@ class ContactGraph:
         """The graph of a recording."""
         nodes, edges = dict[tuple[object, ...], Node](), dict[tuple[int, int], list[float]]()
         sequence = list[tuple[tuple[object, ...], float]]()
-        for one in steps_of(outcome):
-            key = one.contact, one.is_open, _elements(one, outcome.learned_world)
-            nodes.setdefault(key, Node(*key)).spans_s.append((one.start_s, one.end_s))
-            sequence.append((key, one.start_s))
+        for step in steps_of(outcome):
+            key = step.contact, step.is_open, _elements(step, outcome.learned_world)
+            nodes.setdefault(key, Node(*key)).spans_s.append((step.start_s, step.end_s))
+            sequence.append((key, step.start_s))
         numbers = {key: number for number, key in enumerate(nodes)}
-        for (before, _), (after, start_s) in pairwise(sequence):
-            if before != after:
-                edges.setdefault((numbers[before], numbers[after]), []).append(start_s)
+        for (source, _), (target, start_s) in pairwise(sequence):
+            if source != target:
+                edges.setdefault((numbers[source], numbers[target]), []).append(start_s)
         return cls([*nodes.values()], edges)
 
     @property
@@ -83,8 +83,8 @@ class ContactGraph:
             values = {"label": node.label, "contact": node.name, "seconds": f"{node.total_s:.3f}"}
             element = ElementTree.SubElement(graph, "node", id=f"n{number}")
             elements.append((element, values, [start_s for start_s, _ in node.spans_s]))
-        for (before, after), times_s in self.edges.items():
-            element = ElementTree.SubElement(graph, "edge", source=f"n{before}", target=f"n{after}")
+        for (source, target), times_s in self.edges.items():
+            element = ElementTree.SubElement(graph, "edge", source=f"n{source}", target=f"n{target}")
             elements.append((element, {}, times_s))
         for element, values, times_s in elements:
             times = " ".join(f"{time_s:.3f}" for time_s in times_s)

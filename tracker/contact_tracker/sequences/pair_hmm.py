@@ -61,25 +61,25 @@ def align(first: Array, second: Array, pairs: Array, are_alike: NDArray[np.bool_
     shape = len(first), len(second)
     together, alone = np.zeros(shape), (np.zeros(shape[0]), np.zeros(shape[1]))
     for sample in samples:
-        for ours, theirs in _steps(sample):
-            together[np.ix_(ours, theirs)] += 1.0 / len(samples)
-            if not (ours and theirs):
-                alone[0][ours] += 1.0 / len(samples)
-                alone[1][theirs] += 1.0 / len(samples)
+        for rows, columns in _steps(sample):
+            together[np.ix_(rows, columns)] += 1.0 / len(samples)
+            if not (rows and columns):
+                alone[0][rows] += 1.0 / len(samples)
+                alone[1][columns] += 1.0 / len(samples)
     return Alignment(_steps(move), together, *alone)
 
 
 def _steps(moves: Index) -> list[tuple[list[int], list[int]]]:
     """The segments of each step, from the moves (L,); negative ones are none."""
-    found, at = list[tuple[list[int], list[int]]](), [0, 0]
+    steps, at = list[tuple[list[int], list[int]]](), [0, 0]
     for move in moves[moves >= 0]:
         if move not in (FIRST_GOES_ON, SECOND_GOES_ON):
-            found.append(([], []))
+            steps.append(([], []))
         for side in (0, 1):
             if _MOVES[move, side]:
-                found[-1][side].append(at[side])
+                steps[-1][side].append(at[side])
                 at[side] += 1
-    return found
+    return steps
 
 
 class _Model(NamedTuple):
@@ -111,9 +111,9 @@ class _Model(NamedTuple):
         ends, goes_on = np.log1p(-RATE), np.log(RATE)
         end = ends * np.array([2.0, 2.0, 1.0, 0.0, 0.0])[move]  # the first ends before the second goes on
         transition = end[:, None] + begin
-        same = np.where(np.eye(contacts, dtype=bool), goes_on, -np.inf)
-        transition[match, on] = transition[on, on] = transition[over, over] = same
-        transition[match, over] = transition[on, over] = same + ends
+        repeat = np.where(np.eye(contacts, dtype=bool), goes_on, -np.inf)
+        transition[match, on] = transition[on, on] = transition[over, over] = repeat
+        transition[match, over] = transition[on, over] = repeat + ends
         transition[-1, -2] = -np.inf  # missing steps come before new ones
         return cls(move, emission, transition, begin, end)
 
@@ -127,8 +127,10 @@ class _Model(NamedTuple):
                 states = np.flatnonzero(self.move == move)[:, None]
                 to_i = i[(i >= down) & (diagonal - i >= right)]
                 to_j = diagonal - to_i
-                before = ways[:, None, to_i - down, to_j - right] + self.transition[:, states.ravel(), None]
-                reached = combined(before, axis=0)
+                log_weights = (
+                    ways[:, None, to_i - down, to_j - right] + self.transition[:, states.ravel(), None]
+                )
+                reached = combined(log_weights, axis=0)
                 is_first = (to_i == down) & (to_j == right)
                 reached[:, is_first] = self.start[states]
                 ways[states, to_i, to_j] = reached + self.emission[states, to_i, to_j]

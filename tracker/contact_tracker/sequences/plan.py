@@ -88,18 +88,18 @@ class Plan:
         """The plan of a recording: of a step that is not sure, all contacts that may have been, without a
         duration. Steps that are open are optional. Raises UsageError where there are too many steps."""
         steps = list[PlannedStep]()
-        for one in steps_of(outcome):
-            fits = [one.probability[state.column] > 1.0 - SURE_PROBABILITY for state in STATES]
-            may_be = {one.contact, *one.segment.inseparable, *compress(STATES, fits)}
+        for step in steps_of(outcome):
+            fits = [step.probability[state.column] > 1.0 - SURE_PROBABILITY for state in STATES]
+            may_be = {step.contact, *step.segment.inseparable, *compress(STATES, fits)}
             contacts = tuple(state for state in STATES if state in may_be)
-            duration_s = one.end_s - one.start_s
+            duration_s = step.end_s - step.start_s
             planned_s = round(duration_s, 2) if len(contacts) == 1 else None
-            is_optional = one.is_open
+            is_optional = step.is_open
             if steps and steps[-1].contacts == contacts:
-                before = steps.pop()
-                whole_s = (before.duration_s or 0.0) + duration_s
-                planned_s = None if planned_s is None or before.duration_s is None else round(whole_s, 2)
-                is_optional = is_optional and before.is_optional
+                previous = steps.pop()
+                whole_s = (previous.duration_s or 0.0) + duration_s
+                planned_s = None if planned_s is None or previous.duration_s is None else round(whole_s, 2)
+                is_optional = is_optional and previous.is_optional
             steps.append(PlannedStep(contacts, planned_s, is_optional))
         if len(steps) > MOST_STEPS:
             raise UsageError(f"a plan has at most {MOST_STEPS} steps, not {len(steps)}: cut the recording")
@@ -110,10 +110,10 @@ class Plan:
         """The text of its file."""
         lines = [f"# Written by contact-tracker {__version__}: the contacts to come, for live --expect."]
         lines.append(f"duration_sd = {self.duration_sd:g}  # of durations, as a share of them")
-        for number, one in enumerate(self.steps, start=1):
-            lines += ["", f"[[step]]  # {number}", f'contact = "{one.name}"']
-            lines += [] if one.duration_s is None else [f"duration_s = {one.duration_s:.2f}"]
-            lines += ["optional = true"] if one.is_optional else []
+        for number, step in enumerate(self.steps, start=1):
+            lines += ["", f"[[step]]  # {number}", f'contact = "{step.name}"']
+            lines += [] if step.duration_s is None else [f"duration_s = {step.duration_s:.2f}"]
+            lines += ["optional = true"] if step.is_optional else []
         return "\n".join(lines) + "\n"
 
 
@@ -170,15 +170,15 @@ class PlanFollower:
             raise UsageError(f"plan is a Plan, as of Plan.read, not {type(plan).__name__}")
         self.plan = plan
         count = ceil(plan.duration_sd**-2)
-        lengths = [int(min(max((one.duration_s or 0.0) / STAGE_S, 1.0), count)) for one in plan.steps]
+        lengths = [int(min(max((step.duration_s or 0.0) / STAGE_S, 1.0), count)) for step in plan.steps]
         self._last = np.cumsum(lengths) - 1
         self._first = self._last + 1 - lengths
         self._number = np.repeat(np.arange(len(lengths)), lengths)
-        planned = [one.duration_s for one in plan.steps if one.duration_s is not None]
+        planned = [step.duration_s for step in plan.steps if step.duration_s is not None]
         self._mean_s = float(np.mean(planned)) if planned else _USUAL_S
-        stage_s = np.array([one.duration_s or self._mean_s for one in plan.steps]) / lengths
+        stage_s = np.array([step.duration_s or self._mean_s for step in plan.steps]) / lengths
         self._stage_s = stage_s[self._number]
-        self._columns = np.array([[state in one.contacts for state in STATES] for one in plan.steps], float)
+        self._columns = np.array([[state in step.contacts for state in STATES] for step in plan.steps], float)
         self._weight = np.zeros((2, len(self._number)))
         """Of the stages, on the plan and after having left it."""
         self._left = 1.0 / (len(lengths) + 1)
@@ -199,8 +199,8 @@ class PlanFollower:
         if self._belief is not None:
             tick_s = max((belief.stamp_ns - self._belief[0]) * 1e-9, 0.0)
             changed = -np.expm1(-tick_s / self._mean_s)
-            before = self._belief[1]
-            predicted = (1.0 - changed) * before + changed * (1.0 - before) / (len(STATES) - 1)
+            previous = self._belief[1]
+            predicted = (1.0 - changed) * previous + changed * (1.0 - previous) / (len(STATES) - 1)
             self._advance(tick_s, changed / (len(self._last) + 1))  # Laplace: no step was left so far
         self._belief = belief.stamp_ns, p
         self._weight *= (self._columns @ p / (self._columns @ predicted))[self._number]
@@ -217,8 +217,8 @@ class PlanFollower:
         if leaves or is_sure:
             self._told = step
             comes = "the last one" if following is None else f"next {self._named(following)}"
-            left = f"left (p {p_left:.2f}), at the latest in " if leaves else ""
-            self.news = f"{left}step {self._named(step + 1)} of {len(shares)}; {comes}"
+            departure = f"left (p {p_left:.2f}), at the latest in " if leaves else ""
+            self.news = f"{departure}step {self._named(step + 1)} of {len(shares)}; {comes}"
         return Progress(step + 1, float(shares[step]), p_left, following, leaves)
 
     def _advance(self, tick_s: float, leaves: float) -> None:
@@ -232,19 +232,19 @@ class PlanFollower:
         entries = self._entries[1:]
         for _ in range(parts):
             goes_on = share * self._weight
-            after = self._weight - goes_on
-            after[:, 1:] += np.where(np.diff(self._number) == 0, goes_on[:, :-1], 0.0)
+            weight = self._weight - goes_on
+            weight[:, 1:] += np.where(np.diff(self._number) == 0, goes_on[:, :-1], 0.0)
             ending = goes_on[:, self._last]
-            after[:, self._first] += ending @ entries
-            after[:, self._last] += ending * (1.0 - entries.sum(axis=1))  # at the end of the plan
-            self._weight = after
+            weight[:, self._first] += ending @ entries
+            weight[:, self._last] += ending * (1.0 - entries.sum(axis=1))  # at the end of the plan
+            self._weight = weight
         self._weight *= 1.0 - leaves
         self._weight[1, self._first] += self._left * leaves / len(self._first)
         self._left = 1.0 - float(self._weight.sum())
 
     def _entered(self, number: int) -> Array:
         """Shares (K,) of the steps that begin instead of a step: optional ones are left out half the time."""
-        are_optional = np.array([one.is_optional for one in self.plan.steps[number:]], bool)
+        are_optional = np.array([step.is_optional for step in self.plan.steps[number:]], bool)
         reached = np.cumprod(np.append(1.0, np.where(are_optional, 0.5, 0.0)))[: len(are_optional)]
         return np.concatenate([np.zeros(number), reached * np.where(are_optional, 0.5, 1.0)])
 

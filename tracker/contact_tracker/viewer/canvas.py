@@ -77,7 +77,7 @@ def touching(number: int = 0) -> tuple[str, ...]:
     ``Drawing``, and the label."""
     end = f"_{number + 1}" if number else ""
     pair = f"world/body/element{end}", f"world/surroundings/element{end}"
-    meshes = (f"{one}{part}" for one in pair for part in ("", "/uncertainty"))
+    meshes = (f"{side}{part}" for side in pair for part in ("", "/uncertainty"))
     return (*meshes, f"world/surroundings/label{end}")
 
 
@@ -135,21 +135,21 @@ class Canvas:
         if stamp_ns is not None:
             self._set_time(stamp_ns)
         for side, entity in enumerate(KNOWN):
-            own, colour = [one for one in parts if one.side == side], _KNOWN[side]
-            mesh = joined([EMPTY, *(one.mesh for one in own)])
+            drawn, colour = [part for part in parts if part.side == side], _KNOWN[side]
+            mesh = joined([EMPTY, *(part.mesh for part in drawn)])
             faces = rr.Mesh3D(
                 vertex_positions=mesh.vertices,
                 triangle_indices=mesh.triangles,
                 albedo_factor=(*colour, _FAINT),
             )
-            strips = [strip for one in own for strip in one.outline]
+            strips = [strip for part in drawn for strip in part.outline]
             lines = rr.LineStrips3D(strips, colors=colour, radii=rr.Radius.ui_points(0.8))
-            radii = rr.Radius.ui_points([0.0 if one.outline else _VERTEX_UI for one in own])
-            places = np.reshape([one.label_m for one in own], (-1, 3))
-            labels = [one.name for one in own]  # many would cover each other and what is drawn
+            radii = rr.Radius.ui_points([0.0 if part.outline else _VERTEX_UI for part in drawn])
+            places = np.reshape([part.label_m for part in drawn], (-1, 3))
+            labels = [part.name for part in drawn]  # many would cover each other and what is drawn
             names = rr.Points3D(places, labels=labels, show_labels=False, colors=colour, radii=radii)
-            for end, what in (("", faces), ("/outline", lines), ("/names", names)):
-                self._recording.log(f"{entity}{end}", what, static=stamp_ns is None, strict=True)
+            for end, archetype in (("", faces), ("/outline", lines), ("/names", names)):
+                self._recording.log(f"{entity}{end}", archetype, static=stamp_ns is None, strict=True)
 
     def suggest(self, stamp_ns: int, motion: InformativeMotion | None, length_m: float) -> None:
         """Draw what to move next from a stamp on, instead of what was before: the direction of a shift, or
@@ -177,13 +177,13 @@ class Canvas:
     def states(self, entity: str, stamp_ns: Stamps, contacts: Sequence[Contact | None]) -> None:
         """The contact from each stamp on; None if unknown."""
         # for rerun an empty text ends a state
-        self._texts(entity, stamp_ns, ["" if one is None else one.value for one in contacts])
+        self._texts(entity, stamp_ns, ["" if contact is None else contact.value for contact in contacts])
 
     def _texts(self, entity: str, stamp_ns: Stamps, texts: Sequence[str]) -> None:
         """The text of a state from each stamp on, written where it changes."""
-        before = [self._shown.get(entity), *texts]
-        changes = [i for i, text in enumerate(texts) if text != before[i]]
-        self._shown[entity] = before[-1]
+        previous = [self._shown.get(entity), *texts]
+        changes = [i for i, text in enumerate(texts) if text != previous[i]]
+        self._shown[entity] = previous[-1]
         self._send(entity, stamp_ns[changes], rr.StateChange.columns, state=[texts[i] for i in changes])
 
     def further(self, stamp_ns: Stamps, held: Sequence[Sequence[FurtherContact | None]]) -> None:
@@ -193,23 +193,26 @@ class Canvas:
             self.most_further += 1
             self._lane(further_lane(self.most_further))
         for number in range(1, self.most_further + 1):
-            row = [one[number - 1] if number <= len(one) else None for one in held]
-            contacts = [None if one is None else one.contact for one in row]
+            row = [contacts[number - 1] if number <= len(contacts) else None for contacts in held]
+            contacts = [None if further is None else further.contact for further in row]
             self.states(further_lane(number), stamp_ns, contacts)
-            there = [i for i, one in enumerate(row) if one is not None]
-            named = [one for one in row if one is not None]
+            rows = [i for i, further in enumerate(row) if further is not None]
+            named = [further for further in row if further is not None]
             if named:
-                probability = np.array([one.probability for one in named])
-                texts = [f"+ {caption(one.contact, one.probability, one.inseparable)}" for one in named]
-                self.fade(stamp_ns[there], [one.contact for one in named], probability, texts, number)
+                probability = np.array([further.probability for further in named])
+                texts = [
+                    f"+ {caption(further.contact, further.probability, further.inseparable)}"
+                    for further in named
+                ]
+                self.fade(stamp_ns[rows], [further.contact for further in named], probability, texts, number)
 
     def scalars(self, entity: str, stamp_ns: Stamps, values: Array) -> None:
         """Values (N, K) of the K series of an entity; nan is a gap."""
         self._send(entity, stamp_ns, rr.Scalars.columns, scalars=values)
 
-    def inseparable(self, stamp_ns: Stamps, others: Sequence[Sequence[Contact]]) -> None:
+    def inseparable(self, stamp_ns: Stamps, alternatives_: Sequence[Sequence[Contact]]) -> None:
         """The contacts that the motion does not distinguish from the label, from each stamp on."""
-        texts = [f"or {alternatives(states)}" if states else "" for states in others]
+        texts = [f"or {alternatives(states)}" if states else "" for states in alternatives_]
         new = sorted({text for text in texts if text} - set(self._named))
         if new:
             self._named += new
@@ -270,8 +273,8 @@ class Canvas:
         names = [state.value for state in STATES]
         self._static(entity, rr.StateConfiguration(values=names, labels=names, colors=COLOURS))
 
-    def _static(self, entity: str, what: rr.AsComponents) -> None:
-        self._recording.log(entity, what, static=True, strict=True)
+    def _static(self, entity: str, archetype: rr.AsComponents) -> None:
+        self._recording.log(entity, archetype, static=True, strict=True)
 
     def _set_time(self, stamp_ns: int) -> None:
         self._recording.set_time(TIMELINE, duration=np.timedelta64(stamp_ns - self._origin_ns, "ns"))
@@ -285,15 +288,15 @@ class Canvas:
         **values: Sequence[Any] | NDArray[Any],
     ) -> None:
         """Send ``columns`` of values, one for each stamp."""
-        for first in range(0, len(stamp_ns), _ROWS):
-            rows = slice(first, first + _ROWS)
+        for begin in range(0, len(stamp_ns), _ROWS):
+            rows = slice(begin, begin + _ROWS)
             since = (stamp_ns[rows] - self._origin_ns).astype("timedelta64[ns]")
             times = [
                 rr.TimeColumn(TIMELINE, duration=since),
                 rr.TimeColumn(STAMP, timestamp=stamp_ns[rows].astype("datetime64[ns]")),
             ]
-            some = columns(**{name: of_name[rows] for name, of_name in values.items()})
-            self._recording.send_columns(entity, times, some, strict=True)
+            batch = columns(**{name: of_name[rows] for name, of_name in values.items()})
+            self._recording.send_columns(entity, times, batch, strict=True)
 
 
 def _point_columns(places: Sequence[Array]) -> Columns:
@@ -308,11 +311,11 @@ def _mesh_columns(meshes: Sequence[Mesh]) -> Columns:
 
 
 def caption(
-    contact: Contact, probability: float, others: Sequence[Contact] = (), is_open: bool = False
+    contact: Contact, probability: float, inseparable: Sequence[Contact] = (), is_open: bool = False
 ) -> str:
     """``f-f  0.97 or e-f``; ``is_open``: the position of the faces along their normal is unknown."""
-    rest = f" or {alternatives(others)}" if others else ""
-    return f"{contact.value}  {probability:.2f}{rest}{f', {OPEN_OFFSET}' if is_open else ''}"
+    suffix = f" or {alternatives(inseparable)}" if inseparable else ""
+    return f"{contact.value}  {probability:.2f}{suffix}{f', {OPEN_OFFSET}' if is_open else ''}"
 
 
 def event(
@@ -328,8 +331,8 @@ def event(
 def further_event(since_ns: int, further: FurtherContact, joins: bool) -> str:
     """The begin (``joins``) or end of a further contact."""
     how = "joins " if joins else "leaves"
-    where = describe(further.geometry, further.inseparable) if joins else ""
-    return f"{since_ns * 1e-9:7.2f} s  p {further.probability:.2f}  {how}  {where}".rstrip()
+    elements = describe(further.geometry, further.inseparable) if joins else ""
+    return f"{since_ns * 1e-9:7.2f} s  p {further.probability:.2f}  {how}  {elements}".rstrip()
 
 
 BACKGROUND = (25, 28, 33)
@@ -364,7 +367,7 @@ def live_layout(eye: Eye) -> rrb.Blueprint:
 
 def _last(seconds: float) -> rr.TimeRange:
     """Up to the cursor."""
-    start, end = (rr.TimeRangeBoundary.cursor_relative(seconds=one) for one in (-seconds, 0.0))
+    start, end = (rr.TimeRangeBoundary.cursor_relative(seconds=offset_s) for offset_s in (-seconds, 0.0))
     return rr.TimeRange(start=start, end=end)
 
 
@@ -393,9 +396,9 @@ def _blueprint(
         overrides={TRAIL: rrb.VisibleTimeRanges(rr.VisibleTimeRange(TIMELINE, _last(TRAIL_S)))},
     )
     legend = rrb.TextDocumentView(origin=LEGEND, name="What is what")
-    left = rrb.Vertical(space, legend, events, row_shares=[18, 5, 5])
+    left_column = rrb.Vertical(space, legend, events, row_shares=[18, 5, 5])
     return rrb.Blueprint(
-        rrb.Horizontal(left, over_time, column_shares=[11, 9]),
+        rrb.Horizontal(left_column, over_time, column_shares=[11, 9]),
         recordings,
         rrb.SelectionPanel(state="collapsed"),
         time,

@@ -95,9 +95,9 @@ def start(port: int, options: Sequence[str], web_port: int | None = None) -> "su
     ------
     ViewerError : it does not accept recordings at ``port``, and serve its page at ``web_port``, in time.
     """
-    folder, given = Path(rerun_cli.__path__[0]), os.environ.get("RERUN_CLI_PATH")
+    folder, override = Path(rerun_cli.__path__[0]), os.environ.get("RERUN_CLI_PATH")
     path = os.pathsep.join(map(str, (folder, folder / "Rerun.app/Contents/MacOS")))
-    program = shutil.which(given) if given else shutil.which("rerun", path=path)
+    program = shutil.which(override) if override else shutil.which("rerun", path=path)
     if program is None:
         raise ViewerError(_NOT_STARTED)
     environment = {"CI": "true", **os.environ}

@@ -71,13 +71,13 @@ def _draw(recording: rr.RecordingStream, is_one_of_several: bool, outcome: Outco
     poses, beliefs, filtered = outcome.trajectory.poses, outcome.beliefs, outcome.segmentation.filtered
     if not len(poses):
         raise NoPoses("there is no pose to show")
-    known = KnownParts.of(outcome)
-    extent, whole = known.object_extent, known.extent(outcome.touched)
+    known_parts = KnownParts.of(outcome)
+    extent, full_extent = known_parts.object_extent, known_parts.extent(outcome.touched)
     upward = Upward.of(outcome.segments, poses, extent)
     sheet = Canvas(recording, outcome.origin_ns, extent.radius_m)
-    if parts := known.parts(outcome.touched):
+    if parts := known_parts.parts(outcome.touched):
         sheet.known(parts)
-    sheet.centre(whole.centre_m)
+    sheet.centre(full_extent.centre_m)
     sheet.poses(poses)
     sheet.scalars(canvas.P_FILTERED, filtered.stamp_ns, filtered.probability)
     sheet.scalars(canvas.RESIDUAL, filtered.stamp_ns, filtered.residual)
@@ -85,14 +85,14 @@ def _draw(recording: rr.RecordingStream, is_one_of_several: bool, outcome: Outco
     if len(beliefs):
         sheet.scalars(canvas.P_SMOOTHED, beliefs.stamp_ns, beliefs.probability)
 
-        def drawn(one: Segment | FurtherContact | None, span: Segment | SegmentPart) -> Drawing | None:
+        def drawn(touching: Segment | FurtherContact | None, span: Segment | SegmentPart) -> Drawing | None:
             """The drawing of a contact during a span, if it has a geometry."""
-            if one is None or one.geometry is None:
+            if touching is None or touching.geometry is None:
                 return None
             within = poses_within(poses, span.start_ns, span.end_ns)
-            return draw(one.geometry, within, extent, upward.direction)
+            return draw(touching.geometry, within, extent, upward.direction)
 
-        _draw_segments(sheet, outcome, [drawn(one, one) for one in outcome.segments])
+        _draw_segments(sheet, outcome, [drawn(segment, segment) for segment in outcome.segments])
         _draw_further(sheet, outcome, drawn)
         # a strip of the path per tick, joined to the previous one
         ends = np.searchsorted(poses.stamp_ns, beliefs.stamp_ns, side="right")
@@ -107,7 +107,7 @@ def _draw(recording: rr.RecordingStream, is_one_of_several: bool, outcome: Outco
         sheet.states(canvas.TRUTH, starts, [contact for _, contact in changes])
     paper = curves(poses)
     sheet.scalars(canvas.PAPER, paper.stamp_ns, paper.normalised)
-    eye = upward.eye(max(extent.radius_m, whole.radius_m))
+    eye = upward.eye(max(extent.radius_m, full_extent.radius_m))
     recording.send_blueprint(canvas.offline_layout(eye, is_one_of_several))
     close(recording)
 
@@ -118,7 +118,7 @@ def _draw_segments(sheet: Canvas, outcome: Outcome, drawings: Sequence[Drawing |
     segments, origin_ns = outcome.segments, outcome.origin_ns
     starts = np.array([s.start_ns for s in segments], np.int64)
     sheet.drawings(starts, drawings)
-    _fade(sheet, outcome, starts, [one is not None and one.is_open for one in drawings])
+    _fade(sheet, outcome, starts, [drawing is not None and drawing.is_open for drawing in drawings])
     contacts = [s.contact for s in segments]
     texts = [
         event(s.start_ns - origin_ns, s.probability, s.geometry, s.inseparable)
@@ -141,16 +141,19 @@ def _draw_further(
     segments, origin_ns = outcome.segments, outcome.origin_ns
     parts = [(segment, part) for segment in segments for part in segment.parts]
     starts = np.array([part.start_ns for _, part in parts], np.int64)
-    held = [[one if one in part.further else None for one in segment.further] for segment, part in parts]
+    held = [
+        [further if further in part.further else None for further in segment.further]
+        for segment, part in parts
+    ]
     sheet.further(starts, held)
     for number, row in enumerate(zip_longest(*held), start=1):
-        drawings = [drawn(one, part) for one, (_, part) in zip(row, parts, strict=True)]
+        drawings = [drawn(further, part) for further, (_, part) in zip(row, parts, strict=True)]
         sheet.drawings(starts, drawings, number)
     rows = [
-        (stamp_ns, one.contact, further_event(stamp_ns - origin_ns, one, joins))
+        (stamp_ns, further.contact, further_event(stamp_ns - origin_ns, further, joins))
         for segment in segments
-        for one in segment.further
-        for stamp_ns, joins in ((one.start_ns, True), (one.end_ns, False))
+        for further in segment.further
+        for stamp_ns, joins in ((further.start_ns, True), (further.end_ns, False))
         if stamp_ns is not None
     ]
     if rows:
@@ -162,9 +165,9 @@ def _fade(sheet: Canvas, outcome: Outcome, begins: Stamps, is_open: Sequence[boo
     """Draw each tick's probability; a segment begins with that of its first tick."""
     beliefs, segments = outcome.beliefs, outcome.segments
     stamps = beliefs.stamp_ns
-    first = np.minimum(np.searchsorted(stamps, begins), len(beliefs) - 1)
+    first_ticks = np.minimum(np.searchsorted(stamps, begins), len(beliefs) - 1)
     contacts = [*(s.contact for s in segments), *beliefs.contacts]
-    rows = np.concatenate([first, np.arange(len(beliefs))])
+    rows = np.concatenate([first_ticks, np.arange(len(beliefs))])
     probability = beliefs.probability[rows, [c.column for c in contacts]]
     times = np.concatenate([begins, stamps])
     number = np.maximum(np.searchsorted(begins, times, side="right") - 1, 0)
@@ -260,10 +263,10 @@ class LiveViewer:
         if is_news:
             text = event(belief.stamp_ns - self._origin_ns, p, belief.geometry, belief.inseparable)
             sheet.events(stamp, [contact], [text])
-        for further, begins in ((joins, True), (leaves, False)):
-            for one in further:
-                text = further_event(belief.stamp_ns - self._origin_ns, one, begins)
-                sheet.events(stamp, [one.contact], [text])
+        for changed_contacts, begins in ((joins, True), (leaves, False)):
+            for further in changed_contacts:
+                text = further_event(belief.stamp_ns - self._origin_ns, further, begins)
+                sheet.events(stamp, [further.contact], [text])
         sheet.inseparable(stamp, [belief.inseparable])
         if changed or joins or leaves or belief.stamp_ns - self._drawn_ns >= _REDRAW_NS:
             self._draw(sheet, belief, tick)
@@ -281,10 +284,10 @@ class LiveViewer:
         self._is_open = drawing is not None and drawing.is_open
         stamp = np.array([belief.stamp_ns], np.int64)
         sheet.drawings(stamp, [drawing])
-        further = [draw(one.geometry, tick, self._extent, up) for one in belief.further]
+        further = [draw(contact.geometry, tick, self._extent, up) for contact in belief.further]
         gone = [None] * max(sheet.most_further - len(further), 0)
-        for number, beside in enumerate([*further, *gone], 1):
-            sheet.drawings(stamp, [beside], number)
+        for number, pair in enumerate([*further, *gone], 1):
+            sheet.drawings(stamp, [pair], number)
 
     def __enter__(self) -> Self:
         return self
