@@ -1,4 +1,4 @@
-"""A map for users: of a file, or learned from a recording."""
+"""The map of the Python interface, read from a file or learned from a recording."""
 
 import os
 from collections.abc import Callable, Iterable, Mapping
@@ -15,10 +15,10 @@ from contact_tracker.trajectory.arguments import errors_as, path_from
 
 
 class Map(map.Map):
-    """Elements that the contacts of a recording have touched, for ``known`` with the next one of the same
-    object and place, and those with names that a file lists (docs/map.md).
+    """Elements that the contacts of a recording have touched, for ``known`` with a further recording of the
+    same object and place, and named elements that a file lists (docs/map.md).
 
-    ``learned`` is the Gaussian on all elements together that were touched.
+    ``learned`` is the joint Gaussian of the touched elements.
     """
 
     @classmethod
@@ -27,8 +27,8 @@ class Map(map.Map):
         return cls(**_fields(read_map(path_from(path))))
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write what was touched to a TOML file, atomically; raises OutputError, and UsageError for another
-        suffix, or if elements are listed, which their own file has."""
+        """Write the touched elements to a TOML file, atomically; raises OutputError, and UsageError for
+        another suffix, or if the map has listed elements, which are in their own file."""
         name = Path(path_from(path))
         if name.suffix.lower() != ".toml":
             raise UsageError(f"cannot write {name}: its name must end in .toml")
@@ -46,10 +46,10 @@ Known = str | os.PathLike[str] | Mapping[str, Any] | map.Map | None
 
 
 def map_of(known: Known, note: Callable[[str], None], states: Iterable[str] | None = None) -> map.Map:
-    """The map from a TOML file, a table of the same keys, or a value; raises KnowledgeError.
+    """The map from a TOML file, a table of the same keys, or a map; raises KnowledgeError.
 
-    ``note`` is called with one line for each warning. ``states`` are the contacts that can occur; raises
-    UsageError.
+    ``note`` is called with one line per warning. ``states`` are the contacts that can occur; raises
+    UsageError if they are invalid.
     """
     if known is None:
         known_map = map.EMPTY_MAP

@@ -28,7 +28,8 @@ from contact_tracker.trajectory.arguments import (
 )
 
 _ENOUGH: Final = 100
-"""Poses after which what is dropped of them is judged, and so often again while no tick is complete."""
+"""Number of poses after which the dropped ones are judged, and again after as many while no tick is
+complete."""
 
 
 class Tracker:
@@ -36,8 +37,8 @@ class Tracker:
 
     Parameters
     ----------
-    model, known, noise, accuracy, states : as of ``segment``.
-    lag_s : delay of the beliefs (s), for which they are smoothed.
+    model, known, noise, accuracy, states : as in ``segment``.
+    lag_s : delay of the beliefs (s); they are smoothed with the poses up to then.
 
     Raises
     ------
@@ -45,8 +46,7 @@ class Tracker:
 
     Warns
     -----
-    ContactTrackerWarning : the map is doubtful; in ``update`` and ``finish``, the poses are. Of each stream,
-        once.
+    ContactTrackerWarning : the map is doubtful; in ``update`` and ``finish``: the poses are. Once per stream.
     """
 
     @with_known_arguments
@@ -77,9 +77,9 @@ class Tracker:
 
         Parameters
         ----------
-        stamp_ns : of the measurement, integer nanoseconds.
-        position_m : (3,) of the body's origin in the world (m).
-        quat_xyzw : (4,) from body to world.
+        stamp_ns : time of the measurement, integer nanoseconds.
+        position_m : (3,) position of the body's origin in the world (m).
+        quat_xyzw : (4,) rotation from body to world.
 
         Returns
         -------
@@ -124,8 +124,8 @@ class Tracker:
 
     @property
     def map(self) -> Map | None:
-        """What the contacts have touched so far, for ``known`` with another stream; None before anything
-        is sure enough."""
+        """The elements touched so far, for ``known`` with another stream; None before a contact is sure
+        enough."""
         with continued(self._restored):
             best = self._tracker.best
             learned = None if best is None else best.map.learned
@@ -133,8 +133,8 @@ class Tracker:
 
     @property
     def suggestions(self) -> tuple[InformativeMotion, ...]:
-        """The small motions that would tell the label from what the motion so far does not tell it from, the
-        most informative first; empty where nothing is open."""
+        """Small motions that would distinguish the label from contacts that fit the motion so far equally
+        well, the most informative first; empty if no contact is open."""
         with continued(self._restored):
             best = self._tracker.best
             return () if best is None else informative_motions(best)
@@ -147,7 +147,7 @@ class Tracker:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Self:
-        """A tracker from a saved state; it continues with bit-identical results. No code in the file is run.
+        """Load a tracker from a saved state; it continues with bit-identical results. No code in it is run.
 
         Raises
         ------

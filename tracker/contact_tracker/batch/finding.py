@@ -158,8 +158,8 @@ def files_of(name: str) -> list[str]:
 
 
 def signature_of(name: str) -> str:
-    """Sizes, modification times and inodes of a recording's files; equal ones mean equal content, unless times
-    were set back. Empty if the recording cannot be read."""
+    """Sizes, modification times and inodes of a recording's files, empty if it cannot be read. Equal
+    signatures mean equal content, unless a time was set back."""
     try:
         states = [os.stat(path) for path in files_of(name)]
     except (OSError, UnreadableRecording, ValueError):

@@ -109,8 +109,8 @@ def draw_figure(outcome: Outcome, with_curves: bool = False) -> Figure:
 
 @PLAIN_TEXT
 def draw_on(axes: Axes, outcome: Outcome) -> None:
-    """Draw the probabilities of all states, above them the segments, with names where these fit, hatched if the
-    motion fits several contacts, with their further contacts, and on top the truth if it is known."""
+    """Draw the probabilities of all states, above them the segments with their further contacts, with names
+    that fit, hatched if the motion fits several contacts, and on top the truth if it is known."""
     beliefs, segments, origin_ns, truth = outcome.beliefs, outcome.segments, outcome.origin_ns, outcome.truth
     seconds = (beliefs.stamp_ns - origin_ns) * 1e-9
     spans = [((s.start_ns - origin_ns) * 1e-9, (s.end_ns - s.start_ns) * 1e-9) for s in segments]

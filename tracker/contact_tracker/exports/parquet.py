@@ -50,7 +50,7 @@ def require_kind(kind: Kind, value: Any) -> None:
 
 
 def read_rows(path: Path, kinds: Mapping[str, Kind]) -> Iterator[tuple[Any, ...]]:
-    """The rows of the columns ``kinds``, in file order; raises StateError if the file lacks one or is damaged."""
+    """The rows of the columns ``kinds``, in file order; raises StateError if it is damaged or lacks one."""
     names = list(kinds)
     with _damage_of(path), ParquetFile(path) as file:
         missing = set(names) - set(file.schema_arrow.names)

@@ -17,7 +17,7 @@ _NUMBERS: Final = re.compile(r"\d[\d.,]*(?:e[-+]?\d+)?")
 
 
 def not_given(texts: Iterable[str], reported: set[str]) -> list[str]:
-    """The warnings of a stream that differ from those ``reported``, apart from numbers; adds them to these."""
+    """The warnings that differ from the ``reported`` ones in more than numbers; adds them to ``reported``."""
     words = {_NUMBERS.sub("", text): text for text in texts}
     new = [text for key, text in words.items() if key not in reported]
     reported.update(words)

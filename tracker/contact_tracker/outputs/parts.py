@@ -149,8 +149,7 @@ class KnownParts:
             self._last_span //= 2
 
     def add_contact(self, start_ns: int, end_ns: int, geometry: ContactGeometry | None) -> bool:
-        """Add a contact, or a later estimate of one; returns whether it is the first with its start, and with a
-        listed element."""
+        """Add a contact, or a later estimate of one; returns whether it is new and has a listed element."""
         if geometry is None or geometry.names == (None, None):
             return False
         keys = (0, geometry.names[0]), (1, geometry.names[1])
@@ -236,7 +235,7 @@ def _is_open(element: Element) -> bool:
 
 
 def _near(element: Element, near_m: Array) -> Element:
-    """An element, moved to ``near_m`` (3,) if its position is open: a far one would make the picture small."""
+    """An element, moved to ``near_m`` (3,) if its position is open: far away it would shrink the picture."""
     if not _is_open(element):
         return element
     if isinstance(element, Plane):
@@ -283,7 +282,7 @@ def _touched(touch: Touch, poses: Poses, extent: Extent) -> tuple[Array, Array]:
 def _of_element(
     side: int, name: str, element: Element, touched: Sequence[Array], extent: Extent, spans: Spans
 ) -> Part:
-    """The part of an element about the points (N, 3) of each array at which it was touched during ``spans``."""
+    """The part of an element about the points, (N, 3) each, at which it was touched during ``spans``."""
     places, margin_m = np.concatenate(touched), _MARGIN * extent.radius_m
     if _is_open(element):
         name = f"{name} (place not known)"
@@ -315,7 +314,7 @@ def _of_element(
 
 def _of_joints(segments: Iterable[Segment], poses: Poses, extent: Extent) -> Iterator[Part]:
     """The axes and centres of joints, in the body and in the world frame; each once, though a rest may have
-    split its segment. Only the name of a far one is drawn, as it would make the picture small."""
+    split its segment. Only the name of a far one is drawn, as it would shrink the picture."""
     joints = dict[tuple[str, str, str], list[Segment]]()
     for segment in segments:
         if (joint := segment.joint) is not None:

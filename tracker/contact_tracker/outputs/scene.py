@@ -93,7 +93,7 @@ def uncertainty(element: Element, centre: Array, half_m: float, angles: Array = 
 
 
 def distance_sd_m(plane: Plane, points: Array) -> Array:
-    """Standard deviations (...) of the distances of points (..., 3) from ``plane``, which has a covariance."""
+    """Standard deviations (...) of the distances of points (..., 3) from ``plane``; it has a covariance."""
     assert plane.covariance is not None
     lifted = np.concatenate([points, -np.ones((*points.shape[:-1], 1))], axis=-1)
     variance = np.einsum("...i,ij,...j->...", lifted, plane.covariance, lifted)
@@ -246,8 +246,7 @@ def poses_within(poses: Poses, start_ns: int, end_ns: int) -> Poses:
 def draw_all(
     geometries: Sequence[ContactGeometry], poses: Poses, extent: Extent, up: Array = UP
 ) -> Drawing | None:
-    """Draw simultaneous touching pairs as ``draw`` does, with label and ``is_open`` of the first; None without
-    any pair."""
+    """Draw simultaneous pairs by ``draw``, with label and ``is_open`` of the first; None without pairs."""
     if not geometries:
         return None
     drawings = [draw(geometry, poses, extent, up) for geometry in geometries]
@@ -405,9 +404,8 @@ class Upward:
             return False
         previous, normal = self.direction, geometry.environment.normal
         centres = poses.rotation @ self._extent.centre_m + poses.position_m
-        sign = side(geometry.environment, centres, self._extent.radius_m) or (
-            1.0 if normal @ previous >= 0.0 else -1.0
-        )
+        sign = side(geometry.environment, centres, self._extent.radius_m)
+        sign = sign or (1.0 if normal @ previous >= 0.0 else -1.0)
         self._sum = self._sum + 1e-9 * lasted_ns * sign * normal
         return not previous @ self.direction > _ALIKE
 

@@ -44,8 +44,8 @@ GEOMETRY_TITLE: Final = "the object's element (body frame) on the surroundings' 
 CHANGES_HEADER: Final = f"  time s  contact     p   since s  {GEOMETRY_TITLE}"
 SURE_PROBABILITY: Final = 0.9
 SAME_NS: Final = 1_000_000_000
-"""Largest change (ns) of a further contact's estimated onset from belief to belief, and longest time for which
-the contact may be missing."""
+"""Largest change (ns) of a further contact's estimated onset from belief to belief, and the longest time for
+which it may be missing."""
 JOINS: Final = "+ "
 LEAVES: Final = "- "
 JOINT: Final = "= "
@@ -136,8 +136,8 @@ def table(segments: Iterable[Segment], origin_ns: int, with_wrenches: bool = Fal
 
 
 def describe(geometry: ContactGeometry | None, inseparable: Sequence[Contact] = ()) -> str:
-    """``edge ... on face ...; or v-f, free``: the elements, with the standard deviation in the worst direction
-    after +/-, and after ``or`` the states that the motion does not distinguish from the label."""
+    """``edge ... on face ...; or v-f, free``: the elements, after +/- the standard deviation in the worst
+    direction, and after ``or`` the states that the motion does not distinguish from the label."""
     states, pair = alternatives(inseparable), ""
     if geometry is not None:
         of_object, of_environment = geometry.has_open_offset
@@ -178,8 +178,8 @@ def is_open(entry: Segment | Belief) -> bool:
 
 
 def _element(element: Element, called: str | None = None, has_open_offset: bool = False) -> str:
-    """An element in words, with ``called`` instead of face, edge or vertex. An open offset means that a face's
-    offset is unknown, and that a line is one of many parallel ones."""
+    """An element in words, with ``called`` instead of face, edge or vertex. An open offset means that the
+    offset of a face is unknown, and that a line is one of many parallel ones."""
     turns_or_shifts = [
         f"{'turn about' if way.how == 'turns_about' else 'shift along'} {_vector(way.direction, 2)}"
         for way in element.unobserved
@@ -274,7 +274,7 @@ class Changes:
 
 
 def _without(contacts: Iterable[FurtherContact], excluded: Iterable[FurtherContact]) -> list[FurtherContact]:
-    """The contacts that have no partner in ``excluded``, each of which is the partner of one contact at most."""
+    """The contacts without a partner in ``excluded``; each of these is the partner of one contact at most."""
     unmatched, remaining = [*excluded], list[FurtherContact]()
     for contact in contacts:
         for i, candidate in enumerate(unmatched):

@@ -1,4 +1,4 @@
-"""Two takes of one task, step by step: what is missing, new, longer, shorter or elsewhere."""
+"""Comparison of two takes of one task: which steps are missing, new, longer, shorter or elsewhere."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -22,10 +22,11 @@ from contact_tracker.states import STATES
 Array = NDArray[np.float64]
 
 TOLERANCE: Final = 0.25
-"""Share of a step's duration by which takes of one task differ: 34 of 38 steps in nine pairs of takes of
-three everyday tasks (docs/assembly.md), and three of the others within what is known of their boundaries."""
+"""Tolerated difference of a step's durations, relative to the longer one: 34 of 38 steps in nine pairs of
+takes of three everyday tasks (docs/assembly.md) are within it, three more with the deviations of their
+boundaries."""
 MOST_STEPS: Final = 300
-"""Most segments of a recording that are aligned: 300 by 300 take four seconds."""
+"""Largest number of segments of a recording that are aligned: 300 by 300 take four seconds."""
 
 
 Kind = Literal["number", "text"]
@@ -44,11 +45,11 @@ COLUMNS: Final[dict[str, Kind]] = {
     "moved": "text",
     **{f"{side}_{name}": "number" for side in ("object", "surroundings") for name in _APART},
 }
-"""Of the rows in CSV, JSON and DataFrames, with their kinds."""
+"""Columns of the rows in CSV, JSON and DataFrames, with their kinds."""
 
 
 class Verdict(StrEnum):
-    """What is said of a step."""
+    """The verdict on a step."""
 
     SAME = "same"
     MISSING = "missing"
@@ -65,13 +66,13 @@ class ComparedStep:
 
     Parameters
     ----------
-    first, second : its segments in each; none where it is missing or new.
-    verdict : what is said of it; ``open`` if it cannot be told.
-    probability : that the segments of both are of one step, or that it is missing or new.
-    moved : ``object``, ``surroundings`` or ``both``, which touch with another element (``either``: one of
-        them); empty if none is known to.
-    object, surroundings : how far their elements are apart.
-    longer_s, longer_sd_s : how much longer it is in the second take; NaN if it is in one only.
+    first, second : its segments in each take; none where it is missing or new.
+    verdict : the verdict; ``open`` if the takes do not decide it.
+    probability : that the segments of both takes belong to one step, or that the step is missing or new.
+    moved : ``object``, ``surroundings`` or ``both``, the sides that touch with another element (``either``:
+        one of them); empty if no side is known to.
+    object, surroundings : distances of the touching elements of the two takes.
+    longer_s, longer_sd_s : duration in the second take minus that in the first; NaN if only one has the step.
     """
 
     first: tuple[Step, ...]
@@ -85,7 +86,7 @@ class ComparedStep:
     longer_sd_s: float = np.nan
 
     def to_json(self) -> dict[str, Any]:
-        """Names (those of ``COLUMNS``) and values of the row; None is unknown or not applicable."""
+        """Names (``COLUMNS``) and values of the row; None if unknown or not applicable."""
         values: list[Any] = [self.verdict.value, self.probability]
         for steps in (self.first, self.second):
             values += [_label(steps), steps[0].start_s, steps[-1].end_s] if steps else [None] * 3
@@ -98,7 +99,7 @@ class ComparedStep:
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """Two takes, step by step. ``notes`` say what was not compared, and why."""
+    """Two takes, step by step. ``notes`` are warnings about parts that were not compared."""
 
     takes: tuple[Outcome, Outcome]
     steps: tuple[ComparedStep, ...]
@@ -106,7 +107,7 @@ class Comparison:
 
     @property
     def differences(self) -> tuple[ComparedStep, ...]:
-        """The steps that differ, as far as it can be told."""
+        """The steps that are known to differ."""
         return tuple(step for step in self.steps if step.verdict not in (Verdict.SAME, Verdict.OPEN))
 
     def to_json(self) -> dict[str, Any]:
@@ -142,8 +143,8 @@ class Comparison:
 def compare_outcomes(first: Outcome, second: Outcome, tolerance: float = TOLERANCE) -> Comparison:
     """Align two segmented takes by contacts and places (docs/theory.md, T48).
 
-    ``tolerance`` is the share by which the durations of a step may differ. Raises UsageError where there are
-    too many segments.
+    ``tolerance`` is the share by which the durations of a step may differ. Raises UsageError if there are too
+    many segments.
     """
     takes = steps_of(first), steps_of(second)
     if max(map(len, takes)) > MOST_STEPS:
@@ -159,25 +160,20 @@ def compare_outcomes(first: Outcome, second: Outcome, tolerance: float = TOLERAN
     else:
         notes.append("places are not compared where elements or wrenches are given")
     is_known = np.isfinite(evidence[..., 0, 0])
-    for i, j in np.argwhere(is_known):  # each of the four is as probable before
+    for i, j in np.argwhere(is_known):  # the four cases have equal priors
         pairs[i, j, takes[0][i].contact.column] = np.logaddexp.reduce(evidence[i, j].ravel()) - np.log(4.0)
     are_open = [np.array([step.is_open for step in steps]) for steps in takes]
     alignment = align(likelihoods[0], likelihoods[1], pairs, are_open[0][:, None] == are_open[1])
 
-    def tells(pair: tuple[int, int]) -> tuple[float, float]:
+    def rank(pair: tuple[int, int]) -> tuple[float, float]:
         return float(alignment.together[pair]), float(np.ptp(evidence[pair]))
 
-    # of each step the segments whose places tell most
-    candidates = [
-        [(i, j) for i in in_first for j in in_second if is_known[i, j]]
-        for in_first, in_second in alignment.steps
+    matched = [  # the most probable pair of segments of each step, of equal ones that with most evidence
+        max(((i, j) for i in rows for j in columns if is_known[i, j]), key=rank, default=None)
+        for rows, columns in alignment.steps
     ]
-    matched = [max(pairs_of_step, key=tells, default=None) for pairs_of_step in candidates]
-    compared_evidence = np.array([evidence[pair] for pair in matched if pair is not None]).reshape(-1, 2, 2)
-    is_compared = (
-        np.array([_log_odds_of_same(compared_evidence), _log_odds_of_same(compared_evidence.swapaxes(1, 2))])
-        >= 0.0
-    )
+    chosen = np.array([evidence[pair] for pair in matched if pair is not None]).reshape(-1, 2, 2)
+    is_compared = np.array([_log_odds_of_same(chosen), _log_odds_of_same(chosen.swapaxes(1, 2))]) >= 0.0
     for name, is_same in zip(("object", "surroundings"), is_compared, strict=True):
         if not is_same:
             notes.append(
@@ -198,7 +194,7 @@ def compare_outcomes(first: Outcome, second: Outcome, tolerance: float = TOLERAN
             p = float(alignment.missing[in_first[0]] if in_first else alignment.new[in_second[0]])
         if pair is not None and first_map is not None and second_map is not None:
             first_step, second_step = takes[0][pair[0]], takes[1][pair[1]]
-            # where the object is in the middle of the step: its origin, in the body and in the world frame
+            # the object's origin in the middle of the step, in the body and in the world frame
             middle_ns = (second_step.segment.start_ns + second_step.segment.end_ns) // 2
             row = int(np.abs(second.trajectory.stamp_ns - middle_ns).argmin())
             near_m = np.zeros(3), second.trajectory.position_m[row]
@@ -219,16 +215,16 @@ def compare_outcomes(first: Outcome, second: Outcome, tolerance: float = TOLERAN
 
 
 def _log_odds_of_same(evidence: Array) -> float:
-    """Log odds that one side (the first axis of each of the N, 2, 2 entries) is the same in both takes, so
-    that each step touches with the same element or another one; against that all are others."""
+    """Log odds of a side (the second axis of ``evidence`` (N, 2, 2)) being the same in both takes, so that
+    each step touches with the same element or another one, against all elements being other ones."""
     log_any = np.logaddexp.reduce(evidence.reshape(-1, 4), axis=1) - np.log(4.0)
     log_different = np.logaddexp.reduce(evidence[:, 1], axis=1) - np.log(2.0)
     return float((log_any - log_different).sum())
 
 
 def _moved(evidence: Array, apart: tuple[Distance, Distance], is_compared: NDArray[np.bool_]) -> str:
-    """Which sides touch with another element, surely and by more than the deviations of what is reported, of
-    those that are compared."""
+    """The sides that touch with another element, surely and at more than the deviations of the reported
+    distances; empty if places are not compared."""
     p = np.exp(evidence - np.logaddexp.reduce(evidence.ravel()))
     is_apart = any(value > SAME * sd for distance in apart for value, sd, _ in distance.figures)
     if not is_compared.all() or p[0, 0] > 1.0 - SURE_PROBABILITY or not is_apart:
@@ -242,8 +238,8 @@ def _is_sure(step: Step) -> bool:
 
 
 def _duration_s(steps: Sequence[Step], take: Sequence[Step]) -> tuple[float, float]:
-    """Duration and its standard deviation: open segments in the step and beside it, and further ones of its
-    contact behind these, belong to it in a part that is not known."""
+    """Duration of a step and its standard deviation (s): an unknown part of the open segments in and beside
+    the step, and of segments of its contact behind these, belongs to it."""
     contact = _main(steps).contact
 
     def may_go_on(step: Step) -> bool:
@@ -264,7 +260,7 @@ def _main(steps: Sequence[Step]) -> Step:
 
 
 def _label(steps: Sequence[Step]) -> str:
-    """The contact, ``?`` if it is open."""
+    """The contact of a step, with ``?`` if it is open."""
     if not steps:
         return ""
     main = _main(steps)
@@ -279,7 +275,7 @@ def _span(steps: Sequence[Step]) -> str:
 
 
 def _by(step: ComparedStep) -> str:
-    """By how much a step differs: of a distance and an angle the more significant one."""
+    """The difference of a step: of its duration, or the most significant distance or angle."""
     if step.verdict is not Verdict.ELSEWHERE:
         return "" if np.isnan(step.longer_s) else f"{step.longer_s:+.2f}+/-{step.longer_sd_s:.2g} s"
     figures = [

@@ -1,9 +1,8 @@
-"""A plan: the contacts that are to come, one after another, and a filter that says where in it a stream is.
+"""A plan, the sequence of expected contacts, and a filter that estimates at which step of it a stream is.
 
 The filter (docs/theory.md, T49) is a hidden Markov model of the steps. A tick changes the odds of two
-contacts as much as the tracker's belief changes, beyond what the passing of time changes: so evidence counts
-once. Beside the steps there is the state of having left the plan, in which all is as the tracker alone
-believes.
+contacts by the ratio of the tracker's belief to its prediction from the tick before, so that evidence counts
+once. A further state is that the plan has been left; then the tracker's belief holds unchanged.
 """
 
 from dataclasses import dataclass
@@ -28,25 +27,28 @@ from contact_tracker.version import __version__
 
 ANY: Final = "any"
 MOST_STEPS: Final = 1000
-"""They take 1 to 22 ms a tick."""
+"""Largest number of steps of a plan: they take 1 to 22 ms per tick."""
 _LONGEST_S: Final = 1e6
 DURATION_SD: Final = 0.25
-"""Standard deviation of durations, as a share of them: 0.25 for 41 steps of nine pairs of takes, too."""
+"""Relative standard deviation of durations, as measured for 41 steps of nine pairs of takes."""
 _LEAST_DURATION_SD: Final = 0.05
 STAGE_S: Final = 0.1
-"""Least duration of a stage: that of a usual tick. Shorter ones tell no more, and take up to 55 ms a tick."""
+"""Least duration of a stage: that of a usual tick. Shorter stages add nothing, and take up to 55 ms per
+tick."""
 PARTS_PER_STAGE: Final = 4
-"""The standard deviation of a duration is then at least 0.87 of what it should be."""
+"""Least number of time steps per stage: deviations of durations are then at least 0.87 of the planned
+ones."""
 _MOST_PARTS: Final = 1000
-"""Of a gap, which is then longer than 25 s: any step may hold after it."""
+"""Largest number of time steps for a tick: it is exceeded by gaps over 25 s, after which any step may
+hold."""
 _USUAL_S: Final = 5.0
-"""Duration of steps where none is planned: the mean of 47 steps in nine takes (tests/benchmarks/takes.py)."""
+"""Duration of steps if none has one: the mean of 47 steps in nine takes (tests/benchmarks/takes.py)."""
 
 
 @dataclass(frozen=True)
 class PlannedStep:
-    """One of ``contacts`` holds, for about ``duration_s`` if it is given; the step is left out at times if
-    it ``is_optional``."""
+    """A step in which one of ``contacts`` holds, for about ``duration_s`` if given; it may be left out if it
+    ``is_optional``."""
 
     contacts: tuple[Contact, ...]
     duration_s: float | None = None
@@ -60,7 +62,7 @@ class PlannedStep:
 
 @dataclass(frozen=True)
 class Plan:
-    """Steps in order; ``duration_sd`` is the standard deviation of a duration, as a share of it."""
+    """Steps in order; ``duration_sd`` is the relative standard deviation of durations."""
 
     steps: tuple[PlannedStep, ...]
     duration_sd: float = DURATION_SD
@@ -85,8 +87,8 @@ class Plan:
 
     @classmethod
     def of(cls, outcome: Outcome) -> "Plan":
-        """The plan of a recording: of a step that is not sure, all contacts that may have been, without a
-        duration. Steps that are open are optional. Raises UsageError where there are too many steps."""
+        """The plan of a recording. A step that is not sure has all its possible contacts and no duration; an
+        open step is optional. Raises UsageError if there are too many steps."""
         steps = list[PlannedStep]()
         for step in steps_of(outcome):
             fits = [step.probability[state.column] > 1.0 - SURE_PROBABILITY for state in STATES]
@@ -107,7 +109,7 @@ class Plan:
 
     @property
     def toml(self) -> str:
-        """The text of its file."""
+        """The text of the plan's file."""
         lines = [f"# Written by contact-tracker {__version__}: the contacts to come, for live --expect."]
         lines.append(f"duration_sd = {self.duration_sd:g}  # of durations, as a share of them")
         for number, step in enumerate(self.steps, start=1):
@@ -135,15 +137,15 @@ def _planned(keys: Keys) -> PlannedStep:
 
 
 class Progress(NamedTuple):
-    """Where in a plan a stream is.
+    """The progress of a stream in a plan.
 
     Parameters
     ----------
-    step : number of the most probable step, the first is 1.
-    probability : of being in that step.
-    p_left : probability that the plan has been left, whether it has been taken up again or not.
+    step : number of the most probable step, from 1.
+    probability : posterior of this step.
+    p_left : probability that the plan has been left, even if it was resumed later.
     following : number of the next step that is not optional; None at the end.
-    leaves : whether it is news that the plan has been left; said once.
+    leaves : whether leaving the plan has become sure with this tick; true once.
     """
 
     step: int
@@ -158,11 +160,11 @@ class Progress(NamedTuple):
 
 
 class PlanFollower:
-    """Follows a plan: ``update`` with each belief of a tracker says where in it the stream is.
+    """Follows a plan: ``update`` with each belief of a tracker returns the progress of the stream.
 
-    A step with a duration d and standard deviation s d is a chain of 1 / s^2 stages, after which its duration
-    has this deviation (Erlang's distribution), or of fewer where that is less exact than ticks are; one
-    without has any duration.
+    A step with duration d and standard deviation s d is a chain of 1 / s^2 stages, which gives its duration
+    this deviation (Erlang's distribution), or of fewer, so that stages are no shorter than ticks. A step
+    without duration is a single stage.
     """
 
     def __init__(self, plan: Plan) -> None:
@@ -180,17 +182,17 @@ class PlanFollower:
         self._stage_s = stage_s[self._number]
         self._columns = np.array([[state in step.contacts for state in STATES] for step in plan.steps], float)
         self._weight = np.zeros((2, len(self._number)))
-        """Of the stages, on the plan and after having left it."""
+        """Weights of the stages (2, stages): before the plan was left, and after."""
         self._left = 1.0 / (len(lengths) + 1)
         self._entries = np.array([self._entered(number) for number in range(len(lengths) + 1)])
         self._weight[0, self._first] = self._entries[0] * (1.0 - self._left)
         self._belief: tuple[int, Array] | None = None
         self.has_left, self._told = False, -1
         self.news = ""
-        """What is new since the belief before, in words: a step that is sure, or that the plan was left."""
+        """News of the last belief in words: a step that has become sure, or that the plan was left."""
 
     def update(self, belief: Belief) -> Progress:
-        """Take the next belief in."""
+        """Update with the next belief."""
         if not isinstance(belief, Belief):
             raise UsageError(f"a belief is what Tracker.update returns, not {type(belief).__name__}")
         p = np.maximum(belief.probability, LEAST_PROBABILITY)
@@ -222,9 +224,9 @@ class PlanFollower:
         return Progress(step + 1, float(shares[step]), p_left, following, leaves)
 
     def _advance(self, tick_s: float, leaves: float) -> None:
-        """Let time pass; of the weight of the plan a share ``leaves``.
+        """Predict the weights after ``tick_s``; a share ``leaves`` of them leaves the plan.
 
-        It passes in parts that are short beside the stages, each of which passes a stage at most. Mean
+        Time passes in steps that are short compared to stages, with one transition each at most. Mean
         durations are exact.
         """
         parts = int(min(max(ceil(PARTS_PER_STAGE * tick_s / self._stage_s.min()), 1), _MOST_PARTS))
@@ -243,7 +245,8 @@ class PlanFollower:
         self._left = 1.0 - float(self._weight.sum())
 
     def _entered(self, number: int) -> Array:
-        """Shares (K,) of the steps that begin instead of a step: optional ones are left out half the time."""
+        """Probabilities (K,) of the step that begins in place of ``number``: optional ones are left out with
+        0.5."""
         are_optional = np.array([step.is_optional for step in self.plan.steps[number:]], bool)
         reached = np.cumprod(np.append(1.0, np.where(are_optional, 0.5, 0.0)))[: len(are_optional)]
         return np.concatenate([np.zeros(number), reached * np.where(are_optional, 0.5, 1.0)])

@@ -1,5 +1,5 @@
-"""The steps of a recording: its segments with the probabilities of all contacts, when they begin and end,
-and what they touched; whether steps of two recordings touch the same, and how far apart that is."""
+"""The steps of a recording: its segments with the probabilities of all contacts, deviations of boundaries and
+touching elements; whether steps of two recordings touch the same elements, and the distances of these."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,20 +19,20 @@ from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Segment
 
 LEAST_PROBABILITY: Final = 1e-6
-"""Of a contact in a step or belief: none is excluded. Takes and plans are as with 1e-4."""
+"""Least probability of a contact in a step or belief: none is excluded. 1e-4 gives the same results."""
 
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """A segment of a recording, as a step of what is done in it.
+    """A segment of a recording as a step of its task.
 
     Parameters
     ----------
-    segment : as found.
+    segment : the segment.
     probability : (7,) of the contacts in the order of ``STATES``, the mean of the smoothed beliefs.
-    start_s, end_s : since the recording's first pose.
+    start_s, end_s : times since the recording's first pose.
     boundary_sd_s : standard deviations of start and end, from the beliefs of the ticks around them.
-    sighting : what the motion says of the touching elements; None where the contact is not sure enough.
+    sighting : the estimate of the touching elements from the motion; None if the contact is not sure enough.
     """
 
     segment: Segment
@@ -71,7 +71,7 @@ def steps_of(outcome: Outcome) -> list[Step]:
 
 
 def sighting_of(segment: Segment, touched: GrowingMap | None) -> Sighting | None:
-    """The contact in the map that is the segment's: of its kind, with the longest common time."""
+    """The map's sighting of a segment: that of its contact with the longest common time, if there is one."""
     common = [
         (min(sighting.stamp_ns, segment.end_ns) - max(sighting.onset_ns, segment.start_ns), number)
         for number, sighting in enumerate(() if touched is None else touched.sightings)
@@ -86,8 +86,8 @@ def _boundary_sd_s(
 ) -> list[float]:
     """Standard deviations (S + 1,) of the boundaries of S segments.
 
-    The probability p of the first label, tick by tick, is that of a boundary later than the tick: the sum of
-    p (1 - p) times the tick is sd / sqrt(pi), if it is normal. First and last are those of the recording.
+    The probability p of the first label at a tick is that of a boundary later than the tick: for a normal
+    distribution, the sum of p (1 - p) times the tick is sd / sqrt(pi). The ends of the recording have 0.
     """
     tick_s = float(np.median(np.diff(stamps_ns))) * 1e-9 if len(stamps_ns) > 1 else 0.0
     sds_s = [0.0]
@@ -100,8 +100,8 @@ def _boundary_sd_s(
 
 
 class Distance(NamedTuple):
-    """How far two elements are apart near the object (m), and the angle between them (rad), with standard
-    deviations; NaN where it is not known."""
+    """The distance of two elements near the object (m) and the angle between them (rad), with standard
+    deviations; NaN if unknown."""
 
     shift_m: float = np.nan
     shift_sd_m: float = np.nan
@@ -121,11 +121,11 @@ UNKNOWN: Final = Distance()
 def place_evidence(
     first: Sequence[Step], second: Sequence[Step], first_map: GrowingMap, second_map: GrowingMap
 ) -> Array:
-    """Log evidence (n, m, 2, 2) that two steps touch the same element of the object (0) or another one (1),
-    and of the surroundings, relative to both being others; NaN where the motion does not say it of both.
+    """Log evidence (n, m, 2, 2) that two steps touch with the same element of the object (0) or another one
+    (1), and likewise of the surroundings, relative to both being other ones; NaN without sightings of both.
 
-    It is that of the map (docs/theory.md, T46): how well the motion of the second step agrees with the
-    elements as the first one has shown them, against elements of which nothing is known.
+    It is the evidence of the map (docs/theory.md, T46): the likelihood of the motion of the second step given
+    the elements as estimated from the first, against elements with a vague prior.
     """
     evidence = np.full((len(first), len(second), 2, 2), np.nan)
     for i, first_step in enumerate(first):
@@ -144,11 +144,11 @@ def place_evidence(
 def distances(
     first: Step, second: Step, first_map: GrowingMap, second_map: GrowingMap, near_m: tuple[Array, Array]
 ) -> tuple[Distance, Distance]:
-    """How far the elements of two steps are apart: the object's near (3,) in the body frame, and those of the
-    surroundings near (3,) in the world frame.
+    """Distances of the elements of two steps, for the object near ``near_m[0]`` (3,) in the body frame, for
+    the surroundings near ``near_m[1]`` (3,) in the world frame.
 
-    Of two faces the motion shows the difference of the offsets alone: it is given for the surroundings, as if
-    the object's face were the same.
+    For two faces the motion shows only the difference of the offsets; it counts as distance in the
+    surroundings, as if the object's face were the same.
     """
     if first.segment.geometry is None or second.segment.geometry is None:
         return UNKNOWN, UNKNOWN
@@ -174,7 +174,7 @@ def distances(
 def _as_shown(
     sighting: Sighting, first_map: GrowingMap, second_map: GrowingMap
 ) -> tuple[MapView, tuple[Key, Key]] | None:
-    """A map of the elements of one contact alone, with the origins of another recording, and their keys."""
+    """A map that has only the elements of a sighting, with the origins of the second map, and their keys."""
     learned = GrowingMap(first_map.reach_m, origins=first_map.origins).insert(sighting).learned
     start = GrowingMap(second_map.reach_m).with_prior(learned)
     view = (start if second_map.origins is None else start.at_origins(second_map.origins)).whole
@@ -183,7 +183,7 @@ def _as_shown(
 
 
 def _distance(first: Element, second: Element, near_m: Array) -> Distance:
-    """The distance of two elements of one kind, of faces along the normal at ``near_m`` (3,)."""
+    """The distance of two elements of the same kind; of faces along the normal at ``near_m`` (3,)."""
     first, second = by_foot(first, near_m), by_foot(second, near_m)
     if first.covariance is None or second.covariance is None:
         return UNKNOWN

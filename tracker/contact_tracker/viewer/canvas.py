@@ -1,4 +1,4 @@
-"""Entities of the views, their rows for rerun (many at once offline, one at a time live), and the layout: 3D
+"""Entities of the views, their rows for rerun (many at once offline, single ones live), and the layout: 3D
 and events on the left, plots over time on the right."""
 
 import inspect
@@ -28,11 +28,11 @@ STAMP: Final = "stamp"
 BODY: Final = "world/body"
 TRAIL: Final = "world/trail"
 KNOWN: Final = ("world/body/known", "world/surroundings/known")
-"""What is known of the object and of the surroundings; each with ``/outline`` and ``/names``."""
+"""Known parts of the object and of the surroundings; each with ``/outline`` and ``/names``."""
 CENTRE: Final = "world/body/centre"
 """The middle of the object, which the view follows."""
 SUGGESTED: Final = "world/suggested"
-"""What to move next: the axis or direction, and the arc about it."""
+"""Suggested motion: the axis or direction, and the arc about it."""
 LEGEND: Final = "legend"
 TRUTH: Final = "state/truth"
 SMOOTHED: Final = "state/smoothed"
@@ -45,21 +45,21 @@ RESIDUAL: Final = "minima/residual"
 PAPER: Final = "minima/paper"
 MOTION: Final = "motion"
 MOTION_SERIES: Final = {"slip": COLOUR[Contact.VF], "3 standard deviations": COLOUR[Contact.FREE]}
-"""Colours of the speed at the touching point, and of what noise makes of none."""
+"""Colours of the speed at the touching point, and of three standard deviations of its noise."""
 EVENTS: Final = "events"
 
 NOTHING: Final = (EMPTY,) * 4
 OPACITY: Final = (1.0, 0.15, 1.0, 0.2)
-"""Names of the meshes of a ``Drawing``."""
+"""Opacity of the four meshes of a ``Drawing``."""
 SHEET: Final = 0.55
-"""Opacity of faces of the surroundings, so that objects below stay visible."""
+"""Opacity of faces of the surroundings; it leaves objects below visible."""
 _ROWS: Final = 1000
-"""Rows that are sent together: smaller numbers double the file, larger ones are slow to show."""
+"""Number of rows that are sent together: fewer double the file, more are displayed slowly."""
 Columns = Iterable[rr.ComponentColumn]
 
 _KNOWN: Final = (OBJECT, GREY)
 _FAINT: Final = 25
-"""Opacity of what is known, of 255, below the touching pair."""
+"""Opacity of known parts, of 255, below that of the touching pair."""
 _VERTEX_UI: Final = 3.5
 
 _LEGEND: Final = """\
@@ -73,7 +73,7 @@ _LEGEND: Final = """\
 
 
 def touching(number: int = 0) -> tuple[str, ...]:
-    """The entities of the labelled touching pair (0) or of further contact ``number``: the meshes as in a
+    """The entities of the labelled touching pair (0) or of further contact ``number``: the meshes of a
     ``Drawing``, and the label."""
     end = f"_{number + 1}" if number else ""
     pair = f"world/body/element{end}", f"world/surroundings/element{end}"
@@ -87,7 +87,7 @@ def further_lane(number: int) -> str:
 
 
 def new_recording(name: str | None = None) -> rr.RecordingStream:
-    """A stream with the timelines of the data only; ``name`` is shown in the viewer."""
+    """A stream that has only the timelines of the data; ``name`` is shown in the viewer."""
     recording = rr.RecordingStream(APPLICATION, recording_id=uuid4())
     if name is not None:
         recording.send_recording_name(name)
@@ -131,7 +131,7 @@ class Canvas:
         self._send(BODY, poses.stamp_ns, rr.Transform3D.columns, **places)
 
     def known(self, parts: Sequence[Part], stamp_ns: int | None = None) -> None:
-        """Draw all that is known from a stamp on, instead of what was before; at all times without one."""
+        """Draw the known parts from a stamp on, in place of earlier ones; at all times without a stamp."""
         if stamp_ns is not None:
             self._set_time(stamp_ns)
         for side, entity in enumerate(KNOWN):
@@ -146,13 +146,13 @@ class Canvas:
             lines = rr.LineStrips3D(strips, colors=colour, radii=rr.Radius.ui_points(0.8))
             radii = rr.Radius.ui_points([0.0 if part.outline else _VERTEX_UI for part in drawn])
             places = np.reshape([part.label_m for part in drawn], (-1, 3))
-            labels = [part.name for part in drawn]  # many would cover each other and what is drawn
+            labels = [part.name for part in drawn]  # hidden, as many labels cover each other
             names = rr.Points3D(places, labels=labels, show_labels=False, colors=colour, radii=radii)
             for end, archetype in (("", faces), ("/outline", lines), ("/names", names)):
                 self._recording.log(f"{entity}{end}", archetype, static=stamp_ns is None, strict=True)
 
     def suggest(self, stamp_ns: int, motion: InformativeMotion | None, length_m: float) -> None:
-        """Draw what to move next from a stamp on, instead of what was before: the direction of a shift, or
+        """Draw the suggested motion from a stamp on, in place of an earlier one: the direction of a shift, or
         the axis of a turn with the arc about it."""
         self._set_time(stamp_ns)
         arrow, arc, style = rr.Arrows3D(vectors=[]), rr.LineStrips3D([]), rr.Radius.ui_points(2.5)
@@ -176,7 +176,7 @@ class Canvas:
 
     def states(self, entity: str, stamp_ns: Stamps, contacts: Sequence[Contact | None]) -> None:
         """The contact from each stamp on; None if unknown."""
-        # for rerun an empty text ends a state
+        # in rerun an empty text ends a state
         self._texts(entity, stamp_ns, ["" if contact is None else contact.value for contact in contacts])
 
     def _texts(self, entity: str, stamp_ns: Stamps, texts: Sequence[str]) -> None:
@@ -187,37 +187,32 @@ class Canvas:
         self._send(entity, stamp_ns[changes], rr.StateChange.columns, state=[texts[i] for i in changes])
 
     def further(self, stamp_ns: Stamps, held: Sequence[Sequence[FurtherContact | None]]) -> None:
-        """State, label and opacity of the further contacts that hold from each stamp on, in their order; None
-        is one that does not hold."""
+        """State, label and opacity of the further contacts that hold from each stamp on, in order; None for a
+        contact that does not hold."""
         while self.most_further < max(map(len, held), default=0):
             self.most_further += 1
             self._lane(further_lane(self.most_further))
         for number in range(1, self.most_further + 1):
             row = [contacts[number - 1] if number <= len(contacts) else None for contacts in held]
-            contacts = [None if further is None else further.contact for further in row]
-            self.states(further_lane(number), stamp_ns, contacts)
+            self.states(further_lane(number), stamp_ns, [None if f is None else f.contact for f in row])
             rows = [i for i, further in enumerate(row) if further is not None]
             named = [further for further in row if further is not None]
             if named:
                 probability = np.array([further.probability for further in named])
-                texts = [
-                    f"+ {caption(further.contact, further.probability, further.inseparable)}"
-                    for further in named
-                ]
+                texts = [f"+ {caption(f.contact, f.probability, f.inseparable)}" for f in named]
                 self.fade(stamp_ns[rows], [further.contact for further in named], probability, texts, number)
 
     def scalars(self, entity: str, stamp_ns: Stamps, values: Array) -> None:
         """Values (N, K) of the K series of an entity; nan is a gap."""
         self._send(entity, stamp_ns, rr.Scalars.columns, scalars=values)
 
-    def inseparable(self, stamp_ns: Stamps, alternatives_: Sequence[Sequence[Contact]]) -> None:
+    def inseparable(self, stamp_ns: Stamps, contacts: Sequence[Sequence[Contact]]) -> None:
         """The contacts that the motion does not distinguish from the label, from each stamp on."""
-        texts = [f"or {alternatives(states)}" if states else "" for states in alternatives_]
+        texts = [f"or {alternatives(states)}" if states else "" for states in contacts]
         new = sorted({text for text in texts if text} - set(self._named))
         if new:
             self._named += new
-            greys = [GREY] * len(self._named)
-            names = self._named
+            names, greys = self._named, [GREY] * len(self._named)
             self._static(INSEPARABLE, rr.StateConfiguration(values=names, labels=names, colors=greys))
         self._texts(INSEPARABLE, stamp_ns, texts)
 
@@ -287,7 +282,7 @@ class Canvas:
         columns: Callable[..., Columns],
         **values: Sequence[Any] | NDArray[Any],
     ) -> None:
-        """Send ``columns`` of values, one for each stamp."""
+        """Send ``columns`` of values, a row per stamp."""
         for begin in range(0, len(stamp_ns), _ROWS):
             rows = slice(begin, begin + _ROWS)
             since = (stamp_ns[rows] - self._origin_ns).astype("timedelta64[ns]")
@@ -329,21 +324,21 @@ def event(
 
 
 def further_event(since_ns: int, further: FurtherContact, joins: bool) -> str:
-    """The begin (``joins``) or end of a further contact."""
+    """The text of an event: the begin (``joins``) or end of a further contact."""
     how = "joins " if joins else "leaves"
     elements = describe(further.geometry, further.inseparable) if joins else ""
     return f"{since_ns * 1e-9:7.2f} s  p {further.probability:.2f}  {how}  {elements}".rstrip()
 
 
 BACKGROUND = (25, 28, 33)
-"""Dark in light themes as well, on which the object's white elements are not seen."""
+"""Colour behind the 3D scene, dark in light themes as well, as the object's elements are white."""
 TRAIL_S = 4.0
 LIVE_S = 10.0
 _RESIDUAL = "Residual over 25 ticks of motion (1 = noise)"
 
 
 def offline_layout(eye: Eye, is_one_of_several: bool = False) -> rrb.Blueprint:
-    """Layout of a whole recording; with several recordings their list is open."""
+    """Layout of a whole recording; the list of recordings is open if there are several."""
     everything = rr.TimeRange(start=rr.TimeRangeBoundary.infinite(), end=rr.TimeRangeBoundary.infinite())
     smoothed = _plot(P_SMOOTHED, "Probability, smoothed (all data)", everything, 1.05)
     filtered = _plot(P_FILTERED, "Probability, filtered (data so far)", everything, 1.05, legend=False)
@@ -366,7 +361,7 @@ def live_layout(eye: Eye) -> rrb.Blueprint:
 
 
 def _last(seconds: float) -> rr.TimeRange:
-    """Up to the cursor."""
+    """The time range of the last ``seconds`` before the cursor."""
     start, end = (rr.TimeRangeBoundary.cursor_relative(seconds=offset_s) for offset_s in (-seconds, 0.0))
     return rr.TimeRange(start=start, end=end)
 
@@ -374,7 +369,7 @@ def _last(seconds: float) -> rr.TimeRange:
 def _blueprint(
     eye: Eye, over_time: rrb.Container, recordings: rrb.BlueprintPanel, time: rrb.TimePanel
 ) -> rrb.Blueprint:
-    # The text has the time, as the viewer's column is too narrow.
+    # The text has the time, as the viewer's column of time is too narrow.
     hidden = [rrb.encodings.TimelineColumn(name, visible=False) for name in (TIMELINE, STAMP)]
     columns = rrb.TextLogColumns(timeline_columns=hidden, text_log_columns=["LogLevel", "Body"])
     events = rrb.TextLogView(origin=EVENTS, name="Changes of contact", columns=columns)
