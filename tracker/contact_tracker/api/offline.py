@@ -175,7 +175,7 @@ class Result(Outcome):
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """The warnings by which no label is certain, one line each."""
+        """One line per warning that makes all labels doubtful."""
         return tuple(map(python_words, super().doubts))
 
     @classmethod

@@ -65,7 +65,7 @@ class Tracker:
         self._notes = notes
         self._tracker = tracker.Tracker.start(parameters, lag_s, map_of(known, notes.append, states))
         self._gate = PoseGate()
-        self._given = 0
+        self._arrived = 0
         self._restored: Path | None = None
         self._warned = set[str]()
         self._warn_of_news(notes)
@@ -91,13 +91,13 @@ class Tracker:
         InvalidPose : the stamp is not an integer, or there are not three and four numbers.
         """
         pose = _pose(stamp_ns, position_m, quat_xyzw)
-        self._given += 1
+        self._arrived += 1
         with continued(self._restored):
             beliefs = self._tracker.update(self._gate.arrive(pose))
-            if beliefs or self._given % _ENOUGH == 0:
+            if beliefs or self._arrived % _ENOUGH == 0:
                 self._warn_of_news(warnings(self._tracker.report_so_far))
-                if self._given >= _ENOUGH:
-                    self._warn_of_news(self._found_in_counts())
+                if self._arrived >= _ENOUGH:
+                    self._warn_of_news(self._count_warnings())
         return beliefs[-1] if beliefs else None
 
     def finish(self) -> list[Belief]:
@@ -120,7 +120,7 @@ class Tracker:
     def warnings(self) -> tuple[str, ...]:
         """One line per warning so far."""
         with continued(self._restored):
-            return (*self._found_in_counts(), *self._notes, *warnings(self._tracker.report))
+            return (*self._count_warnings(), *self._notes, *warnings(self._tracker.report))
 
     @property
     def map(self) -> Map | None:
@@ -143,7 +143,7 @@ class Tracker:
         """Save the state to a file, atomically; raises UsageError or OutputError."""
         name = path_from(path)
         with errors_as(OutputError, name):
-            save(Path(name), (self._tracker, self._gate, tuple(self._notes), self._given))
+            save(Path(name), (self._tracker, self._gate, tuple(self._notes), self._arrived))
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Self:
@@ -158,17 +158,17 @@ class Tracker:
         with errors_as(StateError, name):
             saved = load(Path(name))
         match saved:
-            case (tracker.Tracker() as state, PoseGate() as gate, tuple() as notes, int() as given):
+            case (tracker.Tracker() as state, PoseGate() as gate, tuple() as notes, int() as arrived):
                 restored = cls.__new__(cls)
                 restored._tracker, restored._gate, restored._notes = state, gate, [*map(str, notes)]
-                restored._given, restored._restored, restored._warned = given, Path(name), set()
+                restored._arrived, restored._restored, restored._warned = arrived, Path(name), set()
                 not_given(restored.warnings, restored._warned)
                 return restored
         raise StateError(f"{name}: it is no state of a tracker")
 
-    def _found_in_counts(self) -> Sequence[str]:
-        loss = remark_on_loss(self._gate.counts, self._given, self._gate.refused_xyzw)
-        return remarks_on(self._gate.counts, self._given) if loss is None else (loss,)
+    def _count_warnings(self) -> Sequence[str]:
+        loss = remark_on_loss(self._gate.counts, self._arrived, self._gate.refused_xyzw)
+        return remarks_on(self._gate.counts, self._arrived) if loss is None else (loss,)
 
     def _warn_of_news(self, texts: Iterable[str]) -> None:
         warn_of(not_given(texts, self._warned))

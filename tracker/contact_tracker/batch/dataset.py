@@ -91,7 +91,7 @@ class Dataset:
     def record(self, answer: Answer) -> None:
         """Append an answer to the journal, and save at intervals."""
         line = {"recording": shown(answer.name), "signature": answer.signature, "row": answer.row}
-        self._take(line)  # first: if an interrupt comes between, saving still writes the answer
+        self._add(line)  # first: if an interrupt comes between, saving still writes the answer
         self._journal.write(json.dumps(line).encode() + b"\n")
         self._journal.flush()
         if time.monotonic() >= self._next_save_s:
@@ -126,12 +126,12 @@ class Dataset:
             self._signatures = dict(read_rows(self.folder / _SIGNATURES, _SIGNATURE_COLUMNS))
         for line in (self.folder / _JOURNAL).read_bytes().splitlines():
             with suppress(*_LINE_ERRORS):  # the last line may be incomplete
-                self._take(json.loads(line))
+                self._add(json.loads(line))
         if self._new_rows or self._new_signatures:
             self.save()
         self._journal.truncate(0)
 
-    def _take(self, line: dict[str, Any]) -> None:
+    def _add(self, line: dict[str, Any]) -> None:
         key, signature, row = str(line["recording"]), str(line["signature"]), line["row"]
         if row is not None:
             if row.keys() != SUMMARY_COLUMNS.keys():
@@ -257,7 +257,7 @@ class Batch:
                     error = f"{name}: {_GIVEN_UP}"
                     row = segmenting.failure(name, self.settings, errors.KILLED, error, None)
                     answer = Answer(name, "", row)
-                self._take(answer)
+                self._add(answer)
         return self
 
     def _jobs(self, recordings: Iterable[Recording]) -> Iterator[tuple[Any, ...]]:
@@ -268,13 +268,13 @@ class Batch:
             if content is not None and self.looks_at_content:
                 content = "", content[1]
             if not recording.signature and not remote.is_remote(recording.name):  # there is no readable file
-                self._take(segmenting.segment_recording(recording.name, content, self.settings, folder))
+                self._add(segmenting.segment_recording(recording.name, content, self.settings, folder))
             elif content is not None and recording.signature and content[0] == recording.signature:
                 self._count(recording.name, None)
             else:
                 yield recording.name, content, self.settings, folder, recording.within
 
-    def _take(self, answer: Answer) -> None:
+    def _add(self, answer: Answer) -> None:
         self.dataset.record(answer)
         self._count(answer.name, answer.row)
 

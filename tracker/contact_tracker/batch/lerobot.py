@@ -378,8 +378,8 @@ def _with_labels(frames: Any, labels: Mapping[int, _Labels]) -> Any:
     """A table of frames with the columns of their labels, in place of earlier ones."""
     episode = frames["episode_index"].to_numpy()
     subtask, probability = np.zeros(len(frames), np.int64), np.zeros((len(frames), len(STATES)), np.float32)
-    for number, (of_subtask, of_probability) in labels.items():
-        subtask[episode == number], probability[episode == number] = of_subtask, of_probability
+    for number, (episode_subtask, episode_probability) in labels.items():
+        subtask[episode == number], probability[episode == number] = episode_subtask, episode_probability
     frames = frames.drop_columns([name for name in (SUBTASK, PROBABILITY) if name in frames.column_names])
     rows = pyarrow.FixedSizeListArray.from_arrays(probability.ravel(), len(STATES))
     frames = frames.append_column(SUBTASK, pyarrow.array(subtask)).append_column(PROBABILITY, rows)
@@ -459,8 +459,8 @@ def _chosen(statistics: Statistics, features: Mapping[str, Mapping[str, Any]]) -
     """The statistics that other ``features`` have as well, which depend on the version of LeRobot."""
     names = set(chain.from_iterable(features.values()))
     return {
-        feature: {name: value for name, value in of_feature.items() if name in names}
-        for feature, of_feature in statistics.items()
+        feature: {name: value for name, value in numbers.items() if name in names}
+        for feature, numbers in statistics.items()
     }
 
 

@@ -81,13 +81,13 @@ def columns_of(rows: Rows, entries: Iterable[Any]) -> Columns:
     """The columns of beliefs or segments, with a row for each."""
     columns: Columns = {name: [] for name in COLUMNS[rows]}
     values: list[Any]
-    previous, of_geometry = None, dict[str, Any].fromkeys(_GEOMETRY)
+    previous, geometry_cells = None, dict[str, Any].fromkeys(_GEOMETRY)
     for entry in entries:
         geometry, joint = entry.geometry, entry.joint
         if previous is not geometry:  # consecutive rows often share it
             pair = () if geometry is None else (geometry.object, geometry.environment)
             values = [*chain.from_iterable(map(_element_cells, pair))] or [None] * len(_GEOMETRY)
-            previous, of_geometry = geometry, dict(zip(_GEOMETRY, values, strict=True))
+            previous, geometry_cells = geometry, dict(zip(_GEOMETRY, values, strict=True))
         contacts = [entry.contact, *(further.contact for further in entry.further)]
         cells: dict[str, Any] = {
             "contact": entry.contact.value,
@@ -95,7 +95,7 @@ def columns_of(rows: Rows, entries: Iterable[Any]) -> Columns:
             "contacts": "" if entry.contact is Contact.FREE else " ".join(contacts),
             "decided": decided(entry),
             **dict.fromkeys(_JOINT),
-            **of_geometry,
+            **geometry_cells,
         }
         if joint is not None:
             axis_and_point = _element_cells(joint.environment)[2:8]

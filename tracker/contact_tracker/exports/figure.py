@@ -270,8 +270,8 @@ def _view_of(parts: Sequence[Part], up: Array = UP) -> tuple[float, float, float
     level = np.cos(angles[:, 0])
     x, y, z = level * np.cos(angles[:, 1]), level * np.sin(angles[:, 1]), np.sin(angles[:, 0])
     towards = Rotation.align_vectors(up[None], UP[None])[0].apply(np.stack([x, y, z], axis=1))
-    of_axes = np.linalg.norm(np.cross(towards[:, None], np.eye(3)), axis=2).min(axis=1)
-    shares = np.where(of_axes > _END_ON, 1.0, of_axes)
+    axis_shares = np.linalg.norm(np.cross(towards[:, None], np.eye(3)), axis=2).min(axis=1)
+    shares = np.where(axis_shares > _END_ON, 1.0, axis_shares)
     for part in parts:
         strip = part.outline[0] if len(part.outline) == 1 else np.zeros((0, 3))  # of a face or an edge
         if len(strip) > 1 and np.isfinite(strip).all():

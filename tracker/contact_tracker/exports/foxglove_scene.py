@@ -51,7 +51,7 @@ def write_mcap(outcome: Outcome, path: Path, _: str = ".mcap") -> None:
     added = merge(
         _beliefs(outcome),
         _frames(outcome, frames),
-        _known(outcome, frames, known_parts.parts(outcome.touched), extent),
+        _known_scene(outcome, frames, known_parts.parts(outcome.touched), extent),
         _scene(outcome, frames, extent),
         key=lambda message: message.log_time_ns,
     )
@@ -161,7 +161,7 @@ def _scene(outcome: Outcome, frames: tuple[str, ...], extent: Extent) -> Iterato
             yield RawMessage(channel, part.start_ns, update.encode())
 
 
-def _known(
+def _known_scene(
     outcome: Outcome, frames: tuple[str, ...], parts: Sequence[Part], extent: Extent
 ) -> Iterator[RawMessage]:
     """The known parts, from the first pose on, on their own topic, as each message of the scene replaces the

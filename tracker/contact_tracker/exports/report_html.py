@@ -28,13 +28,13 @@ from contact_tracker.version import __version__
 
 _ABOUT_GEOMETRY: Final = (
     "<h2>Geometry, in the world frame</h2><p>Turn it with the mouse, move it with shift, zoom with the "
-    "wheel; a double click resets. A click on a name shows or hides; at first all but the longest contacts "
-    "are hidden, and what is less probable than 0.5, or largely unobserved. What the mouse is on stands out: "
-    "here, among the names, and in the table below.</p>"
+    "wheel; a double click resets. A click on a name shows or hides its shapes; at first only the longest "
+    "contacts are visible, without those less probable than 0.5 or largely unobserved. The contact under the "
+    "mouse is highlighted here, among the names, and in the table below.</p>"
 )
 _ABOUT_OBJECT: Final = (
-    "<h2>The object, in the body frame</h2><p>What is known of it: a known body, or of each face, edge and "
-    "vertex what was touched.</p>"
+    "<h2>The object, in the body frame</h2><p>Its known body, or the touched regions of its faces, edges and "
+    "vertices.</p>"
 )
 MOST_PATH_POSES: Final = 3000
 MOST_DRAWN: Final = 40
@@ -79,7 +79,8 @@ def write_report(outcome: Outcome, path: Path, _: str = ".html") -> None:
         file.write(f"<h2>Labels and probabilities</h2>{figure_svg(outcome)}")
         file.write(_ABOUT_GEOMETRY + _geometry(outcome, parts, known_parts.object_extent))
         if any(part.side == 0 for part in parts):
-            file.write(_ABOUT_OBJECT + _picture(_known(parts, 0, segments), _ABOVE_OBJECT, scene.UP, 420))
+            shapes = _known_shapes(parts, 0, segments)
+            file.write(_ABOUT_OBJECT + _picture(shapes, _ABOVE_OBJECT, scene.UP, 420))
         file.write(f"<h2>Segments</h2>{table_html(segments, outcome.origin_ns)}<script>linkRows()</script>")
         file.write(f"<p>Made by contact-tracker {escape(__version__)}.</p></body></html>\n")
 
@@ -97,7 +98,8 @@ def _picture(shapes: Iterable[Shape], eye: ArrayLike, up: ArrayLike, height_px: 
 def _geometry(outcome: Outcome, parts: Sequence[Part], extent: Extent) -> str:
     """The path of the body's origin, and the elements of the longest segments where they touched."""
     poses, segments = outcome.trajectory.poses, outcome.segments
-    shapes, upward = [*_path(outcome), *_known(parts, 1, segments)], scene.Upward.of(segments, poses, extent)
+    upward = scene.Upward.of(segments, poses, extent)
+    shapes = [*_path_shapes(outcome), *_known_shapes(parts, 1, segments)]
     in_contact = [segment for segment in segments if segment.geometry is not None]
     longest = sorted(in_contact, key=lambda s: s.start_ns - s.end_ns)[:MOST_DRAWN]
     visible = [
@@ -122,11 +124,11 @@ def _geometry(outcome: Outcome, parts: Sequence[Part], extent: Extent) -> str:
                 "shown": segment in visible,
                 "segments": [number],
             }
-            shapes += _elements(common, COLOUR[segment.contact], within, drawing, parts)
+            shapes += _pair_shapes(common, COLOUR[segment.contact], within, drawing, parts)
     return _picture(shapes, *upward.eye(extent.radius_m), 620)
 
 
-def _known(parts: Sequence[Part], side: int, segments: Sequence[Segment]) -> Iterator[Shape]:
+def _known_shapes(parts: Sequence[Part], side: int, segments: Sequence[Segment]) -> Iterator[Shape]:
     """The known parts of one side, in its frame, with the numbers of the segments that touched them."""
     for part in parts:
         if part.side == side:
@@ -142,7 +144,7 @@ def _known(parts: Sequence[Part], side: int, segments: Sequence[Segment]) -> Ite
             yield _shape(title, GREY, part.mesh, 0.3, part.outline, **label)
 
 
-def _path(outcome: Outcome) -> Iterator[Shape]:
+def _path_shapes(outcome: Outcome) -> Iterator[Shape]:
     """A line per state, interrupted where the label is another state."""
     poses, segments = outcome.trajectory.poses, outcome.segments
     poses = poses[:: 1 + len(poses) // MOST_PATH_POSES]
@@ -156,7 +158,7 @@ def _path(outcome: Outcome) -> Iterator[Shape]:
             yield _shape(f"path in {state.value}", COLOUR[state], strips=[place], width=2.5)
 
 
-def _elements(
+def _pair_shapes(
     common: Shape, colour: Colour, within: Poses, drawing: Drawing, parts: Sequence[Part]
 ) -> Iterator[Shape]:
     """The touching pair (``drawing``) and the known parts of the object, at the middle pose of ``within``."""

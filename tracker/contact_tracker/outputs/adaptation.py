@@ -28,16 +28,19 @@ def noise_text(report: Report) -> str:
     """The noise of a pose and of a tick in words, with their origin."""
     nominal, used, lasts = report.model.noise, report.chosen.noise, any(report.lasting)
     point = " ".join(f"{metres:.2f}" for metres in report.point_m)
-    of_pose = f"noise {_deviations(report.noise)} a pose"
-    of_pose += f" at the point ({point}) m of the body" if any(report.point_m) else ""
-    of_tick, lasting = f"{_deviations(report.tick)} a tick", f"errors that last {_deviations(report.lasting)}"
+    per_pose = f"noise {_deviations(report.noise)} a pose"
+    per_pose += f" at the point ({point}) m of the body" if any(report.point_m) else ""
+    per_tick, lasting = (
+        f"{_deviations(report.tick)} a tick",
+        f"errors that last {_deviations(report.lasting)}",
+    )
     if not nominal.estimated:
-        return f"{of_pose} (as given), {of_tick}{f', {lasting}' if lasts else ''}"
+        return f"{per_pose} (as given), {per_tick}{f', {lasting}' if lasts else ''}"
     if not report.is_decided:  # the motion does not show what averaging leaves, so a tick's noise is a prior
         cut_short = "the part that was looked at does not tell"
         return (
-            f"{of_pose}; {cut_short if report.is_cut_short else 'too little motion to tell'} what averaging "
-            f"leaves of it: {of_tick}{f' and {lasting}' if lasts else ''} are assumed (set it by --noise)"
+            f"{per_pose}; {cut_short if report.is_cut_short else 'too little motion to tell'} what averaging "
+            f"leaves of it: {per_tick}{f' and {lasting}' if lasts else ''} are assumed (set it by --noise)"
         )
     origin = ""
     if used.estimate_share < nominal.estimate_share:
@@ -46,7 +49,7 @@ def noise_text(report: Report) -> str:
         origin = " (chosen by the evidence)"
     elif used.floor_position_m > nominal.floor_position_m:
         origin = " (chosen by the evidence; white noise would leave less)"
-    return f"{of_pose}, {of_tick}{f', {lasting}' if lasts else ''}{origin}"
+    return f"{per_pose}, {per_tick}{f', {lasting}' if lasts else ''}{origin}"
 
 
 def warnings(report: Report | None) -> Iterator[str]:

@@ -95,7 +95,7 @@ class KnownParts:
     """
 
     def __init__(self, known_map: Map = EMPTY_MAP, vertices_m: Array | None = None) -> None:
-        bodies = list(_bodies(known_map))
+        bodies = list(_known_bodies(known_map))
         if vertices_m is not None and all(side != 0 for side, _, _ in bodies):
             bodies.insert(0, (0, SIDES[0], vertices_m))
         solids = [(side, name, scene.hull(corners_m)) for side, name, corners_m in bodies]
@@ -128,7 +128,7 @@ class KnownParts:
         """The size of the object, from its body if known, else from its listed and touched elements."""
         if self.object_extent is not UNKNOWN_EXTENT:
             return self.object_extent
-        elements = (self._listed | self._elements_of(world)).values()
+        elements = (self._listed | self._map_elements(world)).values()
         feet_m = [nearest(e, np.zeros(3)) for side, _, e in elements if side == 0 and not _is_open(e)]
         if len(feet_m) < 2:
             return UNKNOWN_EXTENT
@@ -167,10 +167,10 @@ class KnownParts:
         centres = poses.rotation @ extent.centre_m + poses.position_m
         about = extent.centre_m, np.median(centres, axis=0)
         learned = {} if world is None else world.learned.known
-        touched = {key: _near(element, about[key[0]]) for key, element in learned.items()}
+        touched = {key: _located(element, about[key[0]]) for key, element in learned.items()}
         elements = {
-            key: (side, name, _near(element, about[side]))
-            for key, (side, name, element) in (self._listed | self._elements_of(world)).items()
+            key: (side, name, _located(element, about[side]))
+            for key, (side, name, element) in (self._listed | self._map_elements(world)).items()
         }
         touches += [
             Touch(start_ns, end_ns, ContactGeometry(*(touched[key] for key in pair)), pair)
@@ -179,16 +179,16 @@ class KnownParts:
         ]
         places, spans = dict[Hashable, list[Array]](), dict[Hashable, list[tuple[int, int]]]()
         for touch in touches:
-            for key, points in zip(touch.keys, _touched(touch, poses, extent), strict=True):
+            for key, points in zip(touch.keys, _touched_points(touch, poses, extent), strict=True):
                 places.setdefault(key, []).append(points)
                 spans.setdefault(key, []).append((touch.start_ns, touch.end_ns))
         parts = []
         for key, (side, name, element) in elements.items():
-            touched_m = places.get(key) or [_own(element, about[side], extent)]
-            parts.append(_of_element(side, name, element, touched_m, extent, sorted(spans.get(key, ()))))
-        return (*self.bodies, *parts, *_of_joints(self._segments, poses, extent))
+            touched_m = places.get(key) or [_region(element, about[side], extent)]
+            parts.append(_element_part(side, name, element, touched_m, extent, sorted(spans.get(key, ()))))
+        return (*self.bodies, *parts, *_joint_parts(self._segments, poses, extent))
 
-    def _elements_of(self, world: GrowingMap | None) -> dict[Hashable, tuple[int, str, Element]]:
+    def _map_elements(self, world: GrowingMap | None) -> dict[Hashable, tuple[int, str, Element]]:
         """The elements of a map, without those that are a listed element in each of their contacts.
 
         An element that touches a listed one has the covariance of the contact, as the map lacks that one.
@@ -215,7 +215,7 @@ def known_parts(outcome: Outcome) -> tuple[Part, ...]:
     return KnownParts.of(outcome).parts(outcome.touched)
 
 
-def _bodies(known_map: Map) -> Iterator[tuple[int, str, Array]]:
+def _known_bodies(known_map: Map) -> Iterator[tuple[int, str, Array]]:
     """Side, name and corners (V, 3) of known boxes and meshes."""
     for side, elements in enumerate((known_map.listed_object, known_map.listed_environment)):
         for number in dict.fromkeys(element.solid for element in elements if element.solid is not None):
@@ -234,7 +234,7 @@ def _is_open(element: Element) -> bool:
     return float(np.sqrt(np.max(np.diag(block)))) > UNKNOWN_EXTENT.radius_m
 
 
-def _near(element: Element, near_m: Array) -> Element:
+def _located(element: Element, near_m: Array) -> Element:
     """An element, moved to ``near_m`` (3,) if its position is open: far away it would shrink the picture."""
     if not _is_open(element):
         return element
@@ -243,7 +243,7 @@ def _near(element: Element, near_m: Array) -> Element:
     return replace(element, point_m=near_m)
 
 
-def _own(element: Element, near_m: Array, extent: Extent) -> Array:
+def _region(element: Element, near_m: Array, extent: Extent) -> Array:
     """Points (N, 3) about the region of an element within the object's radius of ``near_m``."""
     foot, radius_m = nearest(element, near_m), extent.radius_m
     match element:
@@ -255,7 +255,7 @@ def _own(element: Element, near_m: Array, extent: Extent) -> Array:
             return foot[None]
 
 
-def _touched(touch: Touch, poses: Poses, extent: Extent) -> tuple[Array, Array]:
+def _touched_points(touch: Touch, poses: Poses, extent: Extent) -> tuple[Array, Array]:
     """Touched points (N, 3) of two elements in the body frame, and in the world frame."""
     within = poses_within(poses, touch.start_ns, touch.end_ns)
     within = within[:: 1 + len(within) // MOST_POSES]
@@ -271,15 +271,15 @@ def _touched(touch: Touch, poses: Poses, extent: Extent) -> tuple[Array, Array]:
         in_body = body.point_m + shift_m[:, None] * body.direction
         return in_body, np.einsum("nij,nj->ni", rotation, in_body) + position_m
     if _RANK[type(body)] <= _RANK[type(world)]:
-        points = _own(body, extent.centre_m, extent)
+        points = _region(body, extent.centre_m, extent)
         return points, (np.einsum("nij,kj->nki", rotation, points) + position_m[:, None]).reshape(-1, 3)
     centres = rotation @ extent.centre_m + position_m
-    in_world = np.stack([_own(world, centre, extent) for centre in centres])
+    in_world = np.stack([_region(world, centre, extent) for centre in centres])
     in_body = np.einsum("nij,nki->nkj", rotation, in_world - position_m[:, None])
     return in_body.reshape(-1, 3), in_world.reshape(-1, 3)
 
 
-def _of_element(
+def _element_part(
     side: int, name: str, element: Element, touched: Sequence[Array], extent: Extent, spans: Spans
 ) -> Part:
     """The part of an element about the points, (N, 3) each, at which it was touched during ``spans``."""
@@ -312,7 +312,7 @@ def _of_element(
             return Part(side, name, scene.point(side == 0, point_m, 0.5 * margin_m), (), point_m, (*spans,))
 
 
-def _of_joints(segments: Iterable[Segment], poses: Poses, extent: Extent) -> Iterator[Part]:
+def _joint_parts(segments: Iterable[Segment], poses: Poses, extent: Extent) -> Iterator[Part]:
     """The axes and centres of joints, in the body and in the world frame; each once, though a rest may have
     split its segment. Only the name of a far one is drawn, as it would shrink the picture."""
     joints = dict[tuple[str, str, str], list[Segment]]()
@@ -332,4 +332,4 @@ def _of_joints(segments: Iterable[Segment], poses: Poses, extent: Extent) -> Ite
             if away_m > scene.LARGEST_M:
                 yield Part(side, f"{name} ({away_m:.0f} m away)", scene.EMPTY, (), near_m, spans)
             else:
-                yield _of_element(side, name, placed, [_own(placed, near_m, extent)], extent, spans)
+                yield _element_part(side, name, placed, [_region(placed, near_m, extent)], extent, spans)

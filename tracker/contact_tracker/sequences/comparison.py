@@ -128,7 +128,7 @@ class Comparison:
         yield f"{'A: s':>15}  {'':<5}{'B: s':>15}  {'':<5}  {'what':<9}    p  by"
         for step in self.steps:
             sides = "  ".join(f"{_span(steps):>15} {_label(steps):<5}" for steps in (step.first, step.second))
-            yield f"{sides}  {step.verdict:<9} {step.probability:4.2f}  {_by(step)}".rstrip()
+            yield f"{sides}  {step.verdict:<9} {step.probability:4.2f}  {_difference(step)}".rstrip()
         count = {kind: sum(step.verdict is kind for step in self.steps) for kind in Verdict}
         counts = ", ".join(f"{number} {kind}" for kind, number in count.items() if number)
         if not self.steps:
@@ -199,7 +199,7 @@ def compare_outcomes(first: Outcome, second: Outcome, tolerance: float = TOLERAN
             row = int(np.abs(second.trajectory.stamp_ns - middle_ns).argmin())
             near_m = np.zeros(3), second.trajectory.position_m[row]
             apart = distances(first_step, second_step, first_map, second_map, near_m)
-            moved = _moved(evidence[pair], apart, is_compared)
+            moved = _moved_sides(evidence[pair], apart, is_compared)
         if p < SURE_PROBABILITY or not all(any(map(_is_sure, part)) for part in parts if part):
             verdict = Verdict.OPEN
         elif not (in_first and in_second):
@@ -222,7 +222,7 @@ def _log_odds_of_same(evidence: Array) -> float:
     return float((log_any - log_different).sum())
 
 
-def _moved(evidence: Array, apart: tuple[Distance, Distance], is_compared: NDArray[np.bool_]) -> str:
+def _moved_sides(evidence: Array, apart: tuple[Distance, Distance], is_compared: NDArray[np.bool_]) -> str:
     """The sides that touch with another element, surely and at more than the deviations of the reported
     distances; empty if places are not compared."""
     p = np.exp(evidence - np.logaddexp.reduce(evidence.ravel()))
@@ -240,7 +240,7 @@ def _is_sure(step: Step) -> bool:
 def _duration_s(steps: Sequence[Step], take: Sequence[Step]) -> tuple[float, float]:
     """Duration of a step and its standard deviation (s): an unknown part of the open segments in and beside
     the step, and of segments of its contact behind these, belongs to it."""
-    contact = _main(steps).contact
+    contact = _main_segment(steps).contact
 
     def may_go_on(step: Step) -> bool:
         return step.contact is contact or contact in step.segment.inseparable
@@ -254,7 +254,7 @@ def _duration_s(steps: Sequence[Step], take: Sequence[Step]) -> tuple[float, flo
     return steps[-1].end_s - steps[0].start_s, sqrt(variance)
 
 
-def _main(steps: Sequence[Step]) -> Step:
+def _main_segment(steps: Sequence[Step]) -> Step:
     """The segment that names a step: the longest sure one, or the longest."""
     return max(steps, key=lambda step: (not step.is_open, step.end_s - step.start_s))
 
@@ -263,7 +263,7 @@ def _label(steps: Sequence[Step]) -> str:
     """The contact of a step, with ``?`` if it is open."""
     if not steps:
         return ""
-    main = _main(steps)
+    main = _main_segment(steps)
     return f"{main.contact.value}{'?' if main.is_open else ''}"
 
 
@@ -274,7 +274,7 @@ def _span(steps: Sequence[Step]) -> str:
     return f"{steps[0].start_s:.{digits}f}-{steps[-1].end_s:.{digits}f}"
 
 
-def _by(step: ComparedStep) -> str:
+def _difference(step: ComparedStep) -> str:
     """The difference of a step: of its duration, or the most significant distance or angle."""
     if step.verdict is not Verdict.ELSEWHERE:
         return "" if np.isnan(step.longer_s) else f"{step.longer_s:+.2f}+/-{step.longer_sd_s:.2g} s"

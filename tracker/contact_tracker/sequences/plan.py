@@ -173,8 +173,8 @@ class PlanFollower:
         self.plan = plan
         count = ceil(plan.duration_sd**-2)
         lengths = [int(min(max((step.duration_s or 0.0) / STAGE_S, 1.0), count)) for step in plan.steps]
-        self._last = np.cumsum(lengths) - 1
-        self._first = self._last + 1 - lengths
+        self._last_stage = np.cumsum(lengths) - 1
+        self._first_stage = self._last_stage + 1 - lengths
         self._number = np.repeat(np.arange(len(lengths)), lengths)
         planned = [step.duration_s for step in plan.steps if step.duration_s is not None]
         self._mean_s = float(np.mean(planned)) if planned else _USUAL_S
@@ -183,11 +183,11 @@ class PlanFollower:
         self._columns = np.array([[state in step.contacts for state in STATES] for step in plan.steps], float)
         self._weight = np.zeros((2, len(self._number)))
         """Weights of the stages (2, stages): before the plan was left, and after."""
-        self._left = 1.0 / (len(lengths) + 1)
-        self._entries = np.array([self._entered(number) for number in range(len(lengths) + 1)])
-        self._weight[0, self._first] = self._entries[0] * (1.0 - self._left)
+        self._outside = 1.0 / (len(lengths) + 1)
+        self._entries = np.array([self._entry_shares(number) for number in range(len(lengths) + 1)])
+        self._weight[0, self._first_stage] = self._entries[0] * (1.0 - self._outside)
         self._belief: tuple[int, Array] | None = None
-        self.has_left, self._told = False, -1
+        self.has_left, self._reported = False, -1
         self.news = ""
         """News of the last belief in words: a step that has become sure, or that the plan was left."""
 
@@ -203,24 +203,24 @@ class PlanFollower:
             changed = -np.expm1(-tick_s / self._mean_s)
             previous = self._belief[1]
             predicted = (1.0 - changed) * previous + changed * (1.0 - previous) / (len(STATES) - 1)
-            self._advance(tick_s, changed / (len(self._last) + 1))  # Laplace: no step was left so far
+            self._advance(tick_s, changed / (len(self._last_stage) + 1))  # Laplace: no step was left so far
         self._belief = belief.stamp_ns, p
         self._weight *= (self._columns @ p / (self._columns @ predicted))[self._number]
-        total = self._weight.sum() + self._left
-        self._weight, self._left = self._weight / total, self._left / total
+        total = self._weight.sum() + self._outside
+        self._weight, self._outside = self._weight / total, self._outside / total
         shares = np.bincount(self._number, self._weight.sum(axis=0))
         step, p_left = int(np.argmax(shares)), 1.0 - float(self._weight[0].sum())
         leaves = not self.has_left and p_left >= SURE_PROBABILITY
         self.has_left = self.has_left or leaves
         rest = range(step + 1, len(shares))
         following = next((k + 1 for k in rest if not self.plan.steps[k].is_optional), None)
-        is_sure = shares[step] >= SURE_PROBABILITY and step != self._told
+        is_sure = shares[step] >= SURE_PROBABILITY and step != self._reported
         self.news = ""
         if leaves or is_sure:
-            self._told = step
-            comes = "the last one" if following is None else f"next {self._named(following)}"
+            self._reported = step
+            comes = "the last one" if following is None else f"next {self._step_text(following)}"
             departure = f"left (p {p_left:.2f}), at the latest in " if leaves else ""
-            self.news = f"{departure}step {self._named(step + 1)} of {len(shares)}; {comes}"
+            self.news = f"{departure}step {self._step_text(step + 1)} of {len(shares)}; {comes}"
         return Progress(step + 1, float(shares[step]), p_left, following, leaves)
 
     def _advance(self, tick_s: float, leaves: float) -> None:
@@ -236,20 +236,20 @@ class PlanFollower:
             goes_on = share * self._weight
             weight = self._weight - goes_on
             weight[:, 1:] += np.where(np.diff(self._number) == 0, goes_on[:, :-1], 0.0)
-            ending = goes_on[:, self._last]
-            weight[:, self._first] += ending @ entries
-            weight[:, self._last] += ending * (1.0 - entries.sum(axis=1))  # at the end of the plan
+            ending = goes_on[:, self._last_stage]
+            weight[:, self._first_stage] += ending @ entries
+            weight[:, self._last_stage] += ending * (1.0 - entries.sum(axis=1))  # at the end of the plan
             self._weight = weight
         self._weight *= 1.0 - leaves
-        self._weight[1, self._first] += self._left * leaves / len(self._first)
-        self._left = 1.0 - float(self._weight.sum())
+        self._weight[1, self._first_stage] += self._outside * leaves / len(self._first_stage)
+        self._outside = 1.0 - float(self._weight.sum())
 
-    def _entered(self, number: int) -> Array:
+    def _entry_shares(self, number: int) -> Array:
         """Probabilities (K,) of the step that begins in place of ``number``: optional ones are left out with
         0.5."""
         are_optional = np.array([step.is_optional for step in self.plan.steps[number:]], bool)
         reached = np.cumprod(np.append(1.0, np.where(are_optional, 0.5, 0.0)))[: len(are_optional)]
         return np.concatenate([np.zeros(number), reached * np.where(are_optional, 0.5, 1.0)])
 
-    def _named(self, number: int) -> str:
+    def _step_text(self, number: int) -> str:
         return f"{number} ({self.plan.steps[number - 1].name})"

@@ -129,7 +129,7 @@ def place_evidence(
     """
     evidence = np.full((len(first), len(second), 2, 2), np.nan)
     for i, first_step in enumerate(first):
-        prior = None if first_step.sighting is None else _as_shown(first_step.sighting, first_map, second_map)
+        prior = None if first_step.sighting is None else _map_of(first_step.sighting, first_map, second_map)
         if prior is None:
             continue
         view, keys = prior
@@ -159,7 +159,7 @@ def distances(
     )
     if not any(first_pair.has_open_offset) or first.sighting is None or second.sighting is None:
         return gaps
-    prior = _as_shown(first.sighting, first_map, second_map)
+    prior = _map_of(first.sighting, first_map, second_map)
     if prior is None:
         return gaps
     view, keys = prior
@@ -171,7 +171,7 @@ def distances(
     return gaps[0]._replace(shift_m=np.nan, shift_sd_m=np.nan), gaps[1]._replace(**height)
 
 
-def _as_shown(
+def _map_of(
     sighting: Sighting, first_map: GrowingMap, second_map: GrowingMap
 ) -> tuple[MapView, tuple[Key, Key]] | None:
     """A map that has only the elements of a sighting, with the origins of the second map, and their keys."""

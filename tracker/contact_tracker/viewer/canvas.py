@@ -228,8 +228,8 @@ class Canvas:
             style = rr.Points3D.from_fields(radii=rr.Radius.ui_points(0.0), show_labels=True)
             self._static(label, style)
         meshes = [NOTHING if d is None else d.meshes for d in drawings]
-        for entity, of_entity in zip(entities, zip(*meshes, strict=True), strict=True):
-            self._send(entity, stamp_ns, _mesh_columns, meshes=of_entity)
+        for entity, meshes_of_entity in zip(entities, zip(*meshes, strict=True), strict=True):
+            self._send(entity, stamp_ns, _mesh_columns, meshes=meshes_of_entity)
         places = [np.zeros((0, 3)) if d is None else d.label_m[None] for d in drawings]
         self._send(label, stamp_ns, _point_columns, places=places)
 
@@ -244,8 +244,8 @@ class Canvas:
         """Colour, opacity and caption of touching pair ``number`` from each stamp on."""
         *entities, label = touching(number)
         colours = np.array([COLOUR[contact] for contact in contacts], np.uint8)
-        of_object = np.broadcast_to(np.array(OBJECT, np.uint8), colours.shape)
-        shades = (of_object, of_object, colours, colours)
+        white = np.broadcast_to(np.array(OBJECT, np.uint8), colours.shape)
+        shades = (white, white, colours, colours)
         for entity, shade, opacity in zip(entities, shades, OPACITY, strict=True):
             alpha = 255.0 * opacity * np.clip(probability, 0.0, 1.0)
             if entity == entities[2]:
@@ -290,7 +290,7 @@ class Canvas:
                 rr.TimeColumn(TIMELINE, duration=since),
                 rr.TimeColumn(STAMP, timestamp=stamp_ns[rows].astype("datetime64[ns]")),
             ]
-            batch = columns(**{name: of_name[rows] for name, of_name in values.items()})
+            batch = columns(**{name: rows_of_name[rows] for name, rows_of_name in values.items()})
             self._recording.send_columns(entity, times, batch, strict=True)
 
 
@@ -353,14 +353,14 @@ def offline_layout(eye: Eye, is_one_of_several: bool = False) -> rrb.Blueprint:
 
 def live_layout(eye: Eye) -> rrb.Blueprint:
     """Layout of a live view: the last seconds before the cursor, which follows the data."""
-    recent = _last(LIVE_S)
+    recent = _recent(LIVE_S)
     probability = _plot(P_FILTERED, "Probability", recent, 1.05)
     views = _states(recent), probability, _plot(RESIDUAL, _RESIDUAL, recent, 3.0)
     panel = rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="following")
     return _blueprint(eye, rrb.Vertical(*views), rrb.BlueprintPanel(state="collapsed"), panel)
 
 
-def _last(seconds: float) -> rr.TimeRange:
+def _recent(seconds: float) -> rr.TimeRange:
     """The time range of the last ``seconds`` before the cursor."""
     start, end = (rr.TimeRangeBoundary.cursor_relative(seconds=offset_s) for offset_s in (-seconds, 0.0))
     return rr.TimeRange(start=start, end=end)
@@ -388,7 +388,7 @@ def _blueprint(
         background=BACKGROUND,
         line_grid=False,
         eye_controls=controls,
-        overrides={TRAIL: rrb.VisibleTimeRanges(rr.VisibleTimeRange(TIMELINE, _last(TRAIL_S)))},
+        overrides={TRAIL: rrb.VisibleTimeRanges(rr.VisibleTimeRange(TIMELINE, _recent(TRAIL_S)))},
     )
     legend = rrb.TextDocumentView(origin=LEGEND, name="What is what")
     left_column = rrb.Vertical(space, legend, events, row_shares=[18, 5, 5])
