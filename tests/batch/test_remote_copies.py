@@ -83,7 +83,7 @@ def test_copies_of_recordings_in_stores_have_a_size_limit_and_leave_free_space(
 ) -> None:
     free = shutil.disk_usage(tmp_path).free
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    monkeypatch.setattr(remote, "_opened", lambda *_: (store, name))
+    monkeypatch.setattr(remote, "_open_store", lambda *_: (store, name))
     monkeypatch.setattr(remote, limit, {"MOST_BYTES": 20 * 2**20, "_LEFT_BYTES": free - 8 * 2**20}[limit])
     with pytest.raises(UnreadableRecording, match=words), remote.local_copy(f"endless://{name}"):
         pass

@@ -27,7 +27,7 @@ from contact_tracker.trajectory.arguments import (
     with_known_arguments,
 )
 
-_ENOUGH: Final = 100
+_CHECK_POSES: Final = 100
 """Number of poses after which the dropped ones are judged, and again after as many while no tick is
 complete."""
 
@@ -94,9 +94,9 @@ class Tracker:
         self._arrived += 1
         with continued(self._restored):
             beliefs = self._tracker.update(self._gate.arrive(pose))
-            if beliefs or self._arrived % _ENOUGH == 0:
+            if beliefs or self._arrived % _CHECK_POSES == 0:
                 self._warn_of_news(warnings(self._tracker.report_so_far))
-                if self._arrived >= _ENOUGH:
+                if self._arrived >= _CHECK_POSES:
                     self._warn_of_news(self._count_warnings())
         return beliefs[-1] if beliefs else None
 

@@ -207,7 +207,7 @@ def _lock(journal: IO[bytes], folder: Path) -> None:
         return
 
 
-_GIVEN_UP: Final = "the process that segmented it was ended, as happens where memory runs out"
+_ENDED: Final = "its process was ended, probably because memory ran out"
 
 
 @dataclass(eq=False)
@@ -254,7 +254,7 @@ class Batch:
         with workers() as call:
             for (name, *_), answer in call(segmenting.segment_recording, chain([first], jobs)):
                 if answer is None:
-                    error = f"{name}: {_GIVEN_UP}"
+                    error = f"{name}: {_ENDED}"
                     row = segmenting.failure(name, self.settings, errors.KILLED, error, None)
                     answer = Answer(name, "", row)
                 self._add(answer)
@@ -279,7 +279,7 @@ class Batch:
         self._count(answer.name, answer.row)
 
     def _count(self, name: str, new: Row | None) -> None:
-        """Count a recording with a ``new`` row, or an unchanged one, and report what is wrong with it."""
+        """Count a recording with a ``new`` row, or an unchanged one, and report its faults."""
         code = self.dataset.exit_code(name)
         is_damaged = code == errors.DAMAGED
         self.done += new is not None

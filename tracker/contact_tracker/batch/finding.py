@@ -87,7 +87,7 @@ def find(names: Iterable[str]) -> Iterator[Recording]:
         if first_name is recording.name:
             yield recording
         elif first_name != recording.name:
-            raise UsageError(f"two URLs differ only after {label}, which is not stored: take one")
+            raise UsageError(f"two URLs differ only after {label}, which is not stored: name one of them")
 
 
 def _recordings_at(name: str) -> Iterator[Recording]:

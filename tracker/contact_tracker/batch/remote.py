@@ -67,7 +67,7 @@ def files_in(url: str) -> Mapping[str, str] | None:
     A URL that ends in ``/`` is a folder, one with a suffix is a file; otherwise the store is asked. Raises
     MissingExtra, or UnreadableRecording if the folder cannot be listed.
     """
-    filesystem, path, is_folder = _looked_up(url, None)
+    filesystem, path, is_folder = _located(url, None)
     with _store_errors(url):
         return _files_in(filesystem, path) if is_folder else None
 
@@ -78,7 +78,7 @@ def signature_of(url: str, within: str | None = None) -> str:
     ``within`` is the folder in which the URL was found; None if the user named it: then redirects are
     followed. Raises UnreadableRecording if the file does not exist or cannot be reached.
     """
-    filesystem, path, is_folder = _looked_up(url, within)
+    filesystem, path, is_folder = _located(url, within)
     with _store_errors(url):
         if not is_folder:
             return _signature(filesystem.info(path))
@@ -101,7 +101,7 @@ def joined(signatures: Iterable[str]) -> str:
 def local_copy(url: str, within: str | None = None) -> Iterator[str]:
     """The path of a local copy, removed at the end of the context; ``within`` as in ``signature_of``. Raises
     UnreadableRecording if the copy fails, is larger than ``MOST_BYTES``, or the disk is full."""
-    filesystem, path, is_folder = _looked_up(url, within)
+    filesystem, path, is_folder = _located(url, within)
     with tempfile.TemporaryDirectory(prefix="contact-tracker-") as folder:
         target = os.path.join(folder, posixpath.basename(without_secrets(url).rstrip("/")) or "recording")
         with _store_errors(url):
@@ -180,7 +180,7 @@ def _require_inside(url: str, folder: str) -> None:
         raise _LeadsOut(f"{without_secrets(url)} is not in the folder {without_secrets(folder)}")
 
 
-def _fence(folder: str) -> Any:
+def _guard(folder: str) -> Any:
     """A configuration of aiohttp that stops requests outside of ``folder``."""
     import aiohttp
 
@@ -203,34 +203,34 @@ def _store_errors(url: str) -> Iterator[None]:
     try:
         yield
     except Exception as error:
-        raise UnreadableRecording(f"{without_secrets(url)}: {_line(error)}") from error
+        raise UnreadableRecording(f"{without_secrets(url)}: {_one_line(error)}") from error
 
 
-def _looked_up(url: str, within: str | None) -> tuple[Any, str, bool]:
+def _located(url: str, within: str | None) -> tuple[Any, str, bool]:
     """The store of a URL, the path in it, and whether it is a folder. Stores are not asked about a URL with a
     suffix, as some would send the whole file."""
-    filesystem, path = _opened(url, within)
+    filesystem, path = _open_store(url, within)
     plain = without_secrets(url)
     with _store_errors(url):
         has_suffix = bool(posixpath.splitext(plain)[1])
         is_folder = plain.endswith("/") or (not has_suffix and bool(filesystem.isdir(path)))
     if is_folder and within is None:
-        filesystem, path = _opened(url, url)
+        filesystem, path = _open_store(url, url)
     return filesystem, path, is_folder
 
 
-def _opened(url: str, within: str | None) -> tuple[Any, str]:
+def _open_store(url: str, within: str | None) -> tuple[Any, str]:
     plain, options = without_secrets(url), dict[str, Any]()
     with extra("remote", plain):
         import fsspec
     try:
         if within is not None and urlsplit(url).scheme in _PORTS:
-            options = {"client_kwargs": {"trace_configs": [_fence(within)]}, "skip_instance_cache": True}
+            options = {"client_kwargs": {"trace_configs": [_guard(within)]}, "skip_instance_cache": True}
         return fsspec.core.url_to_fs(url, **options)  # type: ignore[no-any-return]
     except ImportError as error:  # the library for this store
         raise MissingExtra(f"{plain}: {' '.join(str(error).split())}") from error
     except Exception as error:  # stores have no common error
-        raise UnreadableRecording(f"{plain}: {_line(error)}") from error
+        raise UnreadableRecording(f"{plain}: {_one_line(error)}") from error
 
 
 def _signature(info: Mapping[str, Any]) -> str:
@@ -238,7 +238,7 @@ def _signature(info: Mapping[str, Any]) -> str:
     return " ".join([f"{info.get('size')}", *version]) if version else ""
 
 
-def _line(error: BaseException) -> str:
+def _one_line(error: BaseException) -> str:
     """An error in one line: ``_LeadsOut``, if the store raised another error because of it."""
     cause: BaseException | None = error
     while cause is not None and not isinstance(cause, _LeadsOut):

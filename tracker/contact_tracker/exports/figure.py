@@ -47,9 +47,9 @@ _MAP: Final = 4.6
 DOTS_PER_INCH: Final = 200
 _PAD: Final = 1.0
 """Margin of the background of a name (points)."""
-_ABOUT_VERTEX: Final = 10.0
+_VERTEX_VIEW: Final = 10.0
 """Least size of the view about a vertex, relative to its mesh."""
-_ROOM: Final = 1.2
+_SPAN_RATIO: Final = 1.2
 """Least width of a span with a name, relative to the name."""
 _PAGE: Final[Any] = {"svg.fonttype": "none", "svg.hashsalt": "report", "path.simplify_threshold": 0.5}
 """Options for SVG: text as text, reproducible files, and curves within half a pixel."""
@@ -190,10 +190,11 @@ def _draw_bar(
     height = (ribbon[1] - ribbon[0]) / (top - bottom) * points * size.height
     for text in map(printable, names):
         extent = TextPath((0.0, 0.0), text, size=NAME_SIZE).get_extents()
-        is_level = width > _ROOM * extent.width
+        text_width, text_height = _SPAN_RATIO * extent.width, _SPAN_RATIO * extent.height
+        is_level = width > text_width
         if is_level:
             break
-    scale = 1.0 if is_level else min(1.0, height / (_ROOM * extent.width), width / (_ROOM * extent.height))
+    scale = 1.0 if is_level else min(1.0, height / text_width, width / text_height)
     if scale * NAME_SIZE >= _LEAST_SIZE:
         axes.text(
             start_s + 0.5 * duration_s,
@@ -239,7 +240,7 @@ def _draw_parts(figure: FigureBase, parts: Sequence[Part], origin_ns: int, up: A
                 axes.plot([], [], color=colour, label=f"{part.name}: {times} s")
         places = [strip for part in drawn_parts for strip in (part.label_m[None], *part.outline)]
         places += [
-            part.label_m + _ABOUT_VERTEX * (part.mesh.vertices - part.label_m)
+            part.label_m + _VERTEX_VIEW * (part.mesh.vertices - part.label_m)
             for part in drawn_parts
             if not part.outline  # a vertex
         ]

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from contact_tracker.tracking.segmentation import Segmentation
 
 Append = Callable[[Iterable[Any]], None]
-_TOGETHER: Final = 256
+_LEAST_ROWS: Final = 256
 """Least number of rows of Parquet that are written at a time."""
 
 
@@ -103,7 +103,7 @@ def open_rows(
 
                 def append_together(entries: Iterable[Any]) -> None:
                     waiting.extend(entries)
-                    if len(waiting) >= _TOGETHER:
+                    if len(waiting) >= _LEAST_ROWS:
                         write(columns_of(rows, waiting))
                         waiting.clear()
 

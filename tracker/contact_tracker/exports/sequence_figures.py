@@ -34,7 +34,7 @@ _RIBBONS: Final = ((1.0, 1.25), (0.0, 0.25))
 
 @PLAIN_TEXT
 def draw_comparison(comparison: Comparison) -> Figure:
-    """Two ribbons of contacts, with a band between the segments of each step, coloured by what differs."""
+    """Two ribbons of contacts, with a band between the segments of each step, coloured by its verdict."""
     figure, axes = pyplot.subplots(figsize=(10.0, 3.2), layout="constrained")
     takes = [steps_of(take) for take in comparison.takes]
     axes.set(xlim=(0.0, max(steps[-1].end_s for steps in takes)), ylim=(-0.02, 1.27), xlabel="time (s)")

@@ -36,12 +36,10 @@ def noise_text(report: Report) -> str:
     )
     if not nominal.estimated:
         return f"{per_pose} (as given), {per_tick}{f', {lasting}' if lasts else ''}"
-    if not report.is_decided:  # the motion does not show what averaging leaves, so a tick's noise is a prior
-        cut_short = "the part that was looked at does not tell"
-        return (
-            f"{per_pose}; {cut_short if report.is_cut_short else 'too little motion to tell'} what averaging "
-            f"leaves of it: {per_tick}{f' and {lasting}' if lasts else ''} are assumed (set it by --noise)"
-        )
+    if not report.is_decided:  # the motion does not determine the noise of a tick, so it is a prior
+        cause = "too short a part was read" if report.is_cut_short else "there is too little motion"
+        assumed = f"{per_tick}{f' and {lasting}' if lasts else ''} are assumed (set it by --noise)"
+        return f"{per_pose}; {cause} to estimate the noise of ticks: {assumed}"
     origin = ""
     if used.estimate_share < nominal.estimate_share:
         origin = " (chosen by the evidence; poses differ by motion, too)"
@@ -112,7 +110,7 @@ def summary_lines(summary: RecordingSummary, reports: Reports) -> Iterator[str]:
     if summary.more_sources:
         yield f"more than {len(summary.sources)} sources of poses: the others are not shown"
     if sum(1 for source in summary.sources if source.poses) > len(reports):
-        yield "what the tracker adapts to is shown of the first sources: choose with --topic or --frame"
+        yield "the tracker's adaptation is shown for the first sources only: choose with --topic or --frame"
     poses = {source.source.topic for source in summary.sources}
     for (topic, type_name, encoding), count in sorted(summary.topics.items()):
         if topic not in poses:

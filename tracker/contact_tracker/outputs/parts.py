@@ -1,8 +1,8 @@
 """The known parts of the object and its surroundings, as all outputs draw them.
 
-Known bodies are drawn whole. Of an element of no known body its touched region is drawn: a patch of a face, a
-segment of an edge, or a vertex. Where the touching element is extended, as a face on a face, the region is as
-large as the object.
+Known bodies are drawn whole, other elements only where they were touched: a patch of a face, a segment of an
+edge, or a vertex. If the touching element is extended, as a face on a face, this region is as large as the
+object.
 """
 
 from collections.abc import Hashable, Iterable, Iterator, Sequence

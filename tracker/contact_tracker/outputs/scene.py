@@ -27,6 +27,7 @@ SIGMAS: Final = 2.0
 _ROUND: Final = np.linspace(0.0, 2.0 * np.pi, 36, endpoint=False)
 FEW: Final = _ROUND[::4]
 SQUARE: Final = 0.25 * np.pi + np.linspace(0.0, 2.0 * np.pi, 4, endpoint=False)
+"""Angles (rad) of the corners of a square section; ``FEW`` and ``_ROUND``: of a round one."""
 _CORNER: Final = np.sqrt(2.0)
 """Distance of a square's corners from its middle, relative to half its side."""
 _ROD: Final = 0.04
@@ -36,6 +37,7 @@ _RIM: Final = 0.02
 _NEEDLE: Final = 0.01
 _SPOKES: Final = 3
 _WIDEST: Final = 1.0
+"""Largest width of an uncertainty, and above it other dimensions, relative to the drawn half size."""
 
 
 class Mesh(NamedTuple):
@@ -371,7 +373,7 @@ _ABOVE: Final = 2.2
 """Distances of the eye behind and above the object, in radii of the object."""
 _AHEAD: Final = np.array([0.2, 1.0, 0.1])
 """Direction in the world; the view is along the nearest level direction."""
-_ALIKE: Final = np.cos(np.radians(10.0))
+_LEAST_COSINE: Final = np.cos(np.radians(10.0))
 
 
 Eye = tuple[Array, Array]
@@ -407,7 +409,7 @@ class Upward:
         sign = side(geometry.environment, centres, self._extent.radius_m)
         sign = sign or (1.0 if normal @ previous >= 0.0 else -1.0)
         self._sum = self._sum + 1e-9 * lasted_ns * sign * normal
-        return not previous @ self.direction > _ALIKE
+        return not previous @ self.direction > _LEAST_COSINE
 
     @property
     def direction(self) -> Array:

@@ -35,7 +35,7 @@ _SPAN: Final[tuple[tuple[str, str, Kind], ...]] = (
     ("start", "_s", "number"),
     ("end", "_s", "number"),
 )
-_APART: Final = ("shift_mm", "shift_sd_mm", "turn_deg", "turn_sd_deg")
+_DISTANCES: Final = ("shift_mm", "shift_sd_mm", "turn_deg", "turn_sd_deg")
 COLUMNS: Final[dict[str, Kind]] = {
     "verdict": "text",
     "probability": "number",
@@ -43,7 +43,7 @@ COLUMNS: Final[dict[str, Kind]] = {
     "longer_s": "number",
     "longer_sd_s": "number",
     "moved": "text",
-    **{f"{side}_{name}": "number" for side in ("object", "surroundings") for name in _APART},
+    **{f"{side}_{name}": "number" for side in ("object", "surroundings") for name in _DISTANCES},
 }
 """Columns of the rows in CSV, JSON and DataFrames, with their kinds."""
 
@@ -177,7 +177,7 @@ def compare_outcomes(first: Outcome, second: Outcome, tolerance: float = TOLERAN
     for name, is_same in zip(("object", "surroundings"), is_compared, strict=True):
         if not is_same:
             notes.append(
-                f"nothing that touched of the {name} is where it was: are they other ones, or have frames "
+                f"no touched element of the {name} is where it was: do they differ, or have frames "
                 "moved? Places are not compared"
             )
     steps = []

@@ -50,7 +50,7 @@ EVENTS: Final = "events"
 
 NOTHING: Final = (EMPTY,) * 4
 OPACITY: Final = (1.0, 0.15, 1.0, 0.2)
-"""Opacity of the four meshes of a ``Drawing``."""
+"""Opacities of the four meshes of a ``Drawing``; ``NOTHING`` are empty meshes."""
 SHEET: Final = 0.55
 """Opacity of faces of the surroundings; it leaves objects below visible."""
 _ROWS: Final = 1000
@@ -65,10 +65,10 @@ _VERTEX_UI: Final = 3.5
 _LEGEND: Final = """\
 - **white, round**: the object's element; a wheel is a face, a rod an edge, a ball a vertex
 - **coloured, square**: what it touches, in the colour of the contact; a sheet, a bar, a cube
-- **faint, with an outline**: what is known so far, named under the pointer: bodies, and what was touched
+- **faint, with an outline**: known bodies and touched parts of elements; the pointer shows their names
 - **grey arrow**: `live --suggest`, the most informative small motion: along it, or about it by the arc
-- **translucent**: two standard deviations; **a thin needle**: not known along it
-- **e-f 0.97 or v-f**: the object's edge on a face, its probability; the motion does not tell v-f from it
+- **translucent**: two standard deviations; **thin needle**: position along it unknown
+- **e-f 0.97 or v-f**: the object's edge on a face, and its probability; v-f fits the motion as well
 """
 
 
@@ -390,7 +390,7 @@ def _blueprint(
         eye_controls=controls,
         overrides={TRAIL: rrb.VisibleTimeRanges(rr.VisibleTimeRange(TIMELINE, _recent(TRAIL_S)))},
     )
-    legend = rrb.TextDocumentView(origin=LEGEND, name="What is what")
+    legend = rrb.TextDocumentView(origin=LEGEND, name="Legend")
     left_column = rrb.Vertical(space, legend, events, row_shares=[18, 5, 5])
     return rrb.Blueprint(
         rrb.Horizontal(left_column, over_time, column_shares=[11, 9]),
