@@ -159,8 +159,8 @@ def test_nothing_outside_of_a_folder_on_the_web_is_read(address, folder) -> None
 
 def test_tokens_of_urls_are_left_out() -> None:
     secret = "https://me:pw@host:8/a/b.mcap?token=T&x=a/b#f"
-    assert remote.shown(secret) == "https://host:8/a/b.mcap"
-    assert remote.shown("s3://key:secret@bucket/a#1.mcap") == "s3://bucket/a#1.mcap"
+    assert remote.display_name(secret) == "https://host:8/a/b.mcap"
+    assert remote.display_name("s3://key:secret@bucket/a#1.mcap") == "s3://bucket/a#1.mcap"
     text = f"403, url='{secret}' and (abfs://x?sig=S)"
     assert remote.without_secrets(text) == "403, url='https://host:8/a/b.mcap' and (abfs://x"
-    assert remote.shown("/a/b?c.mcap") == "/a/b?c.mcap"
+    assert remote.display_name("/a/b?c.mcap") == "/a/b?c.mcap"

@@ -335,7 +335,7 @@ def segment(
         notes += warnings
         if load:
             log_text(load)
-    with _shown(progress, len(poses)) as set_done:
+    with _progress_function(progress, len(poses)) as set_done:
         outcome = segmented(poses, parameters, known_map, evidence, progress=set_done, notes=notes)
     result = Result(**vars(outcome))
     warn_of(result.own_warnings)
@@ -345,7 +345,7 @@ def segment(
 
 
 @contextmanager
-def _shown(progress: Progress | bool | None, total: int) -> Iterator[Progress | None]:
+def _progress_function(progress: Progress | bool | None, total: int) -> Iterator[Progress | None]:
     """Give the function that is called with the number of processed poses; for True it shows a bar on
     stderr."""
     if progress is not True:

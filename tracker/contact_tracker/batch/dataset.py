@@ -19,7 +19,7 @@ from typing import IO, Any, Final, NamedTuple, Self
 import contact_tracker.errors as errors
 from contact_tracker.batch import remote, segmenting
 from contact_tracker.batch.finding import Recording
-from contact_tracker.batch.segmenting import SUMMARY_COLUMNS, Answer, Content, Row, Settings, shown
+from contact_tracker.batch.segmenting import SUMMARY_COLUMNS, Answer, Content, Row, Settings, row_name
 from contact_tracker.errors import StateError, UsageError
 from contact_tracker.exports.columns import Kind
 from contact_tracker.exports.parquet import read_rows, require_kind, write_merged
@@ -69,7 +69,7 @@ class Dataset:
 
     def content_of(self, name: str, settings: Settings) -> Content | None:
         """Content from which a recording's result was made, if the dataset has one for these settings."""
-        key = shown(name)
+        key = row_name(name)
         entry = self._entries.get(key)
         if entry is None or entry.content_hash is None or entry.settings_hash != settings.settings_hash:
             return None
@@ -86,11 +86,11 @@ class Dataset:
 
     def exit_code(self, name: str) -> int:
         """Exit code of a recording with a result."""
-        return self._entries[shown(name)].exit_code
+        return self._entries[row_name(name)].exit_code
 
     def record(self, answer: Answer) -> None:
         """Append an answer to the journal, and save at intervals."""
-        line = {"recording": shown(answer.name), "signature": answer.signature, "row": answer.row}
+        line = {"recording": row_name(answer.name), "signature": answer.signature, "row": answer.row}
         self._add(line)  # first: if an interrupt comes between, saving still writes the answer
         self._journal.write(json.dumps(line).encode() + b"\n")
         self._journal.flush()
@@ -288,7 +288,7 @@ class Batch:
         self.bad += code not in (errors.DONE, errors.DAMAGED)
         if code != errors.DONE and new is None:
             column = "damage" if is_damaged else "error"
-            self.report(f"{shown(name)}: as before: see the column {column} of the summary")
+            self.report(f"{row_name(name)}: as before: see the column {column} of the summary")
         elif code != errors.DONE and new is not None:
             self.report(new["error"] or f"{new['recording']}: {new['damage']}")
         lines = [] if new is None else (new["warnings"] or "").splitlines()

@@ -82,7 +82,7 @@ def find(names: Iterable[str]) -> Iterator[Recording]:
     """
     first_names = dict[str, str]()
     for recording in chain.from_iterable(map(_recordings_at, names)):
-        label = remote.shown(recording.name)
+        label = remote.display_name(recording.name)
         first_name = first_names.setdefault(label, recording.name)
         if first_name is recording.name:
             yield recording
@@ -98,7 +98,7 @@ def _recordings_at(name: str) -> Iterator[Recording]:
             return
         inside = _require_recordings(name, files)
         for recording, parts in inside.items():
-            yield Recording(recording, remote.joined(files[part] for part in parts), name)
+            yield Recording(recording, remote.combined_signature(files[part] for part in parts), name)
     else:
         yield from (Recording(path, signature_of(path)) for path in recordings_in(os.path.abspath(name)))
 
@@ -115,7 +115,7 @@ def _require_recordings(folder: str, files: Collection[str]) -> dict[str, Sequen
     if not inside:
         remedy = f"; name its tables, as {pattern_beside(tables[0])}" if tables else ""
         raise UnreadableRecording(
-            f"{remote.shown(folder)}: this folder holds no recording ({', '.join(SUFFIXES)}){remedy}"
+            f"{remote.display_name(folder)}: this folder holds no recording ({', '.join(SUFFIXES)}){remedy}"
         )
     return inside
 
@@ -127,7 +127,7 @@ def _tables_among(files: Iterable[str]) -> list[str]:
 def pattern_beside(table: str) -> str:
     """A shell's pattern for the files beside a table with its suffix; a URL as it is, as it is no pattern."""
     if remote.is_remote(table):
-        return shlex.quote(remote.shown(table))
+        return shlex.quote(remote.display_name(table))
     folder, name = os.path.split(table)
     return shlex.quote(os.path.join(escape(folder), f"*{os.path.splitext(name)[1]}"))
 

@@ -56,7 +56,7 @@ def without_secrets(text: str) -> str:
     return _SECRET.sub(r"\1\2\3\4", text)
 
 
-def shown(name: str) -> str:
+def display_name(name: str) -> str:
     """The name of a recording in messages and datasets, without secrets."""
     return without_secrets(name) if is_remote(name) else name
 
@@ -88,10 +88,10 @@ def signature_of(url: str, within: str | None = None) -> str:
             for name, signature in _files_in(filesystem, path).items()
             if name.count("/") == depth
         }
-        return joined(files[name] for name in sorted(files))
+        return combined_signature(files[name] for name in sorted(files))
 
 
-def joined(signatures: Iterable[str]) -> str:
+def combined_signature(signatures: Iterable[str]) -> str:
     """The signature of several files; empty if one of theirs is empty."""
     parts = list(signatures)
     return " ".join(parts) if all(parts) else ""

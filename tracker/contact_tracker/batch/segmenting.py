@@ -76,17 +76,17 @@ SUMMARY_COLUMNS: Final[dict[str, Kind]] = {
 }
 
 
-def shown(name: str) -> str:
+def row_name(name: str) -> str:
     """The name of a recording as valid text for the column ``recording``; a URL without its query, which may
     have a token."""
-    return remote.shown(name).encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
+    return remote.display_name(name).encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
 
 
 def file_of(name: str) -> str:
     """The path of a recording's Parquet files, below the folders ``segments`` and ``ticks``."""
     import hashlib
 
-    digits = hashlib.blake2b(shown(name).encode(), digest_size=16).hexdigest()
+    digits = hashlib.blake2b(row_name(name).encode(), digest_size=16).hexdigest()
     return str(PurePosixPath(digits[:2], f"{digits[2:]}.parquet"))
 
 
@@ -137,7 +137,7 @@ def count(segments: Iterable[Segment], cells: Row) -> None:
 def base(name: str, settings: Settings) -> Row:
     """A row with the recording and settings only."""
     return dict.fromkeys(SUMMARY_COLUMNS) | {
-        "recording": shown(name),
+        "recording": row_name(name),
         "exit_code": errors.DONE,
         "model": settings.model.name,
         "model_hash": settings.model_hash,
@@ -187,7 +187,7 @@ def segment_recording(
             with remote.local_copy(name, within) as copy:
                 answer = _answer(name, copy, signature, previous, settings, Path(folder))
         if _signature_of(name, within) != signature:
-            raise UnreadableRecording(f"{remote.shown(name)}: it changed while it was read")
+            raise UnreadableRecording(f"{remote.display_name(name)}: it changed while it was read")
     except ContactTrackerError as error:
         answer = Answer(name, "", failure(name, settings, _code(error), str(error), None))
     if answer.row is not None and answer.row["segments_bytes"] is None:
@@ -228,7 +228,7 @@ def _answer(
         place = f"{os.path.basename(frame.filename)}:{frame.lineno}"
         text = f"this should not happen, please report it: {type(error).__name__}: {error} ({place})"
         code, is_lasting = errors.UNEXPECTED, True
-    label = remote.shown(name)
+    label = remote.display_name(name)
     text = text.replace(path, label)
     text = text if label in text else f"{label}: {text}"
     row = failure(name, settings, code, text, content_hash if is_lasting else None)
@@ -244,7 +244,7 @@ def _segmented(name: str, path: str, settings: Settings, folder: Path) -> Row:
         evidence, _, unused = recorded_evidence(path, topic, poses, model, known_map, mass_kg)
     log = _open(path, settings)
     tracker = OfflineTracker(model, known_map, wrenches=evidence, read_as=log.source.read_as)
-    cells, ticks, file, recording = dict(NO_SEGMENTS), 0, file_of(name), shown(name)
+    cells, ticks, file, recording = dict(NO_SEGMENTS), 0, file_of(name), row_name(name)
     targets: list[Rows] = ["segments", "ticks"] if settings.with_ticks else ["segments"]
     with ExitStack() as stack:
         appends = {}

@@ -61,7 +61,7 @@ def solid(is_round: bool, element: Element, centre: Array, half_m: float) -> Mes
             section = np.cos(around) * out[:, None] + np.sin(around) * normal
             rim = _mesh(centre + (half_m - thick) * out[:, None] + thick * section)
             ways = circle(normal, np.pi * np.arange(_SPOKES) / _SPOKES)
-            return joined([rim, *(rod(way, centre, half_m, 0.5 * thick, FEW) for way in ways)])
+            return join([rim, *(rod(way, centre, half_m, 0.5 * thick, FEW) for way in ways)])
         case Plane(normal):
             return _mesh(_disc(normal, centre, half_m, 2, SQUARE))
         case Line(direction) if is_round:
@@ -84,7 +84,7 @@ def uncertainty(element: Element, centre: Array, half_m: float, angles: Array = 
         case Plane(normal):
             disc = _disc(normal, centre, half_m, 5, angles)
             shift = np.minimum(SIGMAS * distance_sd_m(element, disc), widest)[..., None] * normal
-            return joined((_mesh(disc + shift), _mesh(disc - shift)))
+            return join((_mesh(disc + shift), _mesh(disc - shift)))
         case Line(direction):
             along, basis = np.linspace(-half_m, half_m, 7), across(direction)
             dd, dp, pp = covariance[:3, :3], covariance[:3, 3:], covariance[3:, 3:]
@@ -186,7 +186,7 @@ def _faceted(mesh: Mesh) -> Mesh:
     return Mesh(corners, apart.astype(np.uint32), _normals(corners.astype(float), apart))
 
 
-def joined(meshes: Sequence[Mesh]) -> Mesh:
+def join(meshes: Sequence[Mesh]) -> Mesh:
     """Several meshes as one."""
     starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])[:-1]
     shifted = [mesh.triangles + np.uint32(start) for mesh, start in zip(meshes, starts, strict=True)]
@@ -253,7 +253,7 @@ def draw_all(
         return None
     drawings = [draw(geometry, poses, extent, up) for geometry in geometries]
     meshes = zip(*(drawing.meshes for drawing in drawings), strict=True)
-    return drawings[0]._replace(meshes=tuple(map(joined, meshes)))
+    return drawings[0]._replace(meshes=tuple(map(join, meshes)))
 
 
 def draw(geometry: ContactGeometry, poses: Poses, extent: Extent, up: Array = UP) -> Drawing:

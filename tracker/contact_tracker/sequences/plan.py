@@ -36,10 +36,10 @@ STAGE_S: Final = 0.1
 """Least duration of a stage: that of a usual tick. Shorter stages add nothing, and take up to 55 ms per
 tick."""
 PARTS_PER_STAGE: Final = 4
-"""Least number of time steps per stage: deviations of durations are then at least 0.87 of the planned
+"""Least number of integrated parts per stage: deviations of durations are then at least 0.87 of the planned
 ones."""
 _MOST_PARTS: Final = 1000
-"""Largest number of time steps for a tick: it is exceeded by gaps over 25 s, after which any step may
+"""Largest number of integrated parts per tick: it is exceeded by gaps over 25 s, after which any step may
 hold."""
 _USUAL_S: Final = 5.0
 """Duration of steps if none has one: the mean of 47 steps in nine takes (tests/benchmarks/takes.py)."""
@@ -226,7 +226,7 @@ class PlanFollower:
     def _advance(self, tick_s: float, leaves: float) -> None:
         """Predict the weights after ``tick_s``; a share ``leaves`` of them leaves the plan.
 
-        Time passes in steps that are short compared to stages, with one transition each at most. Mean
+        Time is integrated in parts that are short compared to stages, with one transition each at most. Mean
         durations are exact.
         """
         parts = int(min(max(ceil(PARTS_PER_STAGE * tick_s / self._stage_s.min()), 1), _MOST_PARTS))

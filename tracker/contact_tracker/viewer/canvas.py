@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from contact_tracker.geometry.elements import Array, ContactGeometry
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.outputs.parts import Part
-from contact_tracker.outputs.scene import EMPTY, GREY, OBJECT, Drawing, Eye, Mesh, circle, joined
+from contact_tracker.outputs.scene import EMPTY, GREY, OBJECT, Drawing, Eye, Mesh, circle, join
 from contact_tracker.outputs.text import COLOUR, COLOURS, OPEN_OFFSET, Colour, alternatives, describe
 from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking.belief import FurtherContact
@@ -116,8 +116,8 @@ class Canvas:
         self._static(LEGEND, rr.TextDocument(_LEGEND, media_type=rr.MediaType.MARKDOWN))
         self.most_further = 0
         self._labelled: set[str] = set()
-        self._named: list[str] = []
-        self._shown: dict[str, str | None] = {}
+        self._state_names: list[str] = []
+        self._last_texts: dict[str, str | None] = {}
 
     def pose(self, pose: Pose) -> None:
         """Draw one pose, with the least cost per row."""
@@ -136,7 +136,7 @@ class Canvas:
             self._set_time(stamp_ns)
         for side, entity in enumerate(KNOWN):
             drawn, colour = [part for part in parts if part.side == side], _KNOWN[side]
-            mesh = joined([EMPTY, *(part.mesh for part in drawn)])
+            mesh = join([EMPTY, *(part.mesh for part in drawn)])
             faces = rr.Mesh3D(
                 vertex_positions=mesh.vertices,
                 triangle_indices=mesh.triangles,
@@ -181,9 +181,9 @@ class Canvas:
 
     def _texts(self, entity: str, stamp_ns: Stamps, texts: Sequence[str]) -> None:
         """The text of a state from each stamp on, written where it changes."""
-        previous = [self._shown.get(entity), *texts]
+        previous = [self._last_texts.get(entity), *texts]
         changes = [i for i, text in enumerate(texts) if text != previous[i]]
-        self._shown[entity] = previous[-1]
+        self._last_texts[entity] = previous[-1]
         self._send(entity, stamp_ns[changes], rr.StateChange.columns, state=[texts[i] for i in changes])
 
     def further(self, stamp_ns: Stamps, held: Sequence[Sequence[FurtherContact | None]]) -> None:
@@ -209,10 +209,10 @@ class Canvas:
     def inseparable(self, stamp_ns: Stamps, contacts: Sequence[Sequence[Contact]]) -> None:
         """The contacts that the motion does not distinguish from the label, from each stamp on."""
         texts = [f"or {alternatives(states)}" if states else "" for states in contacts]
-        new = sorted({text for text in texts if text} - set(self._named))
+        new = sorted({text for text in texts if text} - set(self._state_names))
         if new:
-            self._named += new
-            names, greys = self._named, [GREY] * len(self._named)
+            self._state_names += new
+            names, greys = self._state_names, [GREY] * len(self._state_names)
             self._static(INSEPARABLE, rr.StateConfiguration(values=names, labels=names, colors=greys))
         self._texts(INSEPARABLE, stamp_ns, texts)
 
