@@ -64,7 +64,7 @@ _VERTEX_UI: Final = 3.5
 
 _LEGEND: Final = """\
 - **white, round**: the object's element; a wheel is a face, a rod an edge, a ball a vertex
-- **coloured, square**: what it touches, in the colour of the contact; a sheet, a bar, a cube
+- **coloured, square**: the element it touches, in the colour of the contact; a sheet, a bar, a cube
 - **faint, with an outline**: known bodies and touched parts of elements; the pointer shows their names
 - **grey arrow**: `live --suggest`, the most informative small motion: along it, or about it by the arc
 - **translucent**: two standard deviations; **thin needle**: position along it unknown
