@@ -140,7 +140,7 @@ function draw3d(picture, { eye, up, shapes }) {
   }
 
   for (const name of new Set(shapes.map((shape) => shape.name))) {
-    const group = shapes.filter((shape) => shape.name === name), entry = legend.appendChild(document.createElement("li"));
+    const group = shapes.filter((s) => s.name === name), entry = legend.appendChild(document.createElement("li"));
     entry.textContent = name;
     entry.title = group[0].text;
     if (group[0].segments.length) entry.dataset.segments = group[0].segments.join(" ");
