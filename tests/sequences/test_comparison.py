@@ -97,7 +97,7 @@ def test_moved_surroundings_are_said_and_not_compared(first) -> None:
     with pytest.warns(ContactTrackerWarning, match="no touched element of the surroundings"):
         found = contact_tracker.compare(first, moved)
     assert Verdict.ELSEWHERE not in verdicts(found)
-    assert "warning: nothing" in str(found)
+    assert "warning: no touched element" in str(found)
 
 
 def test_a_moved_step_is_elsewhere_by_how_far(first) -> None:
