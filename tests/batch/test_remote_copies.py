@@ -83,7 +83,7 @@ def test_copies_of_recordings_in_stores_have_a_size_limit_and_leave_free_space(
 ) -> None:
     free = shutil.disk_usage(tmp_path).free
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    monkeypatch.setattr(remote, "_opened", lambda *_: (store, name))
+    monkeypatch.setattr(remote, "_open_store", lambda *_: (store, name))
     monkeypatch.setattr(remote, limit, {"MOST_BYTES": 20 * 2**20, "_LEFT_BYTES": free - 8 * 2**20}[limit])
     with pytest.raises(UnreadableRecording, match=words), remote.local_copy(f"endless://{name}"):
         pass
@@ -159,8 +159,8 @@ def test_nothing_outside_of_a_folder_on_the_web_is_read(address, folder) -> None
 
 def test_tokens_of_urls_are_left_out() -> None:
     secret = "https://me:pw@host:8/a/b.mcap?token=T&x=a/b#f"
-    assert remote.shown(secret) == "https://host:8/a/b.mcap"
-    assert remote.shown("s3://key:secret@bucket/a#1.mcap") == "s3://bucket/a#1.mcap"
+    assert remote.display_name(secret) == "https://host:8/a/b.mcap"
+    assert remote.display_name("s3://key:secret@bucket/a#1.mcap") == "s3://bucket/a#1.mcap"
     text = f"403, url='{secret}' and (abfs://x?sig=S)"
     assert remote.without_secrets(text) == "403, url='https://host:8/a/b.mcap' and (abfs://x"
-    assert remote.shown("/a/b?c.mcap") == "/a/b?c.mcap"
+    assert remote.display_name("/a/b?c.mcap") == "/a/b?c.mcap"

@@ -312,14 +312,14 @@ const devicePixelRatio = 1, addEventListener = () => {};
 
 @pytest.mark.skipif(shutil.which("node") is None, reason="no engine that runs the page's scripts")
 def test_the_pictures_of_a_report_are_drawn(folder) -> None:
-    """Also after each name has been clicked, which shows what was hidden and hides the rest. What the mouse
-    is on stands out in the pictures and the table."""
+    """Also after clicks on all names, which swap visible and hidden shapes. The contact under the mouse is
+    highlighted in the pictures and the table."""
     page = (folder / "out.html").read_text(encoding="utf-8")
     scripts = re.findall("<script>(.*?)</script>", page, re.DOTALL)
-    end = "const before = drawn.fill; names.forEach((one) => one.onclick());"
+    end = "const before = drawn.fill; names.forEach((entry) => entry.onclick());"
     end += "const after = drawn.fill; row.onmouseenter(); const more = [drawn.fill - after, drawn.rows];"
     end += "row.onmouseleave(); canvas.onpointermove({ offsetX: 1, offsetY: 1 });"
-    end += "console.log(JSON.stringify([before, after, names.map((one) => one.textContent), more]))"
+    end += "console.log(JSON.stringify([before, after, names.map((entry) => entry.textContent), more]))"
     program = "\n".join([PAGE_STUB, *scripts, end])
     done = subprocess.run(["node", "-"], input=program, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr

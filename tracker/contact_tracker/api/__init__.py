@@ -1,4 +1,4 @@
-"""The public functions and classes, which ``contact_tracker`` exports."""
+"""The public functions and classes of ``contact_tracker``."""
 
 from contact_tracker.api.learned_map import Map
 from contact_tracker.api.offline import Comparison, Result, compare, segment

@@ -1,4 +1,4 @@
-"""A map for users: of a file, or learned from a recording."""
+"""The map of the Python interface, read from a file or learned from a recording."""
 
 import os
 from collections.abc import Callable, Iterable, Mapping
@@ -15,10 +15,10 @@ from contact_tracker.trajectory.arguments import errors_as, path_from
 
 
 class Map(map.Map):
-    """Elements that the contacts of a recording have touched, for ``known`` with the next one of the same
-    object and place, and those with names that a file lists (docs/map.md).
+    """Elements that the contacts of a recording have touched, for ``known`` with a further recording of the
+    same object and place, and named elements that a file lists (docs/map.md).
 
-    ``learned`` is the Gaussian on all elements together that were touched.
+    ``learned`` is the joint Gaussian of the touched elements.
     """
 
     @classmethod
@@ -27,8 +27,8 @@ class Map(map.Map):
         return cls(**_fields(read_map(path_from(path))))
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write what was touched to a TOML file, atomically; raises OutputError, and UsageError for another
-        suffix, or if elements are listed, which their own file has."""
+        """Write the touched elements to a TOML file, atomically; raises OutputError, and UsageError for
+        another suffix, or if the map has listed elements, which are in their own file."""
         name = Path(path_from(path))
         if name.suffix.lower() != ".toml":
             raise UsageError(f"cannot write {name}: its name must end in .toml")
@@ -38,30 +38,30 @@ class Map(map.Map):
             write_learned(name, self.learned)
 
 
-def _fields(known: map.Map) -> dict[str, Any]:
-    return {one.name: getattr(known, one.name) for one in fields(known)}
+def _fields(source: map.Map) -> dict[str, Any]:
+    return {field.name: getattr(source, field.name) for field in fields(source)}
 
 
 Known = str | os.PathLike[str] | Mapping[str, Any] | map.Map | None
 
 
 def map_of(known: Known, note: Callable[[str], None], states: Iterable[str] | None = None) -> map.Map:
-    """The map from a TOML file, a table of the same keys, or a value; raises KnowledgeError.
+    """The map from a TOML file, a table of the same keys, or a map; raises KnowledgeError.
 
-    ``note`` is called with one line for each warning. ``states`` are the contacts that can occur; raises
-    UsageError.
+    ``note`` is called with one line per warning. ``states`` are the contacts that can occur; raises
+    UsageError if they are invalid.
     """
     if known is None:
-        found = map.EMPTY_MAP
+        known_map = map.EMPTY_MAP
     elif isinstance(known, map.Map):
-        found = map.Map(**_fields(known))
+        known_map = map.Map(**_fields(known))
     elif isinstance(known, Mapping):
-        found = map_from(known, Path(), note)
+        known_map = map_from(known, Path(), note)
     elif isinstance(known, str | os.PathLike):
-        found = read_map(path_from(known, "known"), note)
+        known_map = read_map(path_from(known, "known"), note)
     else:
         raise UsageError(f"known is a file, a table of its keys or a Map, not {repr(known)}")
     try:
-        return found if states is None else replace(found, states=states_from(states))
+        return known_map if states is None else replace(known_map, states=states_from(states))
     except (TypeError, ValueError) as error:
         raise UsageError(f"states: {error}") from error

@@ -1,4 +1,4 @@
-"""Segmentation of a whole trajectory, and two takes of one task compared."""
+"""Segmentation of a whole trajectory, and comparison of two takes of one task."""
 
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -55,57 +55,57 @@ if TYPE_CHECKING:
 
 Progress = Callable[[int], None]
 Labels = str | os.PathLike[str] | Any
-"""Your own labels: a file, or a table with named columns, such as a DataFrame."""
+"""The user's labels: a file, or a table with named columns, as a DataFrame."""
 
 
 class Result(Outcome):
-    """The segments of a trajectory and the belief of each tick, with what Python makes of them.
+    """The segments of a trajectory and the belief of each tick, with their outputs.
 
     ``trajectory`` has the poses, ``segmentation`` the segments and smoothed beliefs in columns, ``report``
-    the tracker's adaptation; ``with_wrenches``: measured wrenches decided as well as the motion.
+    the tracker's adaptation; ``with_wrenches``: measured wrenches were evidence, besides the motion.
     """
 
     @property
     def map(self) -> Map | None:
-        """What the contacts have touched, for ``known`` with the next recording; None where elements or
-        wrenches are given, or if no contact is sure enough."""
+        """The touched elements, for ``known`` with a further recording; None if elements or wrenches were
+        given, or if no contact is sure enough."""
         learned = None if self.learned_world is None else self.learned_world.learned
         return Map(learned=learned) if learned else None
 
     @property
     def parts(self) -> tuple[Part, ...]:
-        """All that is known of the object and its surroundings, as all outputs draw it."""
+        """The known parts of the object and its surroundings, as all outputs draw them."""
         return known_parts(self)
 
     def at(self, time: Any) -> Segment:
-        """The segment that holds at a time: seconds or a duration since the first pose, or a date; raises
-        UsageError outside of the recording."""
+        """The segment at a time: seconds or a duration since the first pose, or a date; raises UsageError
+        outside of the recording."""
         stamp_ns = moment_ns(time, self.origin_ns)
-        found = next((one for one in self.segments if one.start_ns <= stamp_ns <= one.end_ns), None)
-        if found is None:
-            raise UsageError(f"no segment at {time}: there are {self.trajectory.duration_s:.2f} s of poses")
-        return found
+        for segment in self.segments:
+            if segment.start_ns <= stamp_ns <= segment.end_ns:
+                return segment
+        raise UsageError(f"no segment at {time}: there are {self.trajectory.duration_s:.2f} s of poses")
 
     def task_frames(self, time: Any) -> list[TaskFrame]:
-        """What the contacts at a time (as in ``at``) constrain, for hybrid control of force and motion: a
-        frame for each contact whose elements are known, the labelled one first, and before these that of
-        the joint in which the object moves, if any."""
+        """The task frames of the contacts at a time (as in ``at``), for hybrid control of force and motion:
+        that of the joint in which the object moves, if any, then one per contact with known elements, the
+        labelled contact first."""
         segment, stamps_ns = self.at(time), self.trajectory.stamp_ns
         stamp_ns = moment_ns(time, self.origin_ns)
-        part = next(one for one in segment.parts if one.start_ns <= stamp_ns <= one.end_ns)
+        part = next(part for part in segment.parts if part.start_ns <= stamp_ns <= part.end_ns)
         contacts = [
             (segment.contact, segment.geometry),
-            *((one.contact, one.geometry) for one in part.further),
+            *((contact.contact, contact.geometry) for contact in part.further),
         ]
         row = int(np.abs(stamps_ns - stamp_ns).argmin())
         pose = T_world_body(self.trajectory.position_m[row], self.trajectory.quat_xyzw[row])
-        found = (task_frame(contact, where, pose) for contact, where in contacts if where is not None)
-        joint = [] if segment.joint is None else [segment.joint.task_frame]
-        return [*joint, *(frame for frame in found if frame is not None)]
+        joint = None if segment.joint is None else segment.joint.task_frame
+        frames = (task_frame(contact, pair, pose) for contact, pair in contacts if pair is not None)
+        return [frame for frame in (joint, *frames) if frame is not None]
 
     @property
     def graph(self) -> ContactGraph:
-        """The graph of contacts: those that occur, with their elements, and the transitions between them."""
+        """The graph of the contacts that occur, with their elements, and of the transitions between them."""
         return ContactGraph.of(self)
 
     @property
@@ -156,31 +156,31 @@ class Result(Outcome):
         self._write(path, overwrite, ".html")
 
     def to_rrd(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
-        """Write a file of the rerun viewer, which shows what ``show`` does; raises as ``to_parquet`` does."""
+        """Write a file for the rerun viewer with the content of ``show``; raises as ``to_parquet`` does."""
         self._write(path, overwrite, ".rrd")
 
     @with_known_arguments
     def save(self, path: str | os.PathLike[str], overwrite: bool = False, rows: Rows | None = None) -> None:
         """Write the output selected by the suffix of ``path``, like ``segment -o``, or ``.rrd``.
 
-        CSV, JSON lines and Parquet have an entry per tick or per segment, as ``rows`` says; by default CSV
-        per segment, the others per tick. A file ``.contacts`` has all of the result, for ``load``.
+        CSV, JSON lines and Parquet have an entry per tick or per segment (``rows``); by default CSV per
+        segment, the others per tick. A file ``.contacts`` has the complete result, for ``load``.
         """
         self._write(path, overwrite, *SUFFIXES, ".rrd", rows=rows)
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What the user has to know of the recording and of the labels, one line each."""
+        """One line per warning about the recording or the labels."""
         return tuple(map(python_words, super().warnings))
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """The warnings by which no label is certain, one line each."""
+        """One line per warning that makes all labels doubtful."""
         return tuple(map(python_words, super().doubts))
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Self:
-        """The result that ``save`` has written to a file ``.contacts``. No code in the file is run.
+        """Load a result from a file ``.contacts`` of ``save``. No code in the file is run.
 
         Raises
         ------
@@ -201,11 +201,11 @@ class Result(Outcome):
         labels: Labels | None = None,
         meanings: Mapping[str, str] | None = None,
     ) -> "Figure":
-        """A figure of matplotlib: segments and probabilities, drawn on ``ax`` if given, else with what is
-        known of the object and its surroundings below them.
+        """A figure of matplotlib: segments and probabilities, drawn on ``ax`` if given, else with the known
+        parts of the object and its surroundings below them.
 
         ``curves`` are the minima of the paper's objective functions over windows of 500 poses (its Fig. 5).
-        Your own ``labels`` (and their ``meanings``, as of ``evaluate``) are drawn instead of the truth in the
+        Your own ``labels`` (and their ``meanings``, as in ``evaluate``) are drawn instead of the truth in the
         recording.
         """
         from contact_tracker.exports.figure import Axes, Figure, draw_figure, draw_on
@@ -223,16 +223,14 @@ class Result(Outcome):
         return draw_figure(outcome, curves)
 
     def truth_by(self, labels: Labels, meanings: Mapping[str, str] | None) -> Truth:
-        """Your own labels as truth of the recording; parameters and errors as of ``evaluate``."""
+        """Your own labels as truth of the recording; parameters and errors as in ``evaluate``."""
         table = cells_of(labels) if is_table(labels) else path_from(labels, "labels")
         stamps = self.trajectory.stamp_ns
         return read_labels(table, int(stamps[0]), int(stamps[-1]), meanings)[0]
 
     def show(self, width: int = 1280, height: int = 720) -> "Viewer":
-        """The rerun viewer as a notebook's widget, ``width`` and ``height`` in pixels; raises MissingExtra.
-
-        It shows what ``contact-tracker view`` does.
-        """
+        """The rerun viewer of ``contact-tracker view`` as a notebook's widget, ``width`` and ``height`` in
+        pixels; raises MissingExtra."""
         sizes = (("width", width), ("height", height))
         width, height = (
             int(number_from(pixels, name, "of pixels", lambda count: count >= 1.0)) for name, pixels in sizes
@@ -256,7 +254,7 @@ class Result(Outcome):
         return summary_html(self)
 
     def _columns(self, rows: Rows) -> tuple[Columns, dict[str, Kind]]:
-        if rows not in ROWS:  # of a tuple, as the argument need not have a hash
+        if rows not in ROWS:  # a tuple, as the argument need not have a hash
             raise UsageError(f"rows are {' or '.join(map(repr, ROWS))}, not {rows!r}")
         return columns_of(rows, self.beliefs if rows == "ticks" else self.segments), COLUMNS[rows]
 
@@ -292,16 +290,16 @@ def segment(
     ----------
     trajectory : a ``Trajectory``, the path of a recording, or a table as for ``Trajectory.from_dataframe``.
     model : the name of a shipped model, a TOML file, or a loaded model.
-    known : a map: a TOML file (docs/map.md), a table of the same keys, or a ``Map``.
+    known : the map: a TOML file (docs/map.md), a table of the same keys, or a ``Map``.
     noise : standard deviations of a pose per axis, if known: ``"0.3mm,0.15deg"``, or a pair in metres and
         radians.
     wrench : the wrench of the hand or robot on the object, which decides between contacts that motion cannot
         distinguish: the topic in the recording, or ``Wrenches`` about the body's origin and in its axes.
-    mass_kg : of the object, if known; else estimated from free motion.
+    mass_kg : mass of the object, if known; else it is estimated from free motion.
     accuracy : standard deviations of the systematic errors of poses, as of calibration, in the form of
-        ``noise``. They do not show in the poses, and increase the deviations of elements.
-    states : the contacts that can occur, such as ``["f-f", "e-f"]`` (default: all); free motion always can.
-    progress : called with the number of poses that are done; True shows a bar on stderr.
+        ``noise``. They cannot be estimated from the poses, and increase the deviations of elements.
+    states : the contacts that can occur, as ``["f-f", "e-f"]`` (default: all); free motion always can.
+    progress : called with the number of processed poses; True shows a bar on stderr.
 
     Raises
     ------
@@ -310,8 +308,8 @@ def segment(
 
     Warns
     -----
-    ContactTrackerWarning : what ``contact-tracker segment`` warns of, once for this result;
-        ``Result.warnings`` has it all.
+    ContactTrackerWarning : the warnings of ``contact-tracker segment``, once for this result;
+        ``Result.warnings`` has them all.
     """
     if mass_kg is not None:
         if wrench is None:
@@ -319,7 +317,7 @@ def segment(
         mass_kg = number_from(mass_kg, "mass_kg", "above zero", lambda kg: kg > 0.0)
     if not (progress is None or isinstance(progress, bool) or callable(progress)):
         raise UsageError(f"progress is True, or a function that takes the number of poses, not {progress!r}")
-    given = model_from(model, noise, accuracy)
+    parameters = model_from(model, noise, accuracy)
     notes = list[str]()
     known_map = map_of(known, notes.append, states)
     if isinstance(trajectory, Trajectory):
@@ -333,12 +331,12 @@ def segment(
         raise UsageError(f"a trajectory is a Trajectory, the path of a recording or a DataFrame, not {kind}")
     evidence = None
     if wrench is not None:
-        evidence, load, warnings = _evidence_of(wrench, poses, given, known_map, mass_kg)
+        evidence, load, warnings = _evidence_of(wrench, poses, parameters, known_map, mass_kg)
         notes += warnings
         if load:
             log_text(load)
-    with _shown(progress, len(poses)) as told:
-        outcome = segmented(poses, given, known_map, evidence, progress=told, notes=notes)
+    with _progress_function(progress, len(poses)) as set_done:
+        outcome = segmented(poses, parameters, known_map, evidence, progress=set_done, notes=notes)
     result = Result(**vars(outcome))
     warn_of(result.own_warnings)
     outliers = result.segmentation.outliers
@@ -347,8 +345,9 @@ def segment(
 
 
 @contextmanager
-def _shown(progress: Progress | bool | None, total: int) -> Iterator[Progress | None]:
-    """What is called with the number of poses that are done; a bar on stderr for True."""
+def _progress_function(progress: Progress | bool | None, total: int) -> Iterator[Progress | None]:
+    """Give the function that is called with the number of processed poses; for True it shows a bar on
+    stderr."""
     if progress is not True:
         yield progress or None
         return
@@ -363,31 +362,31 @@ def _shown(progress: Progress | bool | None, total: int) -> Iterator[Progress | 
 
 
 def _evidence_of(
-    given: str | Wrenches, trajectory: Trajectory, model: Model, known_map: KnownMap, mass_kg: float | None
+    wrench: str | Wrenches, trajectory: Trajectory, model: Model, known_map: KnownMap, mass_kg: float | None
 ) -> RecordedEvidence:
-    if isinstance(given, Wrenches):
-        return evidence_as_given(given, "the wrench", trajectory.poses, model, known_map, mass_kg)
-    if not isinstance(given, str):
-        raise UsageError(f"wrench is a topic or contact_tracker.Wrenches, not {type(given).__name__}")
+    if isinstance(wrench, Wrenches):
+        return evidence_as_given(wrench, "the wrench", trajectory.poses, model, known_map, mass_kg)
+    if not isinstance(wrench, str):
+        raise UsageError(f"wrench is a topic or contact_tracker.Wrenches, not {type(wrench).__name__}")
     if trajectory.path is None or trajectory.source is None:
         raise UsageError(
             "wrench is a topic, but this trajectory is not from a recording that can be read again"
         )
     path, poses = trajectory.path, trajectory.poses
     with errors_as(UnreadableRecording, path):
-        found = read_wrenches(path, given, trajectory.source, poses, trajectory.by_log_time)
-    return evidence_of(found, given, poses, model, known_map, mass_kg)
+        wrenches = read_wrenches(path, wrench, trajectory.source, poses, trajectory.by_log_time)
+    return evidence_of(wrenches, wrench, poses, model, known_map, mass_kg)
 
 
 class Comparison(comparison.Comparison):
-    """Two takes, step by step, with what Python makes of them."""
+    """Two takes, step by step, with their outputs."""
 
     def to_pandas(self) -> "pandas.DataFrame":
         """A DataFrame of pandas with a row per step (docs/assembly.md); raises MissingExtra."""
         return to_pandas(self.columns, {**comparison.COLUMNS})
 
     def plot(self) -> "Figure":
-        """A figure of matplotlib: both takes, with the alignment between them."""
+        """A figure of matplotlib with both takes and their alignment."""
         from contact_tracker.exports.sequence_figures import draw_comparison
 
         return draw_comparison(self)
@@ -397,7 +396,7 @@ class Comparison(comparison.Comparison):
 
         Raises
         ------
-        UsageError : another suffix, or the existing file is a recording or one of the takes.
+        UsageError : the suffix is another one, or the existing file is a recording or one of the takes.
         OutputError : the file cannot be written.
         """
         from contact_tracker.exports.sequence_figures import write_comparison
@@ -416,7 +415,7 @@ def compare(first: Any, second: Any, tolerance: float = TOLERANCE) -> Comparison
 
     Parameters
     ----------
-    first, second : results of ``segment``, or what it takes; of one object in one place.
+    first, second : results of ``segment``, or its inputs, of the same object in the same place.
     tolerance : share of the longer duration by which a step may differ.
 
     Raises
@@ -426,10 +425,10 @@ def compare(first: Any, second: Any, tolerance: float = TOLERANCE) -> Comparison
 
     Warns
     -----
-    ContactTrackerWarning : places are not compared, as nothing that touched is where it was.
+    ContactTrackerWarning : places are not compared, as no element that touched is where it was.
     """
     tolerance = number_from(tolerance, "tolerance", "between 0 and 1", lambda share: 0.0 < share < 1.0)
-    one, other = (take if isinstance(take, Result) else segment(take) for take in (first, second))
-    found = compare_outcomes(one, other, tolerance)
-    warn_of(found.notes)
-    return Comparison(**vars(found))
+    takes = [take if isinstance(take, Result) else segment(take) for take in (first, second)]
+    result = compare_outcomes(takes[0], takes[1], tolerance)
+    warn_of(result.notes)
+    return Comparison(**vars(result))

@@ -27,8 +27,9 @@ from contact_tracker.trajectory.arguments import (
     with_known_arguments,
 )
 
-_ENOUGH: Final = 100
-"""Poses after which what is dropped of them is judged, and so often again while no tick is complete."""
+_CHECK_POSES: Final = 100
+"""Number of poses after which the dropped ones are judged, and again after as many while no tick is
+complete."""
 
 
 class Tracker:
@@ -36,8 +37,8 @@ class Tracker:
 
     Parameters
     ----------
-    model, known, noise, accuracy, states : as of ``segment``.
-    lag_s : delay of the beliefs (s), for which they are smoothed.
+    model, known, noise, accuracy, states : as in ``segment``.
+    lag_s : delay of the beliefs (s); they are smoothed with the poses up to then.
 
     Raises
     ------
@@ -45,8 +46,7 @@ class Tracker:
 
     Warns
     -----
-    ContactTrackerWarning : the map is doubtful; in ``update`` and ``finish``, the poses are. Of each stream,
-        once.
+    ContactTrackerWarning : the map is doubtful; in ``update`` and ``finish``: the poses are. Once per stream.
     """
 
     @with_known_arguments
@@ -59,13 +59,13 @@ class Tracker:
         accuracy: Deviations = None,
         states: Iterable[str] | None = None,
     ) -> None:
-        given, notes = model_from(model, noise, accuracy), list[str]()
-        most_s = given.search.window_s
+        parameters, notes = model_from(model, noise, accuracy), list[str]()
+        most_s = parameters.search.window_s
         lag_s = number_from(lag_s, "lag_s", f"from 0 to {most_s:g}", lambda lag_s: 0.0 <= lag_s <= most_s)
         self._notes = notes
-        self._tracker = tracker.Tracker.start(given, lag_s, map_of(known, notes.append, states))
+        self._tracker = tracker.Tracker.start(parameters, lag_s, map_of(known, notes.append, states))
         self._gate = PoseGate()
-        self._given = 0
+        self._arrived = 0
         self._restored: Path | None = None
         self._warned = set[str]()
         self._warn_of_news(notes)
@@ -77,9 +77,9 @@ class Tracker:
 
         Parameters
         ----------
-        stamp_ns : of the measurement, integer nanoseconds.
-        position_m : (3,) of the body's origin in the world (m).
-        quat_xyzw : (4,) from body to world.
+        stamp_ns : time of the measurement, integer nanoseconds.
+        position_m : (3,) position of the body's origin in the world (m).
+        quat_xyzw : (4,) rotation from body to world.
 
         Returns
         -------
@@ -91,23 +91,23 @@ class Tracker:
         InvalidPose : the stamp is not an integer, or there are not three and four numbers.
         """
         pose = _pose(stamp_ns, position_m, quat_xyzw)
-        self._given += 1
+        self._arrived += 1
         with continued(self._restored):
             beliefs = self._tracker.update(self._gate.arrive(pose))
-            if beliefs or self._given % _ENOUGH == 0:
+            if beliefs or self._arrived % _CHECK_POSES == 0:
                 self._warn_of_news(warnings(self._tracker.report_so_far))
-                if self._given >= _ENOUGH:
-                    self._warn_of_news(self._found_in_counts())
+                if self._arrived >= _CHECK_POSES:
+                    self._warn_of_news(self._count_warnings())
         return beliefs[-1] if beliefs else None
 
     def finish(self) -> list[Belief]:
         """End the stream; returns the beliefs of the last, partial tick and those delayed by the lag."""
         with continued(self._restored):
             beliefs = self._tracker.update(self._gate.end())
-            rest = self._tracker.finish()
+            delayed = self._tracker.finish()
             self._warn_of_news(self.warnings)
         log_counts("poses", self.counts)
-        return [*beliefs, *rest]
+        return [*beliefs, *delayed]
 
     @property
     def counts(self) -> Mapping[str, int]:
@@ -120,12 +120,12 @@ class Tracker:
     def warnings(self) -> tuple[str, ...]:
         """One line per warning so far."""
         with continued(self._restored):
-            return (*self._found_in_counts(), *self._notes, *warnings(self._tracker.report))
+            return (*self._count_warnings(), *self._notes, *warnings(self._tracker.report))
 
     @property
     def map(self) -> Map | None:
-        """What the contacts have touched so far, for ``known`` with another stream; None before anything
-        is sure enough."""
+        """The elements touched so far, for ``known`` with another stream; None before a contact is sure
+        enough."""
         with continued(self._restored):
             best = self._tracker.best
             learned = None if best is None else best.map.learned
@@ -133,8 +133,8 @@ class Tracker:
 
     @property
     def suggestions(self) -> tuple[InformativeMotion, ...]:
-        """The small motions that would tell the label from what the motion so far does not tell it from, the
-        most informative first; empty where nothing is open."""
+        """Small motions that would distinguish the label from contacts that fit the motion so far equally
+        well, the most informative first; empty if no contact is open."""
         with continued(self._restored):
             best = self._tracker.best
             return () if best is None else informative_motions(best)
@@ -143,11 +143,11 @@ class Tracker:
         """Save the state to a file, atomically; raises UsageError or OutputError."""
         name = path_from(path)
         with errors_as(OutputError, name):
-            save(Path(name), (self._tracker, self._gate, tuple(self._notes), self._given))
+            save(Path(name), (self._tracker, self._gate, tuple(self._notes), self._arrived))
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Self:
-        """A tracker from a saved state; it continues with bit-identical results. No code in the file is run.
+        """Load a tracker from a saved state; it continues with bit-identical results. No code in it is run.
 
         Raises
         ------
@@ -158,17 +158,17 @@ class Tracker:
         with errors_as(StateError, name):
             saved = load(Path(name))
         match saved:
-            case (tracker.Tracker() as state, PoseGate() as gate, tuple() as notes, int() as given):
+            case (tracker.Tracker() as state, PoseGate() as gate, tuple() as notes, int() as arrived):
                 restored = cls.__new__(cls)
                 restored._tracker, restored._gate, restored._notes = state, gate, [*map(str, notes)]
-                restored._given, restored._restored, restored._warned = given, Path(name), set()
+                restored._arrived, restored._restored, restored._warned = arrived, Path(name), set()
                 not_given(restored.warnings, restored._warned)
                 return restored
         raise StateError(f"{name}: it is no state of a tracker")
 
-    def _found_in_counts(self) -> Sequence[str]:
-        loss = remark_on_loss(self._gate.counts, self._given, self._gate.refused_xyzw)
-        return remarks_on(self._gate.counts, self._given) if loss is None else (loss,)
+    def _count_warnings(self) -> Sequence[str]:
+        loss = remark_on_loss(self._gate.counts, self._arrived, self._gate.refused_xyzw)
+        return remarks_on(self._gate.counts, self._arrived) if loss is None else (loss,)
 
     def _warn_of_news(self, texts: Iterable[str]) -> None:
         warn_of(not_given(texts, self._warned))

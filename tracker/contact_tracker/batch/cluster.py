@@ -12,9 +12,9 @@ from contact_tracker.processes import Jobs, answered
 from contact_tracker.version import __version__
 
 _CONNECT_S: Final = 15
-_LEAST: Final = 64
-_AHEAD: Final = 3
-"""Tasks per thread that are submitted at a time, at least ``_LEAST``, instead of all at once."""
+_LEAST_TASKS: Final = 64
+_TASKS_PER_THREAD: Final = 3
+"""Tasks per thread that are submitted at a time; at least ``_LEAST_TASKS`` in all."""
 
 
 @contextmanager
@@ -37,13 +37,14 @@ def dask_cluster(address: str) -> Iterator[Jobs]:
         except Exception as error:
             reason = " ".join(str(error).split())
             raise UsageError(f"a worker of {address} cannot import contact_tracker: {reason}") from error
-        if others := versions - {__version__}:
+        if mismatches := versions - {__version__}:
             raise UsageError(
-                f"a worker of {address} has contact-tracker {others.pop()}, this is {__version__}"
+                f"a worker of {address} has contact-tracker {mismatches.pop()}, this is {__version__}"
             )
-        pool, most = client.get_executor(pure=False), max(_LEAST, _AHEAD * sum(client.nthreads().values()))
+        pool, threads = client.get_executor(pure=False), sum(client.nthreads().values())
+        limit = max(_LEAST_TASKS, _TASKS_PER_THREAD * threads)
         try:
-            yield lambda function, jobs: answered(pool, function, iter(jobs), most, KilledWorker)
+            yield lambda function, jobs: answered(pool, function, iter(jobs), limit, KilledWorker)
         except CancelledError:
             lost = f"the scheduler at {address} is gone: run the same once more to go on"
             raise ContactTrackerError(lost) from None

@@ -1,9 +1,7 @@
 """The folder of a dataset: a file of segments per recording, and a summary of all (docs/batch.md).
 
 Answers are appended to a journal at once and merged into the summary at intervals, so that none is lost if
-the process is killed.
-
-In a run, the recordings without an up-to-date result get one.
+the process is killed. A run segments the recordings without an up-to-date result.
 """
 
 import json
@@ -20,8 +18,8 @@ from typing import IO, Any, Final, NamedTuple, Self
 
 import contact_tracker.errors as errors
 from contact_tracker.batch import remote, segmenting
-from contact_tracker.batch.finding import Found
-from contact_tracker.batch.segmenting import SUMMARY_COLUMNS, Answer, Known, Row, Settings, shown
+from contact_tracker.batch.finding import Recording
+from contact_tracker.batch.segmenting import SUMMARY_COLUMNS, Answer, Content, Row, Settings, row_name
 from contact_tracker.errors import StateError, UsageError
 from contact_tracker.exports.columns import Kind
 from contact_tracker.exports.parquet import read_rows, require_kind, write_merged
@@ -31,19 +29,19 @@ from contact_tracker.processes import Jobs
 FORMAT: Final = {"format": "contact-tracker batch", "format_version": 2}
 _NUMBER: Final = re.compile(r"\d[\d.]*(?:e[+-]?\d+)?")
 _KIND: Final = re.compile(r": | \(|; ")
-"""What ends the beginning of a warning, which is the same in all recordings."""
+"""End of the beginning of a warning, which is the same in all recordings."""
 _MARK: Final = "dataset.json"
 _SUMMARY: Final = "summary.parquet"
 _SIGNATURES: Final = "signatures.parquet"
 _JOURNAL: Final = "journal.jsonl"
 _SIGNATURE_COLUMNS: Final[dict[str, Kind]] = {"recording": "text", "signature": "text"}
 OWN_FILES: Final = (_MARK, _SUMMARY, _SIGNATURES, _JOURNAL)
-"""The files of a dataset beside those in its folders."""
+"""The files of a dataset outside of its folders."""
 _LINE_ERRORS: Final = (ValueError, TypeError, KeyError, AttributeError, RecursionError)
-"""Errors for a line of the journal that is not one of ours."""
+"""Errors in reading a line of the journal that is damaged or of another version."""
 _SAVE_EVERY_S: Final = 60.0
 _SAVE_SHARE: Final = 0.02
-"""Largest share of the time spent on merging."""
+"""Largest share of the run's time that is spent on merging."""
 
 
 class Entry(NamedTuple):
@@ -69,9 +67,9 @@ class Dataset:
         self._next_save_s = time.monotonic() + _SAVE_EVERY_S
         self._read()
 
-    def known(self, name: str, settings: Settings) -> Known | None:
-        """The content from which a recording's result was made, if it exists for these settings."""
-        key = shown(name)
+    def content_of(self, name: str, settings: Settings) -> Content | None:
+        """Content from which a recording's result was made, if the dataset has one for these settings."""
+        key = row_name(name)
         entry = self._entries.get(key)
         if entry is None or entry.content_hash is None or entry.settings_hash != settings.settings_hash:
             return None
@@ -88,12 +86,12 @@ class Dataset:
 
     def exit_code(self, name: str) -> int:
         """Exit code of a recording with a result."""
-        return self._entries[shown(name)].exit_code
+        return self._entries[row_name(name)].exit_code
 
     def record(self, answer: Answer) -> None:
         """Append an answer to the journal, and save at intervals."""
-        line = {"recording": shown(answer.name), "signature": answer.signature, "row": answer.row}
-        self._take(line)  # first: if an interrupt comes between, saving writes what was taken
+        line = {"recording": row_name(answer.name), "signature": answer.signature, "row": answer.row}
+        self._add(line)  # first: if an interrupt comes between, saving still writes the answer
         self._journal.write(json.dumps(line).encode() + b"\n")
         self._journal.flush()
         if time.monotonic() >= self._next_save_s:
@@ -104,15 +102,15 @@ class Dataset:
 
     def save(self) -> None:
         """Merge new answers into the summary."""
-        signatures = [{"recording": name, "signature": one} for name, one in self._new_signatures.items()]
-        for name, columns, some in (
+        signatures = [{"recording": name, "signature": text} for name, text in self._new_signatures.items()]
+        for name, columns, rows in (
             (_SUMMARY, SUMMARY_COLUMNS, [*self._new_rows.values()]),
             (_SIGNATURES, _SIGNATURE_COLUMNS, signatures),
         ):
             path = self.folder / name
-            if some or not path.exists():
+            if rows or not path.exists():
                 with whole_file(path) as temporary:
-                    write_merged(columns, path, some, "recording", temporary)
+                    write_merged(columns, path, rows, "recording", temporary)
         self._journal.truncate(0)
         self._new_rows.clear()
         self._new_signatures.clear()
@@ -120,20 +118,20 @@ class Dataset:
     def _read(self) -> None:
         names = ("recording", *Entry._fields)
         if (self.folder / _SUMMARY).exists():
-            known: dict[str, str] = {}  # settings repeat: share their text
+            hashes: dict[str, str] = {}  # settings repeat: share their text
             kinds = {name: SUMMARY_COLUMNS[name] for name in names}
-            for key, content, settings, *others in read_rows(self.folder / _SUMMARY, kinds):
-                self._entries[key] = Entry(content, known.setdefault(settings, settings), *others)
+            for key, content, settings, *numbers in read_rows(self.folder / _SUMMARY, kinds):
+                self._entries[key] = Entry(content, hashes.setdefault(settings, settings), *numbers)
         if (self.folder / _SIGNATURES).exists():
             self._signatures = dict(read_rows(self.folder / _SIGNATURES, _SIGNATURE_COLUMNS))
         for line in (self.folder / _JOURNAL).read_bytes().splitlines():
             with suppress(*_LINE_ERRORS):  # the last line may be incomplete
-                self._take(json.loads(line))
+                self._add(json.loads(line))
         if self._new_rows or self._new_signatures:
             self.save()
         self._journal.truncate(0)
 
-    def _take(self, line: dict[str, Any]) -> None:
+    def _add(self, line: dict[str, Any]) -> None:
         key, signature, row = str(line["recording"]), str(line["signature"]), line["row"]
         if row is not None:
             if row.keys() != SUMMARY_COLUMNS.keys():
@@ -209,7 +207,7 @@ def _lock(journal: IO[bytes], folder: Path) -> None:
         return
 
 
-_GIVEN_UP: Final = "the process that segmented it was ended, as happens where memory runs out"
+_ENDED: Final = "its process was ended, probably because memory ran out"
 
 
 @dataclass(eq=False)
@@ -221,10 +219,10 @@ class Batch:
     report : called with one line for each recording that cannot be used or is damaged.
     set_done : called with the number of recordings that are done.
     looks_at_content : whether to compare contents even if the signatures are equal.
-    done, unchanged : recordings with a new row, and those whose row is kept.
-    bad, damaged : of both, those without a result and those with a partial one.
-    warned : of the new ones, those with warnings.
-    warnings : of these, those with a warning of each kind: its beginning, without its numbers.
+    done, unchanged : numbers of recordings with a new row, and with an unchanged one.
+    bad, damaged : numbers of recordings without a result, and with a partial one.
+    warned : number of recordings with a new row that has warnings.
+    warnings : number of these by kind of warning: its beginning, without its numbers.
     """
 
     settings: Settings
@@ -244,9 +242,11 @@ class Batch:
         """Number of recordings."""
         return self.done + self.unchanged
 
-    def run(self, recordings: Iterable[Found], workers: Callable[[], AbstractContextManager[Jobs]]) -> Self:
-        """Make or keep the row of each of the ``recordings``; ``workers`` are opened if needed. Raises
-        ContactTrackerError without workers, OSError if the dataset cannot be written; answers are kept."""
+    def run(
+        self, recordings: Iterable[Recording], workers: Callable[[], AbstractContextManager[Jobs]]
+    ) -> Self:
+        """Update the row of each recording; ``workers`` are opened if needed. Raises ContactTrackerError if
+        workers are lost, OSError if the dataset cannot be written; answers up to then are saved."""
         jobs = self._jobs(recordings)
         first = next(jobs, None)
         if first is None:
@@ -254,32 +254,32 @@ class Batch:
         with workers() as call:
             for (name, *_), answer in call(segmenting.segment_recording, chain([first], jobs)):
                 if answer is None:
-                    error = f"{name}: {_GIVEN_UP}"
+                    error = f"{name}: {_ENDED}"
                     row = segmenting.failure(name, self.settings, errors.KILLED, error, None)
                     answer = Answer(name, "", row)
-                self._take(answer)
+                self._add(answer)
         return self
 
-    def _jobs(self, recordings: Iterable[Found]) -> Iterator[tuple[Any, ...]]:
+    def _jobs(self, recordings: Iterable[Recording]) -> Iterator[tuple[Any, ...]]:
         """The arguments of ``segment_recording`` for recordings that may have changed."""
         folder = str(self.dataset.folder)
-        for found in recordings:
-            known = self.dataset.known(found.name, self.settings)
-            if known is not None and self.looks_at_content:
-                known = "", known[1]
-            if not found.signature and not remote.is_remote(found.name):  # there is no readable file
-                self._take(segmenting.segment_recording(found.name, known, self.settings, folder))
-            elif known is not None and found.signature and known[0] == found.signature:
-                self._count(found.name, None)
+        for recording in recordings:
+            content = self.dataset.content_of(recording.name, self.settings)
+            if content is not None and self.looks_at_content:
+                content = "", content[1]
+            if not recording.signature and not remote.is_remote(recording.name):  # there is no readable file
+                self._add(segmenting.segment_recording(recording.name, content, self.settings, folder))
+            elif content is not None and recording.signature and content[0] == recording.signature:
+                self._count(recording.name, None)
             else:
-                yield found.name, known, self.settings, folder, found.within
+                yield recording.name, content, self.settings, folder, recording.within
 
-    def _take(self, answer: Answer) -> None:
+    def _add(self, answer: Answer) -> None:
         self.dataset.record(answer)
         self._count(answer.name, answer.row)
 
     def _count(self, name: str, new: Row | None) -> None:
-        """Count a recording with a ``new`` row, or an unchanged one, and report what is wrong with it."""
+        """Count a recording with a ``new`` row, or an unchanged one, and report its faults."""
         code = self.dataset.exit_code(name)
         is_damaged = code == errors.DAMAGED
         self.done += new is not None
@@ -288,7 +288,7 @@ class Batch:
         self.bad += code not in (errors.DONE, errors.DAMAGED)
         if code != errors.DONE and new is None:
             column = "damage" if is_damaged else "error"
-            self.report(f"{shown(name)}: as before: see the column {column} of the summary")
+            self.report(f"{row_name(name)}: as before: see the column {column} of the summary")
         elif code != errors.DONE and new is not None:
             self.report(new["error"] or f"{new['recording']}: {new['damage']}")
         lines = [] if new is None else (new["warnings"] or "").splitlines()

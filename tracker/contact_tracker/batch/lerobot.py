@@ -1,8 +1,8 @@
-"""LeRobot data sets (v2.1 and v3): their episodes as poses, and a copy with the contacts of each frame.
+"""LeRobot data sets (v2.1 and v3): the poses of their episodes, and a copy with the contacts of each frame.
 
 A data set is a folder with ``meta/info.json`` and Parquet files in ``data/``, whose rows are frames with an
-``episode_index`` and a ``timestamp`` (s). What is written back is what LeRobot calls subtasks
-(https://huggingface.co/docs/lerobot/dataset_subtask), and probabilities.
+``episode_index`` and a ``timestamp`` (s). The copy has LeRobot's subtasks
+(https://huggingface.co/docs/lerobot/dataset_subtask) and probabilities of contacts.
 """
 
 import json
@@ -40,20 +40,19 @@ INFO: Final = os.path.join("meta", "info.json")
 VERSIONS: Final = ("v2.0", "v2.1", "v3.0")
 SUBTASK, PROBABILITY = "subtask_index", "contact_probability"
 NAMES: Final = (*(state.value for state in STATES), "open", "unknown")
-"""Of the subtasks: a contact, ``open`` where the motion leaves it open, ``unknown`` in an episode that cannot
-be used."""
+"""Names of subtasks: a contact, ``open`` if the motion leaves it open, ``unknown`` in unusable episodes."""
 _MOST_BYTES: Final = 20_000_000
-"""Of ``info.json`` and ``stats.json``, which have some kilobytes."""
+"""Largest size of ``info.json`` and ``stats.json`` (bytes); real ones have some kilobytes."""
 _MOST_BYTES_OF_EPISODES: Final = 1_000_000_000
-"""Of ``episodes_stats.jsonl``, which has some kilobytes for each episode."""
+"""Largest size of ``episodes_stats.jsonl`` (bytes); real ones have some kilobytes per episode."""
 _QUANTILES: Final = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
 _WRENCH: Final = re.compile(r"([^\[\]]+)(?:\[(\d{1,4}):(\d{1,4})\])?")
-"""A feature, or some of its entries, as ``observation.state[7:13]``."""
+"""A feature, or a range of its entries, as ``observation.state[7:13]``."""
 _ERRORS: Final = (pyarrow.ArrowException, OSError, ValueError, KeyError)
 
 
 _Labels = tuple[NDArray[np.int64], NDArray[np.float32]]
-"""What is written of the frames of an episode: numbers of ``NAMES`` (N,), and probabilities (N, 7)."""
+"""Labels of the N frames of an episode: indices of ``NAMES`` (N,), and probabilities (N, 7)."""
 
 
 @dataclass(frozen=True)
@@ -62,10 +61,10 @@ class LeRobot:
 
     Parameters
     ----------
-    folder, info : its name, and the content of ``meta/info.json``.
+    folder, info : its path, and the content of ``meta/info.json``.
     files : the Parquet files of frames, relative to the folder.
-    reading : which entries of the features are the pose, and how angles are meant; by default they are found
-        by the names that ``info`` has for the entries of observations.
+    reading : the entries of features that are the pose, and the convention of angles; by default found by the
+        names of the entries of observations in ``info``.
     """
 
     folder: Path
@@ -79,13 +78,13 @@ class LeRobot:
 
         Parameters
         ----------
-        folder : on this machine.
+        folder : path of the data set.
         reading : ``columns``, ``unit``, ``euler``, ``rotation_vector`` and ``matrix``, as of
             ``contact_tracker.read``: ``columns={"position": "observation.state[0:3]", ...}``.
 
         Raises
         ------
-        UnreadableRecording : it is no data set of a known version.
+        UnreadableRecording : the folder is no data set of a known version.
         UsageError : an argument of the reading is invalid.
         """
         path = Path(folder)
@@ -108,14 +107,14 @@ class LeRobot:
             raise UsageError(f"{path}: {error}") from error
 
     def read_as(self, reading: TableReading) -> "LeRobot":
-        """The data set with another reading of the features; raises UsageError if that has a time, which is
-        ``timestamp``, in seconds."""
+        """The data set with another reading of the features; raises UsageError if the reading sets the time,
+        which is always ``timestamp``, in seconds."""
         if reading.time_unit is not None or "time" in dict(reading.columns):
             raise UsageError(f"{self.folder}: the time of a LeRobot data set is timestamp, in seconds")
         return replace(self, reading=reading)
 
     def episodes(self) -> Iterator[tuple[int, str]]:
-        """The number of each episode, and the file with its frames."""
+        """The number of each episode, with the file of its frames."""
         for file in self.files:
             for number in _read(self.folder / file, ["episode_index"])["episode_index"].unique().to_pylist():
                 yield int(number), file
@@ -125,7 +124,7 @@ class LeRobot:
 
         Raises
         ------
-        UsageError : there is no such episode, or it is not known which entries are the pose.
+        UsageError : the episode does not exist, or the entries of the pose are not known.
         InputError : a file cannot be read, or has no usable pose.
         """
         return self._trajectory(episode, self._file(episode))
@@ -135,13 +134,13 @@ class LeRobot:
 
         Parameters
         ----------
-        entries : a feature of six numbers, six entries of one, as ``observation.state[7:13]``, or several
-            with a comma between: force (N) and moment (N m) about the origin of the pose's frame, in its
-            axes.
+        entries : a feature, or a range of its entries, as ``observation.state[7:13]``, or several with commas
+            between, six numbers in all: force (N), and moment (N m) about the origin of the body frame, in
+            its axes.
 
         Raises
         ------
-        UsageError : there is no such episode, or no six such entries.
+        UsageError : the episode does not exist, or the entries are not six numbers.
         UnreadableRecording : a file cannot be read.
         """
         return self._wrenches(episode, self._file(episode), entries)
@@ -153,22 +152,22 @@ class LeRobot:
         raise UsageError(f"{self.folder}: there is no episode {episode}")
 
     def _wrench_parts(self, entries: str) -> list[tuple[str, slice]]:
-        """The features of a wrench and which of their numbers it has; raises UsageError."""
-        there, parts = self._observations(), [_WRENCH.fullmatch(part) for part in entries.split(",")]
-        if not all(match and match[1] in there for match in parts):
-            raise UsageError(f"{self.folder}: a wrench is in {', '.join(there) or 'none'}, not in {entries}")
-        found = [
+        """The features of a wrench, each with the slice of its numbers; raises UsageError."""
+        names, matches = self._observations(), [_WRENCH.fullmatch(part) for part in entries.split(",")]
+        if not all(match and match[1] in names for match in matches):
+            raise UsageError(f"{self.folder}: a wrench is in {', '.join(names) or 'none'}, not in {entries}")
+        parts = [
             (match[1], slice(int(match[2]), int(match[3])) if match[2] else slice(None))
-            for match in parts
+            for match in matches
             if match
         ]
-        many = sum(len(range(self.info["features"][name]["shape"][0])[span]) for name, span in found)
-        if many != 6:
+        count = sum(len(range(self.info["features"][name]["shape"][0])[span]) for name, span in parts)
+        if count != 6:
             raise UsageError(
-                f"{self.folder}: {entries} has {many} numbers: a wrench has six, force and moment, as "
+                f"{self.folder}: {entries} has {count} numbers: a wrench has six, force and moment, as "
                 "observation.state[7:13]"
             )
-        return found
+        return parts
 
     def _wrenches(self, episode: int, file: str, entries: str) -> Wrenches:
         """The wrenches of an episode in a file."""
@@ -210,13 +209,13 @@ class LeRobot:
         return replace(poses, name=f"{self.folder.name} episode {episode}")
 
     def _frames(self, episode: int, file: str, *features: str) -> Any:
-        """The table of an episode's frames with their ``timestamp`` and some features."""
+        """The table of an episode's frames, with ``timestamp`` and the named features."""
         columns = list(dict.fromkeys(["episode_index", "timestamp", *features]))
         frames = _read(self.folder / file, columns)
         return frames.filter(compute.equal(frames["episode_index"], episode))
 
     def _observations(self) -> list[str]:
-        """Features that are lists of numbers, without actions."""
+        """Names of the features that are observations and lists of numbers."""
         return [
             name
             for name, feature in self.info["features"].items()
@@ -239,24 +238,23 @@ class LeRobot:
         wrench: str | None = None,
         mass_kg: float | None = None,
     ) -> int:
-        """Write a copy of the data set into the new folder ``out`` with the contacts of each frame.
+        """Write a copy of the data set with the contacts of each frame into the new folder ``out``.
 
-        Of the copy, ``data`` has the columns ``subtask_index`` and ``contact_probability`` (7, in the order
-        of ``STATES``), ``meta/info.json`` these features, and ``meta/subtasks.parquet`` (v2: ``.jsonl``) the
-        names of the subtasks. Where ``meta`` has statistics of features, those of the new columns are beside
-        them.
-        An episode that cannot be used is reported, and ``unknown``. There is no folder after a failure.
-        ``wrench`` is as ``entries`` of ``wrenches``, ``mass_kg`` the mass of the object, if known.
+        The copy has the columns ``subtask_index`` and ``contact_probability`` (7, in the order of ``STATES``)
+        in ``data``, these features in ``meta/info.json``, the names of subtasks in ``meta/subtasks.parquet``
+        (v2: ``.jsonl``), and statistics of the new columns where ``meta`` has statistics. An unusable episode
+        is reported and ``unknown``. There is no folder after a failure. ``wrench`` is ``entries`` of
+        ``wrenches``, ``mass_kg`` the mass of the object, if known.
 
         Returns
         -------
-        The number of episodes that cannot be used.
+        The number of unusable episodes.
 
         Raises
         ------
-        UsageError : the folder is there already, or inside of the data set; or there is no such wrench.
+        UsageError : the folder exists or is inside the data set, or ``wrench`` is not in the data set.
         UnreadableRecording : there are no frames, or a file of frames or statistics cannot be read.
-        OSError : it cannot be written.
+        OSError : the copy cannot be written.
         """
         target = Path(os.path.abspath(out))
         if target.exists() or Path(os.path.abspath(self.folder)) in target.parents:
@@ -266,7 +264,7 @@ class LeRobot:
         if not jobs:
             raise UnreadableRecording(f"{self.folder}: there are no frames")
         if wrench is not None:
-            self._wrench_parts(wrench)  # what is wrong with its name is wrong in all episodes
+            self._wrench_parts(wrench)  # once, as it holds for all episodes
         results = map(_labels_of, jobs) if executor is None else executor.map(_labels_of, jobs)
         with tempfile.TemporaryDirectory(prefix=".contact-tracker-", dir=target.parent) as folder:
             copy = Path(folder) / target.name
@@ -277,7 +275,7 @@ class LeRobot:
             shutil.copytree(
                 self.folder,
                 copy,
-                ignore=lambda where, names: [one for one in names if os.path.join(where, one) in written],
+                ignore=lambda parent, names: [n for n in names if os.path.join(parent, n) in written],
             )
             labels = dict[str, dict[int, _Labels]]()
             for (_, number, file, *_), (of_episode, is_bad, lines) in zip(jobs, results, strict=True):
@@ -331,8 +329,8 @@ def _read(path: Path, columns: list[str]) -> Any:
 
 
 def _entries(feature: str, description: Mapping[str, Any], count: int, is_by_number: bool) -> list[str]:
-    """Names of the entries of a feature: those of ``info.json``, a list or under ``motors`` or with their
-    numbers, if there are as many; else by number."""
+    """Names of the ``count`` entries of a feature: those in ``info.json`` (a list, one under ``motors``, or
+    keys), if there are as many; else their numbers."""
     names = description.get("names")
     if isinstance(names, dict):
         lists = [value for value in names.values() if isinstance(value, list)]
@@ -353,7 +351,7 @@ def _stamp_ns(frames: Any) -> NDArray[np.int64]:
 def _labels_of(
     job: tuple[LeRobot, int, str, Model, Map, str | None, float | None],
 ) -> tuple[_Labels, bool, tuple[str, ...]]:
-    """The contacts of the frames of an episode, whether it cannot be used, and lines to report."""
+    """The labels of an episode's frames, whether the episode is unusable, and lines to report."""
     data, episode, file, model, known_map, wrench, mass_kg = job
     stamp_ns = _stamp_ns(data._frames(episode, file))
     unknown = np.full(len(stamp_ns), NAMES.index("unknown"))
@@ -363,25 +361,25 @@ def _labels_of(
         trajectory = data._trajectory(episode, file)
         if wrench is not None:
             wrenches = data._wrenches(episode, file, wrench)
-            given = evidence_as_given(wrenches, wrench, trajectory.poses, model, known_map, mass_kg)
-            evidence, _, lines = given
+            result = evidence_as_given(wrenches, wrench, trajectory.poses, model, known_map, mass_kg)
+            evidence, _, lines = result
         outcome = segmented(trajectory, model, known_map, evidence)
     except ContactTrackerError as error:
         return (unknown, uniform), True, (str(error),)
     segments = outcome.segments
     starts = np.array([segment.start_ns for segment in segments])
-    names = np.array([NAMES.index("open" if one.inseparable else one.contact) for one in segments])
+    names = np.array([NAMES.index("open" if s.inseparable else s.contact) for s in segments])
     number = np.maximum(np.searchsorted(starts, stamp_ns, side="right") - 1, 0)
     tick = np.minimum(np.searchsorted(outcome.beliefs.stamp_ns, stamp_ns), len(outcome.beliefs) - 1)
     return (names[number], outcome.beliefs.probability[tick].astype(np.float32)), False, lines
 
 
 def _with_labels(frames: Any, labels: Mapping[int, _Labels]) -> Any:
-    """A table of frames with their contacts, in place of those that it may have."""
+    """A table of frames with the columns of their labels, in place of earlier ones."""
     episode = frames["episode_index"].to_numpy()
     subtask, probability = np.zeros(len(frames), np.int64), np.zeros((len(frames), len(STATES)), np.float32)
-    for number, (of_subtask, of_probability) in labels.items():
-        subtask[episode == number], probability[episode == number] = of_subtask, of_probability
+    for number, (episode_subtask, episode_probability) in labels.items():
+        subtask[episode == number], probability[episode == number] = episode_subtask, episode_probability
     frames = frames.drop_columns([name for name in (SUBTASK, PROBABILITY) if name in frames.column_names])
     rows = pyarrow.FixedSizeListArray.from_arrays(probability.ravel(), len(STATES))
     frames = frames.append_column(SUBTASK, pyarrow.array(subtask)).append_column(PROBABILITY, rows)
@@ -398,13 +396,13 @@ def _with_labels(frames: Any, labels: Mapping[int, _Labels]) -> Any:
 
 
 Statistics = dict[str, dict[str, list[float]]]
-"""``min``, ``max``, ``mean``, ``std``, ``count`` and quantiles of features, a number for each entry."""
+"""By feature: ``min``, ``max``, ``mean``, ``std``, ``count`` and quantiles, a number per entry."""
 
 
 def _write_statistics(copy: Path, labels: Iterable[Mapping[int, _Labels]]) -> None:
-    """Put statistics of the new columns beside those of other features, where the data set has them, in place
-    of those of an earlier ``subtask_index``: of all frames in ``stats.json``, of each episode with frames in
-    ``episodes_stats.jsonl`` (v2.1) or in columns of ``episodes`` (v3)."""
+    """Write statistics of the new columns, in place of earlier ones, where other features have statistics: in
+    ``stats.json`` over all frames, in ``episodes_stats.jsonl`` (v2.1) or columns of ``episodes`` (v3) over
+    the frames of each episode."""
     of_episode = {
         episode: {SUBTASK: _statistics(subtask[:, None]), PROBABILITY: _statistics(probability)}
         for of_file in labels
@@ -413,9 +411,9 @@ def _write_statistics(copy: Path, labels: Iterable[Mapping[int, _Labels]]) -> No
     meta, path = copy / "meta", copy
     try:
         if (path := meta / "stats.json").exists():
-            whole = json.loads(read_regular(path, _MOST_BYTES))
-            whole |= _chosen(_pooled([*of_episode.values()]), whole)
-            path.write_text(json.dumps(whole, indent=4) + "\n", encoding="utf-8")
+            statistics = json.loads(read_regular(path, _MOST_BYTES))
+            statistics |= _chosen(_pooled([*of_episode.values()]), statistics)
+            path.write_text(json.dumps(statistics, indent=4) + "\n", encoding="utf-8")
         if (path := meta / "episodes_stats.jsonl").exists():
             lines = read_regular(path, _MOST_BYTES_OF_EPISODES).splitlines()
             rows = [json.loads(line) for line in lines if line.strip()]
@@ -430,7 +428,7 @@ def _write_statistics(copy: Path, labels: Iterable[Mapping[int, _Labels]]) -> No
 
 
 def _statistics(values: NDArray[Any]) -> dict[str, list[float]]:
-    """Of values (N, D), N > 0, each a list of D, and ``count`` of one."""
+    """Statistics of values (N, D), N > 0: lists of D numbers, and ``count`` of one."""
     statistics = {
         "min": values.min(axis=0),
         "max": values.max(axis=0),
@@ -443,7 +441,7 @@ def _statistics(values: NDArray[Any]) -> dict[str, list[float]]:
 
 
 def _pooled(episodes: Sequence[Statistics]) -> Statistics:
-    """Of several episodes together, as LeRobot pools them: quantiles are means of theirs by their counts."""
+    """Statistics of several episodes, pooled as LeRobot does: quantiles are means, weighted by counts."""
     pooled: Statistics = {}
     for feature, names in episodes[0].items():
         kept = {name: np.array([episode[feature][name] for episode in episodes]) for name in names}
@@ -451,31 +449,31 @@ def _pooled(episodes: Sequence[Statistics]) -> Statistics:
         share = count / count.sum()
         means = {name: (share * kept[name]).sum(axis=0) for name in ("mean", *_QUANTILES)}
         variance = (share * (kept["std"] ** 2 + (kept["mean"] - means["mean"]) ** 2)).sum(axis=0)
-        whole = {"min": kept["min"].min(axis=0), "max": kept["max"].max(axis=0), "std": np.sqrt(variance)}
-        whole |= {"count": count.sum(axis=0), **means}
-        pooled[feature] = {name: value.tolist() for name, value in whole.items()}
+        total = {"min": kept["min"].min(axis=0), "max": kept["max"].max(axis=0), "std": np.sqrt(variance)}
+        total |= {"count": count.sum(axis=0), **means}
+        pooled[feature] = {name: value.tolist() for name, value in total.items()}
     return pooled
 
 
 def _chosen(statistics: Statistics, features: Mapping[str, Mapping[str, Any]]) -> Statistics:
-    """Those statistics that other ``features`` have, which depends on the version of LeRobot."""
-    known = set(chain.from_iterable(features.values()))
+    """The statistics that other ``features`` have as well, which depend on the version of LeRobot."""
+    names = set(chain.from_iterable(features.values()))
     return {
-        feature: {name: value for name, value in of_feature.items() if name in known}
-        for feature, of_feature in statistics.items()
+        feature: {name: value for name, value in numbers.items() if name in names}
+        for feature, numbers in statistics.items()
     }
 
 
 def _with_columns(episodes: Any, of_episode: Mapping[int, Statistics]) -> Any:
-    """A table of episodes with columns ``stats/FEATURE/NAME`` of the new features, if others have them; null
-    for episodes without frames."""
+    """A table of episodes with columns ``stats/FEATURE/NAME`` of the new features, if other features have
+    them; null for episodes without frames."""
     columns = [column for column in episodes.column_names if column.startswith("stats/")]
-    known = {column.rpartition("/")[2]: None for column in columns}
+    names = {column.rpartition("/")[2]: None for column in columns}
     replaced = [column for column in columns if column.split("/")[1] in (SUBTASK, PROBABILITY)]
     episodes = episodes.drop_columns(replaced)
     numbers = episodes["episode_index"].to_pylist()
     for feature in (SUBTASK, PROBABILITY):
-        for name in known:
+        for name in names:
             rows = [of_episode[k][feature].get(name) if k in of_episode else None for k in numbers]
             if any(rows):
                 episodes = episodes.append_column(f"stats/{feature}/{name}", pyarrow.array(rows))

@@ -1,6 +1,6 @@
 """Recordings in remote stores, listed and copied by fsspec (extra ``remote``).
 
-A folder is what is below its URL: links and redirects that lead out of it are not followed.
+A folder has the files below its URL: links and redirects that lead out of it are not followed.
 """
 
 import os
@@ -26,7 +26,7 @@ _VALIDATORS: Final = (
     "created",
     "Content-MD5",
 )
-"""Keys of a file's version in stores' metadata; without one only the content can be compared."""
+"""Keys of a file's version in stores' metadata; if all are missing, only the content can be compared."""
 
 MOST_BYTES: Final = 64 * 2**30
 """Largest recording that is copied, all files together (bytes)."""
@@ -38,7 +38,7 @@ _SECRET: Final = re.compile(
     r"""(?i)(\bhttps?://)(?:[^\s/?#'"<>]*@)?([^\s?#'"<>]*)(?:[?#][^\s'"<>]*)?"""
     r"""|(\b[a-z][a-z0-9+.-]*://)(?:[^\s/?'"<>]*@)?([^\s?'"<>]*)(?:\?[^\s'"<>]*)?"""
 )
-"""URLs in a text; what the groups leave out can hold names, passwords and tokens."""
+"""URLs in a text; the parts outside of the groups may be names, passwords and tokens."""
 _PORTS: Final = {"http": 80, "https": 443}
 
 
@@ -52,12 +52,12 @@ def is_remote(name: str) -> bool:
 
 
 def without_secrets(text: str) -> str:
-    """A text with its URLs cut down to scheme, host and path: the rest may hold tokens."""
+    """A text with its URLs cut to scheme, host and path: the rest may be tokens."""
     return _SECRET.sub(r"\1\2\3\4", text)
 
 
-def shown(name: str) -> str:
-    """The name of a recording as messages and datasets have it."""
+def display_name(name: str) -> str:
+    """The name of a recording in messages and datasets, without secrets."""
     return without_secrets(name) if is_remote(name) else name
 
 
@@ -67,18 +67,18 @@ def files_in(url: str) -> Mapping[str, str] | None:
     A URL that ends in ``/`` is a folder, one with a suffix is a file; otherwise the store is asked. Raises
     MissingExtra, or UnreadableRecording if the folder cannot be listed.
     """
-    filesystem, path, is_folder = _looked_up(url, None)
+    filesystem, path, is_folder = _located(url, None)
     with _store_errors(url):
         return _files_in(filesystem, path) if is_folder else None
 
 
 def signature_of(url: str, within: str | None = None) -> str:
-    """Size and version of a file, or of all in a folder, by the store; empty if it has none.
+    """Size and version of a file, or of all files in a folder, by the store; empty if the store has none.
 
-    ``within`` is the folder in which it was found; None for a URL that was named, whose redirects are
-    followed. Raises UnreadableRecording if it does not exist or cannot be reached.
+    ``within`` is the folder in which the URL was found; None if the user named it: then redirects are
+    followed. Raises UnreadableRecording if the file does not exist or cannot be reached.
     """
-    filesystem, path, is_folder = _looked_up(url, within)
+    filesystem, path, is_folder = _located(url, within)
     with _store_errors(url):
         if not is_folder:
             return _signature(filesystem.info(path))
@@ -88,20 +88,20 @@ def signature_of(url: str, within: str | None = None) -> str:
             for name, signature in _files_in(filesystem, path).items()
             if name.count("/") == depth
         }
-        return joined(files[name] for name in sorted(files))
+        return combined_signature(files[name] for name in sorted(files))
 
 
-def joined(signatures: Iterable[str]) -> str:
-    """The signature of several files; empty if one of them is."""
-    given = list(signatures)
-    return " ".join(given) if all(given) else ""
+def combined_signature(signatures: Iterable[str]) -> str:
+    """The signature of several files; empty if one of theirs is empty."""
+    parts = list(signatures)
+    return " ".join(parts) if all(parts) else ""
 
 
 @contextmanager
 def local_copy(url: str, within: str | None = None) -> Iterator[str]:
-    """A local copy, removed at the end of the context; ``within`` as of ``signature_of``. Raises
-    UnreadableRecording if it cannot be copied, is larger than ``MOST_BYTES``, or the disk is full."""
-    filesystem, path, is_folder = _looked_up(url, within)
+    """The path of a local copy, removed at the end of the context; ``within`` as in ``signature_of``. Raises
+    UnreadableRecording if the copy fails, is larger than ``MOST_BYTES``, or the disk is full."""
+    filesystem, path, is_folder = _located(url, within)
     with tempfile.TemporaryDirectory(prefix="contact-tracker-") as folder:
         target = os.path.join(folder, posixpath.basename(without_secrets(url).rstrip("/")) or "recording")
         with _store_errors(url):
@@ -122,16 +122,16 @@ def copy_folder(filesystem: Any, path: str, target: str) -> None:
             inside = str(name).removeprefix(begin)
             if not _is_below(str(name), begin) or os.sep in inside.replace("/", ""):
                 raise _LeadsOut(f"the name {name} leads out of the folder")
-            own = os.path.join(target, *inside.split("/"))
-            os.makedirs(os.path.dirname(own), exist_ok=True)
-            yield name, own, info
+            local_path = os.path.join(target, *inside.split("/"))
+            os.makedirs(os.path.dirname(local_path), exist_ok=True)
+            yield name, local_path, info
 
     _copy(filesystem, files(), target)
 
 
 def _copy(filesystem: Any, files: Iterable[tuple[str, str, Mapping[str, Any]]], folder: str) -> None:
-    """Copy files, each by its name, target and what the store says of it, into ``folder``; raises OSError if
-    they are too large together, whatever size the store declares."""
+    """Copy files, each by its name, target and metadata of the store, into ``folder``; raises OSError if they
+    are too large in all, whatever sizes the store declares."""
     from fsspec.callbacks import Callback
 
     copied = 0
@@ -159,29 +159,29 @@ def _is_below(name: str, begin: str) -> bool:
 
 
 def _files_in(filesystem: Any, path: str) -> dict[str, str]:
-    """The files below a folder; names that lead out of it, as links to other pages do, are left out."""
-    found = filesystem.find(path, detail=True)
+    """The URLs of the files below a folder with their signatures, without names that lead out of it."""
+    entries = filesystem.find(path, detail=True)
     return {
         str(filesystem.unstrip_protocol(name)): _signature(info)
-        for name, info in found.items()
+        for name, info in entries.items()
         if _is_below(name, path.rstrip("/") + "/")
     }
 
 
 def _require_inside(url: str, folder: str) -> None:
     """Raise ``_LeadsOut`` for a URL that is neither ``folder`` nor below it; https may stand for http."""
-    there, base = urlsplit(url), urlsplit(folder)
-    origins = [(one.scheme, one.hostname, one.port or _PORTS.get(one.scheme)) for one in (base, there)]
+    address, base = urlsplit(url), urlsplit(folder)
+    origins = [(u.scheme, u.hostname, u.port or _PORTS.get(u.scheme)) for u in (base, address)]
     if origins[0][::2] == ("http", 80):
         origins.append(("https", base.hostname, 443))
     begin = base.path.rstrip("/") + "/"
-    is_below = there.path in (begin, begin[:-1]) or _is_below(there.path.rstrip("/"), begin)
+    is_below = address.path in (begin, begin[:-1]) or _is_below(address.path.rstrip("/"), begin)
     if origins[1] not in (origins[0], *origins[2:]) or not is_below:
         raise _LeadsOut(f"{without_secrets(url)} is not in the folder {without_secrets(folder)}")
 
 
-def _fence(folder: str) -> Any:
-    """A configuration of aiohttp by which no request leaves ``folder``."""
+def _guard(folder: str) -> Any:
+    """A configuration of aiohttp that stops requests outside of ``folder``."""
     import aiohttp
 
     async def check_start(_: Any, __: Any, request: Any) -> None:
@@ -203,34 +203,34 @@ def _store_errors(url: str) -> Iterator[None]:
     try:
         yield
     except Exception as error:
-        raise UnreadableRecording(f"{without_secrets(url)}: {_line(error)}") from error
+        raise UnreadableRecording(f"{without_secrets(url)}: {_one_line(error)}") from error
 
 
-def _looked_up(url: str, within: str | None) -> tuple[Any, str, bool]:
-    """The store of a URL, the path in it, and whether it is a folder. Stores are not asked about a suffix, as
-    some would send the whole file."""
-    filesystem, path = _opened(url, within)
+def _located(url: str, within: str | None) -> tuple[Any, str, bool]:
+    """The store of a URL, the path in it, and whether it is a folder. Stores are not asked about a URL with a
+    suffix, as some would send the whole file."""
+    filesystem, path = _open_store(url, within)
     plain = without_secrets(url)
     with _store_errors(url):
         has_suffix = bool(posixpath.splitext(plain)[1])
         is_folder = plain.endswith("/") or (not has_suffix and bool(filesystem.isdir(path)))
     if is_folder and within is None:
-        filesystem, path = _opened(url, url)
+        filesystem, path = _open_store(url, url)
     return filesystem, path, is_folder
 
 
-def _opened(url: str, within: str | None) -> tuple[Any, str]:
+def _open_store(url: str, within: str | None) -> tuple[Any, str]:
     plain, options = without_secrets(url), dict[str, Any]()
     with extra("remote", plain):
         import fsspec
     try:
         if within is not None and urlsplit(url).scheme in _PORTS:
-            options = {"client_kwargs": {"trace_configs": [_fence(within)]}, "skip_instance_cache": True}
+            options = {"client_kwargs": {"trace_configs": [_guard(within)]}, "skip_instance_cache": True}
         return fsspec.core.url_to_fs(url, **options)  # type: ignore[no-any-return]
     except ImportError as error:  # the library for this store
         raise MissingExtra(f"{plain}: {' '.join(str(error).split())}") from error
     except Exception as error:  # stores have no common error
-        raise UnreadableRecording(f"{plain}: {_line(error)}") from error
+        raise UnreadableRecording(f"{plain}: {_one_line(error)}") from error
 
 
 def _signature(info: Mapping[str, Any]) -> str:
@@ -238,8 +238,8 @@ def _signature(info: Mapping[str, Any]) -> str:
     return " ".join([f"{info.get('size')}", *version]) if version else ""
 
 
-def _line(error: BaseException) -> str:
-    """An error in one line: that of a link that leads out, if stores hide it behind another."""
+def _one_line(error: BaseException) -> str:
+    """An error in one line: ``_LeadsOut``, if the store raised another error because of it."""
     cause: BaseException | None = error
     while cause is not None and not isinstance(cause, _LeadsOut):
         cause = cause.__cause__ or cause.__context__

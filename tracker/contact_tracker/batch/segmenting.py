@@ -1,5 +1,4 @@
-"""One recording of a batch: settings, reading, writing, and its summary row, also of a failed one
-(docs/batch.md)."""
+"""One recording of a batch: settings, reading, writing, and its row of the summary (docs/batch.md)."""
 
 import errno
 import json
@@ -32,11 +31,11 @@ from contact_tracker.tracking.belief import Detail, Segment
 from contact_tracker.version import __version__
 
 Row = dict[str, Any]
-"""Values by the names of ``SUMMARY_COLUMNS``."""
+"""A row of the summary: values by the names of ``SUMMARY_COLUMNS``."""
 
 _STATES: Final = tuple(name.removeprefix("p_") for name in PROBABILITIES)
 _OPEN: Final = "open"
-"""For segments whose motion leaves the contact open among all states: their label means nothing."""
+"""Label of segments whose contact the motion leaves open among all states."""
 _KINDS: Final = (*_STATES, _OPEN)
 NO_SEGMENTS: Final[Row] = {
     **dict.fromkeys(("segments", *(f"segments_{state}" for state in _KINDS)), 0),
@@ -77,28 +76,28 @@ SUMMARY_COLUMNS: Final[dict[str, Kind]] = {
 }
 
 
-def shown(name: str) -> str:
-    """The name of a recording as text for the column ``recording``, whatever bytes it has; a URL without its
-    query, which may hold a token."""
-    return remote.shown(name).encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
+def row_name(name: str) -> str:
+    """The name of a recording as valid text for the column ``recording``; a URL without its query, which may
+    have a token."""
+    return remote.display_name(name).encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
 
 
 def file_of(name: str) -> str:
     """The path of a recording's Parquet files, below the folders ``segments`` and ``ticks``."""
     import hashlib
 
-    digits = hashlib.blake2b(shown(name).encode(), digest_size=16).hexdigest()
+    digits = hashlib.blake2b(row_name(name).encode(), digest_size=16).hexdigest()
     return str(PurePosixPath(digits[:2], f"{digits[2:]}.parquet"))
 
 
 @dataclass(frozen=True, eq=False)
 class Settings:
-    """All that determines a result besides the recording.
+    """All settings that determine the result of a recording.
 
     Parameters
     ----------
-    topic, frame, relative_to : selection of poses, as of ``recording.open_log``.
-    table : what the columns of tables are, as of ``recording.open_log``.
+    topic, frame, relative_to : selection of poses, as in ``recording.open_log``.
+    table : what the columns of tables are, as in ``recording.open_log``.
     with_ticks : whether to write the beliefs of all ticks, too.
     wrench : topic of measured wrenches, which decide between contacts that motion cannot distinguish, and the
         mass (kg) of the object if known.
@@ -126,19 +125,19 @@ class Settings:
 
 
 def count(segments: Iterable[Segment], cells: Row) -> None:
-    """Add segments to the cells of a row: their number, that of each state, and how long these last."""
-    for one in segments:
-        state = _OPEN if is_open(one) else _STATES[one.contact.column]
+    """Add segments to the cells of a row: their number, and number and duration (s) of each state."""
+    for segment in segments:
+        state = _OPEN if is_open(segment) else _STATES[segment.contact.column]
         cells["segments"] += 1
         cells[f"segments_{state}"] += 1
-        lasted_s = cells[f"time_{state}_s"] + (one.end_ns - one.start_ns) * 1e-9
+        lasted_s = cells[f"time_{state}_s"] + (segment.end_ns - segment.start_ns) * 1e-9
         cells[f"time_{state}_s"] = round(lasted_s, 9)
 
 
 def base(name: str, settings: Settings) -> Row:
     """A row with the recording and settings only."""
     return dict.fromkeys(SUMMARY_COLUMNS) | {
-        "recording": shown(name),
+        "recording": row_name(name),
         "exit_code": errors.DONE,
         "model": settings.model.name,
         "model_hash": settings.model_hash,
@@ -150,15 +149,15 @@ def base(name: str, settings: Settings) -> Row:
 def failure(name: str, settings: Settings, exit_code: int, error: str, content_hash: str | None) -> Row:
     """The row of a recording without segments.
 
-    ``content_hash`` is None if another run with the same content and settings may succeed.
+    ``content_hash`` is None if a further run with the same content and settings may succeed.
     """
     text = printable(remote.without_secrets(error))
     row = base(name, settings)
     return row | {"exit_code": exit_code, "error": text, "content_hash": content_hash}
 
 
-Known = tuple[str, str]
-"""Signature and hash of the content of a recording at the time of its existing result."""
+Content = tuple[str, str]
+"""Signature and hash of the content of a recording, from which its existing result was made."""
 
 
 class Answer(NamedTuple):
@@ -170,25 +169,25 @@ class Answer(NamedTuple):
 
 
 def segment_recording(
-    name: str, known: Known | None, settings: Settings, folder: str, within: str | None = None
+    name: str, previous: Content | None, settings: Settings, folder: str, within: str | None = None
 ) -> Answer:
-    """Write the segments of a recording into the dataset in ``folder``, unless it is unchanged (``known``).
+    """Write the segments of a recording into the dataset in ``folder``, if it differs from ``previous``.
 
-    The result depends on the recording's content, its name and the settings alone. Errors of a recording are
-    reported in its row, not raised; OSError is if the dataset cannot be written. ``within`` is as of
+    The result depends only on the recording's content, its name and the settings. Errors of a recording are
+    reported in its row, not raised; raises OSError if the dataset cannot be written. ``within`` is as in
     ``remote.signature_of``.
     """
     try:
         signature = _signature_of(name, within)
-        if known is not None and signature and signature == known[0]:
+        if previous is not None and signature and signature == previous[0]:
             return Answer(name, signature, None)
         if not remote.is_remote(name):
-            answer = _answer(name, name, signature, known, settings, Path(folder))
+            answer = _answer(name, name, signature, previous, settings, Path(folder))
         else:
             with remote.local_copy(name, within) as copy:
-                answer = _answer(name, copy, signature, known, settings, Path(folder))
+                answer = _answer(name, copy, signature, previous, settings, Path(folder))
         if _signature_of(name, within) != signature:
-            raise UnreadableRecording(f"{remote.shown(name)}: it changed while it was read")
+            raise UnreadableRecording(f"{remote.display_name(name)}: it changed while it was read")
     except ContactTrackerError as error:
         answer = Answer(name, "", failure(name, settings, _code(error), str(error), None))
     if answer.row is not None and answer.row["segments_bytes"] is None:
@@ -205,14 +204,14 @@ def _code(error: ContactTrackerError) -> int:
 
 
 def _answer(
-    name: str, path: str, signature: str, known: Known | None, settings: Settings, folder: Path
+    name: str, path: str, signature: str, previous: Content | None, settings: Settings, folder: Path
 ) -> Answer:
     """The answer for a recording at the local ``path``."""
     try:
         content_hash, size_bytes = read_content(path)
     except OSError as error:
         raise UnreadableRecording(f"{name}: {error.strerror or error}") from error
-    if known is not None and content_hash == known[1]:
+    if previous is not None and content_hash == previous[1]:
         return Answer(name, signature, None)
     try:
         row = _segmented(name, path, settings, folder)
@@ -229,15 +228,15 @@ def _answer(
         place = f"{os.path.basename(frame.filename)}:{frame.lineno}"
         text = f"this should not happen, please report it: {type(error).__name__}: {error} ({place})"
         code, is_lasting = errors.UNEXPECTED, True
-    shown = remote.shown(name)
-    text = text.replace(path, shown)
-    text = text if shown in text else f"{shown}: {text}"
+    label = remote.display_name(name)
+    text = text.replace(path, label)
+    text = text if label in text else f"{label}: {text}"
     row = failure(name, settings, code, text, content_hash if is_lasting else None)
     return Answer(name, signature, row | {"size_bytes": size_bytes})
 
 
 def _segmented(name: str, path: str, settings: Settings, folder: Path) -> Row:
-    """Write the files; returns the row."""
+    """Write the files of a recording; returns its row."""
     model, known_map, evidence, unused = settings.model, settings.known_map, None, tuple[str, ...]()
     if settings.wrench is not None:
         topic, mass_kg = settings.wrench
@@ -245,7 +244,7 @@ def _segmented(name: str, path: str, settings: Settings, folder: Path) -> Row:
         evidence, _, unused = recorded_evidence(path, topic, poses, model, known_map, mass_kg)
     log = _open(path, settings)
     tracker = OfflineTracker(model, known_map, wrenches=evidence, read_as=log.source.read_as)
-    cells, ticks, file, recording = dict(NO_SEGMENTS), 0, file_of(name), shown(name)
+    cells, ticks, file, recording = dict(NO_SEGMENTS), 0, file_of(name), row_name(name)
     targets: list[Rows] = ["segments", "ticks"] if settings.with_ticks else ["segments"]
     with ExitStack() as stack:
         appends = {}
@@ -296,12 +295,12 @@ def _open(path: str, settings: Settings) -> PoseLog:
 
 
 def require_no_link(folder: Path, name: str) -> None:
-    """Raise OSError if a file of a dataset, or a folder below ``folder`` that it is in, is a link: what is
-    written stays in the dataset."""
+    """Raise OSError if a file of the dataset in ``folder``, or a folder on the way to it, is a link: it might
+    lead out of the dataset."""
     path = folder / name
-    for one in (path, *path.parents[: len(path.parts) - len(folder.parts) - 1]):
-        if one.is_symlink():
-            raise OSError(errno.ELOOP, "it is a link, and a dataset has none", str(one))
+    for component in (path, *path.parents[: len(path.parts) - len(folder.parts) - 1]):
+        if component.is_symlink():
+            raise OSError(errno.ELOOP, "it is a link, and a dataset has none", str(component))
 
 
 def _remove(folder: Path, file: str, *kinds: str) -> None:

@@ -1,5 +1,5 @@
-"""Beliefs and segments as flat columns of one schema for all contacts (docs/conventions.md), also as a
-DataFrame of pandas, whose types do not depend on the values (an extra)."""
+"""Beliefs and segments as flat columns, with the same schema for all contacts (docs/conventions.md), and as a
+DataFrame of pandas (an extra), with types that do not depend on the values."""
 
 import json
 from collections.abc import Iterable
@@ -17,12 +17,12 @@ if TYPE_CHECKING:
 
 Kind = Literal["integer", "number", "text"]
 Rows = Literal["ticks", "segments"]
-"""What a row, or a line of JSON, is of."""
+"""Entry of a row or of a line of JSON: a tick or a segment."""
 Columns = dict[str, list[Any]]
-"""Values by column; None is unknown or not applicable."""
+"""Values by column; None if unknown or not applicable."""
 
 PROBABILITIES: Final = tuple(f"p_{state.value.replace('-', '')}" for state in STATES)
-"""In the order of ``STATES``: ``p_ff`` to ``p_free``."""
+"""Columns of the posterior in the order of ``STATES``: ``p_ff`` to ``p_free``."""
 
 
 def _numbers(name: str, unit: str = "") -> dict[str, Kind]:
@@ -73,44 +73,44 @@ COLUMNS: Final[dict[Rows, dict[str, Kind]]] = {
     },
     "segments": {"start_ns": "integer", "end_ns": "integer", **_LABEL, **_ELEMENTS, **_MOTION, **_TASK},
 }
-"""Names and kinds of the columns; ``probability`` is that of the label."""
+"""Names and kinds of the columns; ``probability`` is the posterior of the label."""
 OPEN: Final = "open"
 
 
 def columns_of(rows: Rows, entries: Iterable[Any]) -> Columns:
-    """The columns of beliefs or segments, a row each."""
+    """The columns of beliefs or segments, with a row for each."""
     columns: Columns = {name: [] for name in COLUMNS[rows]}
     values: list[Any]
-    last, of_geometry = None, dict[str, Any].fromkeys(_GEOMETRY)
-    for one in entries:
-        geometry, joint = one.geometry, one.joint
-        if last is not geometry:  # consecutive rows often share it
+    previous, geometry_cells = None, dict[str, Any].fromkeys(_GEOMETRY)
+    for entry in entries:
+        geometry, joint = entry.geometry, entry.joint
+        if previous is not geometry:  # consecutive rows often share it
             pair = () if geometry is None else (geometry.object, geometry.environment)
             values = [*chain.from_iterable(map(_element_cells, pair))] or [None] * len(_GEOMETRY)
-            last, of_geometry = geometry, dict(zip(_GEOMETRY, values, strict=True))
-        contacts = () if one.contact is Contact.FREE else (one.contact, *(f.contact for f in one.further))
+            previous, geometry_cells = geometry, dict(zip(_GEOMETRY, values, strict=True))
+        contacts = [entry.contact, *(further.contact for further in entry.further)]
         cells: dict[str, Any] = {
-            "contact": one.contact.value,
-            "inseparable": " ".join(one.inseparable),
-            "contacts": " ".join(contacts),
-            "decided": decided(one),
+            "contact": entry.contact.value,
+            "inseparable": " ".join(entry.inseparable),
+            "contacts": "" if entry.contact is Contact.FREE else " ".join(contacts),
+            "decided": decided(entry),
             **dict.fromkeys(_JOINT),
-            **of_geometry,
+            **geometry_cells,
         }
         if joint is not None:
             axis_and_point = _element_cells(joint.environment)[2:8]
             values = [joint.kind.value, float(joint.probability), *axis_and_point, joint.pitch_m_per_rad]
             cells |= zip(_JOINT, values, strict=True)
-        if isinstance(one, Belief):
-            posterior = [float(p) for p in one.probability]
-            cells |= {"stamp_ns": one.stamp_ns, "onset_ns": one.onset_ns}
+        if isinstance(entry, Belief):
+            posterior = [float(p) for p in entry.probability]
+            cells |= {"stamp_ns": entry.stamp_ns, "onset_ns": entry.onset_ns}
             cells |= {
-                "probability": posterior[one.contact.column],
+                "probability": posterior[entry.contact.column],
                 **dict(zip(PROBABILITIES, posterior, strict=True)),
             }
         else:
-            cells |= {"start_ns": one.start_ns, "end_ns": one.end_ns, "probability": one.probability}
-            cells |= dict.fromkeys(_MOTION | _TASK) | _motion_and_task_cells(one)
+            cells |= {"start_ns": entry.start_ns, "end_ns": entry.end_ns, "probability": entry.probability}
+            cells |= dict.fromkeys(_MOTION | _TASK) | _motion_and_task_cells(entry)
         for name, column in columns.items():
             column.append(cells[name])
     return columns
@@ -129,8 +129,8 @@ def _motion_and_task_cells(segment: Segment) -> dict[str, Any]:
 
 
 def csv_columns(rows: Rows, entries: Iterable[Any], origin_ns: int) -> Columns:
-    """The columns of CSV: those above, with stamps in seconds after ``origin_ns`` as well (``start_s``). Of
-    segments ``contacts`` and ``joint`` are JSON text, and there is ``geometry``."""
+    """The columns of CSV: as in ``columns_of``, and stamps in seconds after ``origin_ns`` (``start_s``). For
+    segments ``contacts``, ``joint`` and a further column ``geometry`` are JSON text."""
     entries = list(entries)
     columns = columns_of(rows, entries)
     seconds = {
@@ -141,18 +141,18 @@ def csv_columns(rows: Rows, entries: Iterable[Any], origin_ns: int) -> Columns:
     if rows == "ticks":
         return columns | seconds
     values: Columns = {
-        "geometry": [one.geometry.to_json() if one.geometry else {} for one in entries],
-        "contacts": [one.contacts_json for one in entries],
-        "joint": [one.joint.to_json() if one.joint else {} for one in entries],
+        "geometry": [entry.geometry.to_json() if entry.geometry else {} for entry in entries],
+        "contacts": [entry.contacts_json for entry in entries],
+        "joint": [entry.joint.to_json() if entry.joint else {} for entry in entries],
     }
-    texts = {name: [json.dumps(one, allow_nan=False) for one in column] for name, column in values.items()}
-    first = ("start_ns", "end_ns", "contact", "probability", "geometry", "inseparable", "contacts", "joint")
-    return {name: (columns | texts)[name] for name in (*first, "decided")} | seconds | columns | texts
+    texts = {name: [json.dumps(cell, allow_nan=False) for cell in column] for name, column in values.items()}
+    leading = ("start_ns", "end_ns", "contact", "probability", "geometry", "inseparable", "contacts", "joint")
+    return {name: (columns | texts)[name] for name in (*leading, "decided")} | seconds | columns | texts
 
 
-def decided(one: Belief | Segment) -> str:
+def decided(entry: Belief | Segment) -> str:
     """The contact, or ``open`` where the motion does not distinguish it from others."""
-    return OPEN if one.inseparable else one.contact.value
+    return OPEN if entry.inseparable else entry.contact.value
 
 
 def _element_cells(element: Element) -> list[Any]:

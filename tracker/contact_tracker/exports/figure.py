@@ -33,54 +33,54 @@ from contact_tracker.tracking.belief import Segment
 
 SHADE: Final = {state: tuple(part / 255.0 for part in rgb) for state, rgb in COLOUR.items()}
 NAME_SIZE: Final = 9.0
-"""Of the names in the ribbons (points)."""
+"""Font size of names in ribbons (points)."""
 _LEAST_SIZE: Final = 5.0
 _PART_SIZE: Final = 8.0
-"""Of the names of what is known (points)."""
+"""Font size of names of known parts (points)."""
 _IN_FRONT: Final = 1000
-"""Order of drawing of names, after all parts."""
+"""Drawing order of names: after all parts."""
 _NOTE_WIDTH: Final = 150
-"""Characters in a line of a warning."""
+"""Largest number of characters in a line of a warning."""
 _ROW: Final = 3.2
 _MAP: Final = 4.6
-"""Heights (inches) of a plot over time, and of what is known."""
+"""Heights (inches) of a plot over time, and of the known parts."""
 DOTS_PER_INCH: Final = 200
 _PAD: Final = 1.0
 """Margin of the background of a name (points)."""
-_ABOUT_VERTEX: Final = 10.0
-"""Size of what is seen at least about a vertex, by that of its mesh."""
-_ROOM: Final = 1.2
-"""Width of a span with a name, by that of the name."""
+_VERTEX_VIEW: Final = 10.0
+"""Least size of the view about a vertex, relative to its mesh."""
+_SPAN_RATIO: Final = 1.2
+"""Least width of a span with a name, relative to the name."""
 _PAGE: Final[Any] = {"svg.fonttype": "none", "svg.hashsalt": "report", "path.simplify_threshold": 0.5}
-"""Text as text, the same file each time, and curves within half a pixel."""
+"""Options for SVG: text as text, reproducible files, and curves within half a pixel."""
 PLAIN_TEXT: Final = rc_context({"text.parse_math": False})
-"""For functions that write names, in which dollars are no formulas."""
+"""Decorator for functions that write names, in which dollars do not mark formulas."""
 _VIEWS: Final = [
     (elevation, turn + quarter)
     for elevation in (30, 45, 15)
     for quarter in (-90, 0, 90, 180)
     for turn in (30, 60)
 ]
-"""Directions of view (elevation and azimuth, degrees) in which no axis is seen end-on, where z is upward."""
+"""Directions of view (elevation and azimuth, degrees) in which no axis is seen end-on, if z is upward."""
 _END_ON: Final = 0.5
-"""Axes that are shorter by more than this factor are seen end-on."""
+"""Ratio of drawn to true length below which an axis is seen end-on."""
 _ZOOM: Final = 0.75
-"""With names of axes inside, which matplotlib leaves out of its layout."""
+"""Zoom that leaves room for the names of axes, which matplotlib's layout ignores."""
 _SPANS: Final = 4
-"""Most times of touch that are listed of a part."""
+"""Largest number of times of touch that are listed for a part."""
 _MOST_LISTED: Final = 8
-"""Most parts of a side whose times of touch are listed."""
+"""Largest number of parts of a side for which times of touch are listed."""
 _RIBBON: Final = (1.04, 1.18)
 _LANE: Final = 0.03
 """Largest height of a further contact, in the lower part of its segment."""
 _TRUTH: Final = (1.22, 1.32)
-"""Where the labels are above the probabilities, and the truth above them."""
+"""Ends of the ribbons of labels and truth on the vertical axis, above the probabilities."""
 
 
 @PLAIN_TEXT
 def draw_figure(outcome: Outcome, with_curves: bool = False) -> Figure:
-    """The segments and their probabilities on one axes, below them the paper's objective functions over
-    windows, if asked for, and what is known of the object and its surroundings."""
+    """A figure of segments and probabilities, with ``with_curves`` also of the paper's objective functions
+    over windows, and of the known parts of the object and its surroundings."""
     window_curves, parts = curves(outcome.trajectory.poses) if with_curves else None, known_parts(outcome)
     plots = 1 if window_curves is None or not len(window_curves.stamp_ns) else 2
     height = 1.0 + _ROW * plots
@@ -94,23 +94,23 @@ def draw_figure(outcome: Outcome, with_curves: bool = False) -> Figure:
         over_time, below_it = figure.subfigures(2, 1, squeeze=False, height_ratios=(height, _MAP))[:, 0]
         up = None if outcome.known_map.up is None else outcome.known_map.up.direction
         _draw_parts(below_it, parts, outcome.origin_ns, up)
-    first, *below = over_time.subplots(plots, 1, sharex=True, squeeze=False)[:, 0]
-    draw_on(first, outcome)
-    if below and window_curves is not None:  # like the paper's Fig. 5, each value at the end of its window
-        first.set_xlabel("")
+    upper, *below = over_time.subplots(plots, 1, sharex=True, squeeze=False)[:, 0]
+    draw_on(upper, outcome)
+    if below and window_curves is not None:  # as in the paper's Fig. 5, values are at the ends of windows
+        upper.set_xlabel("")
         seconds = (window_curves.stamp_ns - outcome.origin_ns) * 1e-9
         for contact, curve in zip(CONTACTS, window_curves.normalised.T, strict=True):
             below[0].plot(seconds, curve, color=SHADE[contact], label=contact.value)
         below[0].set(xlabel="time (s)", ylabel="objective / its maximum", ylim=(0.0, 1.02))
-    if "inline" in get_backend():  # a notebook shows what is returned, and what pyplot keeps
+    if "inline" in get_backend():  # a notebook would show an open figure a second time
         pyplot.close(figure)
     return figure
 
 
 @PLAIN_TEXT
 def draw_on(axes: Axes, outcome: Outcome) -> None:
-    """The probabilities of all states, and above them the segments, by name where it fits, hatched where
-    the motion fits other contacts as well, with their further contacts, below the truth if it is known."""
+    """Draw the probabilities of all states, above them the segments with their further contacts, with names
+    that fit, hatched if the motion fits several contacts, and on top the truth if it is known."""
     beliefs, segments, origin_ns, truth = outcome.beliefs, outcome.segments, outcome.origin_ns, outcome.truth
     seconds = (beliefs.stamp_ns - origin_ns) * 1e-9
     spans = [((s.start_ns - origin_ns) * 1e-9, (s.end_ns - s.start_ns) * 1e-9) for s in segments]
@@ -123,22 +123,21 @@ def draw_on(axes: Axes, outcome: Outcome) -> None:
     for segment, (start_s, duration_s) in zip(segments, spans, strict=True):
         names = list[str]()
         if segment.joint is not None:
-            whole = f"{segment.contact.value} {joint_name(segment.joint)}"
-            names = [whole, whole.rpartition(" ")[0]]  # also without the probability
+            full_name = f"{segment.contact.value} {joint_name(segment.joint)}"
+            names = [full_name, full_name.rpartition(" ")[0]]  # also without the probability
         draw_segment(axes, segment, start_s, duration_s, _RIBBON, *names)
-        runs = [  # those of one contact are in one lane
-            (one.contact, str(flat(one.geometry.object)), str(flat(one.geometry.environment)))
-            for one in segment.further
+        runs = [  # spans of the same contact are in the same lane
+            (further.contact, str(flat(further.geometry.object)), str(flat(further.geometry.environment)))
+            for further in segment.further
         ]
         numbers = {run: i for i, run in enumerate(dict.fromkeys(runs))}
         lane_height = min(_LANE, (high - low) / max(1, len(numbers)))
-        for one, run in zip(segment.further, runs, strict=True):
-            first_s = (max(one.start_ns, segment.start_ns) - origin_ns) * 1e-9
-            end_ns = segment.end_ns if one.end_ns is None else min(one.end_ns, segment.end_ns)
+        for further, run in zip(segment.further, runs, strict=True):
+            first_s = (max(further.start_ns, segment.start_ns) - origin_ns) * 1e-9
+            end_ns = segment.end_ns if further.end_ns is None else min(further.end_ns, segment.end_ns)
             lane = low + numbers[run] * lane_height, lane_height
-            axes.broken_barh(
-                [(first_s, (end_ns - origin_ns) * 1e-9 - first_s)], lane, fc=SHADE[one.contact], ec="white"
-            )
+            span = first_s, (end_ns - origin_ns) * 1e-9 - first_s
+            axes.broken_barh([span], lane, fc=SHADE[further.contact], ec="white")
     for state, share in zip(STATES, np.transpose(beliefs.probability), strict=True):
         axes.plot(seconds, share, color=SHADE[state], label=state.value)
     axes.set_yticks(np.linspace(0.0, 1.0, 6))
@@ -155,7 +154,7 @@ def draw_on(axes: Axes, outcome: Outcome) -> None:
             style: dict[str, Any] = {"ha": "right", "va": "center", "fontsize": NAME_SIZE}
             axes.text(-0.01, 0.5 * sum(ribbon), name, transform=axes.get_yaxis_transform(), **style)
     handles, _ = axes.get_legend_handles_labels()
-    if any(one.inseparable for one in segments):
+    if any(segment.inseparable for segment in segments):
         handles.append(open_patch())
     axes.legend(handles=handles, ncols=1, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
 
@@ -163,8 +162,8 @@ def draw_on(axes: Axes, outcome: Outcome) -> None:
 def draw_segment(
     axes: Axes, segment: Segment, start_s: float, duration_s: float, ribbon: tuple[float, float], *names: str
 ) -> None:
-    """A bar in the colour of the contact, the paler the less probable that is, hatched where others fit as
-    well, with the first of the names that fits, or that of the contact."""
+    """Draw a bar in the colour of the contact, pale if improbable, hatched if several contacts fit, with the
+    first of the names that fits into it, the name of the contact being the last."""
     share = 0.25 + 0.75 * segment.probability
     colour = tuple(1.0 - share * (1.0 - part) for part in SHADE[segment.contact])
     hatch = "///" if segment.inseparable else None
@@ -181,8 +180,8 @@ def _draw_bar(
     background: Any,
     **style: Any,
 ) -> None:
-    """A bar with the first of the names that fits in it, or the last one upright; nothing where that does not
-    fit either. Where a colour is the ``background``, no hatching goes through the name."""
+    """Draw a bar with the first of the names that fits into it, else the last name upright, else no name. A
+    ``background`` with a colour hides the hatching behind the name."""
     axes.broken_barh([(start_s, duration_s)], (ribbon[0], ribbon[1] - ribbon[0]), **style)
     size = axes.get_window_extent()
     points = 72.0 / axes.get_figure(root=True).dpi  # type: ignore[union-attr]
@@ -191,10 +190,11 @@ def _draw_bar(
     height = (ribbon[1] - ribbon[0]) / (top - bottom) * points * size.height
     for text in map(printable, names):
         extent = TextPath((0.0, 0.0), text, size=NAME_SIZE).get_extents()
-        is_level = width > _ROOM * extent.width
+        text_width, text_height = _SPAN_RATIO * extent.width, _SPAN_RATIO * extent.height
+        is_level = width > text_width
         if is_level:
             break
-    scale = 1.0 if is_level else min(1.0, height / (_ROOM * extent.width), width / (_ROOM * extent.height))
+    scale = 1.0 if is_level else min(1.0, height / text_width, width / text_height)
     if scale * NAME_SIZE >= _LEAST_SIZE:
         axes.text(
             start_s + 0.5 * duration_s,
@@ -210,22 +210,22 @@ def _draw_bar(
 
 
 def open_patch() -> Patch:
-    """What a legend says of hatched segments."""
+    """The entry of a legend for hatched segments."""
     return Patch(facecolor="white", edgecolor="grey", hatch="///", label="open: others fit")
 
 
 def _draw_parts(figure: FigureBase, parts: Sequence[Part], origin_ns: int, up: Array | None = None) -> None:
-    """The object in the body frame, its surroundings in the world frame, with ``up`` (3,) upward if it is
-    known, and when parts were touched."""
+    """Draw the object in the body frame and its surroundings in the world frame, with ``up`` (3,) upward if
+    known, and write when parts were touched."""
     drawn = list[tuple[Axes3D, list[Part]]]()
     halves = figure.subfigures(1, 2, squeeze=False)[0]
     for side, (within, name, frame) in enumerate(zip(halves, SIDES, ("body", "world"), strict=True)):
-        own = [one._replace(name=printable(one.name)) for one in parts if one.side == side]
-        if not own:
+        drawn_parts = [part._replace(name=printable(part.name)) for part in parts if part.side == side]
+        if not drawn_parts:
             continue
         axes = within.add_subplot(projection="3d")
         assert isinstance(axes, Axes3D)
-        for number, part in enumerate(own):
+        for number, part in enumerate(drawn_parts):
             colour = f"C{number % 10}"
             faces = part.mesh.vertices[part.mesh.triangles]
             axes.add_collection3d(Poly3DCollection(faces, alpha=0.3, facecolor=colour, linewidth=0.0))
@@ -236,13 +236,13 @@ def _draw_parts(figure: FigureBase, parts: Sequence[Part], origin_ns: int, up: A
                     f"{(a - origin_ns) * 1e-9:.1f} to {(b - origin_ns) * 1e-9:.1f}"
                     for a, b in part.touched_ns
                 ]
-                shown = ", ".join(spans[:_SPANS]) + (", ..." if len(spans) > _SPANS else "")
-                axes.plot([], [], color=colour, label=f"{part.name}: {shown} s")
-        places = [strip for part in own for strip in (part.label_m[None], *part.outline)]
+                times = ", ".join(spans[:_SPANS]) + (", ..." if len(spans) > _SPANS else "")
+                axes.plot([], [], color=colour, label=f"{part.name}: {times} s")
+        places = [strip for part in drawn_parts for strip in (part.label_m[None], *part.outline)]
         places += [
-            part.label_m + _ABOUT_VERTEX * (part.mesh.vertices - part.label_m)
-            for part in own
-            if not part.outline  # the corners of a vertex
+            part.label_m + _VERTEX_VIEW * (part.mesh.vertices - part.label_m)
+            for part in drawn_parts
+            if not part.outline  # a vertex
         ]
         points = np.concatenate(places)
         low, high = points.min(axis=0), points.max(axis=0)
@@ -253,26 +253,26 @@ def _draw_parts(figure: FigureBase, parts: Sequence[Part], origin_ns: int, up: A
             place.set_major_locator(MaxNLocator(3))
             place.labelpad = _PART_SIZE
             axes.tick_params(axis, labelsize=_PART_SIZE)
-        axes.view_init(*_view_of(own, UP if up is None or side == 0 else up))
+        axes.view_init(*_view_of(drawn_parts, UP if up is None or side == 0 else up))
         axes.set_box_aspect((1.0, 1.0, 1.0), zoom=_ZOOM)
         axes.set_title(f"{name} ({frame} frame)", fontsize=10)
         if 0 < len(axes.get_legend_handles_labels()[0]) <= _MOST_LISTED:
             within.legend(loc="outside lower center", frameon=False, fontsize=7)
-        drawn.append((axes, own))
+        drawn.append((axes, drawn_parts))
     figure.get_figure(root=True).draw_without_rendering()
-    for axes, own in drawn:
-        _write_names(axes, own)
+    for axes, drawn_parts in drawn:
+        _write_names(axes, drawn_parts)
 
 
 def _view_of(parts: Sequence[Part], up: Array = UP) -> tuple[float, float, float]:
-    """The view (elevation, azimuth and roll, degrees) with the unit vector ``up`` (3,) upward in which the
-    part most foreshortened is least so, or an axis that is seen end-on."""
+    """The view (elevation, azimuth and roll, degrees), with the unit vector ``up`` (3,) upward, in which the
+    most foreshortened part, or axis seen end-on, is the least foreshortened."""
     angles = np.radians(_VIEWS)
     level = np.cos(angles[:, 0])
     x, y, z = level * np.cos(angles[:, 1]), level * np.sin(angles[:, 1]), np.sin(angles[:, 0])
     towards = Rotation.align_vectors(up[None], UP[None])[0].apply(np.stack([x, y, z], axis=1))
-    of_axes = np.linalg.norm(np.cross(towards[:, None], np.eye(3)), axis=2).min(axis=1)
-    shares = np.where(of_axes > _END_ON, 1.0, of_axes)
+    axis_shares = np.linalg.norm(np.cross(towards[:, None], np.eye(3)), axis=2).min(axis=1)
+    shares = np.where(axis_shares > _END_ON, 1.0, axis_shares)
     for part in parts:
         strip = part.outline[0] if len(part.outline) == 1 else np.zeros((0, 3))  # of a face or an edge
         if len(strip) > 1 and np.isfinite(strip).all():
@@ -291,13 +291,13 @@ def _view_of(parts: Sequence[Part], up: Array = UP) -> tuple[float, float, float
 
 
 def _write_names(axes: Axes3D, parts: Sequence[Part]) -> None:
-    """Write the names of parts where these are, or below, where others are already."""
+    """Write the names of parts at their places, or lower where they would overlap."""
     points, taken = 72.0 / axes.get_figure(root=True).dpi, list[tuple[float, float, float]]()
     for number, part in enumerate(parts):
         place = proj_transform(*part.label_m, axes.get_proj())[:2]
         x, begin = points * axes.transData.transform(place)
         half, y = 0.5 * TextPath((0.0, 0.0), part.name, size=_PART_SIZE).get_extents().width, begin
-        while any(abs(x - u) < half + other and abs(y - v) < 1.2 * _PART_SIZE for u, v, other in taken):
+        while any(abs(x - u) < half + width and abs(y - v) < 1.2 * _PART_SIZE for u, v, width in taken):
             y -= 0.5 * _PART_SIZE
         taken.append((x, y, half))
         axes.annotate(
@@ -319,7 +319,7 @@ def write_figure(outcome: Outcome, path: Path, suffix: str) -> None:
 
 
 def save_figure(figure: Figure, path: Path, suffix: str) -> None:
-    """Write any figure in the format of a suffix, and close it."""
+    """Write a figure in the format of a suffix, and close it."""
     try:
         figure.savefig(path, format=suffix.lower().removeprefix("."), dpi=DOTS_PER_INCH)
     finally:

@@ -1,4 +1,4 @@
-"""The formats of outputs, by suffix, their writing, and what they do not replace. Importing this is cheap."""
+"""Formats of outputs by suffix, their writing, and the protection of recordings. Importing this is cheap."""
 
 import csv
 import json
@@ -22,16 +22,15 @@ if TYPE_CHECKING:
     from contact_tracker.tracking.segmentation import Segmentation
 
 Append = Callable[[Iterable[Any]], None]
-_TOGETHER: Final = 256
-"""Rows of Parquet that are written at a time, at least."""
+_LEAST_ROWS: Final = 256
+"""Least number of rows of Parquet that are written at a time."""
 
 
 class Format(NamedTuple):
-    """An output with an entry per tick or segment, or of a whole recording in memory.
+    """An output with an entry per tick or segment, or an output of a whole recording in memory.
 
-    ``rows`` are those that it can have an entry of, the usual ones first; none for a whole recording. That is
-    written by the function ``write`` of a ``module``, which may need a library of an ``extra`` for the
-    ``purpose``.
+    ``rows`` are its possible entries, the default first; empty for an output of a whole recording, which the
+    function ``write`` of ``module`` writes. This may need a library of ``extra`` for a ``purpose``.
     """
 
     rows: "tuple[Rows, ...]" = ()
@@ -57,43 +56,42 @@ FORMATS: Final = {
     ".rrd": Format((), "viewer.views", "write_rrd"),
 }
 SUFFIXES: Final = tuple(suffix for suffix in FORMATS if suffix != ".rrd")
-"""Of what ``segment`` writes; ``view`` writes the recording of rerun."""
-TICKS: Final = tuple(suffix for suffix, one in FORMATS.items() if "ticks" in one.rows)
+"""Suffixes of the outputs of ``segment``; ``view`` writes ``.rrd``, a recording of rerun."""
+TICKS: Final = tuple(suffix for suffix, entry in FORMATS.items() if "ticks" in entry.rows)
 ROWS: Final = ("ticks", "segments")
 
 
-def rows_of(path: Path, asked: str | None = None) -> "Rows | None":
-    """What the output of this name has an entry per, the ``asked`` rows or the usual ones; None if it is of a
-    whole recording. Raises UsageError if it cannot have those that are asked for."""
-    rows = FORMATS[path.suffix.lower()].rows
-    if asked is None:
-        return rows[0] if rows else None
-    for one in rows:
-        if one == asked:
-            return one
-    if asked not in ROWS:
-        raise UsageError(f"rows are {' or '.join(ROWS)}, not {asked!r}")
-    able = ", ".join(suffix for suffix, other in FORMATS.items() if asked in other.rows)
-    raise UsageError(f"rows of {asked} are for {able}, not {path}")
+def rows_of(path: Path, rows: str | None = None) -> "Rows | None":
+    """The entries of the output ``path``, ``rows`` or the default of its format; None if the output is of a
+    whole recording. Raises UsageError if the format does not have ``rows``."""
+    possible = FORMATS[path.suffix.lower()].rows
+    if rows is None:
+        return possible[0] if possible else None
+    for kind in possible:
+        if kind == rows:
+            return kind
+    if rows not in ROWS:
+        raise UsageError(f"rows are {' or '.join(ROWS)}, not {rows!r}")
+    suffixes = ", ".join(suffix for suffix, entry in FORMATS.items() if rows in entry.rows)
+    raise UsageError(f"rows of {rows} are for {suffixes}, not {path}")
 
 
 def require_library(path: Path) -> None:
     """Raise MissingExtra, before any work, if a library for writing ``path`` is not installed."""
-    one = FORMATS[path.suffix.lower()]
-    if one.extra:
-        with extra(one.extra, one.purpose):
-            import_module(f"contact_tracker.{one.module}")
+    output = FORMATS[path.suffix.lower()]
+    if output.extra:
+        with extra(output.extra, output.purpose):
+            import_module(f"contact_tracker.{output.module}")
 
 
 @contextmanager
 def open_rows(
     path: Path, rows: "Rows", origin_ns: Callable[[], int], check: Callable[[], None] = accept_any
 ) -> Iterator[Append]:
-    """Give the function that appends beliefs or segments, as ``rows`` says, to a file, which is written
-    atomically.
+    """Give the function that appends beliefs or segments (``rows``) to a file, which is written atomically.
 
-    There is no file after a failure, or if an existing one does not pass ``check`` at the end. ``origin_ns``
-    returns the stamp from which displayed times count; it is called after the first entry.
+    There is no new file after a failure, or if ``check`` raises at the end. ``origin_ns`` returns the stamp
+    from which displayed times count; it is called after the first entry.
     """
     with whole_file(path, check) as temporary:
         if path.suffix.lower() == ".parquet":
@@ -105,7 +103,7 @@ def open_rows(
 
                 def append_together(entries: Iterable[Any]) -> None:
                     waiting.extend(entries)
-                    if len(waiting) >= _TOGETHER:
+                    if len(waiting) >= _LEAST_ROWS:
                         write(columns_of(rows, waiting))
                         waiting.clear()
 
@@ -120,17 +118,17 @@ def open_rows(
 
 
 def write_pieces(
-    found: "Iterable[Segmentation]",
+    pieces: "Iterable[Segmentation]",
     path: Path,
     rows: "Rows",
     origin_ns: Callable[[], int],
     check: Callable[[], None] = accept_any,
 ) -> int:
-    """Write a segmentation incrementally but atomically, the parameters as of ``open_rows``; returns the
-    number of entries."""
+    """Write a segmentation incrementally but atomically; parameters as in ``open_rows``. Returns the number
+    of entries."""
     count = 0
     with open_rows(path, rows, origin_ns, check) as append:
-        for piece in found:
+        for piece in pieces:
             entries: Sequence[Any] = piece.beliefs if rows == "ticks" else piece.segments
             append(entries)
             count += len(entries)
@@ -140,29 +138,29 @@ def write_pieces(
 def write_outcome(
     outcome: "Outcome", path: Path, rows: str | None = None, check: Callable[[], None] = accept_any
 ) -> None:
-    """Write the output of a whole recording that the suffix selects, atomically; ``rows`` as of ``rows_of``,
-    ``check`` as of ``whole_file``."""
+    """Write the output of a whole recording that the suffix selects, atomically; ``rows`` as in ``rows_of``,
+    ``check`` as in ``whole_file``."""
     entries = rows_of(path, rows)
     if entries is not None:
         write_pieces([outcome.segmentation], path, entries, lambda: outcome.origin_ns, check)
         return
     require_library(path)
-    one = FORMATS[path.suffix.lower()]
-    write = getattr(import_module(f"contact_tracker.{one.module}"), one.write)
+    output = FORMATS[path.suffix.lower()]
+    write = getattr(import_module(f"contact_tracker.{output.module}"), output.write)
     with whole_file(path, check) as temporary:
         write(outcome, temporary, path.suffix.lower())
 
 
-def json_line(entry: "Belief | Segment", more: Mapping[str, object] | None = None) -> str:
-    """One belief or segment, with ``more`` keys, as one JSON object, without newline."""
-    return json.dumps({**entry.to_json(), **(more or {})}, allow_nan=False)
+def json_line(entry: "Belief | Segment", additional: Mapping[str, object] | None = None) -> str:
+    """A belief or segment, with ``additional`` keys, as a JSON object without newline."""
+    return json.dumps({**entry.to_json(), **(additional or {})}, allow_nan=False)
 
 
 @contextmanager
 def open_text(suffix: str, file: TextIO, rows: "Rows", origin_ns: Callable[[], int]) -> Iterator[Append]:
-    """Text by its suffix: JSON lines; CSV with the columns of ``csv_columns``; a table of LaTeX with the rows
-    of that on a terminal; or SubRip subtitles for a video that starts with the recording, one per segment, or
-    per part between changes of its further contacts, that lasts at least a millisecond."""
+    """Give the function that appends entries as text, in a format by suffix: JSON lines; CSV with the columns
+    of ``csv_columns``; a LaTeX table with the rows of a terminal; or SubRip subtitles for a video that starts
+    with the recording, at least 1 ms each, one per part of a segment with the same further contacts."""
     from contact_tracker.exports.columns import csv_columns
     from contact_tracker.outputs.text import GEOMETRY_TITLE, segment_rows
 
@@ -178,10 +176,10 @@ def open_text(suffix: str, file: TextIO, rows: "Rows", origin_ns: Callable[[], i
                 if entries := list(entries):
                     table.writerows(zip(*csv_columns(rows, entries, origin_ns()).values(), strict=True))
             case ".jsonl":
-                file.writelines(f"{json_line(one)}\n" for one in entries)
+                file.writelines(f"{json_line(entry)}\n" for entry in entries)
             case ".tex":
-                for *figures, where in chain.from_iterable(segment_rows(one, origin_ns()) for one in entries):
-                    file.write(" & ".join([*figures, f"{_tex(where)} \\\\\n"]))
+                for *figures, pair in chain.from_iterable(segment_rows(s, origin_ns()) for s in entries):
+                    file.write(" & ".join([*figures, f"{_tex(pair)} \\\\\n"]))
             case ".srt":
                 for segment in entries:
                     for part in segment.parts:
@@ -223,11 +221,11 @@ def _subtitle(segment: "Segment", part: "SegmentPart", origin_ns: int) -> str:
         f"{ms // 3_600_000:02d}:{ms // 60_000 % 60:02d}:{ms // 1000 % 60:02d},{ms % 1000:03d}"
         for ms in (start_ms, end_ms)
     ]
-    others = f" or {', '.join(segment.inseparable)}" if segment.inseparable else ""
-    lines = [" --> ".join(times), f"{segment.contact.value} ({segment.probability:.2f}){others}"]
+    alternatives = f" or {', '.join(segment.inseparable)}" if segment.inseparable else ""
+    lines = [" --> ".join(times), f"{segment.contact.value} ({segment.probability:.2f}){alternatives}"]
     if any(segment.touching):
         lines.append(" on ".join(printable(name) if name else "?" for name in segment.touching))
-    lines += [f"+ {one.contact.value} ({one.probability:.2f})" for one in part.further]
+    lines += [f"+ {further.contact.value} ({further.probability:.2f})" for further in part.further]
     if segment.joint is not None:
         lines.append(f"= {segment.joint.kind.value} ({segment.joint.probability:.2f})")
     return "\n".join(lines)
@@ -240,34 +238,32 @@ def check_output(
     how: str = "--overwrite",
     written: Iterable[Path | None] = (),
 ) -> Callable[[], None]:
-    """Refuse an output that is one of the files ``read`` or of the other outputs ``written``, under any name,
-    or that would replace a recording: raises UsageError.
-
-    The message contains ``how`` to overwrite a recording after all.
+    """Raise UsageError if an output is, under any name, one of the files ``read`` or of the further outputs
+    ``written``, or would replace a recording; the message says ``how`` to replace a recording nevertheless.
 
     Returns
     -------
     The same check for ``whole_file``, as files may be renamed and linked in the meantime.
     """
     names = {
-        **{str(one): "another output," for one in written if one is not None},
+        **{str(output): "another output," for output in written if output is not None},
         **dict.fromkeys(read, "the input"),
     }
-    before = {name: _status(name) for name in names}
+    states_before = {name: _status(name) for name in names}
 
     def check() -> None:
         from contact_tracker.recording import may_be_recording
 
         if path is None:
             return
-        there, real = _status(str(path)), os.path.realpath(path)
-        for name, what in names.items():
-            states = before[name], _status(name)
+        state, real = _status(str(path)), os.path.realpath(path)
+        for name, role in names.items():
+            states = states_before[name], _status(name)
             is_same = name != "-" and os.path.realpath(name) == real  # which need not exist yet
-            if is_same or any(there and one and os.path.samestat(there, one) for one in states):
-                shown = "standard input" if name == "-" else name
-                raise UsageError(f"cannot write {path}: it is {what} {shown}; name another file")
-        if not there or overwrite:
+            if is_same or any(state and s and os.path.samestat(state, s) for s in states):
+                label = "standard input" if name == "-" else name
+                raise UsageError(f"cannot write {path}: it is {role} {label}; name another file")
+        if not state or overwrite:
             return
         try:
             reason = "it is a recording" if may_be_recording(str(path)) else None
@@ -282,7 +278,7 @@ def check_output(
 
 
 def _status(name: str) -> os.stat_result | None:
-    """The status of a file, None on errors, which reading it reports."""
+    """The status of a file, None on errors, which are reported when the file is read."""
     with suppress(OSError, ValueError):
         return os.fstat(sys.stdin.fileno()) if name == "-" else os.stat(name)
     return None

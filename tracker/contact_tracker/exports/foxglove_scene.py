@@ -1,6 +1,6 @@
 """Messages for Foxglove: beliefs to plot, frames and the touching elements, added to a recording.
 
-The messages are those of foxglove-sdk (extra ``foxglove``).
+Their types are from foxglove-sdk (extra ``foxglove``).
 """
 
 import json
@@ -36,22 +36,22 @@ _LINE_PX: Final = 1.5
 _KNOWN: Final = (OBJECT, GREY)
 _ORIGIN: Final = fox.Pose(position=fox.Vector3(), orientation=fox.Quaternion(w=1.0))
 _TEXT_SIZE: Final = 0.2
-"""Size relative to the object's radius."""
+"""Height of text relative to the object's radius."""
 
 
 def write_mcap(outcome: Outcome, path: Path, _: str = ".mcap") -> None:
-    """Write a copy of the recording with beliefs, frames and scene added, at the log times of its poses; if
-    it cannot be read again, only these. Raises UsageError for stamps outside of 0 to 2^32 s."""
+    """Write a copy of the recording with beliefs, frames and scene at the log times of its poses; only these
+    if the recording cannot be read again. Raises UsageError for stamps outside of 0 to 2^32 s."""
     poses, log_offset_ns = outcome.trajectory.poses, outcome.trajectory.log_offset_ns
     if len(poses) and not 0 <= poses.stamp_ns[0] + min(log_offset_ns, 0) <= poses.stamp_ns[-1] < _RANGE_NS:
         raise UsageError("stamps of an MCAP file for Foxglove lie between 0 and 2^32 s")
-    frames = tuple(given or own for given, own in zip(outcome.trajectory.frames, (WORLD, BODY), strict=True))
-    known = KnownParts.of(outcome)
-    extent = known.object_extent
+    frames = outcome.trajectory.frames[0] or WORLD, outcome.trajectory.frames[1] or BODY
+    known_parts = KnownParts.of(outcome)
+    extent = known_parts.object_extent
     added = merge(
         _beliefs(outcome),
         _frames(outcome, frames),
-        _known(outcome, frames, known.parts(outcome.touched), extent),
+        _known_scene(outcome, frames, known_parts.parts(outcome.touched), extent),
         _scene(outcome, frames, extent),
         key=lambda message: message.log_time_ns,
     )
@@ -60,8 +60,8 @@ def write_mcap(outcome: Outcome, path: Path, _: str = ".mcap") -> None:
 
 
 def _beliefs(outcome: Outcome) -> Iterator[RawMessage]:
-    text, number, integer, item = ({"type": one} for one in ("string", "number", "integer", "object"))
-    texts, numbers, items = ({"type": "array", "items": one} for one in (text, number, item))
+    text, number, integer, item = ({"type": kind} for kind in ("string", "number", "integer", "object"))
+    texts, numbers, items = ({"type": "array", "items": kind} for kind in (text, number, item))
     points = dict.fromkeys(("axis", "point_m", "axis_sd", "point_sd_m"), numbers)
     element = {**item, "properties": {"type": text, "name": text, **points, "unobserved": text}}
     properties = {
@@ -85,15 +85,15 @@ def _beliefs(outcome: Outcome) -> Iterator[RawMessage]:
 
 
 def _frames(outcome: Outcome, frames: tuple[str, ...]) -> Iterator[RawMessage]:
-    """The body in the world, and on a topic of its own the task frame where there is one: of the joint, or of
-    the labelled contact."""
+    """Transforms of the body, and, on a topic of its own, of the task frame: of the joint if there is one,
+    else of the labelled contact if its elements are known."""
     channels = (
         _channel(recording.FRAMES_TOPIC, fox.FrameTransforms),
         _channel(recording.TASK_TOPIC, fox.FrameTransforms),
     )
     segments, next_ns = outcome.segments, None
-    starts_ns = [one.start_ns for one in segments]
-    joints = [None if one.joint is None else one.joint.task_frame.T_world_task for one in segments]
+    starts_ns = [segment.start_ns for segment in segments]
+    joints = [None if s.joint is None else s.joint.task_frame.T_world_task for s in segments]
     for stamp_ns, position_m, quat_xyzw in outcome.trajectory:
         if next_ns is not None and stamp_ns < next_ns:
             continue
@@ -124,7 +124,7 @@ def _transform(
 
 
 def _scene(outcome: Outcome, frames: tuple[str, ...], extent: Extent) -> Iterator[RawMessage]:
-    """The scene from each change on; each message replaces the previous one."""
+    """The drawn contacts at each change; each message replaces the previous one."""
     channel, poses = _channel(recording.SCENE_TOPIC, fox.SceneUpdate), outcome.trajectory.poses
     up = Upward.of(outcome.segments, poses, extent).direction
     for segment in outcome.segments:
@@ -137,8 +137,8 @@ def _scene(outcome: Outcome, frames: tuple[str, ...], extent: Extent) -> Iterato
             if drawing is not None:
                 colour = COLOUR[segment.contact]
                 styles = (OBJECT, _OPAQUE), (OBJECT, _PALE), (colour, _OPAQUE), (colour, _PALE)
-                shapes = [_triangles(one, *style) for one, style in zip(drawing.meshes, styles, strict=True)]
-                kinds = " + ".join((segment.contact, *(one.contact for one in part.further)))
+                shapes = [_triangles(m, *style) for m, style in zip(drawing.meshes, styles, strict=True)]
+                kinds = " + ".join((segment.contact, *(further.contact for further in part.further)))
                 named = " on ".join(name for name in segment.touching if name) or kinds
                 text = _text(drawing.label_m, _TEXT_SIZE * extent.radius_m, colour, named)
                 labels = {"contact": segment.contact.value, "probability": f"{segment.probability:.3f}"}
@@ -161,11 +161,11 @@ def _scene(outcome: Outcome, frames: tuple[str, ...], extent: Extent) -> Iterato
             yield RawMessage(channel, part.start_ns, update.encode())
 
 
-def _known(
+def _known_scene(
     outcome: Outcome, frames: tuple[str, ...], parts: Sequence[Part], extent: Extent
 ) -> Iterator[RawMessage]:
-    """All that is known, from the first pose on, on a topic of its own, as each message on that of the scene
-    replaces the previous one."""
+    """The known parts, from the first pose on, on their own topic, as each message of the scene replaces the
+    previous one."""
     world, body = frames
     if not parts or not len(outcome.trajectory):
         return
@@ -173,10 +173,10 @@ def _known(
     entities = [
         fox.SceneEntity(
             timestamp=_timestamp(stamp_ns),
-            frame_id=world if one.side else body,
-            id=f"{number} {SIDES[one.side]} {one.name}",
+            frame_id=world if part.side else body,
+            id=f"{number} {SIDES[part.side]} {part.name}",
             frame_locked=True,
-            triangles=_triangles(one.mesh, _KNOWN[one.side], _PALE),
+            triangles=_triangles(part.mesh, _KNOWN[part.side], _PALE),
             lines=[
                 fox.LinePrimitive(
                     pose=_ORIGIN,
@@ -184,13 +184,13 @@ def _known(
                     thickness=_LINE_PX,
                     scale_invariant=True,
                     points=[_xyz(fox.Point3, place_m) for place_m in strip],
-                    color=_rgba(_KNOWN[one.side], 1.0),
+                    color=_rgba(_KNOWN[part.side], 1.0),
                 )
-                for strip in one.outline
+                for strip in part.outline
             ],
-            texts=[_text(one.label_m, size_m, _KNOWN[one.side], one.name)],
+            texts=[_text(part.label_m, size_m, _KNOWN[part.side], part.name)],
         )
-        for number, one in enumerate(parts)
+        for number, part in enumerate(parts)
     ]
     channel = _channel(recording.MAP_TOPIC, fox.SceneUpdate)
     yield RawMessage(channel, stamp_ns, fox.SceneUpdate(entities=entities).encode())

@@ -15,7 +15,7 @@ from contact_tracker.exports.columns import Columns, Kind
 
 _TYPES: Final = {"integer": pyarrow.int64(), "number": pyarrow.float64(), "text": pyarrow.string()}
 _SMALL: Final = {"write_statistics": False, "use_dictionary": False, "store_schema": False}
-"""Options for files of a few rows, without statistics, which would be more than half of them."""
+"""Options for files of a few rows: without statistics, which would be more than half of the file."""
 _GROUP: Final = 100_000
 
 
@@ -43,14 +43,14 @@ def to_arrow(columns: Columns, kinds: dict[str, Kind]) -> Table:
 
 
 def require_kind(kind: Kind, value: Any) -> None:
-    """Raise TypeError or ValueError unless a column of this kind can hold a value."""
+    """Raise TypeError or ValueError if a value does not fit a column of this kind."""
     pyarrow.scalar(value, _TYPES[kind])
     if isinstance(value, bool):
         raise TypeError("a flag is neither a number nor a text")
 
 
 def read_rows(path: Path, kinds: Mapping[str, Kind]) -> Iterator[tuple[Any, ...]]:
-    """The rows of some columns, in file order; raises StateError if it is damaged or has other columns."""
+    """The rows of the columns ``kinds``, in file order; raises StateError if it is damaged or lacks one."""
     names = list(kinds)
     with _damage_of(path), ParquetFile(path) as file:
         missing = set(names) - set(file.schema_arrow.names)
@@ -64,15 +64,15 @@ def read_rows(path: Path, kinds: Mapping[str, Kind]) -> Iterator[tuple[Any, ...]
 
 
 def write_merged(
-    kinds: dict[str, Kind], before: Path, rows: Sequence[dict[str, Any]], key: str, path: Path
+    kinds: dict[str, Kind], previous: Path, rows: Sequence[dict[str, Any]], key: str, path: Path
 ) -> None:
-    """Write to ``path`` the rows of the file ``before``, if it exists, updated with ``rows`` of the same
+    """Write the rows of the file ``previous``, if it exists, to ``path``, updated with ``rows`` of the same
     ``key`` and sorted by it. Equal rows make equal files. Raises StateError as ``read_rows`` does."""
     schema = _schema(kinds)
     table = pyarrow.Table.from_pylist(list(rows), schema=schema)
-    if before.exists():
-        with _damage_of(before):
-            kept = read_table(before, schema=schema, memory_map=False)
+    if previous.exists():
+        with _damage_of(previous):
+            kept = read_table(previous, schema=schema, memory_map=False)
         is_old = compute.is_in(kept[key], table[key].combine_chunks())
         table = pyarrow.concat_tables([kept.filter(compute.invert(is_old)), table])
     table = table.sort_by(key).combine_chunks()

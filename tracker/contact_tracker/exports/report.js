@@ -9,7 +9,7 @@ const unit = (a) => scaled(a, 1 / Math.hypot(...a));
 const rows = (array) => Array.from({ length: array.length / 3 }, (_, row) => array.subarray(3 * row, 3 * row + 3));
 const shaded = (rgb, light) => `rgb(${rgb.map((part) => Math.round(part * light))})`;
 
-// What the mouse is on: the numbers of segments, which stand out in all pictures, among the names and in the table.
+// Numbers of the segments under the mouse, which are highlighted in all pictures, among the names and in the table.
 const pictures = [];
 let picked = [];
 const isPicked = (shape) => shape.segments.some((segment) => picked.includes(segment));
@@ -17,8 +17,8 @@ const isPicked = (shape) => shape.segments.some((segment) => picked.includes(seg
 function pick(segments) {
   if (segments.join() === picked.join()) return;
   picked = segments;
-  for (const one of document.querySelectorAll("[data-segments]"))
-    one.classList.toggle("picked", isPicked({ segments: one.dataset.segments.split(" ").map(Number) }));
+  for (const entry of document.querySelectorAll("[data-segments]"))
+    entry.classList.toggle("picked", isPicked({ segments: entry.dataset.segments.split(" ").map(Number) }));
   pictures.forEach((draw) => draw());
 }
 
@@ -53,7 +53,7 @@ function draw3d(picture, { eye, up, shapes }) {
     draw();
   };
 
-  function draw(at) {  // returns the segments of what is at a place
+  function draw(at) {  // returns the numbers of the segments drawn at a place
     const [width, height, dots] = [canvas.clientWidth, canvas.clientHeight, devicePixelRatio];
     [canvas.width, canvas.height] = [width * dots, height * dots];
     context.scale(dots, dots);
@@ -82,12 +82,12 @@ function draw3d(picture, { eye, up, shapes }) {
       trace(points);
       context.stroke();
     }]);
-    for (const shape of shapes.filter((one) => one.shown || (picked.length === 1 && isPicked(one)))) {
+    for (const shape of shapes.filter((shape) => shape.shown || (picked.length === 1 && isPicked(shape)))) {
       const points = shape.points.map(project);
       const faces = shape.corners.map((corners) => [...corners].map((corner) => points[corner]));
       const normals = faces.map(([a, b, c]) =>
         cross(b.map((value, axis) => value - a[axis]), c.map((value, axis) => value - a[axis])));
-      if (shape.opacity < 1 && faces.length)  // as one area, in which nothing is drawn twice
+      if (shape.opacity < 1 && faces.length)  // one path, as overlapping faces would add up
         pieces.push([depth(points), shape, () => {
           context.globalAlpha *= shape.opacity;
           context.fillStyle = shaded(shape.colour, 1);
@@ -106,7 +106,7 @@ function draw3d(picture, { eye, up, shapes }) {
           context.fill();
           context.stroke();
         }]));
-      for (const strip of shape.strips.map((one) => one.map(project)))
+      for (const strip of shape.strips.map((strip) => strip.map(project)))
         for (let end = 1; end < strip.length; end++) line(shape, [strip[end - 1], strip[end]]);
       if (shape.label) names.push([shape.label, project(shape.label_m)]);
     }
@@ -122,7 +122,7 @@ function draw3d(picture, { eye, up, shapes }) {
     for (const [name, [x, place]] of names.sort((a, b) => a[1][1] - b[1][1])) {  // below each other
       let y = place - 4;
       const half = context.measureText(name).width / 2;
-      while (places.some((other) => Math.abs(other[0] - x) < other[2] + half && Math.abs(other[1] - y) < 13)) y += 3;
+      while (places.some(([u, v, width]) => Math.abs(u - x) < width + half && Math.abs(v - y) < 13)) y += 3;
       places.push([x, y, half]);
       context.fillText(name, x - half, y);
     }
@@ -140,17 +140,17 @@ function draw3d(picture, { eye, up, shapes }) {
   }
 
   for (const name of new Set(shapes.map((shape) => shape.name))) {
-    const own = shapes.filter((shape) => shape.name === name), entry = legend.appendChild(document.createElement("li"));
+    const group = shapes.filter((s) => s.name === name), entry = legend.appendChild(document.createElement("li"));
     entry.textContent = name;
-    entry.title = own[0].text;
-    if (own[0].segments.length) entry.dataset.segments = own[0].segments.join(" ");
-    entry.style.borderColor = shaded(own[0].colour, 1);
-    entry.style.opacity = own[0].shown ? 1 : 0.4;
-    entry.onmouseenter = () => pick(own[0].segments);
+    entry.title = group[0].text;
+    if (group[0].segments.length) entry.dataset.segments = group[0].segments.join(" ");
+    entry.style.borderColor = shaded(group[0].colour, 1);
+    entry.style.opacity = group[0].shown ? 1 : 0.4;
+    entry.onmouseenter = () => pick(group[0].segments);
     entry.onmouseleave = () => pick([]);
     entry.onclick = () => {
-      own.forEach((shape) => (shape.shown = !shape.shown));
-      entry.style.opacity = own[0].shown ? 1 : 0.4;
+      group.forEach((shape) => (shape.shown = !shape.shown));
+      entry.style.opacity = group[0].shown ? 1 : 0.4;
       draw();
     };
   }

@@ -1,6 +1,6 @@
 """A report in one self-contained HTML file: ribbon, posteriors, geometry in 3D, notes.
 
-The pictures in 3D are drawn in the page by ``report.js``, which it includes.
+The page includes ``report.js``, which draws its pictures in 3D.
 """
 
 import json
@@ -28,24 +28,24 @@ from contact_tracker.version import __version__
 
 _ABOUT_GEOMETRY: Final = (
     "<h2>Geometry, in the world frame</h2><p>Turn it with the mouse, move it with shift, zoom with the "
-    "wheel; a double click resets. A click on a name shows or hides; at first all but the longest contacts "
-    "are hidden, and what is less probable than 0.5, or largely unobserved. What the mouse is on stands out: "
-    "here, among the names, and in the table below.</p>"
+    "wheel; a double click resets. A click on a name shows or hides its shapes; at first only the longest "
+    "contacts are visible, without those less probable than 0.5 or largely unobserved. The contact under the "
+    "mouse is highlighted here, among the names, and in the table below.</p>"
 )
 _ABOUT_OBJECT: Final = (
-    "<h2>The object, in the body frame</h2><p>What is known of it: a known body, or of each face, edge and "
-    "vertex what was touched.</p>"
+    "<h2>The object, in the body frame</h2><p>Its known body, or the touched regions of its faces, edges and "
+    "vertices.</p>"
 )
 MOST_PATH_POSES: Final = 3000
 MOST_DRAWN: Final = 40
-"""Number of longest segments whose elements are drawn."""
+"""Number of segments whose elements are drawn, the longest ones."""
 MOST_SHOWN: Final = 10
-"""Number of these that are shown at first."""
+"""Number of drawn segments that are visible at first."""
 _PROBABLE: Final = 0.5
 _UNOBSERVED: Final = 2
-"""Elements with this many unobserved directions may be far off."""
+"""Number of unobserved directions from which on an element may be far off."""
 _ABOVE_OBJECT: Final = (1.0, 1.3, 0.9)
-"""Where the object is seen from."""
+"""Direction from the object to the eye, in the body frame."""
 _STYLE: Final = (
     "body{font:15px/1.45 system-ui,sans-serif;max-width:1180px;margin:24px auto;padding:0 16px;color:#222}"
     "h1{font-size:22px;margin:0 0 4px}h2{font-size:17px;margin:26px 0 6px}table{border-collapse:collapse}"
@@ -59,13 +59,13 @@ _BANNER: Final = "border-left:4px solid #e08000;margin:3px 0;padding:2px 8px"
 _CELL: Final = "padding:2px 10px 2px 0;text-align:left;vertical-align:top"
 _BREAK: Final = np.full((1, 3), np.nan)
 Shape = dict[str, Any]
-"""Of a picture in 3D: a surface, lines, and a label, shown and hidden together with all of its name."""
+"""Surface, lines and label of a picture in 3D; shapes of the same name are shown and hidden together."""
 
 
 def write_report(outcome: Outcome, path: Path, _: str = ".html") -> None:
     """Write the report; OSError if the file cannot be written."""
-    segments, trajectory, known = outcome.segments, outcome.trajectory, KnownParts.of(outcome)
-    parts = known.parts(outcome.touched)
+    segments, trajectory, known_parts = outcome.segments, outcome.trajectory, KnownParts.of(outcome)
+    parts = known_parts.parts(outcome.touched)
     title = escape(printable(f"Contacts in {trajectory.name}"))
     poses, count = counted(len(trajectory), "pose"), counted(len(segments), "segment")
     facts = f"{poses}, {trajectory.duration_s:.2f} s of motion, {count}"
@@ -77,9 +77,10 @@ def write_report(outcome: Outcome, path: Path, _: str = ".html") -> None:
         file.write(warnings_html(outcome.warnings))
         file.write(f"<p>{escape(printable(facts))}</p>{counts_html(outcome.noted)}")
         file.write(f"<h2>Labels and probabilities</h2>{figure_svg(outcome)}")
-        file.write(_ABOUT_GEOMETRY + _geometry(outcome, parts, known.object_extent))
-        if any(one.side == 0 for one in parts):
-            file.write(_ABOUT_OBJECT + _picture(_known(parts, 0, segments), _ABOVE_OBJECT, scene.UP, 420))
+        file.write(_ABOUT_GEOMETRY + _geometry(outcome, parts, known_parts.object_extent))
+        if any(part.side == 0 for part in parts):
+            shapes = _known_shapes(parts, 0, segments)
+            file.write(_ABOUT_OBJECT + _picture(shapes, _ABOVE_OBJECT, scene.UP, 420))
         file.write(f"<h2>Segments</h2>{table_html(segments, outcome.origin_ns)}<script>linkRows()</script>")
         file.write(f"<p>Made by contact-tracker {escape(__version__)}.</p></body></html>\n")
 
@@ -97,12 +98,13 @@ def _picture(shapes: Iterable[Shape], eye: ArrayLike, up: ArrayLike, height_px: 
 def _geometry(outcome: Outcome, parts: Sequence[Part], extent: Extent) -> str:
     """The path of the body's origin, and the elements of the longest segments where they touched."""
     poses, segments = outcome.trajectory.poses, outcome.segments
-    shapes, upward = [*_path(outcome), *_known(parts, 1, segments)], scene.Upward.of(segments, poses, extent)
+    upward = scene.Upward.of(segments, poses, extent)
+    shapes = [*_path_shapes(outcome), *_known_shapes(parts, 1, segments)]
     in_contact = [segment for segment in segments if segment.geometry is not None]
     longest = sorted(in_contact, key=lambda s: s.start_ns - s.end_ns)[:MOST_DRAWN]
-    shown = [
+    visible = [
         segment
-        for segment in longest  # of which the motion has determined the geometry
+        for segment in longest  # if the motion has determined the geometry
         if segment.geometry is not None
         and segment.probability >= _PROBABLE
         and len(segment.geometry.object.unobserved) < _UNOBSERVED
@@ -112,38 +114,38 @@ def _geometry(outcome: Outcome, parts: Sequence[Part], extent: Extent) -> str:
         if segment in longest and segment.geometry is not None:
             within = scene.poses_within(poses, segment.start_ns, segment.end_ns)
             middle_ns, held = int(within.stamp_ns[len(within) // 2]), segment.parts
-            touching = next((one for one in held if one.start_ns <= middle_ns <= one.end_ns), held[0])
+            touching = next((part for part in held if part.start_ns <= middle_ns <= part.end_ns), held[0])
             drawing = scene.draw_all(touching.geometries, within, extent, upward.direction)
             assert drawing is not None
             start_s = (segment.start_ns - outcome.origin_ns) * 1e-9
             common = {
                 "name": f"{segment.contact.value} from {start_s:.1f} s",
                 "text": printable(describe(segment.geometry, segment.inseparable)),
-                "shown": segment in shown,
+                "shown": segment in visible,
                 "segments": [number],
             }
-            shapes += _elements(common, COLOUR[segment.contact], within, drawing, parts)
+            shapes += _pair_shapes(common, COLOUR[segment.contact], within, drawing, parts)
     return _picture(shapes, *upward.eye(extent.radius_m), 620)
 
 
-def _known(parts: Sequence[Part], side: int, segments: Sequence[Segment]) -> Iterator[Shape]:
-    """What is known of one side, in its frame, with the numbers of the segments that touched it."""
+def _known_shapes(parts: Sequence[Part], side: int, segments: Sequence[Segment]) -> Iterator[Shape]:
+    """The known parts of one side, in its frame, with the numbers of the segments that touched them."""
     for part in parts:
         if part.side == side:
             name = printable(part.name)
             spans = part.touched_ns
             touched = [
                 number
-                for number, one in enumerate(segments)
-                if any(first_ns < one.end_ns and one.start_ns < last_ns for first_ns, last_ns in spans)
+                for number, segment in enumerate(segments)
+                if any(start_ns < segment.end_ns and segment.start_ns < end_ns for start_ns, end_ns in spans)
             ]
             label = {"label": name, "label_m": part.label_m.round(5).tolist(), "segments": touched}
             title = f"{SIDES[side]}: {name}" if side else name
             yield _shape(title, GREY, part.mesh, 0.3, part.outline, **label)
 
 
-def _path(outcome: Outcome) -> Iterator[Shape]:
-    """A line per state, with breaks where others hold."""
+def _path_shapes(outcome: Outcome) -> Iterator[Shape]:
+    """A line per state, interrupted where the label is another state."""
     poses, segments = outcome.trajectory.poses, outcome.segments
     poses = poses[:: 1 + len(poses) // MOST_PATH_POSES]
     starts = np.array([segment.start_ns for segment in segments], np.int64)
@@ -156,20 +158,17 @@ def _path(outcome: Outcome) -> Iterator[Shape]:
             yield _shape(f"path in {state.value}", COLOUR[state], strips=[place], width=2.5)
 
 
-def _elements(
+def _pair_shapes(
     common: Shape, colour: Colour, within: Poses, drawing: Drawing, parts: Sequence[Part]
 ) -> Iterator[Shape]:
-    """The touching pair, and what is known of the object, at the middle of the poses ``within``.
-
-    ``drawing`` is that of the pair.
-    """
+    """The touching pair (``drawing``) and the known parts of the object, at the middle pose of ``within``."""
     middle = within[len(within) // 2 : len(within) // 2 + 1]
     rotation, position = middle.rotation[0], middle.position_m[0]
     on_object, _, on_environment, _ = drawing.meshes
     yield _shape(mesh=on_environment, colour=colour, opacity=0.45, **common)
     moved = on_object._replace(vertices=on_object.vertices @ rotation.T + position)
     yield _shape(mesh=moved, colour=colour, **common)
-    strips = [strip @ rotation.T + position for one in parts if one.side == 0 for strip in one.outline]
+    strips = [strip @ rotation.T + position for part in parts if part.side == 0 for strip in part.outline]
     yield _shape(strips=strips, colour=GREY, **common)
 
 
@@ -179,9 +178,9 @@ def _shape(
     mesh: Mesh = scene.EMPTY,
     opacity: float = 1.0,
     strips: Iterable[Array] = (),
-    **more: Any,
+    **entries: Any,
 ) -> Shape:
-    """A surface, and lines (N, 3) each, which NaN interrupts."""
+    """A surface and lines (N, 3), which NaN interrupts, with further ``entries``."""
     broken = np.concatenate([np.zeros((0, 3)), *(row for strip in strips for row in (strip, _BREAK))])
     is_gap = np.isnan(broken[:, 0])
     return {
@@ -195,7 +194,7 @@ def _shape(
         "vertices": _base64(mesh.vertices, "<f4"),
         "triangles": _base64(mesh.triangles, "<u4"),
         "lines": _base64(broken[~is_gap | ~np.roll(is_gap, 1)], "<f4"),
-        **more,
+        **entries,
     }
 
 
@@ -213,13 +212,13 @@ def table_html(segments: Sequence[Segment], origin_ns: int) -> str:
         for texts in segment_rows(segment, origin_ns):
             cells = "".join(f'<td style="{_CELL}">{escape(printable(text))}</td>' for text in texts)
             rows.append(f'<tr data-segments="{number}">{cells}</tr>')
-    more = len(segments) - MOST_ROWS
-    note = f"<p>and {counted(more, 'more segment')}</p>" if more > 0 else ""
+    remaining = len(segments) - MOST_ROWS
+    note = f"<p>and {counted(remaining, 'more segment')}</p>" if remaining > 0 else ""
     return f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>{note}"
 
 
 def counts_html(noted: str) -> str:
-    """Counts of dropped and repaired poses, as ``counts_text`` has them."""
+    """A paragraph with the counts of dropped and repaired poses, in the words of ``counts_text``."""
     return f"<p>noted: {escape(noted)}</p>" if noted else ""
 
 
@@ -229,6 +228,6 @@ def warnings_html(warnings: Sequence[str]) -> str:
 
 
 def summary_html(outcome: Outcome) -> str:
-    """What a notebook shows of a result."""
-    shown = figure_svg(outcome) + table_html(outcome.segments, outcome.origin_ns)
-    return f"{warnings_html(outcome.warnings)}{shown}{counts_html(outcome.noted)}"
+    """The display of a result in a notebook."""
+    body = figure_svg(outcome) + table_html(outcome.segments, outcome.origin_ns)
+    return f"{warnings_html(outcome.warnings)}{body}{counts_html(outcome.noted)}"

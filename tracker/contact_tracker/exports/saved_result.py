@@ -1,4 +1,4 @@
-"""Results as files from which they are loaded again, to plot, evaluate and export them later."""
+"""Files of complete results, to load, plot, evaluate and export them later."""
 
 from pathlib import Path
 from typing import Any, Final
@@ -15,26 +15,26 @@ RESULT: Final = Kind("contact-tracker result", classes_in(Outcome), outlives_ver
 
 
 def write_result(outcome: Outcome, path: Path, _: str) -> None:
-    """Write all that a result has."""
+    """Write a complete result."""
     path.write_bytes(content_of(Outcome(**vars(outcome)), RESULT))
 
 
 def read_result(path: Path) -> Outcome:
     """The result in a file; no code in it is run. Raises StateError if the file is no result, is damaged, or
     was saved by a version whose results have other parts."""
-    found = load(path, RESULT)
+    outcome = load(path, RESULT)
     try:
-        _use(found)
+        _use(outcome)
     except ContactTrackerError as error:
         raise StateError(f"{path}: its poses are no poses: {error}") from error
     except Exception as error:  # its parts may be any values
         raise StateError(f"{path}: it is no saved result: name another file") from error
-    assert isinstance(found, Outcome)
-    return found
+    assert isinstance(outcome, Outcome)
+    return outcome
 
 
 def _use(outcome: Any) -> None:
-    """Use all parts of a result; those that do not fit each other raise any error."""
+    """Use all parts of a result; raises any error if they do not fit each other."""
     if not isinstance(outcome, Outcome):
         raise TypeError("it is another value")
     require_valid(outcome.trajectory.poses, None)

@@ -29,33 +29,33 @@ _BAND: Final = {
     Verdict.NEW: "tomato",
 }
 _RIBBONS: Final = ((1.0, 1.25), (0.0, 0.25))
-"""Heights of the first and of the second take."""
+"""Lower and upper ends, on the vertical axis, of the first and the second take."""
 
 
 @PLAIN_TEXT
 def draw_comparison(comparison: Comparison) -> Figure:
-    """Two ribbons of contacts, with a band between the segments of each step, coloured by what differs."""
+    """Two ribbons of contacts, with a band between the segments of each step, coloured by its verdict."""
     figure, axes = pyplot.subplots(figsize=(10.0, 3.2), layout="constrained")
-    takes = [steps_of(one) for one in comparison.takes]
+    takes = [steps_of(take) for take in comparison.takes]
     axes.set(xlim=(0.0, max(steps[-1].end_s for steps in takes)), ylim=(-0.02, 1.27), xlabel="time (s)")
     for steps, ribbon in zip(takes, _RIBBONS, strict=True):
-        for one in steps:
-            figures.draw_segment(axes, one.segment, one.start_s, one.end_s - one.start_s, ribbon)
+        for part in steps:
+            figures.draw_segment(axes, part.segment, part.start_s, part.end_s - part.start_s, ribbon)
     top, bottom = _RIBBONS[0][0], _RIBBONS[1][1]
-    for step in comparison.steps:  # one in a single take has a triangle
+    for step in comparison.steps:  # a step of a single take is a triangle
         upper = [(step.first[0].start_s, top), (step.first[-1].end_s, top)] if step.first else []
         lower = [(step.second[-1].end_s, bottom), (step.second[0].start_s, bottom)] if step.second else []
         ends = upper or lower
         middle = 0.5 * (ends[0][0] + ends[1][0]), 0.5 * (top + bottom)
         corners = [*(upper or [middle]), *(lower or [middle])]
         axes.add_patch(Polygon(corners, closed=True, **_style(step.verdict)))
-    shown = dict.fromkeys(one.verdict for one in comparison.steps)
-    handles = [Patch(**_style(verdict), label=f"step {verdict.value}") for verdict in shown]
-    if any(one.is_open for steps in takes for one in steps):
+    verdicts = dict.fromkeys(step.verdict for step in comparison.steps)
+    handles = [Patch(**_style(verdict), label=f"step {verdict.value}") for verdict in verdicts]
+    if any(step.is_open for steps in takes for step in steps):
         handles.append(figures.open_patch())
     axes.legend(handles=handles, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
-    first, second = (printable(one.trajectory.name) for one in comparison.takes)
-    axes.set_title(f"A: {first}\nB: {second}", loc="left", fontsize=figures.NAME_SIZE)
+    name_a, name_b = (printable(take.trajectory.name) for take in comparison.takes)
+    axes.set_title(f"A: {name_a}\nB: {name_b}", loc="left", fontsize=figures.NAME_SIZE)
     axes.set_yticks([sum(ribbon) / 2.0 for ribbon in _RIBBONS], ["A", "B"])
     axes.spines[["top", "right", "left"]].set_visible(False)
     return figure
@@ -68,17 +68,17 @@ def _style(verdict: Verdict) -> dict[str, Any]:
 
 @PLAIN_TEXT
 def draw_graph(graph: ContactGraph) -> Figure:
-    """The contacts on a circle in the order of their first times, and arrows with numbers of transitions."""
+    """The contacts on a circle, in order of first occurrence, and arrows with the numbers of transitions."""
     figure, axes = pyplot.subplots(figsize=(8.0, 8.0), layout="constrained")
     count = len(graph.nodes)
     angles = [pi / 2.0 - 2.0 * pi * k / max(count, 1) for k in range(count)]
     places = [(cos(a), sin(a)) for a in angles]
-    for (before, after), times in graph.edges.items():
+    for (source, target), times in graph.edges.items():
         line = {"linewidth": 0.7 + 0.6 * len(times), "color": "0.45", "connectionstyle": "arc3,rad=0.15"}
         arrow = {"arrowstyle": "-|>", "mutation_scale": 14, "shrinkA": 34, "shrinkB": 34, **line}
-        axes.annotate("", places[after], places[before], arrowprops=arrow)
+        axes.annotate("", places[target], places[source], arrowprops=arrow)
         if len(times) > 1:
-            (x, y), (u, v) = places[before], places[after]
+            (x, y), (u, v) = places[source], places[target]
             # the arc's middle is to the right of the straight line
             middle = 0.5 * (x + u) + 0.075 * (v - y), 0.5 * (y + v) - 0.075 * (u - x)
             axes.text(*middle, str(len(times)), fontsize=8, ha="center", va="center", backgroundcolor="white")
@@ -91,16 +91,16 @@ def draw_graph(graph: ContactGraph) -> Figure:
     return figure
 
 
-def write_comparison(found: Comparison, path: Path, check: Callable[[], None] = accept_any) -> None:
+def write_comparison(comparison: Comparison, path: Path, check: Callable[[], None] = accept_any) -> None:
     """Write a CSV with a row per step, or the figure, atomically; raises OSError."""
     with whole_file(path, check) as temporary:
         if path.suffix.lower() != ".csv":
-            save_figure(draw_comparison(found), temporary, path.suffix)
+            save_figure(draw_comparison(comparison), temporary, path.suffix)
             return
         with open(temporary, "w", encoding="utf-8", newline="") as file:
-            writer = csv.DictWriter(file, found.columns, lineterminator="\n")
+            writer = csv.DictWriter(file, comparison.columns, lineterminator="\n")
             writer.writeheader()
-            writer.writerows(one.to_json() for one in found.steps)
+            writer.writerows(step.to_json() for step in comparison.steps)
 
 
 def write_contact_graph(outcome: Outcome, path: Path, check: Callable[[], None] = accept_any) -> None:

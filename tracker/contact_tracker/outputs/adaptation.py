@@ -16,51 +16,51 @@ from contact_tracker.tracking.filter_bank import Report
 _NUMBERS: Final = re.compile(r"\d[\d.,]*(?:e[-+]?\d+)?")
 
 
-def not_given(texts: Iterable[str], given: set[str]) -> list[str]:
-    """The new ones of a stream's warnings, which count as ``given`` from now on; their numbers change while
-    it goes on."""
+def not_given(texts: Iterable[str], reported: set[str]) -> list[str]:
+    """The warnings that differ from the ``reported`` ones in more than numbers; adds them to ``reported``."""
     words = {_NUMBERS.sub("", text): text for text in texts}
-    new = [text for key, text in words.items() if key not in given]
-    given.update(words)
+    new = [text for key, text in words.items() if key not in reported]
+    reported.update(words)
     return new
 
 
 def noise_text(report: Report) -> str:
-    """The noise of a pose and of a tick, and their origin."""
-    asked, used, lasts = report.model.noise, report.chosen.noise, any(report.lasting)
+    """The noise of a pose and of a tick in words, with their origin."""
+    nominal, used, lasts = report.model.noise, report.chosen.noise, any(report.lasting)
     point = " ".join(f"{metres:.2f}" for metres in report.point_m)
-    of_pose = f"noise {_deviations(report.noise)} a pose"
-    of_pose += f" at the point ({point}) m of the body" if any(report.point_m) else ""
-    of_tick, lasting = f"{_deviations(report.tick)} a tick", f"errors that last {_deviations(report.lasting)}"
-    if not asked.estimated:
-        return f"{of_pose} (as given), {of_tick}{f', {lasting}' if lasts else ''}"
-    if not report.is_decided:  # the motion does not show what averaging leaves, so a tick's noise is a prior
-        cut_short = "the part that was looked at does not tell"
-        return (
-            f"{of_pose}; {cut_short if report.is_cut_short else 'too little motion to tell'} what averaging "
-            f"leaves of it: {of_tick}{f' and {lasting}' if lasts else ''} are assumed (set it by --noise)"
-        )
+    per_pose = f"noise {_deviations(report.noise)} a pose"
+    per_pose += f" at the point ({point}) m of the body" if any(report.point_m) else ""
+    per_tick, lasting = (
+        f"{_deviations(report.tick)} a tick",
+        f"errors that last {_deviations(report.lasting)}",
+    )
+    if not nominal.estimated:
+        return f"{per_pose} (as given), {per_tick}{f', {lasting}' if lasts else ''}"
+    if not report.is_decided:  # the motion does not determine the noise of a tick, so it is a prior
+        cause = "too short a part was read" if report.is_cut_short else "there is too little motion"
+        assumed = f"{per_tick}{f' and {lasting}' if lasts else ''} are assumed (set it by --noise)"
+        return f"{per_pose}; {cause} to estimate the noise of ticks: {assumed}"
     origin = ""
-    if used.estimate_share < asked.estimate_share:
+    if used.estimate_share < nominal.estimate_share:
         origin = " (chosen by the evidence; poses differ by motion, too)"
     elif lasts:
         origin = " (chosen by the evidence)"
-    elif used.floor_position_m > asked.floor_position_m:
+    elif used.floor_position_m > nominal.floor_position_m:
         origin = " (chosen by the evidence; white noise would leave less)"
-    return f"{of_pose}, {of_tick}{f', {lasting}' if lasts else ''}{origin}"
+    return f"{per_pose}, {per_tick}{f', {lasting}' if lasts else ''}{origin}"
 
 
 def warnings(report: Report | None) -> Iterator[str]:
-    """One line for each problem of the stream, with a remedy; none before there is a report."""
+    """One line per problem of the stream, with a remedy; none without a report."""
     if report is None:
         return
-    asked, chosen = report.model, report.chosen
-    if chosen.tick_s > asked.tick_s:
+    model, chosen = report.model, report.chosen
+    if chosen.tick_s > model.tick_s:
         yield (
-            f"few poses: ticks of {chosen.tick_s:.2f} s instead of {asked.tick_s:g} s, to hold "
-            f"{asked.poses_per_tick:g} poses each; shorter contacts are not found: record more poses a second"
+            f"few poses: ticks of {chosen.tick_s:.2f} s instead of {model.tick_s:g} s, to hold "
+            f"{model.poses_per_tick:g} poses each; shorter contacts are not found: record more poses a second"
         )
-    elif report.poses_per_tick < asked.poses_per_tick and not any(f.kind == STILL for f in report.findings):
+    elif report.poses_per_tick < model.poses_per_tick and not any(f.kind == STILL for f in report.findings):
         yield (
             f"few poses: {report.poses_per_tick:g} in a tick of {chosen.tick_s:g} s; "
             "if the unit of their times is right, record more poses a second, or take a model with "
@@ -89,16 +89,16 @@ def report_json(report: Report) -> dict[str, Any]:
 
 
 def _deviations(sigma: tuple[float, float]) -> str:
-    """In mm and degrees, with two significant digits and without an exponent."""
+    """Standard deviations (m and rad) in mm and degrees, with two significant digits, without an exponent."""
     values = 1e3 * sigma[0], math.degrees(sigma[1])
-    mm, deg = (f"{one:.0f}" if one >= 10.0 else f"{one:.2g}" if one >= 1e-4 else "0" for one in values)
+    mm, deg = (f"{sd:.0f}" if sd >= 10.0 else f"{sd:.2g}" if sd >= 1e-4 else "0" for sd in values)
     return f"{mm} mm {deg} deg"
 
 
 Reports = Mapping[PoseSource, Report | None]
 """A tracker's adaptation report for each source, if known."""
 _KEYS_SHOWN: Final = 24
-"""Most keys of a metadata record that text shows; JSON has all."""
+"""Largest number of keys of a metadata record in text; JSON has all."""
 
 
 def summary_lines(summary: RecordingSummary, reports: Reports) -> Iterator[str]:
@@ -110,7 +110,7 @@ def summary_lines(summary: RecordingSummary, reports: Reports) -> Iterator[str]:
     if summary.more_sources:
         yield f"more than {len(summary.sources)} sources of poses: the others are not shown"
     if sum(1 for source in summary.sources if source.poses) > len(reports):
-        yield "what the tracker adapts to is shown of the first sources: choose with --topic or --frame"
+        yield "the tracker's adaptation is shown for the first sources only: choose with --topic or --frame"
     poses = {source.source.topic for source in summary.sources}
     for (topic, type_name, encoding), count in sorted(summary.topics.items()):
         if topic not in poses:
@@ -121,9 +121,9 @@ def summary_lines(summary: RecordingSummary, reports: Reports) -> Iterator[str]:
     if summary.undecodable:
         yield f"{summary.undecodable} messages of pose topics cannot be decoded"
     for name, values in summary.metadata.items():
-        shown = ", ".join(islice(values, _KEYS_SHOWN)) or "empty"
-        more = f", and {len(values) - _KEYS_SHOWN} more" if len(values) > _KEYS_SHOWN else ""
-        yield printable(f"metadata {name}: {shown}{more}")
+        entries = ", ".join(islice(values, _KEYS_SHOWN)) or "empty"
+        omitted = f", and {len(values) - _KEYS_SHOWN} more" if len(values) > _KEYS_SHOWN else ""
+        yield printable(f"metadata {name}: {entries}{omitted}")
     for name in summary.attachments:
         yield printable(f"attachment {name}")
 
@@ -154,9 +154,9 @@ def _source_rows(source: SourceSummary, adapted: Report | None) -> Iterator[tupl
         yield "motion", f"{source.path_m:.2f} m of path within {extent} m"
     position_m, rotation_rad = map(_finite, estimate_noise(source.beginning))
     if position_m is not None and rotation_rad is not None:
-        where = " at the body's origin" if adapted is not None and any(adapted.point_m) else ""
+        place = " at the body's origin" if adapted is not None and any(adapted.point_m) else ""
         deviations = f"{position_m * 1e3:.3f} mm and {math.degrees(rotation_rad):.3f} deg per axis"
-        yield "noise", f"about {deviations}{where}"
+        yield "noise", f"about {deviations}{place}"
     if adapted is not None:
         yield "tracking", noise_text(adapted)
     for line in (*warnings(adapted), *remarks_on(source.counts, source.observed)):

@@ -1,4 +1,4 @@
-"""A recording with its segmentation: what all outputs are made from, by the command line and from Python."""
+"""A recording with its segmentation, from which the command line and Python make all outputs."""
 
 import os
 from collections.abc import Mapping
@@ -28,10 +28,10 @@ class Outcome:
     segmentation : segments and smoothed beliefs in columns.
     report : the tracker's adaptation; None without poses.
     notes : warnings from before the first pose.
-    with_wrenches : whether measured wrenches decided as well as the motion.
-    known_map : what was known of the object and its surroundings.
-    touched : the elements that the contacts have touched, to be drawn.
-    labels : what is shown instead of the truth in the recording.
+    with_wrenches : whether measured wrenches were evidence, besides the motion.
+    known_map : the prior knowledge of the object and its surroundings.
+    touched : map of the touched elements, for drawings.
+    labels : the user's labels, shown instead of the truth in the recording.
     """
 
     trajectory: Trajectory
@@ -45,8 +45,8 @@ class Outcome:
 
     @property
     def learned_world(self) -> GrowingMap | None:
-        """The elements that the contacts have touched, as the motion alone shows them; None where elements or
-        wrenches are given."""
+        """Map of the touched elements, estimated from the motion alone; None if elements or wrenches were
+        given."""
         return None if self.known_map.lists_elements or self.with_wrenches else self.touched
 
     @property
@@ -67,7 +67,7 @@ class Outcome:
 
     @property
     def noted(self) -> str:
-        """The same in words, with the times of the first outliers."""
+        """``counts`` in words, with the times of the first outliers."""
         return counts_text(self.counts, self.segmentation.outliers, self.origin_ns)
 
     @property
@@ -78,25 +78,25 @@ class Outcome:
 
     @property
     def own_warnings(self) -> tuple[str, ...]:
-        """One line per warning that the trajectory does not have."""
+        """One line per warning of the segmentation, without those of the trajectory."""
         return (*self.notes, *warnings(self.report))
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """The warnings by which no label is certain, one line each."""
+        """One line per warning that makes all labels doubtful."""
         findings = () if self.report is None else self.report.findings
-        return tuple(one.text for one in findings if one.doubts_labels)
+        return tuple(finding.text for finding in findings if finding.doubts_labels)
 
     @property
     def noise(self) -> str:
-        """The noise that the tracker has adapted to, in words; empty if unknown."""
+        """The noise to which the tracker has adapted, in words; empty if unknown."""
         return "" if self.report is None else noise_text(self.report)
 
     @property
     def origin_ns(self) -> int:
         """Stamp from which displayed times count."""
-        given = self.trajectory.origin_ns
-        return int(self.trajectory.stamp_ns[0]) if given is None else given
+        origin_ns = self.trajectory.origin_ns
+        return int(self.trajectory.stamp_ns[0]) if origin_ns is None else origin_ns
 
     @property
     def log(self) -> str | None:

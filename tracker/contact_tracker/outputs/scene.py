@@ -1,4 +1,4 @@
-"""Drawing of touching pairs: meshes of elements, where they are drawn and seen from, and the object's hull.
+"""Drawing of touching pairs: meshes of elements, their places, the eye, and the object's hull.
 
 Meshes are round for the object, square for the surroundings. An object's face is a wheel, its edge a round
 rod, its vertex a ball; a face of the surroundings is a square sheet, an edge a square bar, a vertex a cube.
@@ -27,8 +27,9 @@ SIGMAS: Final = 2.0
 _ROUND: Final = np.linspace(0.0, 2.0 * np.pi, 36, endpoint=False)
 FEW: Final = _ROUND[::4]
 SQUARE: Final = 0.25 * np.pi + np.linspace(0.0, 2.0 * np.pi, 4, endpoint=False)
+"""Angles (rad) of the corners of a square section; ``FEW`` and ``_ROUND``: of a round one."""
 _CORNER: Final = np.sqrt(2.0)
-"""From the middle of a square to its corners, by half its side."""
+"""Distance of a square's corners from its middle, relative to half its side."""
 _ROD: Final = 0.04
 _BAR: Final = 0.05
 _VERTEX: Final = 0.1
@@ -36,6 +37,7 @@ _RIM: Final = 0.02
 _NEEDLE: Final = 0.01
 _SPOKES: Final = 3
 _WIDEST: Final = 1.0
+"""Largest width of an uncertainty, and above it other dimensions, relative to the drawn half size."""
 
 
 class Mesh(NamedTuple):
@@ -50,8 +52,8 @@ EMPTY: Final = Mesh(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint32), n
 
 
 def solid(is_round: bool, element: Element, centre: Array, half_m: float) -> Mesh:
-    """An element, of the object if it ``is_round``, within ``half_m`` of ``centre``, a point on it; EMPTY
-    where it is not finite."""
+    """The mesh of an element, of the object if it ``is_round``, within ``half_m`` of its point ``centre``;
+    EMPTY if it is not finite."""
     match element:
         case Plane(normal) if is_round:
             thick, around = _RIM * half_m, FEW[:, None]
@@ -59,7 +61,7 @@ def solid(is_round: bool, element: Element, centre: Array, half_m: float) -> Mes
             section = np.cos(around) * out[:, None] + np.sin(around) * normal
             rim = _mesh(centre + (half_m - thick) * out[:, None] + thick * section)
             ways = circle(normal, np.pi * np.arange(_SPOKES) / _SPOKES)
-            return joined([rim, *(rod(way, centre, half_m, 0.5 * thick, FEW) for way in ways)])
+            return join([rim, *(rod(way, centre, half_m, 0.5 * thick, FEW) for way in ways)])
         case Plane(normal):
             return _mesh(_disc(normal, centre, half_m, 2, SQUARE))
         case Line(direction) if is_round:
@@ -71,9 +73,9 @@ def solid(is_round: bool, element: Element, centre: Array, half_m: float) -> Mes
 
 
 def uncertainty(element: Element, centre: Array, half_m: float, angles: Array = _ROUND) -> Mesh:
-    """The surface at two standard deviations; EMPTY where the covariance is unknown.
+    """The surface at two standard deviations; EMPTY if the covariance is unknown.
 
-    Its width is limited to ``half_m``. ``angles`` are those of the corners of a plane.
+    Its width is limited to ``half_m``. A drawn plane has corners at ``angles``.
     """
     covariance, widest = element.covariance, _WIDEST * half_m
     if covariance is None or not np.all(np.isfinite(covariance)):
@@ -82,7 +84,7 @@ def uncertainty(element: Element, centre: Array, half_m: float, angles: Array = 
         case Plane(normal):
             disc = _disc(normal, centre, half_m, 5, angles)
             shift = np.minimum(SIGMAS * distance_sd_m(element, disc), widest)[..., None] * normal
-            return joined((_mesh(disc + shift), _mesh(disc - shift)))
+            return join((_mesh(disc + shift), _mesh(disc - shift)))
         case Line(direction):
             along, basis = np.linspace(-half_m, half_m, 7), across(direction)
             dd, dp, pp = covariance[:3, :3], covariance[:3, 3:], covariance[3:, 3:]
@@ -93,7 +95,7 @@ def uncertainty(element: Element, centre: Array, half_m: float, angles: Array = 
 
 
 def distance_sd_m(plane: Plane, points: Array) -> Array:
-    """Standard deviation (...) of the distance of ``plane``, which has a covariance, from points (..., 3)."""
+    """Standard deviations (...) of the distances of points (..., 3) from ``plane``; it has a covariance."""
     assert plane.covariance is not None
     lifted = np.concatenate([points, -np.ones((*points.shape[:-1], 1))], axis=-1)
     variance = np.einsum("...i,ij,...j->...", lifted, plane.covariance, lifted)
@@ -122,19 +124,19 @@ def _root(covariance: Array, widest: float) -> Array:
 
 
 def _disc(normal: Array, centre: Array, radius_m: float, rings: int, angles: Array) -> Array:
-    """Rings (K, M, 3) of a disc about ``centre``, the first of them a point; with four angles a square."""
+    """Rings (K, M, 3) of a disc about ``centre``, the first ring a point; a square for four angles."""
     return centre + np.linspace(0.0, radius_m, rings)[:, None, None] * circle(normal, angles)
 
 
 def _tube(direction: Array, centre: Array, along_m: Array, sections: Array, angles: Array) -> Array:
-    """Rings (K, M, 3) at ``along_m`` (K,): the unit circle through ``sections`` (K or 1, 2, 2)."""
+    """Rings (K, M, 3) at ``along_m`` (K,): the unit circle, transformed by ``sections`` (K or 1, 2, 2)."""
     unit_circle = np.stack([np.cos(angles), np.sin(angles)])
     rings = np.swapaxes(across(direction) @ sections @ unit_circle, -1, -2)
     return np.asarray(centre + along_m[:, None, None] * direction + rings)
 
 
 def _ball(centre: Array, axes: Array) -> Array:
-    """Rings (K, M, 3) of the unit sphere through ``axes`` (3, 3)."""
+    """Rings (K, M, 3) of the unit sphere, transformed by ``axes`` (3, 3)."""
     latitude = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 9)[:, None]
     level = np.cos(latitude)
     sphere = level * np.cos(_ROUND), level * np.sin(_ROUND), np.sin(latitude) + 0.0 * _ROUND
@@ -154,20 +156,20 @@ def across(axis: Array) -> Array:
 
 
 def _mesh(rings: Array) -> Mesh:
-    """The surface through ``rings`` (K, M, 3), each closed; EMPTY where it is not finite."""
+    """The surface through closed ``rings`` (K, M, 3); EMPTY if they are not finite."""
     if not np.all(np.isfinite(rings)):
         return EMPTY
     count, size = rings.shape[:2]
     at = np.arange(count * size).reshape(count, size)
-    here, there = at, np.roll(at, -1, axis=1)
-    low, up = np.stack([here[:-1], there[:-1], here[1:]]), np.stack([here[1:], there[:-1], there[1:]])
+    following = np.roll(at, -1, axis=1)
+    low, up = np.stack([at[:-1], following[:-1], at[1:]]), np.stack([at[1:], following[:-1], following[1:]])
     triangles = np.concatenate([low.reshape(3, -1), up.reshape(3, -1)], axis=1).T
     vertices = rings.reshape(-1, 3)
     return Mesh(vertices.astype(np.float32), triangles.astype(np.uint32), _normals(vertices, triangles))
 
 
 def _normals(vertices: Array, triangles: NDArray[np.intp]) -> NDArray[np.float32]:
-    """The mean of the adjoining triangles' normals."""
+    """The unit mean (V, 3) of the adjoining triangles' normals, weighted by area."""
     a, b, c = np.moveaxis(vertices[triangles], 1, 0)
     sums = np.zeros_like(vertices)
     np.add.at(sums, triangles, np.cross(b - a, c - a)[:, None])
@@ -176,7 +178,7 @@ def _normals(vertices: Array, triangles: NDArray[np.intp]) -> NDArray[np.float32
 
 
 def _faceted(mesh: Mesh) -> Mesh:
-    """The mesh with separate vertices per triangle, so that its sides look flat."""
+    """The mesh with separate vertices for each triangle, so that its sides look flat."""
     if mesh is EMPTY:
         return EMPTY
     corners = mesh.vertices[mesh.triangles].reshape(-1, 3)
@@ -184,7 +186,7 @@ def _faceted(mesh: Mesh) -> Mesh:
     return Mesh(corners, apart.astype(np.uint32), _normals(corners.astype(float), apart))
 
 
-def joined(meshes: Sequence[Mesh]) -> Mesh:
+def join(meshes: Sequence[Mesh]) -> Mesh:
     """Several meshes as one."""
     starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])[:-1]
     shifted = [mesh.triangles + np.uint32(start) for mesh, start in zip(meshes, starts, strict=True)]
@@ -201,7 +203,7 @@ LARGEST_M: Final = 2.0
 _CUBE_ABOVE: Final = 0.25
 _CORNER_LABEL: Final = 0.7
 _WHEEL: Final = 0.65
-"""Size relative to the sheet of the touched face."""
+"""Size of an object's face relative to the sheet of the touched face."""
 UP: Final = np.array([0.0, 0.0, 1.0])
 
 
@@ -209,7 +211,7 @@ UP: Final = np.array([0.0, 0.0, 1.0])
 class Extent:
     """Size of the object: ``centre_m`` (3,) in the body frame, ``radius_m`` around it.
 
-    ``vertices_m`` (V, 3) of its hull in the body frame; without any the extent is an estimate, which is
+    ``vertices_m`` are (V, 3) of its hull in the body frame; without them the extent is an estimate, which is
     enlarged to reach contacts.
     """
 
@@ -246,27 +248,24 @@ def poses_within(poses: Poses, start_ns: int, end_ns: int) -> Poses:
 def draw_all(
     geometries: Sequence[ContactGeometry], poses: Poses, extent: Extent, up: Array = UP
 ) -> Drawing | None:
-    """Draw simultaneous touching pairs as ``draw`` does; None without any.
-
-    Label and ``is_open`` are those of the first.
-    """
+    """Draw simultaneous pairs by ``draw``, with label and ``is_open`` of the first; None without pairs."""
     if not geometries:
         return None
     drawings = [draw(geometry, poses, extent, up) for geometry in geometries]
-    meshes = zip(*(one.meshes for one in drawings), strict=True)
-    return drawings[0]._replace(meshes=tuple(map(joined, meshes)))
+    meshes = zip(*(drawing.meshes for drawing in drawings), strict=True)
+    return drawings[0]._replace(meshes=tuple(map(join, meshes)))
 
 
 def draw(geometry: ContactGeometry, poses: Poses, extent: Extent, up: Array = UP) -> Drawing:
     """Draw the pair where it touches during ``poses``: of the object's size, along the whole sliding path.
 
-    Two faces of which only the distance is known are drawn at the lower end of the hull, their uncertainty as
-    a needle along the normal.
+    If only the distance of two faces is known, they are drawn at the lower end of the hull, and their
+    uncertainty as a needle along the normal.
 
     Parameters
     ----------
-    poses : of the time of the contact, at least one.
-    up : (3,) in the world.
+    poses : during the contact, at least one.
+    up : (3,) upward in the world.
     """
     poses = poses[:: 1 + len(poses) // ENOUGH_POSES]
     rotation, position = poses.rotation, poses.position_m
@@ -284,7 +283,7 @@ def draw(geometry: ContactGeometry, poses: Poses, extent: Extent, up: Array = UP
         reach_m = float(np.median(np.linalg.norm(touching - extent.centre_m, axis=1)))
     else:
         reach_m = float(np.linalg.norm(inner - extent.centre_m))
-    if extent.vertices_m is None and radius_m < reach_m <= LARGEST_M:  # it is an estimate
+    if extent.vertices_m is None and radius_m < reach_m <= LARGEST_M:  # the radius is an estimate
         radius_m = reach_m
     half_m = _half_m(world, touched, middle, radius_m)
     object_m = _half_m(body, touching, inner, radius_m) * (_WHEEL if isinstance(body, Plane) else 1.0)
@@ -305,7 +304,7 @@ def draw(geometry: ContactGeometry, poses: Poses, extent: Extent, up: Array = UP
 
 
 def side(plane: Plane, points: Array, radius_m: float) -> float:
-    """Side of ``points`` (N, 3): 1 in the direction of the normal of ``plane``, -1 opposite, 0 unknown."""
+    """The side of ``plane`` on which ``points`` (N, 3) are: 1 along its normal, -1 opposite, 0 if unknown."""
     if plane.covariance is not None:
         middle = np.median(points, axis=0)
         if not SIGMAS * float(distance_sd_m(plane, middle)) < radius_m:  # also for nan
@@ -316,8 +315,8 @@ def side(plane: Plane, points: Array, radius_m: float) -> float:
 def _resting(
     geometry: ContactGeometry, poses: Poses, extent: Extent, up: Array
 ) -> tuple[Plane, Plane] | None:
-    """Two faces of which only the distance is known, shifted along their normal to the lower end of the hull,
-    if that is known; None for others."""
+    """Two faces, if only their distance is known, shifted along their normal to the lower end of the hull, if
+    there is a hull; None for other pairs."""
     on_object, on_world = geometry.object, geometry.environment
     if not isinstance(on_object, Plane) or not isinstance(on_world, Plane):
         return None
@@ -338,7 +337,7 @@ def _resting(
 
 
 def _half_m(element: Element, partner: Array, centre: Array, radius_m: float) -> float:
-    """Distance (m) from its ``centre`` to which an element is drawn."""
+    """Distance (m) from ``centre`` up to which an element is drawn, for a ``partner`` at positions (N, 3)."""
     reach = float(np.max(np.linalg.norm(partner - centre, axis=1))) if isinstance(element, Plane) else 0.0
     return radius_m + min(reach, 3.0 * radius_m)
 
@@ -352,65 +351,65 @@ def hull(vertices_m: Array) -> tuple[Mesh, Array, Extent] | None:
     """The convex hull in the body frame with its edges (E, 2, 3) in metres, and its size; None if
     ``vertices_m`` (V, 3) do not span a solid."""
     try:
-        found = ConvexHull(vertices_m)
+        convex = ConvexHull(vertices_m)
     except (QhullError, ValueError):
         return None
-    centre = vertices_m[found.vertices].mean(axis=0)
-    radius = float(np.max(np.linalg.norm(vertices_m[found.vertices] - centre, axis=1)))
+    centre = vertices_m[convex.vertices].mean(axis=0)
+    radius = float(np.max(np.linalg.norm(vertices_m[convex.vertices] - centre, axis=1)))
     edges = [
-        vertices_m[sorted(set(found.simplices[a]) & set(found.simplices[b]))]
-        for a, row in enumerate(found.neighbors)
+        vertices_m[sorted(set(convex.simplices[a]) & set(convex.simplices[b]))]
+        for a, row in enumerate(convex.neighbors)
         for b in row
-        if a < b and not np.allclose(found.equations[a], found.equations[b], atol=1e-6)
+        if a < b and not np.allclose(convex.equations[a], convex.equations[b], atol=1e-6)
     ]
     places = vertices_m.astype(np.float32)
-    mesh = Mesh(places, found.simplices.astype(np.uint32), np.zeros_like(places))
+    mesh = Mesh(places, convex.simplices.astype(np.uint32), np.zeros_like(places))
     lines = np.array(edges, np.float32).reshape(-1, 2, 3).astype(float)
     return mesh, lines, Extent(centre, radius, vertices_m)
 
 
 _BACK: Final = 3.9
 _ABOVE: Final = 2.2
-"""Place of the eye relative to the object, by its radius."""
+"""Distances of the eye behind and above the object, in radii of the object."""
 _AHEAD: Final = np.array([0.2, 1.0, 0.1])
-"""The view is along the level direction nearest to this one."""
-_ALIKE: Final = np.cos(np.radians(10.0))
+"""Direction in the world; the view is along the nearest level direction."""
+_LEAST_COSINE: Final = np.cos(np.radians(10.0))
 
 
 Eye = tuple[Array, Array]
-"""Its position (3,) in metres relative to the object, which is in the middle of the view, and up (3,)."""
+"""Position (3,) in metres relative to the object, which is in the middle of the view, and up (3,)."""
 
 
 class Upward:
-    """Estimates upward as away from the planes that were touched longest; without any it is z.
+    """Estimates upward as the direction away from the planes that were touched longest; z without planes.
 
-    ``extent`` is that of the object. A plane on whose side the object is not known counts towards z.
+    ``extent`` is the object's. If the side of the object is not known, a plane counts towards z.
     """
 
     def __init__(self, extent: Extent) -> None:
         self._extent = extent
-        self._sum = np.zeros(3)  # of the normals on the object's side, by time (s)
+        self._sum = np.zeros(3)  # sum of the normals on the object's side, weighted by time (s)
 
     @classmethod
     def of(cls, segments: Iterable[Segment], poses: Poses, extent: Extent) -> Self:
-        """By the segments of a whole recording."""
-        found = cls(extent)
-        for one in segments:
-            if one.geometry is not None:
-                within = poses_within(poses, one.start_ns, one.end_ns)
-                found.add(one.geometry, within, one.end_ns - one.start_ns)
-        return found
+        """The estimate from the segments of a whole recording."""
+        upward = cls(extent)
+        for segment in segments:
+            if segment.geometry is not None:
+                within = poses_within(poses, segment.start_ns, segment.end_ns)
+                upward.add(segment.geometry, within, segment.end_ns - segment.start_ns)
+        return upward
 
     def add(self, geometry: ContactGeometry, poses: Poses, lasted_ns: int) -> bool:
         """Add a contact of duration ``lasted_ns``; returns whether the direction has changed."""
         if not isinstance(geometry.environment, Plane):
             return False
-        before, normal = self.direction, geometry.environment.normal
+        previous, normal = self.direction, geometry.environment.normal
         centres = poses.rotation @ self._extent.centre_m + poses.position_m
-        known = side(geometry.environment, centres, self._extent.radius_m)
-        sign = known or (1.0 if normal @ before >= 0.0 else -1.0)
+        sign = side(geometry.environment, centres, self._extent.radius_m)
+        sign = sign or (1.0 if normal @ previous >= 0.0 else -1.0)
         self._sum = self._sum + 1e-9 * lasted_ns * sign * normal
-        return not before @ self.direction > _ALIKE
+        return not previous @ self.direction > _LEAST_COSINE
 
     @property
     def direction(self) -> Array:

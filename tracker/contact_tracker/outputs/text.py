@@ -3,7 +3,7 @@
 The colours of the states are the same for terminal, figures, viewer and reports. Any two of them differ by at
 least 33 in CIE L*a*b* (1976), for normal sight as for protanopes and deuteranopes (simulated as by Machado,
 Oliveira and Fernandes, 2009); tests/outputs/test_colours.py. Terminals show the nearest of 216 colours, which
-differ less (5.6 for protanopes): beside these the label is a word.
+differ less (5.6 for protanopes), but have the label as a word beside them.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -35,7 +35,7 @@ COLOURS: Final = [COLOUR[state] for state in STATES]
 
 
 def ansi_of(contact: Contact) -> str:
-    """The code of the colour for terminals, of 256 colours."""
+    """The code of a contact's colour in terminals with 256 colours."""
     red, green, blue = (min(range(6), key=lambda i: abs(ANSI_LEVELS[i] - part)) for part in COLOUR[contact])
     return f"38;5;{16 + 36 * red + 6 * green + blue}"
 
@@ -44,19 +44,19 @@ GEOMETRY_TITLE: Final = "the object's element (body frame) on the surroundings' 
 CHANGES_HEADER: Final = f"  time s  contact     p   since s  {GEOMETRY_TITLE}"
 SURE_PROBABILITY: Final = 0.9
 SAME_NS: Final = 1_000_000_000
-"""Largest change of a further contact's estimated onset from belief to belief, and the longest time (ns) for
+"""Largest change (ns) of a further contact's estimated onset from belief to belief, and the longest time for
 which it may be missing."""
 JOINS: Final = "+ "
 LEAVES: Final = "- "
 JOINT: Final = "= "
 OPEN_OFFSET: Final = "offset not known"
-"""Of a face: where it is along its normal."""
+"""Note on a face whose position along its normal is unknown."""
 _ORIGIN: Final = "the body's origin"
 TABLE_HEADER: Final = f" start s     end s  contact     p  {GEOMETRY_TITLE}"
 
 
 def is_settled(belief: Belief) -> bool:
-    """Whether the contact is nearly certain and distinguishable from all others."""
+    """Whether the contact is nearly certain and distinguishable from all other states."""
     return bool(belief.probability[belief.contact.column] >= SURE_PROBABILITY) and not belief.inseparable
 
 
@@ -67,21 +67,21 @@ def change_lines(
     leaves: Iterable[FurtherContact],
     origin_ns: int,
 ) -> Iterator[str]:
-    """Lines on what ``Changes`` finds in a belief: a new or settled contact, and further ones that end and
-    begin; times in seconds after ``origin_ns``."""
+    """Lines on the changes of a belief (``Changes``): a new or settled contact, and further contacts that end
+    and begin; times in seconds after ``origin_ns``."""
 
-    def line(kind: str, p: str, since_ns: int, where: str = "") -> str:
+    def line(kind: str, p: str, since_ns: int, elements: str = "") -> str:
         at_s, since_s = _seconds(belief.stamp_ns, origin_ns), _seconds(since_ns, origin_ns)
-        return f"{at_s:8.2f}  {kind:<7} {p:5}  {since_s:8.2f}  {where}".rstrip()
+        return f"{at_s:8.2f}  {kind:<7} {p:5}  {since_s:8.2f}  {elements}".rstrip()
 
     if is_news:
-        p, where = belief.probability[belief.contact.column], describe(belief.geometry, belief.inseparable)
-        yield line(belief.contact.value, f"{p:5.2f}", belief.onset_ns, where)
-    for one in leaves:
-        yield line(LEAVES + one.contact.value, "", one.start_ns)
-    for one in joins:
-        where = describe(one.geometry, one.inseparable)
-        yield line(JOINS + one.contact.value, f"{one.probability:5.2f}", one.start_ns, where)
+        p, elements = belief.probability[belief.contact.column], describe(belief.geometry, belief.inseparable)
+        yield line(belief.contact.value, f"{p:5.2f}", belief.onset_ns, elements)
+    for further in leaves:
+        yield line(LEAVES + further.contact.value, "", further.start_ns)
+    for further in joins:
+        elements = describe(further.geometry, further.inseparable)
+        yield line(JOINS + further.contact.value, f"{further.probability:5.2f}", further.start_ns, elements)
 
 
 def status_text(belief: Belief, origin_ns: int) -> str:
@@ -93,7 +93,7 @@ def status_text(belief: Belief, origin_ns: int) -> str:
 
 
 def counted(count: int, noun: str) -> str:
-    """A number of things, as ``1 pose`` and ``2 poses``."""
+    """A number with its noun, as ``1 pose`` and ``2 poses``."""
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
@@ -101,32 +101,32 @@ def segment_rows(segment: Segment, origin_ns: int) -> Iterator[tuple[str, str, s
     """Start, end, kind, probability and elements in words of a segment, its further contacts (``+``) and its
     joint (``=``); times in seconds after ``origin_ns``."""
 
-    def row(start_ns: int, end_ns: int, kind: str, p: float, where: str) -> tuple[str, str, str, str, str]:
+    def row(start_ns: int, end_ns: int, kind: str, p: float, elements: str) -> tuple[str, str, str, str, str]:
         start_s, end_s = _seconds(start_ns, origin_ns), _seconds(end_ns, origin_ns)
-        return f"{start_s:.2f}", f"{end_s:.2f}", kind, f"{p:.2f}", where
+        return f"{start_s:.2f}", f"{end_s:.2f}", kind, f"{p:.2f}", elements
 
     span = segment.start_ns, segment.end_ns
-    where = describe(segment.geometry, segment.inseparable)
-    yield row(*span, segment.contact.value, segment.probability, where)
-    for one in segment.further:
-        end_ns = segment.end_ns if one.end_ns is None else one.end_ns
-        where = describe(one.geometry, one.inseparable)
-        yield row(one.start_ns, end_ns, JOINS + one.contact.value, one.probability, where)
+    elements = describe(segment.geometry, segment.inseparable)
+    yield row(*span, segment.contact.value, segment.probability, elements)
+    for further in segment.further:
+        end_ns = segment.end_ns if further.end_ns is None else further.end_ns
+        elements = describe(further.geometry, further.inseparable)
+        yield row(further.start_ns, end_ns, JOINS + further.contact.value, further.probability, elements)
     if segment.joint is not None:
-        where = describe_joint(segment.joint, is_open(segment))
-        yield row(*span, JOINT + segment.joint.kind.value, segment.joint.probability, where)
+        elements = describe_joint(segment.joint, is_open(segment))
+        yield row(*span, JOINT + segment.joint.kind.value, segment.joint.probability, elements)
 
 
 def table(segments: Iterable[Segment], origin_ns: int, with_wrenches: bool = False) -> Iterator[str]:
     """A line per segment, per further contact (``+``) and joint (``=``), and the total ambiguous time.
 
-    Times are in seconds after ``origin_ns``. ``with_wrenches``: these decide as well as the motion.
+    Times are in seconds after ``origin_ns``. ``with_wrenches``: wrenches were evidence besides the motion.
     """
     yield TABLE_HEADER
     total_s = ambiguous_s = 0.0
     for segment in segments:
-        for start_s, end_s, kind, p, where in segment_rows(segment, origin_ns):
-            yield f"{start_s:>8}  {end_s:>8}  {kind:<7} {p:>5}  {where}".rstrip()
+        for start_s, end_s, kind, p, elements in segment_rows(segment, origin_ns):
+            yield f"{start_s:>8}  {end_s:>8}  {kind:<7} {p:>5}  {elements}".rstrip()
         duration_s = _seconds(segment.end_ns, segment.start_ns)
         total_s += duration_s
         ambiguous_s += duration_s if segment.inseparable else 0.0
@@ -136,32 +136,30 @@ def table(segments: Iterable[Segment], origin_ns: int, with_wrenches: bool = Fal
 
 
 def describe(geometry: ContactGeometry | None, inseparable: Sequence[Contact] = ()) -> str:
-    """``edge ... on face ...; or v-f, free``; after +/- the standard deviation in the worst direction.
-
-    After ``or`` follow the states that the motion does not distinguish from the label.
-    """
-    others, where = alternatives(inseparable), ""
+    """``edge ... on face ...; or v-f, free``: the elements, after +/- the standard deviation in the worst
+    direction, and after ``or`` the states that the motion does not distinguish from the label."""
+    states, pair = alternatives(inseparable), ""
     if geometry is not None:
         of_object, of_environment = geometry.has_open_offset
         body = _element(geometry.object, has_open_offset=of_object)
-        where = f"{body} on {_element(geometry.environment, has_open_offset=of_environment)}"
-    return "; ".join(filter(None, [where, others and f"or {others}"]))
+        pair = f"{body} on {_element(geometry.environment, has_open_offset=of_environment)}"
+    return "; ".join(filter(None, [pair, states and f"or {states}"]))
 
 
 def describe_joint(joint: Joint, contact_is_open: bool) -> str:
-    """``axis ... on axis ...; pitch ...``, of the object and the surroundings.
+    """``axis ... on axis ...; pitch ...``: the axes of the object and the surroundings.
 
-    Where ``contact_is_open``, it says that the joint does not depend on the contact.
+    If ``contact_is_open``, the text adds that the joint does not depend on the contact.
     """
     name = "centre" if joint.kind is JointKind.BALL else "axis"
     body = _element(joint.object, name, joint.kind is JointKind.SLIDER)
-    where = f"{body} on {_element(joint.environment, name)}"
+    pair = f"{body} on {_element(joint.environment, name)}"
     anyway = "; for any contact" if contact_is_open else ""
     if joint.kind is not JointKind.SCREW or joint.pitch_m_per_rad is None:
-        return f"{where}{anyway}"
+        return f"{pair}{anyway}"
     turn_mm, sd = 2e3 * np.pi * joint.pitch_m_per_rad, joint.pitch_sd_m_per_rad
     noise = "" if sd is None else _deviation(2e3 * np.pi * sd, "mm")
-    return f"{where}; pitch {_fixed(turn_mm, 2)} mm{noise} a turn{anyway}"
+    return f"{pair}; pitch {_fixed(turn_mm, 2)} mm{noise} a turn{anyway}"
 
 
 def joint_name(joint: Joint) -> str:
@@ -170,18 +168,18 @@ def joint_name(joint: Joint) -> str:
 
 
 def alternatives(inseparable: Sequence[Contact]) -> str:
-    """``v-f, free``; ``any other`` for all of them."""
+    """``v-f, free``; ``any other`` for all contacts."""
     return "any other" if len(inseparable) == len(CONTACTS) else ", ".join(inseparable)
 
 
-def is_open(one: Segment | Belief) -> bool:
+def is_open(entry: Segment | Belief) -> bool:
     """Whether the motion leaves the contact open among all states."""
-    return len(one.inseparable) == len(CONTACTS)
+    return len(entry.inseparable) == len(CONTACTS)
 
 
 def _element(element: Element, called: str | None = None, has_open_offset: bool = False) -> str:
-    """An element in words, with ``called`` instead of face, edge or vertex. With an open offset that of a
-    face is unknown, and a line is one of many parallel ones."""
+    """An element in words, with ``called`` instead of face, edge or vertex. An open offset means that the
+    offset of a face is unknown, and that a line is one of many parallel ones."""
     turns_or_shifts = [
         f"{'turn about' if way.how == 'turns_about' else 'shift along'} {_vector(way.direction, 2)}"
         for way in element.unobserved
@@ -190,14 +188,14 @@ def _element(element: Element, called: str | None = None, has_open_offset: bool 
         case Plane(normal, offset_m, covariance):
             tilt = f"{_vector(normal, 2)}{_worst(covariance, slice(0, 3), 'deg')}"
             offset = f" at {_fixed(offset_m, 3)} m{_worst(covariance, slice(3, 4), 'mm')}"
-            name, where = "face", f" normal {tilt}{'' if has_open_offset else offset}"
+            name, place = "face", f" normal {tilt}{'' if has_open_offset else offset}"
         case Line(direction, point_m, covariance):
             along = f"{_vector(direction, 2)}{_worst(covariance, slice(0, 3), 'deg')}"
             through = f"{_vector(point_m, 3)} m{_worst(covariance, slice(3, 6), 'mm')}"
-            name, where = "edge", f" along {along} through {_ORIGIN if has_open_offset else through}"
+            name, place = "edge", f" along {along} through {_ORIGIN if has_open_offset else through}"
         case Point(point_m, covariance):
             name = "vertex"
-            where = f" {_vector(point_m, 3)} m{_worst(covariance, slice(0, 3), 'mm')}"
+            place = f" {_vector(point_m, 3)} m{_worst(covariance, slice(0, 3), 'mm')}"
     name = called or name
     if element.name is not None:
         name = element.name if name in element.name.split() else f"{name} {element.name}"
@@ -207,7 +205,7 @@ def _element(element: Element, called: str | None = None, has_open_offset: bool 
     notes = [OPEN_OFFSET] if has_open_offset and isinstance(element, Plane) else []
     if turns_or_shifts:
         notes.append(f"unobserved: {', '.join(turns_or_shifts)}")
-    return f"{name}{where}" + (f" ({'; '.join(notes)})" if notes else "")
+    return f"{name}{place}" + (f" ({'; '.join(notes)})" if notes else "")
 
 
 def _worst(covariance: Array | None, block: slice, unit: str) -> str:
@@ -237,8 +235,8 @@ def _seconds(stamp_ns: int, origin_ns: int) -> float:
 
 
 class Changes:
-    """What was reported last: the ``label``, whether it was ``settled``, or ``open`` among all states, and
-    the ``further`` contacts."""
+    """The last report: the ``label``, whether it was ``settled`` or ``open`` among all states, and the
+    ``further`` contacts."""
 
     def __init__(self) -> None:
         self.label: Contact | None = None
@@ -249,9 +247,9 @@ class Changes:
     def update(self, belief: Belief) -> tuple[bool, list[FurtherContact], list[FurtherContact]]:
         """Whether the next belief is reported, the further contacts that begin with it, and those that end.
 
-        A new label is reported, one that settles, and free motion that is open among all states, as at rest.
-        While all states are open, any label is as good as the last. A further contact ends when none of its
-        kind has come again for ``SAME_NS``, or with free motion.
+        A new label is reported, a label that settles, and free motion that is open among all states, as at
+        rest. While all states are open, a new label is no news. A further contact ends with free motion, or
+        when no contact of its kind has followed for ``SAME_NS``.
         """
         opened, settles = is_open(belief), is_settled(belief)
         changed = belief.contact is not self.label and not (self.open and opened)
@@ -262,27 +260,27 @@ class Changes:
         self.settled = settles or (self.settled and not changed and not opens)
         joins = _without(belief.further, self.further)
         missing, leaves = list[FurtherContact](), list[FurtherContact]()
-        for one in _without(self.further, belief.further):
-            end_ns = one.end_ns or belief.stamp_ns
-            again = next((i for i, joined in enumerate(joins) if joined.contact is one.contact), None)
+        for further in _without(self.further, belief.further):
+            end_ns = further.end_ns or belief.stamp_ns
+            again = next((i for i, joined in enumerate(joins) if joined.contact is further.contact), None)
             if again is not None:
                 del joins[again]
             elif belief.contact is Contact.FREE or belief.stamp_ns >= end_ns + SAME_NS:
-                leaves.append(one)
+                leaves.append(further)
             else:
-                missing.append(replace(one, end_ns=end_ns))
+                missing.append(replace(further, end_ns=end_ns))
         self.further = (*belief.further, *missing)
         return is_news, joins, leaves
 
 
-def _without(contacts: Iterable[FurtherContact], others: Iterable[FurtherContact]) -> list[FurtherContact]:
-    """The contacts that are none of the others, of which each is one contact only."""
-    rest, left = [*others], list[FurtherContact]()
+def _without(contacts: Iterable[FurtherContact], excluded: Iterable[FurtherContact]) -> list[FurtherContact]:
+    """The contacts without a partner in ``excluded``; each of these is the partner of one contact at most."""
+    unmatched, remaining = [*excluded], list[FurtherContact]()
     for contact in contacts:
-        for i, other in enumerate(rest):
-            if contact.contact is other.contact and abs(contact.start_ns - other.start_ns) < SAME_NS:
-                del rest[i]
+        for i, candidate in enumerate(unmatched):
+            if contact.contact is candidate.contact and abs(contact.start_ns - candidate.start_ns) < SAME_NS:
+                del unmatched[i]
                 break
         else:
-            left.append(contact)
-    return left
+            remaining.append(contact)
+    return remaining

@@ -1,1 +1,1 @@
-"""A recording as a sequence of contacts: two takes compared, a plan followed, and the graph of contacts."""
+"""Sequences of contacts: comparison of two takes, following a plan, and the graph of contacts."""

@@ -1,4 +1,4 @@
-"""Two takes of one task, step by step: what is missing, new, longer, shorter or elsewhere."""
+"""Comparison of two takes of one task: which steps are missing, new, longer, shorter or elsewhere."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -22,10 +22,11 @@ from contact_tracker.states import STATES
 Array = NDArray[np.float64]
 
 TOLERANCE: Final = 0.25
-"""Share of a step's duration by which takes of one task differ: 34 of 38 steps in nine pairs of takes of
-three everyday tasks (docs/assembly.md), and three of the others within what is known of their boundaries."""
+"""Tolerated difference of a step's durations, relative to the longer one: 34 of 38 steps in nine pairs of
+takes of three everyday tasks (docs/assembly.md) are within it, three more with the deviations of their
+boundaries."""
 MOST_STEPS: Final = 300
-"""Most segments of a recording that are aligned: 300 by 300 take four seconds."""
+"""Largest number of segments of a recording that are aligned: 300 by 300 take four seconds."""
 
 
 Kind = Literal["number", "text"]
@@ -34,7 +35,7 @@ _SPAN: Final[tuple[tuple[str, str, Kind], ...]] = (
     ("start", "_s", "number"),
     ("end", "_s", "number"),
 )
-_APART: Final = ("shift_mm", "shift_sd_mm", "turn_deg", "turn_sd_deg")
+_DISTANCES: Final = ("shift_mm", "shift_sd_mm", "turn_deg", "turn_sd_deg")
 COLUMNS: Final[dict[str, Kind]] = {
     "verdict": "text",
     "probability": "number",
@@ -42,13 +43,13 @@ COLUMNS: Final[dict[str, Kind]] = {
     "longer_s": "number",
     "longer_sd_s": "number",
     "moved": "text",
-    **{f"{side}_{name}": "number" for side in ("object", "surroundings") for name in _APART},
+    **{f"{side}_{name}": "number" for side in ("object", "surroundings") for name in _DISTANCES},
 }
-"""Of the rows in CSV, JSON and DataFrames, with their kinds."""
+"""Columns of the rows in CSV, JSON and DataFrames, with their kinds."""
 
 
 class Verdict(StrEnum):
-    """What is said of a step."""
+    """The verdict on a step."""
 
     SAME = "same"
     MISSING = "missing"
@@ -65,13 +66,13 @@ class ComparedStep:
 
     Parameters
     ----------
-    first, second : its segments in each; none where it is missing or new.
-    verdict : what is said of it; ``open`` if it cannot be told.
-    probability : that the segments of both are of one step, or that it is missing or new.
-    moved : ``object``, ``surroundings`` or ``both``, which touch with another element (``either``: one of
-        them); empty if none is known to.
-    object, surroundings : how far their elements are apart.
-    longer_s, longer_sd_s : how much longer it is in the second take; NaN if it is in one only.
+    first, second : its segments in each take; none where it is missing or new.
+    verdict : the verdict; ``open`` if the takes do not decide it.
+    probability : that the segments of both takes belong to one step, or that the step is missing or new.
+    moved : ``object``, ``surroundings`` or ``both``, the sides that touch with another element (``either``:
+        one of them); empty if no side is known to.
+    object, surroundings : distances of the touching elements of the two takes.
+    longer_s, longer_sd_s : duration in the second take minus that in the first; NaN if only one has the step.
     """
 
     first: tuple[Step, ...]
@@ -85,20 +86,20 @@ class ComparedStep:
     longer_sd_s: float = np.nan
 
     def to_json(self) -> dict[str, Any]:
-        """Names (those of ``COLUMNS``) and values of the row; None is unknown or not applicable."""
+        """Names (``COLUMNS``) and values of the row; None if unknown or not applicable."""
         values: list[Any] = [self.verdict.value, self.probability]
         for steps in (self.first, self.second):
             values += [_label(steps), steps[0].start_s, steps[-1].end_s] if steps else [None] * 3
         values += [self.longer_s, self.longer_sd_s, self.moved or None]
         for value, sd, _ in (*self.object.figures, *self.surroundings.figures):
             values += [value, sd]
-        known = (None if isinstance(one, float) and not np.isfinite(one) else one for one in values)
-        return dict(zip(COLUMNS, known, strict=True))
+        cells = (None if isinstance(cell, float) and not np.isfinite(cell) else cell for cell in values)
+        return dict(zip(COLUMNS, cells, strict=True))
 
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """Two takes, step by step. ``notes`` say what was not compared, and why."""
+    """Two takes, step by step. ``notes`` are warnings about parts that were not compared."""
 
     takes: tuple[Outcome, Outcome]
     steps: tuple[ComparedStep, ...]
@@ -106,17 +107,17 @@ class Comparison:
 
     @property
     def differences(self) -> tuple[ComparedStep, ...]:
-        """The steps that differ, as far as it can be told."""
-        return tuple(one for one in self.steps if one.verdict not in (Verdict.SAME, Verdict.OPEN))
+        """The steps that are known to differ."""
+        return tuple(step for step in self.steps if step.verdict not in (Verdict.SAME, Verdict.OPEN))
 
     def to_json(self) -> dict[str, Any]:
         """``steps`` with the names of ``columns``, and ``notes``."""
-        return {"steps": [one.to_json() for one in self.steps], "notes": [*self.notes]}
+        return {"steps": [step.to_json() for step in self.steps], "notes": [*self.notes]}
 
     @property
     def columns(self) -> dict[str, list[Any]]:
         """Values by name, a row per step."""
-        rows = [one.to_json() for one in self.steps]
+        rows = [step.to_json() for step in self.steps]
         return {name: [row[name] for row in rows] for name in COLUMNS}
 
     def __str__(self) -> str:
@@ -125,10 +126,10 @@ class Comparison:
     def lines(self) -> Iterator[str]:
         """A table of at most 80 columns, without the notes."""
         yield f"{'A: s':>15}  {'':<5}{'B: s':>15}  {'':<5}  {'what':<9}    p  by"
-        for one in self.steps:
-            sides = "  ".join(f"{_span(steps):>15} {_label(steps):<5}" for steps in (one.first, one.second))
-            yield f"{sides}  {one.verdict:<9} {one.probability:4.2f}  {_by(one)}".rstrip()
-        count = {kind: sum(one.verdict is kind for one in self.steps) for kind in Verdict}
+        for step in self.steps:
+            sides = "  ".join(f"{_span(steps):>15} {_label(steps):<5}" for steps in (step.first, step.second))
+            yield f"{sides}  {step.verdict:<9} {step.probability:4.2f}  {_difference(step)}".rstrip()
+        count = {kind: sum(step.verdict is kind for step in self.steps) for kind in Verdict}
         counts = ", ".join(f"{number} {kind}" for kind, number in count.items() if number)
         if not self.steps:
             counts = "neither take has a step"
@@ -142,66 +143,67 @@ class Comparison:
 def compare_outcomes(first: Outcome, second: Outcome, tolerance: float = TOLERANCE) -> Comparison:
     """Align two segmented takes by contacts and places (docs/theory.md, T48).
 
-    ``tolerance`` is the share by which the durations of a step may differ. Raises UsageError where there are
-    too many segments.
+    ``tolerance`` is the share by which the durations of a step may differ. Raises UsageError if there are too
+    many segments.
     """
     takes = steps_of(first), steps_of(second)
     if max(map(len, takes)) > MOST_STEPS:
         raise UsageError(
             f"takes of more than {MOST_STEPS} segments are not compared: cut them with --start and --duration"
         )
-    likelihoods = [np.log(len(STATES) * np.array([one.probability for one in steps])) for steps in takes]
-    ours, theirs = first.learned_world, second.learned_world
+    likelihoods = [np.log(len(STATES) * np.array([step.probability for step in steps])) for steps in takes]
+    first_map, second_map = first.learned_world, second.learned_world
     evidence = np.full((len(takes[0]), len(takes[1]), 2, 2), np.nan)
     pairs, notes = np.zeros((*evidence.shape[:2], len(STATES))), list[str]()
-    if ours is not None and theirs is not None:
-        evidence = place_evidence(*takes, ours, theirs)
+    if first_map is not None and second_map is not None:
+        evidence = place_evidence(*takes, first_map, second_map)
     else:
         notes.append("places are not compared where elements or wrenches are given")
     is_known = np.isfinite(evidence[..., 0, 0])
-    for i, j in np.argwhere(is_known):  # each of the four is as probable before
+    for i, j in np.argwhere(is_known):  # the four cases have equal priors
         pairs[i, j, takes[0][i].contact.column] = np.logaddexp.reduce(evidence[i, j].ravel()) - np.log(4.0)
-    are_open = [np.array([one.is_open for one in steps]) for steps in takes]
-    found = align(likelihoods[0], likelihoods[1], pairs, are_open[0][:, None] == are_open[1])
+    are_open = [np.array([step.is_open for step in steps]) for steps in takes]
+    alignment = align(likelihoods[0], likelihoods[1], pairs, are_open[0][:, None] == are_open[1])
 
-    def tells(pair: tuple[int, int]) -> tuple[float, float]:
-        return float(found.together[pair]), float(np.ptp(evidence[pair]))
+    def rank(pair: tuple[int, int]) -> tuple[float, float]:
+        return float(alignment.together[pair]), float(np.ptp(evidence[pair]))
 
-    # of each step the segments whose places tell most
-    known = [[(i, j) for i in own for j in other if is_known[i, j]] for own, other in found.steps]
-    matched = [max(pairs_of_step, key=tells, default=None) for pairs_of_step in known]
-    shown = np.array([evidence[pair] for pair in matched if pair is not None]).reshape(-1, 2, 2)
-    is_compared = np.array([_log_odds_of_same(shown), _log_odds_of_same(shown.swapaxes(1, 2))]) >= 0.0
+    matched = [  # the most probable pair of segments of each step, of equal ones that with most evidence
+        max(((i, j) for i in rows for j in columns if is_known[i, j]), key=rank, default=None)
+        for rows, columns in alignment.steps
+    ]
+    chosen = np.array([evidence[pair] for pair in matched if pair is not None]).reshape(-1, 2, 2)
+    is_compared = np.array([_log_odds_of_same(chosen), _log_odds_of_same(chosen.swapaxes(1, 2))]) >= 0.0
     for name, is_same in zip(("object", "surroundings"), is_compared, strict=True):
         if not is_same:
             notes.append(
-                f"nothing that touched of the {name} is where it was: are they other ones, or have frames "
+                f"no touched element of the {name} is where it was: do they differ, or have frames "
                 "moved? Places are not compared"
             )
     steps = []
-    for (own, other), pair in zip(found.steps, matched, strict=True):
-        parts = tuple(takes[0][i] for i in own), tuple(takes[1][j] for j in other)
+    for (in_first, in_second), pair in zip(alignment.steps, matched, strict=True):
+        parts = tuple(takes[0][i] for i in in_first), tuple(takes[1][j] for j in in_second)
         moved, apart = "", (UNKNOWN, UNKNOWN)
         longer_s = sd_s = tolerated_s = np.nan
-        if own and other:
-            p = float(found.together[np.ix_(own, other)].max())
+        if in_first and in_second:
+            p = float(alignment.together[np.ix_(in_first, in_second)].max())
             (before_s, before_sd_s), (after_s, after_sd_s) = map(_duration_s, parts, takes)
             longer_s, sd_s = after_s - before_s, hypot(before_sd_s, after_sd_s)
             tolerated_s = tolerance * max(before_s, after_s)
         else:
-            p = float(found.missing[own[0]] if own else found.new[other[0]])
-        if pair is not None and ours is not None and theirs is not None:
-            one, another = takes[0][pair[0]], takes[1][pair[1]]
-            # where the object is in the middle of the step: its origin, in the body and in the world frame
-            middle_ns = (another.segment.start_ns + another.segment.end_ns) // 2
+            p = float(alignment.missing[in_first[0]] if in_first else alignment.new[in_second[0]])
+        if pair is not None and first_map is not None and second_map is not None:
+            first_step, second_step = takes[0][pair[0]], takes[1][pair[1]]
+            # the object's origin in the middle of the step, in the body and in the world frame
+            middle_ns = (second_step.segment.start_ns + second_step.segment.end_ns) // 2
             row = int(np.abs(second.trajectory.stamp_ns - middle_ns).argmin())
             near_m = np.zeros(3), second.trajectory.position_m[row]
-            apart = distances(one, another, ours, theirs, near_m)
-            moved = _moved(evidence[pair], apart, is_compared)
+            apart = distances(first_step, second_step, first_map, second_map, near_m)
+            moved = _moved_sides(evidence[pair], apart, is_compared)
         if p < SURE_PROBABILITY or not all(any(map(_is_sure, part)) for part in parts if part):
             verdict = Verdict.OPEN
-        elif not (own and other):
-            verdict = Verdict.MISSING if own else Verdict.NEW
+        elif not (in_first and in_second):
+            verdict = Verdict.MISSING if in_first else Verdict.NEW
         elif moved:
             verdict = Verdict.ELSEWHERE
         elif ndtr((abs(longer_s) - tolerated_s) / max(sd_s, 1e-9)) >= SURE_PROBABILITY:
@@ -212,19 +214,19 @@ def compare_outcomes(first: Outcome, second: Outcome, tolerance: float = TOLERAN
     return Comparison((first, second), tuple(steps), tuple(notes))
 
 
-def _log_odds_of_same(shown: Array) -> float:
-    """Log odds that one side (the first axis of each of the N, 2, 2 entries) is the same in both takes, so
-    that each step touches with the same element or another one; against that all are others."""
-    anything = np.logaddexp.reduce(shown.reshape(-1, 4), axis=1) - np.log(4.0)
-    others = np.logaddexp.reduce(shown[:, 1], axis=1) - np.log(2.0)
-    return float((anything - others).sum())
+def _log_odds_of_same(evidence: Array) -> float:
+    """Log odds of a side (the second axis of ``evidence`` (N, 2, 2)) being the same in both takes, so that
+    each step touches with the same element or another one, against all elements being other ones."""
+    log_any = np.logaddexp.reduce(evidence.reshape(-1, 4), axis=1) - np.log(4.0)
+    log_different = np.logaddexp.reduce(evidence[:, 1], axis=1) - np.log(2.0)
+    return float((log_any - log_different).sum())
 
 
-def _moved(evidence: Array, apart: tuple[Distance, Distance], is_compared: NDArray[np.bool_]) -> str:
-    """Which sides touch with another element, surely and by more than the deviations of what is reported, of
-    those that are compared."""
+def _moved_sides(evidence: Array, apart: tuple[Distance, Distance], is_compared: NDArray[np.bool_]) -> str:
+    """The sides that touch with another element, surely and at more than the deviations of the reported
+    distances; empty if places are not compared."""
     p = np.exp(evidence - np.logaddexp.reduce(evidence.ravel()))
-    is_apart = any(value > SAME * sd for where in apart for value, sd, _ in where.figures)
+    is_apart = any(value > SAME * sd for distance in apart for value, sd, _ in distance.figures)
     if not is_compared.all() or p[0, 0] > 1.0 - SURE_PROBABILITY or not is_apart:
         return ""
     sides = np.array([p[1].sum(), p[:, 1].sum()]) >= SURE_PROBABILITY
@@ -236,32 +238,32 @@ def _is_sure(step: Step) -> bool:
 
 
 def _duration_s(steps: Sequence[Step], take: Sequence[Step]) -> tuple[float, float]:
-    """Duration and its standard deviation: open segments in the step and beside it, and further ones of its
-    contact behind these, belong to it in a part that is not known."""
-    contact = _main(steps).contact
+    """Duration of a step and its standard deviation (s): an unknown part of the open segments in and beside
+    the step, and of segments of its contact behind these, belongs to it."""
+    contact = _main_segment(steps).contact
 
-    def may_go_on(one: Step) -> bool:
-        return one.contact is contact or contact in one.segment.inseparable
+    def may_go_on(step: Step) -> bool:
+        return step.contact is contact or contact in step.segment.inseparable
 
     first, last = take.index(steps[0]), take.index(steps[-1])
     beside = [*takewhile(may_go_on, take[last + 1 :]), *takewhile(may_go_on, take[:first][::-1])]
-    is_known = any(not one.is_open for one in steps)
-    doubtful = [*beside, *(one for one in steps if one.is_open and is_known)]
+    is_known = any(not step.is_open for step in steps)
+    doubtful = [*beside, *(step for step in steps if step.is_open and is_known)]
     variance = steps[0].boundary_sd_s[0] ** 2 + steps[-1].boundary_sd_s[1] ** 2
-    variance += sum(one.end_s - one.start_s for one in doubtful) ** 2 / 12.0
+    variance += sum(step.end_s - step.start_s for step in doubtful) ** 2 / 12.0
     return steps[-1].end_s - steps[0].start_s, sqrt(variance)
 
 
-def _main(steps: Sequence[Step]) -> Step:
+def _main_segment(steps: Sequence[Step]) -> Step:
     """The segment that names a step: the longest sure one, or the longest."""
-    return max(steps, key=lambda one: (not one.is_open, one.end_s - one.start_s))
+    return max(steps, key=lambda step: (not step.is_open, step.end_s - step.start_s))
 
 
 def _label(steps: Sequence[Step]) -> str:
-    """The contact, ``?`` if it is open."""
+    """The contact of a step, with ``?`` if it is open."""
     if not steps:
         return ""
-    main = _main(steps)
+    main = _main_segment(steps)
     return f"{main.contact.value}{'?' if main.is_open else ''}"
 
 
@@ -272,13 +274,13 @@ def _span(steps: Sequence[Step]) -> str:
     return f"{steps[0].start_s:.{digits}f}-{steps[-1].end_s:.{digits}f}"
 
 
-def _by(one: ComparedStep) -> str:
-    """By how much a step differs: of a distance and an angle the more significant one."""
-    if one.verdict is not Verdict.ELSEWHERE:
-        return "" if np.isnan(one.longer_s) else f"{one.longer_s:+.2f}+/-{one.longer_sd_s:.2g} s"
-    found = [
+def _difference(step: ComparedStep) -> str:
+    """The difference of a step: of its duration, or the most significant distance or angle."""
+    if step.verdict is not Verdict.ELSEWHERE:
+        return "" if np.isnan(step.longer_s) else f"{step.longer_s:+.2f}+/-{step.longer_sd_s:.2g} s"
+    figures = [
         (value / sd, f"{value:.3g}+/-{sd:.2g} {unit}")
-        for value, sd, unit in (*one.object.figures, *one.surroundings.figures)
+        for value, sd, unit in (*step.object.figures, *step.surroundings.figures)
         if sd > 0.0
     ]
-    return max(found, default=(0.0, ""))[1]
+    return max(figures, default=(0.0, ""))[1]

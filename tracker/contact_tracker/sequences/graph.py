@@ -1,4 +1,4 @@
-"""The graph of contacts of a recording: which followed which, how often and when (GraphML)."""
+"""The graph of contacts of a recording: transitions between contacts, with number and times (GraphML)."""
 
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -17,8 +17,8 @@ _NAMESPACE: Final = "http://graphml.graphdrawing.org/xmlns"
 
 @dataclass
 class Node:
-    """A contact with the elements that touch, ``?`` where they are not known, or one that the motion leaves
-    open; ``spans_s`` are the times of its segments since the first pose."""
+    """A contact with its touching elements, ``?`` for unknown ones, or a contact that the motion leaves open;
+    ``spans_s`` are the times of its segments since the first pose."""
 
     contact: Contact
     is_open: bool
@@ -27,12 +27,12 @@ class Node:
 
     @property
     def total_s(self) -> float:
-        """For how long it held in all."""
+        """Total duration (s) of its segments."""
         return sum(end_s - start_s for start_s, end_s in self.spans_s)
 
     @property
     def name(self) -> str:
-        """The contact, ``?`` if it is open."""
+        """The contact, with ``?`` if it is open."""
         return f"{self.contact.value}{'?' * self.is_open}"
 
     @property
@@ -43,8 +43,7 @@ class Node:
 
 @dataclass
 class ContactGraph:
-    """``nodes`` in the order in which they occur first, and the times (s) of the transitions between two of
-    them, by number."""
+    """``nodes`` in order of first occurrence, and the times (s) of transitions by pairs of node numbers."""
 
     nodes: list[Node]
     edges: dict[tuple[int, int], list[float]]
@@ -54,14 +53,14 @@ class ContactGraph:
         """The graph of a recording."""
         nodes, edges = dict[tuple[object, ...], Node](), dict[tuple[int, int], list[float]]()
         sequence = list[tuple[tuple[object, ...], float]]()
-        for one in steps_of(outcome):
-            key = one.contact, one.is_open, _elements(one, outcome.learned_world)
-            nodes.setdefault(key, Node(*key)).spans_s.append((one.start_s, one.end_s))
-            sequence.append((key, one.start_s))
+        for step in steps_of(outcome):
+            key = step.contact, step.is_open, _elements(step, outcome.learned_world)
+            nodes.setdefault(key, Node(*key)).spans_s.append((step.start_s, step.end_s))
+            sequence.append((key, step.start_s))
         numbers = {key: number for number, key in enumerate(nodes)}
-        for (before, _), (after, start_s) in pairwise(sequence):
-            if before != after:
-                edges.setdefault((numbers[before], numbers[after]), []).append(start_s)
+        for (source, _), (target, start_s) in pairwise(sequence):
+            if source != target:
+                edges.setdefault((numbers[source], numbers[target]), []).append(start_s)
         return cls([*nodes.values()], edges)
 
     @property
@@ -83,8 +82,8 @@ class ContactGraph:
             values = {"label": node.label, "contact": node.name, "seconds": f"{node.total_s:.3f}"}
             element = ElementTree.SubElement(graph, "node", id=f"n{number}")
             elements.append((element, values, [start_s for start_s, _ in node.spans_s]))
-        for (before, after), times_s in self.edges.items():
-            element = ElementTree.SubElement(graph, "edge", source=f"n{before}", target=f"n{after}")
+        for (source, target), times_s in self.edges.items():
+            element = ElementTree.SubElement(graph, "edge", source=f"n{source}", target=f"n{target}")
             elements.append((element, {}, times_s))
         for element, values, times_s in elements:
             times = " ".join(f"{time_s:.3f}" for time_s in times_s)
@@ -100,7 +99,7 @@ def write_graph(outcome: Outcome, path: Path, _: str) -> None:
 
 
 def _elements(step: Step, world: GrowingMap | None) -> tuple[str, str]:
-    """What touches, as the map numbers it, or by the user's names."""
+    """The touching elements, by the numbers of the map or by the user's names."""
     if step.contact is Contact.FREE or step.is_open:
         return "", ""
     names = [name or "?" for name in step.segment.touching]

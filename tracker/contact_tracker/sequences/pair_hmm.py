@@ -1,8 +1,8 @@
 """The alignment of two sequences as a hidden Markov model of pairs (Durbin et al. 1998, chapter 4).
 
-A hidden sequence of steps makes both: a step with contact c is in both sequences (match), in the first only
-(missing) or in the second only (new). In each it may have been cut into several segments. All is computed for
-the cells (i, j) after i segments of the first and j of the second sequence, along diagonals.
+A hidden sequence of steps generates both: a step with contact c is in both sequences (match), only in the
+first (missing) or only in the second (new). In each it may be cut into several segments. Likelihoods are
+computed for the cells (i, j) after i segments of the first and j of the second sequence, along diagonals.
 """
 
 from collections.abc import Callable
@@ -15,15 +15,15 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 MATCH, FIRST_GOES_ON, SECOND_GOES_ON, MISSING, NEW = range(5)
-"""What a move adds: a segment of each, another one of the first or of the second to the same step, a segment
-of the first or the second alone."""
+"""Moves; they add a segment of each sequence, a further segment of the first or of the second to a step, or a
+segment of the first or the second alone."""
 _MOVES: Final = np.array([(1, 1), (1, 0), (0, 1), (1, 0), (0, 1)])
 RATE: Final = 0.2
-"""With which a step is missing (or new), is cut in two, and is open in one sequence only. Of rates from 0.02
-to 0.4, also different ones, this finds most differences of takes and fewest false ones, as 0.3 does
+"""Probability of a step being missing (or new), cut in two, and open in one sequence only. Of rates from 0.02
+to 0.4, also different ones, 0.2 and 0.3 find the most differences of takes and the fewest false ones
 (tests/benchmarks/takes.py)."""
 _SAMPLES: Final = 1000
-"""Alignments from which probabilities are counted, to one in a hundred: with half or twice as many, one of 57
+"""Alignments that are sampled for probabilities with errors of 0.01: with half or twice as many, one of 57
 verdicts changes (tests/benchmarks/takes.py)."""
 
 
@@ -32,9 +32,9 @@ class Alignment(NamedTuple):
 
     Parameters
     ----------
-    steps : (first, second) the segments of each step, by number; one of both is empty if it is missing or
-        new.
-    together : (n, m) probability that two segments are of the same step.
+    steps : for each step the numbers of its segments in the first and in the second sequence; one list is
+        empty if the step is missing or new.
+    together : (n, m) probability that two segments belong to the same step.
     missing, new : (n,) and (m,) probability that the other sequence does not have a segment's step.
     """
 
@@ -61,33 +61,33 @@ def align(first: Array, second: Array, pairs: Array, are_alike: NDArray[np.bool_
     shape = len(first), len(second)
     together, alone = np.zeros(shape), (np.zeros(shape[0]), np.zeros(shape[1]))
     for sample in samples:
-        for ours, theirs in _steps(sample):
-            together[np.ix_(ours, theirs)] += 1.0 / len(samples)
-            if not (ours and theirs):
-                alone[0][ours] += 1.0 / len(samples)
-                alone[1][theirs] += 1.0 / len(samples)
+        for rows, columns in _steps(sample):
+            together[np.ix_(rows, columns)] += 1.0 / len(samples)
+            if not (rows and columns):
+                alone[0][rows] += 1.0 / len(samples)
+                alone[1][columns] += 1.0 / len(samples)
     return Alignment(_steps(move), together, *alone)
 
 
 def _steps(moves: Index) -> list[tuple[list[int], list[int]]]:
-    """The segments of each step, from the moves (L,); negative ones are none."""
-    found, at = list[tuple[list[int], list[int]]](), [0, 0]
+    """The segments of each step, from the moves (L,), of which negative ones are padding."""
+    steps, at = list[tuple[list[int], list[int]]](), [0, 0]
     for move in moves[moves >= 0]:
         if move not in (FIRST_GOES_ON, SECOND_GOES_ON):
-            found.append(([], []))
+            steps.append(([], []))
         for side in (0, 1):
             if _MOVES[move, side]:
-                found[-1][side].append(at[side])
+                steps[-1][side].append(at[side])
                 at[side] += 1
-    return found
+    return steps
 
 
 class _Model(NamedTuple):
-    """The hidden states (K) are those of the moves within a match, for each contact, then missing and new.
+    """The K hidden states: those of the moves within a match, for each contact, then missing and new.
 
-    ``move`` (K,) leads to each state, ``emission`` (K, n + 1, m + 1) has its log likelihoods by cell,
-    ``transition`` (K, K) its log probabilities after each other state, ``start`` and ``end`` (K,) those
-    of the first and the last.
+    ``move`` (K,) leads to each state. ``emission`` (K, n + 1, m + 1) are log likelihoods by cell,
+    ``transition`` (K, K) log probabilities from each state to each, ``start`` and ``end`` (K,) log
+    probabilities of the first and after the last state.
     """
 
     move: Index
@@ -111,14 +111,14 @@ class _Model(NamedTuple):
         ends, goes_on = np.log1p(-RATE), np.log(RATE)
         end = ends * np.array([2.0, 2.0, 1.0, 0.0, 0.0])[move]  # the first ends before the second goes on
         transition = end[:, None] + begin
-        same = np.where(np.eye(contacts, dtype=bool), goes_on, -np.inf)
-        transition[match, on] = transition[on, on] = transition[over, over] = same
-        transition[match, over] = transition[on, over] = same + ends
+        repeat = np.where(np.eye(contacts, dtype=bool), goes_on, -np.inf)
+        transition[match, on] = transition[on, on] = transition[over, over] = repeat
+        transition[match, over] = transition[on, over] = repeat + ends
         transition[-1, -2] = -np.inf  # missing steps come before new ones
         return cls(move, emission, transition, begin, end)
 
     def forward(self, combined: Callable[..., Array]) -> Array:
-        """Log weights (K, n + 1, m + 1) of all ways to a state in a cell, ``combined`` along an axis."""
+        """Log weights (K, n + 1, m + 1) of all paths to a state in a cell, ``combined`` along an axis."""
         _, rows, columns = self.emission.shape
         ways = np.full(self.emission.shape, -np.inf)
         for diagonal in range(1, rows + columns - 1):
@@ -127,16 +127,16 @@ class _Model(NamedTuple):
                 states = np.flatnonzero(self.move == move)[:, None]
                 to_i = i[(i >= down) & (diagonal - i >= right)]
                 to_j = diagonal - to_i
-                before = ways[:, None, to_i - down, to_j - right] + self.transition[:, states.ravel(), None]
-                reached = combined(before, axis=0)
+                paths = ways[:, None, to_i - down, to_j - right] + self.transition[:, states.ravel(), None]
+                reached = combined(paths, axis=0)
                 is_first = (to_i == down) & (to_j == right)
                 reached[:, is_first] = self.start[states]
                 ways[states, to_i, to_j] = reached + self.emission[states, to_i, to_j]
         return ways
 
     def trace(self, ways: Array, rng: np.random.Generator | None = None) -> Index:
-        """Moves (N, L) from the first to the last cell, -1 before the first: the most probable ones, or
-        samples by ``rng`` (Gumbel's maximum)."""
+        """Moves (N, L) from the first to the last cell, padded with -1 at the start, of the most probable
+        path or of samples by ``rng`` (Gumbel's maximum)."""
         _, rows, columns = self.emission.shape
         count = 1 if rng is None else _SAMPLES
         i, j = np.full(count, rows - 1), np.full(count, columns - 1)

@@ -1,5 +1,5 @@
-"""The steps of a recording: its segments with the probabilities of all contacts, when they begin and end,
-and what they touched; whether steps of two recordings touch the same, and how far apart that is."""
+"""The steps of a recording: its segments with the probabilities of all contacts, deviations of boundaries and
+touching elements; whether steps of two recordings touch the same elements, and the distances of these."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -20,20 +20,20 @@ from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Segment
 
 LEAST_PROBABILITY: Final = 1e-6
-"""Of a contact in a step or belief: none is excluded. Takes and plans are as with 1e-4."""
+"""Least probability of a contact in a step or belief: none is excluded. 1e-4 gives the same results."""
 
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """A segment of a recording, as a step of what is done in it.
+    """A segment of a recording as a step of its task.
 
     Parameters
     ----------
-    segment : as found.
+    segment : the segment.
     probability : (7,) of the contacts in the order of ``STATES``, the mean of the smoothed beliefs.
-    start_s, end_s : since the recording's first pose.
+    start_s, end_s : times since the recording's first pose.
     boundary_sd_s : standard deviations of start and end, from the beliefs of the ticks around them.
-    sighting : what the motion says of the touching elements; None where the contact is not sure enough.
+    sighting : the estimate of the touching elements from the motion; None if the contact is not sure enough.
     """
 
     segment: Segment
@@ -57,7 +57,7 @@ def steps_of(outcome: Outcome) -> list[Step]:
     """The steps of a recording in order of time; they cover all of it."""
     segments, beliefs, origin_ns = outcome.segments, outcome.beliefs, outcome.origin_ns
     stamps_ns, probability = beliefs.stamp_ns, beliefs.probability
-    found, bounds = [], _boundary_sd_s(segments, stamps_ns, probability)
+    steps, bounds = [], _boundary_sd_s(segments, stamps_ns, probability)
     for number, segment in enumerate(segments):
         rows = slice(*np.searchsorted(stamps_ns, [segment.start_ns, segment.end_ns + 1]).tolist())
         mean = np.eye(len(STATES))[segment.contact.column]
@@ -70,16 +70,16 @@ def steps_of(outcome: Outcome) -> list[Step]:
         span_s = [(stamp_ns - origin_ns) * 1e-9 for stamp_ns in (segment.start_ns, segment.end_ns)]
         sds = bounds[number], bounds[number + 1]
         sighting = sighting_of(segment, outcome.learned_world)
-        found.append(Step(segment, mean / mean.sum(), span_s[0], span_s[1], sds, sighting))
-    return found
+        steps.append(Step(segment, mean / mean.sum(), span_s[0], span_s[1], sds, sighting))
+    return steps
 
 
 def sighting_of(segment: Segment, touched: GrowingMap | None) -> Sighting | None:
-    """The contact in the map that is the segment's: of its kind, with the longest common time."""
+    """The map's sighting of a segment: that of its contact with the longest common time, if there is one."""
     common = [
-        (min(one.stamp_ns, segment.end_ns) - max(one.onset_ns, segment.start_ns), number)
-        for number, one in enumerate(() if touched is None else touched.sightings)
-        if one.estimate.contact is segment.contact
+        (min(sighting.stamp_ns, segment.end_ns) - max(sighting.onset_ns, segment.start_ns), number)
+        for number, sighting in enumerate(() if touched is None else touched.sightings)
+        if sighting.estimate.contact is segment.contact
     ]
     longest, number = max(common, default=(0, 0))
     return None if touched is None or longest <= 0 else touched.sightings[number]
@@ -90,22 +90,22 @@ def _boundary_sd_s(
 ) -> list[float]:
     """Standard deviations (S + 1,) of the boundaries of S segments.
 
-    The probability p of the first label, tick by tick, is that of a boundary later than the tick: the sum of
-    p (1 - p) times the tick is sd / sqrt(pi), if it is normal. First and last are those of the recording.
+    The probability p of the first label at a tick is that of a boundary later than the tick: for a normal
+    distribution, the sum of p (1 - p) times the tick is sd / sqrt(pi). The ends of the recording have 0.
     """
     tick_s = float(np.median(np.diff(stamps_ns))) * 1e-9 if len(stamps_ns) > 1 else 0.0
-    found = [0.0]
-    for before, after in pairwise(segments):
-        middles = [(one.start_ns + one.end_ns) // 2 for one in (before, after)]
-        p = probability[slice(*np.searchsorted(stamps_ns, middles).tolist()), before.contact.column]
-        spread_s = 0.0 if before.contact is after.contact else float((p * (1.0 - p)).sum()) * tick_s
-        found.append(sqrt(np.pi * spread_s**2 + tick_s**2 / 12.0))
-    return [*found, 0.0]
+    sds_s = [0.0]
+    for first, second in pairwise(segments):
+        middles = [(segment.start_ns + segment.end_ns) // 2 for segment in (first, second)]
+        p = probability[slice(*np.searchsorted(stamps_ns, middles).tolist()), first.contact.column]
+        spread_s = 0.0 if first.contact is second.contact else float((p * (1.0 - p)).sum()) * tick_s
+        sds_s.append(sqrt(np.pi * spread_s**2 + tick_s**2 / 12.0))
+    return [*sds_s, 0.0]
 
 
 class Distance(NamedTuple):
-    """How far two elements are apart near the object (m), and the angle between them (rad), with standard
-    deviations; NaN where it is not known."""
+    """The distance of two elements near the object (m) and the angle between them (rad), with standard
+    deviations; NaN if unknown."""
 
     shift_m: float = np.nan
     shift_sd_m: float = np.nan
@@ -123,71 +123,71 @@ UNKNOWN: Final = Distance()
 
 
 def place_evidence(
-    first: Sequence[Step], second: Sequence[Step], ours: GrowingMap, theirs: GrowingMap
+    first: Sequence[Step], second: Sequence[Step], first_map: GrowingMap, second_map: GrowingMap
 ) -> Array:
-    """Log evidence (n, m, 2, 2) that two steps touch the same element of the object (0) or another one (1),
-    and of the surroundings, relative to both being others; NaN where the motion does not say it of both.
+    """Log evidence (n, m, 2, 2) that two steps touch with the same element of the object (0) or another one
+    (1), and likewise of the surroundings, relative to both being other ones; NaN without sightings of both.
 
-    It is that of the map (docs/theory.md, T46): how well the motion of the second step agrees with the
-    elements as the first one has shown them, against elements of which nothing is known.
+    It is the evidence of the map (docs/theory.md, T46): the likelihood of the motion of the second step given
+    the elements as estimated from the first, against elements with a vague prior.
     """
-    found = np.full((len(first), len(second), 2, 2), np.nan)
-    for i, one in enumerate(first):
-        shown = None if one.sighting is None else _as_shown(one.sighting, ours, theirs)
-        if shown is None:
+    evidence = np.full((len(first), len(second), 2, 2), np.nan)
+    for i, first_step in enumerate(first):
+        prior = None if first_step.sighting is None else _map_of(first_step.sighting, first_map, second_map)
+        if prior is None:
             continue
-        view, keys = shown
-        for j, other in enumerate(second):
-            if other.sighting is not None and other.contact is one.contact:
+        view, keys = prior
+        for j, second_step in enumerate(second):
+            if second_step.sighting is not None and second_step.contact is first_step.contact:
                 choices = [[(None, 0.0), (key, 0.0)] for key in keys]
-                evidence = log_evidence(other.sighting, view, choices, theirs.reach_m)
-                found[i, j] = (evidence - evidence[0, 0])[::-1, ::-1]
-    return found
+                log_p = log_evidence(second_step.sighting, view, choices, second_map.reach_m)
+                evidence[i, j] = (log_p - log_p[0, 0])[::-1, ::-1]
+    return evidence
 
 
 def distances(
-    one: Step, other: Step, ours: GrowingMap, theirs: GrowingMap, near_m: tuple[Array, Array]
+    first: Step, second: Step, first_map: GrowingMap, second_map: GrowingMap, near_m: tuple[Array, Array]
 ) -> tuple[Distance, Distance]:
-    """How far the elements of two steps are apart: the object's near (3,) in the body frame, and those of the
-    surroundings near (3,) in the world frame.
+    """Distances of the elements of two steps, for the object near ``near_m[0]`` (3,) in the body frame, for
+    the surroundings near ``near_m[1]`` (3,) in the world frame.
 
-    Of two faces the motion shows the difference of the offsets alone: it is given for the surroundings, as if
-    the object's face were the same.
+    For two faces the motion shows only the difference of the offsets; it counts as distance in the
+    surroundings, as if the object's face were the same.
     """
-    if one.segment.geometry is None or other.segment.geometry is None:
+    if first.segment.geometry is None or second.segment.geometry is None:
         return UNKNOWN, UNKNOWN
-    before, after = one.segment.geometry, other.segment.geometry
-    found = (
-        _distance(before.object, after.object, near_m[0]),
-        _distance(before.environment, after.environment, near_m[1]),
+    first_pair, second_pair = first.segment.geometry, second.segment.geometry
+    gaps = (
+        _distance(first_pair.object, second_pair.object, near_m[0]),
+        _distance(first_pair.environment, second_pair.environment, near_m[1]),
     )
-    if not any(before.has_open_offset) or one.sighting is None or other.sighting is None:
-        return found
-    shown = _as_shown(one.sighting, ours, theirs)
-    if shown is None:
-        return found
-    view, keys = shown
-    residual, derivative = other.sighting.linearised((view.elements[keys[0]], view.elements[keys[1]]))
+    if not any(first_pair.has_open_offset) or first.sighting is None or second.sighting is None:
+        return gaps
+    prior = _map_of(first.sighting, first_map, second_map)
+    if prior is None:
+        return gaps
+    view, keys = prior
+    residual, derivative = second.sighting.linearised((view.elements[keys[0]], view.elements[keys[1]]))
     rows = np.concatenate([np.arange(view.slots[key].start, view.slots[key].stop) for key in keys])
     spread = derivative @ view.covariance[np.ix_(rows, rows)] @ derivative.T
-    spread += np.linalg.pinv(other.sighting.information, hermitian=True)
+    spread += np.linalg.pinv(second.sighting.information, hermitian=True)
     height = {"shift_m": abs(float(residual[-1])), "shift_sd_m": sqrt(max(float(spread[-1, -1]), 0.0))}
-    return found[0]._replace(shift_m=np.nan, shift_sd_m=np.nan), found[1]._replace(**height)
+    return gaps[0]._replace(shift_m=np.nan, shift_sd_m=np.nan), gaps[1]._replace(**height)
 
 
-def _as_shown(
-    sighting: Sighting, ours: GrowingMap, theirs: GrowingMap
+def _map_of(
+    sighting: Sighting, first_map: GrowingMap, second_map: GrowingMap
 ) -> tuple[MapView, tuple[Key, Key]] | None:
-    """A map of the elements of one contact alone, with the origins of another recording, and their keys."""
-    learned = GrowingMap(ours.reach_m, origins=ours.origins).insert(sighting).learned
-    start = GrowingMap(theirs.reach_m).with_prior(learned)
-    view = (start if theirs.origins is None else start.at_origins(theirs.origins)).whole
+    """A map that has only the elements of a sighting, with the origins of the second map, and their keys."""
+    learned = GrowingMap(first_map.reach_m, origins=first_map.origins).insert(sighting).learned
+    start = GrowingMap(second_map.reach_m).with_prior(learned)
+    view = (start if second_map.origins is None else start.at_origins(second_map.origins)).whole
     keys = sorted(view.elements)
     return (view, (keys[0], keys[1])) if [side for side, _ in keys] == [0, 1] else None
 
 
 def _distance(first: Element, second: Element, near_m: Array) -> Distance:
-    """The distance of two elements of one kind, of faces along the normal at ``near_m`` (3,)."""
+    """The distance of two elements of the same kind; of faces along the normal at ``near_m`` (3,)."""
     first, second = by_foot(first, near_m), by_foot(second, near_m)
     if first.covariance is None or second.covariance is None:
         return UNKNOWN

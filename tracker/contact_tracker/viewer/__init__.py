@@ -6,4 +6,4 @@ Importing this package is cheap; ``views`` imports rerun.
 from typing import Final
 
 SILENT: Final = "off,contact_tracker=off"
-"""``RUST_LOG`` of this process: silences rerun's log; relevant failures are raised as errors."""
+"""Value of ``RUST_LOG`` in this process that silences rerun's log; relevant failures are raised as errors."""

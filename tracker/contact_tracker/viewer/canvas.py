@@ -1,4 +1,4 @@
-"""Entities of the views, their rows for rerun (many at once offline, one at a time live), and the layout: 3D
+"""Entities of the views, their rows for rerun (many at once offline, single ones live), and the layout: 3D
 and events on the left, plots over time on the right."""
 
 import inspect
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from contact_tracker.geometry.elements import Array, ContactGeometry
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.outputs.parts import Part
-from contact_tracker.outputs.scene import EMPTY, GREY, OBJECT, Drawing, Eye, Mesh, circle, joined
+from contact_tracker.outputs.scene import EMPTY, GREY, OBJECT, Drawing, Eye, Mesh, circle, join
 from contact_tracker.outputs.text import COLOUR, COLOURS, OPEN_OFFSET, Colour, alternatives, describe
 from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking.belief import FurtherContact
@@ -28,11 +28,11 @@ STAMP: Final = "stamp"
 BODY: Final = "world/body"
 TRAIL: Final = "world/trail"
 KNOWN: Final = ("world/body/known", "world/surroundings/known")
-"""What is known of the object and of the surroundings; each with ``/outline`` and ``/names``."""
+"""Known parts of the object and of the surroundings; each with ``/outline`` and ``/names``."""
 CENTRE: Final = "world/body/centre"
 """The middle of the object, which the view follows."""
 SUGGESTED: Final = "world/suggested"
-"""What to move next: the axis or direction, and the arc about it."""
+"""Suggested motion: the axis or direction, and the arc about it."""
 LEGEND: Final = "legend"
 TRUTH: Final = "state/truth"
 SMOOTHED: Final = "state/smoothed"
@@ -45,39 +45,39 @@ RESIDUAL: Final = "minima/residual"
 PAPER: Final = "minima/paper"
 MOTION: Final = "motion"
 MOTION_SERIES: Final = {"slip": COLOUR[Contact.VF], "3 standard deviations": COLOUR[Contact.FREE]}
-"""Colours of the speed at the touching point, and of what noise makes of none."""
+"""Colours of the speed at the touching point, and of three standard deviations of its noise."""
 EVENTS: Final = "events"
 
 NOTHING: Final = (EMPTY,) * 4
 OPACITY: Final = (1.0, 0.15, 1.0, 0.2)
-"""Names of the meshes of a ``Drawing``."""
+"""Opacities of the four meshes of a ``Drawing``; ``NOTHING`` are empty meshes."""
 SHEET: Final = 0.55
-"""Opacity of faces of the surroundings, so that objects below stay visible."""
+"""Opacity of faces of the surroundings; it leaves objects below visible."""
 _ROWS: Final = 1000
-"""Rows that are sent together: smaller numbers double the file, larger ones are slow to show."""
+"""Number of rows that are sent together: fewer double the file, more are displayed slowly."""
 Columns = Iterable[rr.ComponentColumn]
 
 _KNOWN: Final = (OBJECT, GREY)
 _FAINT: Final = 25
-"""Opacity of what is known, of 255, below the touching pair."""
+"""Opacity of known parts, of 255, below that of the touching pair."""
 _VERTEX_UI: Final = 3.5
 
 _LEGEND: Final = """\
 - **white, round**: the object's element; a wheel is a face, a rod an edge, a ball a vertex
-- **coloured, square**: what it touches, in the colour of the contact; a sheet, a bar, a cube
-- **faint, with an outline**: what is known so far, named under the pointer: bodies, and what was touched
+- **coloured, square**: the element it touches, in the colour of the contact; a sheet, a bar, a cube
+- **faint, with an outline**: known bodies and touched parts of elements; the pointer shows their names
 - **grey arrow**: `live --suggest`, the most informative small motion: along it, or about it by the arc
-- **translucent**: two standard deviations; **a thin needle**: not known along it
-- **e-f 0.97 or v-f**: the object's edge on a face, its probability; the motion does not tell v-f from it
+- **translucent**: two standard deviations; **thin needle**: position along it unknown
+- **e-f 0.97 or v-f**: the object's edge on a face, and its probability; v-f fits the motion as well
 """
 
 
 def touching(number: int = 0) -> tuple[str, ...]:
-    """The entities of the labelled touching pair (0) or of further contact ``number``: the meshes as in a
+    """The entities of the labelled touching pair (0) or of further contact ``number``: the meshes of a
     ``Drawing``, and the label."""
     end = f"_{number + 1}" if number else ""
     pair = f"world/body/element{end}", f"world/surroundings/element{end}"
-    meshes = (f"{one}{part}" for one in pair for part in ("", "/uncertainty"))
+    meshes = (f"{side}{part}" for side in pair for part in ("", "/uncertainty"))
     return (*meshes, f"world/surroundings/label{end}")
 
 
@@ -87,7 +87,7 @@ def further_lane(number: int) -> str:
 
 
 def new_recording(name: str | None = None) -> rr.RecordingStream:
-    """A stream with the timelines of the data only; ``name`` is shown in the viewer."""
+    """A stream that has only the timelines of the data; ``name`` is shown in the viewer."""
     recording = rr.RecordingStream(APPLICATION, recording_id=uuid4())
     if name is not None:
         recording.send_recording_name(name)
@@ -116,8 +116,8 @@ class Canvas:
         self._static(LEGEND, rr.TextDocument(_LEGEND, media_type=rr.MediaType.MARKDOWN))
         self.most_further = 0
         self._labelled: set[str] = set()
-        self._named: list[str] = []
-        self._shown: dict[str, str | None] = {}
+        self._state_names: list[str] = []
+        self._last_texts: dict[str, str | None] = {}
 
     def pose(self, pose: Pose) -> None:
         """Draw one pose, with the least cost per row."""
@@ -131,28 +131,28 @@ class Canvas:
         self._send(BODY, poses.stamp_ns, rr.Transform3D.columns, **places)
 
     def known(self, parts: Sequence[Part], stamp_ns: int | None = None) -> None:
-        """Draw all that is known from a stamp on, instead of what was before; at all times without one."""
+        """Draw the known parts from a stamp on, in place of earlier ones; at all times without a stamp."""
         if stamp_ns is not None:
             self._set_time(stamp_ns)
         for side, entity in enumerate(KNOWN):
-            own, colour = [one for one in parts if one.side == side], _KNOWN[side]
-            mesh = joined([EMPTY, *(one.mesh for one in own)])
+            drawn, colour = [part for part in parts if part.side == side], _KNOWN[side]
+            mesh = join([EMPTY, *(part.mesh for part in drawn)])
             faces = rr.Mesh3D(
                 vertex_positions=mesh.vertices,
                 triangle_indices=mesh.triangles,
                 albedo_factor=(*colour, _FAINT),
             )
-            strips = [strip for one in own for strip in one.outline]
+            strips = [strip for part in drawn for strip in part.outline]
             lines = rr.LineStrips3D(strips, colors=colour, radii=rr.Radius.ui_points(0.8))
-            radii = rr.Radius.ui_points([0.0 if one.outline else _VERTEX_UI for one in own])
-            places = np.reshape([one.label_m for one in own], (-1, 3))
-            labels = [one.name for one in own]  # many would cover each other and what is drawn
+            radii = rr.Radius.ui_points([0.0 if part.outline else _VERTEX_UI for part in drawn])
+            places = np.reshape([part.label_m for part in drawn], (-1, 3))
+            labels = [part.name for part in drawn]  # hidden, as many labels cover each other
             names = rr.Points3D(places, labels=labels, show_labels=False, colors=colour, radii=radii)
-            for end, what in (("", faces), ("/outline", lines), ("/names", names)):
-                self._recording.log(f"{entity}{end}", what, static=stamp_ns is None, strict=True)
+            for end, archetype in (("", faces), ("/outline", lines), ("/names", names)):
+                self._recording.log(f"{entity}{end}", archetype, static=stamp_ns is None, strict=True)
 
     def suggest(self, stamp_ns: int, motion: InformativeMotion | None, length_m: float) -> None:
-        """Draw what to move next from a stamp on, instead of what was before: the direction of a shift, or
+        """Draw the suggested motion from a stamp on, in place of an earlier one: the direction of a shift, or
         the axis of a turn with the arc about it."""
         self._set_time(stamp_ns)
         arrow, arc, style = rr.Arrows3D(vectors=[]), rr.LineStrips3D([]), rr.Radius.ui_points(2.5)
@@ -176,45 +176,43 @@ class Canvas:
 
     def states(self, entity: str, stamp_ns: Stamps, contacts: Sequence[Contact | None]) -> None:
         """The contact from each stamp on; None if unknown."""
-        # for rerun an empty text ends a state
-        self._texts(entity, stamp_ns, ["" if one is None else one.value for one in contacts])
+        # in rerun an empty text ends a state
+        self._texts(entity, stamp_ns, ["" if contact is None else contact.value for contact in contacts])
 
     def _texts(self, entity: str, stamp_ns: Stamps, texts: Sequence[str]) -> None:
         """The text of a state from each stamp on, written where it changes."""
-        before = [self._shown.get(entity), *texts]
-        changes = [i for i, text in enumerate(texts) if text != before[i]]
-        self._shown[entity] = before[-1]
+        previous = [self._last_texts.get(entity), *texts]
+        changes = [i for i, text in enumerate(texts) if text != previous[i]]
+        self._last_texts[entity] = previous[-1]
         self._send(entity, stamp_ns[changes], rr.StateChange.columns, state=[texts[i] for i in changes])
 
     def further(self, stamp_ns: Stamps, held: Sequence[Sequence[FurtherContact | None]]) -> None:
-        """State, label and opacity of the further contacts that hold from each stamp on, in their order; None
-        is one that does not hold."""
+        """State, label and opacity of the further contacts that hold from each stamp on, in order; None for a
+        contact that does not hold."""
         while self.most_further < max(map(len, held), default=0):
             self.most_further += 1
             self._lane(further_lane(self.most_further))
         for number in range(1, self.most_further + 1):
-            row = [one[number - 1] if number <= len(one) else None for one in held]
-            contacts = [None if one is None else one.contact for one in row]
-            self.states(further_lane(number), stamp_ns, contacts)
-            there = [i for i, one in enumerate(row) if one is not None]
-            named = [one for one in row if one is not None]
+            row = [contacts[number - 1] if number <= len(contacts) else None for contacts in held]
+            self.states(further_lane(number), stamp_ns, [None if f is None else f.contact for f in row])
+            rows = [i for i, further in enumerate(row) if further is not None]
+            named = [further for further in row if further is not None]
             if named:
-                probability = np.array([one.probability for one in named])
-                texts = [f"+ {caption(one.contact, one.probability, one.inseparable)}" for one in named]
-                self.fade(stamp_ns[there], [one.contact for one in named], probability, texts, number)
+                probability = np.array([further.probability for further in named])
+                texts = [f"+ {caption(f.contact, f.probability, f.inseparable)}" for f in named]
+                self.fade(stamp_ns[rows], [further.contact for further in named], probability, texts, number)
 
     def scalars(self, entity: str, stamp_ns: Stamps, values: Array) -> None:
         """Values (N, K) of the K series of an entity; nan is a gap."""
         self._send(entity, stamp_ns, rr.Scalars.columns, scalars=values)
 
-    def inseparable(self, stamp_ns: Stamps, others: Sequence[Sequence[Contact]]) -> None:
+    def inseparable(self, stamp_ns: Stamps, contacts: Sequence[Sequence[Contact]]) -> None:
         """The contacts that the motion does not distinguish from the label, from each stamp on."""
-        texts = [f"or {alternatives(states)}" if states else "" for states in others]
-        new = sorted({text for text in texts if text} - set(self._named))
+        texts = [f"or {alternatives(states)}" if states else "" for states in contacts]
+        new = sorted({text for text in texts if text} - set(self._state_names))
         if new:
-            self._named += new
-            greys = [GREY] * len(self._named)
-            names = self._named
+            self._state_names += new
+            names, greys = self._state_names, [GREY] * len(self._state_names)
             self._static(INSEPARABLE, rr.StateConfiguration(values=names, labels=names, colors=greys))
         self._texts(INSEPARABLE, stamp_ns, texts)
 
@@ -230,8 +228,8 @@ class Canvas:
             style = rr.Points3D.from_fields(radii=rr.Radius.ui_points(0.0), show_labels=True)
             self._static(label, style)
         meshes = [NOTHING if d is None else d.meshes for d in drawings]
-        for entity, of_entity in zip(entities, zip(*meshes, strict=True), strict=True):
-            self._send(entity, stamp_ns, _mesh_columns, meshes=of_entity)
+        for entity, meshes_of_entity in zip(entities, zip(*meshes, strict=True), strict=True):
+            self._send(entity, stamp_ns, _mesh_columns, meshes=meshes_of_entity)
         places = [np.zeros((0, 3)) if d is None else d.label_m[None] for d in drawings]
         self._send(label, stamp_ns, _point_columns, places=places)
 
@@ -246,8 +244,8 @@ class Canvas:
         """Colour, opacity and caption of touching pair ``number`` from each stamp on."""
         *entities, label = touching(number)
         colours = np.array([COLOUR[contact] for contact in contacts], np.uint8)
-        of_object = np.broadcast_to(np.array(OBJECT, np.uint8), colours.shape)
-        shades = (of_object, of_object, colours, colours)
+        white = np.broadcast_to(np.array(OBJECT, np.uint8), colours.shape)
+        shades = (white, white, colours, colours)
         for entity, shade, opacity in zip(entities, shades, OPACITY, strict=True):
             alpha = 255.0 * opacity * np.clip(probability, 0.0, 1.0)
             if entity == entities[2]:
@@ -270,8 +268,8 @@ class Canvas:
         names = [state.value for state in STATES]
         self._static(entity, rr.StateConfiguration(values=names, labels=names, colors=COLOURS))
 
-    def _static(self, entity: str, what: rr.AsComponents) -> None:
-        self._recording.log(entity, what, static=True, strict=True)
+    def _static(self, entity: str, archetype: rr.AsComponents) -> None:
+        self._recording.log(entity, archetype, static=True, strict=True)
 
     def _set_time(self, stamp_ns: int) -> None:
         self._recording.set_time(TIMELINE, duration=np.timedelta64(stamp_ns - self._origin_ns, "ns"))
@@ -284,16 +282,16 @@ class Canvas:
         columns: Callable[..., Columns],
         **values: Sequence[Any] | NDArray[Any],
     ) -> None:
-        """Send ``columns`` of values, one for each stamp."""
-        for first in range(0, len(stamp_ns), _ROWS):
-            rows = slice(first, first + _ROWS)
+        """Send ``columns`` of values, a row per stamp."""
+        for begin in range(0, len(stamp_ns), _ROWS):
+            rows = slice(begin, begin + _ROWS)
             since = (stamp_ns[rows] - self._origin_ns).astype("timedelta64[ns]")
             times = [
                 rr.TimeColumn(TIMELINE, duration=since),
                 rr.TimeColumn(STAMP, timestamp=stamp_ns[rows].astype("datetime64[ns]")),
             ]
-            some = columns(**{name: of_name[rows] for name, of_name in values.items()})
-            self._recording.send_columns(entity, times, some, strict=True)
+            batch = columns(**{name: rows_of_name[rows] for name, rows_of_name in values.items()})
+            self._recording.send_columns(entity, times, batch, strict=True)
 
 
 def _point_columns(places: Sequence[Array]) -> Columns:
@@ -308,11 +306,11 @@ def _mesh_columns(meshes: Sequence[Mesh]) -> Columns:
 
 
 def caption(
-    contact: Contact, probability: float, others: Sequence[Contact] = (), is_open: bool = False
+    contact: Contact, probability: float, inseparable: Sequence[Contact] = (), is_open: bool = False
 ) -> str:
     """``f-f  0.97 or e-f``; ``is_open``: the position of the faces along their normal is unknown."""
-    rest = f" or {alternatives(others)}" if others else ""
-    return f"{contact.value}  {probability:.2f}{rest}{f', {OPEN_OFFSET}' if is_open else ''}"
+    suffix = f" or {alternatives(inseparable)}" if inseparable else ""
+    return f"{contact.value}  {probability:.2f}{suffix}{f', {OPEN_OFFSET}' if is_open else ''}"
 
 
 def event(
@@ -326,21 +324,21 @@ def event(
 
 
 def further_event(since_ns: int, further: FurtherContact, joins: bool) -> str:
-    """The begin (``joins``) or end of a further contact."""
+    """The text of an event: the begin (``joins``) or end of a further contact."""
     how = "joins " if joins else "leaves"
-    where = describe(further.geometry, further.inseparable) if joins else ""
-    return f"{since_ns * 1e-9:7.2f} s  p {further.probability:.2f}  {how}  {where}".rstrip()
+    elements = describe(further.geometry, further.inseparable) if joins else ""
+    return f"{since_ns * 1e-9:7.2f} s  p {further.probability:.2f}  {how}  {elements}".rstrip()
 
 
 BACKGROUND = (25, 28, 33)
-"""Dark in light themes as well, on which the object's white elements are not seen."""
+"""Colour behind the 3D scene, dark in light themes as well, as the object's elements are white."""
 TRAIL_S = 4.0
 LIVE_S = 10.0
 _RESIDUAL = "Residual over 25 ticks of motion (1 = noise)"
 
 
 def offline_layout(eye: Eye, is_one_of_several: bool = False) -> rrb.Blueprint:
-    """Layout of a whole recording; with several recordings their list is open."""
+    """Layout of a whole recording; the list of recordings is open if there are several."""
     everything = rr.TimeRange(start=rr.TimeRangeBoundary.infinite(), end=rr.TimeRangeBoundary.infinite())
     smoothed = _plot(P_SMOOTHED, "Probability, smoothed (all data)", everything, 1.05)
     filtered = _plot(P_FILTERED, "Probability, filtered (data so far)", everything, 1.05, legend=False)
@@ -355,23 +353,23 @@ def offline_layout(eye: Eye, is_one_of_several: bool = False) -> rrb.Blueprint:
 
 def live_layout(eye: Eye) -> rrb.Blueprint:
     """Layout of a live view: the last seconds before the cursor, which follows the data."""
-    recent = _last(LIVE_S)
+    recent = _recent(LIVE_S)
     probability = _plot(P_FILTERED, "Probability", recent, 1.05)
     views = _states(recent), probability, _plot(RESIDUAL, _RESIDUAL, recent, 3.0)
     panel = rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="following")
     return _blueprint(eye, rrb.Vertical(*views), rrb.BlueprintPanel(state="collapsed"), panel)
 
 
-def _last(seconds: float) -> rr.TimeRange:
-    """Up to the cursor."""
-    start, end = (rr.TimeRangeBoundary.cursor_relative(seconds=one) for one in (-seconds, 0.0))
+def _recent(seconds: float) -> rr.TimeRange:
+    """The time range of the last ``seconds`` before the cursor."""
+    start, end = (rr.TimeRangeBoundary.cursor_relative(seconds=offset_s) for offset_s in (-seconds, 0.0))
     return rr.TimeRange(start=start, end=end)
 
 
 def _blueprint(
     eye: Eye, over_time: rrb.Container, recordings: rrb.BlueprintPanel, time: rrb.TimePanel
 ) -> rrb.Blueprint:
-    # The text has the time, as the viewer's column is too narrow.
+    # The text has the time, as the viewer's column of time is too narrow.
     hidden = [rrb.encodings.TimelineColumn(name, visible=False) for name in (TIMELINE, STAMP)]
     columns = rrb.TextLogColumns(timeline_columns=hidden, text_log_columns=["LogLevel", "Body"])
     events = rrb.TextLogView(origin=EVENTS, name="Changes of contact", columns=columns)
@@ -390,12 +388,12 @@ def _blueprint(
         background=BACKGROUND,
         line_grid=False,
         eye_controls=controls,
-        overrides={TRAIL: rrb.VisibleTimeRanges(rr.VisibleTimeRange(TIMELINE, _last(TRAIL_S)))},
+        overrides={TRAIL: rrb.VisibleTimeRanges(rr.VisibleTimeRange(TIMELINE, _recent(TRAIL_S)))},
     )
-    legend = rrb.TextDocumentView(origin=LEGEND, name="What is what")
-    left = rrb.Vertical(space, legend, events, row_shares=[18, 5, 5])
+    legend = rrb.TextDocumentView(origin=LEGEND, name="Legend")
+    left_column = rrb.Vertical(space, legend, events, row_shares=[18, 5, 5])
     return rrb.Blueprint(
-        rrb.Horizontal(left, over_time, column_shares=[11, 9]),
+        rrb.Horizontal(left_column, over_time, column_shares=[11, 9]),
         recordings,
         rrb.SelectionPanel(state="collapsed"),
         time,

@@ -22,7 +22,7 @@ from contact_tracker.viewer import SILENT
 HOST: Final = "127.0.0.1"
 PORT: Final = 9876
 _ADDRESS: Final = f"rerun+http://{HOST}:{{port}}/proxy"
-"""Where a viewer accepts recordings."""
+"""Address at which a viewer accepts recordings."""
 WEB_PORT: Final = 9090
 _WITHOUT_SCREEN: Final = "--web shows it in a browser, and view --save FILE.rrd writes a file"
 _START_S: Final = 20.0
@@ -48,9 +48,9 @@ def to_file(path: Path) -> Sink:
 
 
 def to_viewer(port: int = PORT) -> Sink:
-    """A sink that shows it in the viewer at ``port``; a viewer is started if nothing listens there.
+    """A sink that sends to the viewer at ``port``; a viewer is started if nothing listens at the port.
 
-    Raises ViewerError at once if a window cannot be opened, and no viewer listens.
+    Raises ViewerError at once if no viewer listens and no window can be opened.
     """
     has_screen = sys.platform != "linux" or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY")))
     if not has_screen and answers(port) is None:
@@ -85,24 +85,24 @@ def answers(port: int) -> bool | None:
 def start(port: int, options: Sequence[str], web_port: int | None = None) -> "subprocess.Popen[bytes]":
     """Start a viewer for this machine only, which outlives this process.
 
-    It is the one that comes with rerun, whose own functions to start it let other machines connect. It is
-    ended if it does not start or the wait for it is interrupted.
+    The program comes with rerun, whose own functions to start it let other machines connect. It is ended if
+    it does not start or the wait for it is interrupted.
 
-    rerun enables usage analytics by default and stores that in its settings on the first run, so these do not
-    show the user's choice. ``CI`` disables them; ``FORCE_RERUN_ANALYTICS`` takes precedence.
+    rerun enables usage analytics by default and stores this in its settings on the first run, so the settings
+    do not show the user's choice. ``CI`` disables analytics; ``FORCE_RERUN_ANALYTICS`` takes precedence.
 
     Raises
     ------
-    ViewerError : it does not accept recordings at ``port``, and serve its page at ``web_port``, in time.
+    ViewerError : no recordings are accepted at ``port``, or no page is served at ``web_port``, in time.
     """
-    folder, given = Path(rerun_cli.__path__[0]), os.environ.get("RERUN_CLI_PATH")
+    folder, override = Path(rerun_cli.__path__[0]), os.environ.get("RERUN_CLI_PATH")
     path = os.pathsep.join(map(str, (folder, folder / "Rerun.app/Contents/MacOS")))
-    program = shutil.which(given) if given else shutil.which("rerun", path=path)
+    program = shutil.which(override) if override else shutil.which("rerun", path=path)
     if program is None:
         raise ViewerError(_NOT_STARTED)
     environment = {"CI": "true", **os.environ}
     if environment.get("RUST_LOG") == SILENT:
-        del environment["RUST_LOG"]  # is for this process; the viewer shows its log in its window
+        del environment["RUST_LOG"]  # it was set for this process; the viewer shows its log in its window
     viewer = subprocess.Popen(
         (program, "--bind", HOST, "--port", str(port), *options),
         stdin=subprocess.DEVNULL,
@@ -124,13 +124,13 @@ def start(port: int, options: Sequence[str], web_port: int | None = None) -> "su
 
 
 def end(viewer: "subprocess.Popen[bytes]") -> None:
-    """End a viewer that was started here."""
+    """End a viewer that this process started."""
     viewer.terminate()
     viewer.wait()
 
 
 def close(recording: rr.RecordingStream, timeout_s: float = 60.0) -> None:
-    """Deliver all data, then disconnect; raises ViewerError if that does not succeed in time."""
+    """Deliver all data, then disconnect; raises ViewerError if the delivery fails or takes too long."""
     try:
         recording.flush(timeout_sec=timeout_s)
     except Exception as error:  # rerun raises its own errors or RuntimeError, by version
@@ -151,7 +151,7 @@ def web_viewer(port: int = PORT, web_port: int = WEB_PORT) -> Iterator[tuple[str
 
     Raises
     ------
-    ViewerError : it does not start, or a port is in use.
+    ViewerError : the server does not start, or a port is in use.
     """
     for taken in (port, web_port):
         if answers(taken) is not None:

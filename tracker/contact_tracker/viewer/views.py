@@ -1,4 +1,4 @@
-"""Views: of a whole recording with its segmentation, in a window, a file or a notebook; and of a stream."""
+"""Views of a whole recording with its segmentation, in a window, a file or a notebook, and of a stream."""
 
 import os
 from collections import deque
@@ -42,9 +42,9 @@ def write_rrd(outcome: Outcome, path: Path, _: str) -> None:
 
 
 def show_in_notebook(outcome: Outcome, width: int, height: int) -> "Viewer":
-    """A widget that shows the whole recording, with the size given in pixels; raises ModuleNotFoundError if
-    there is none."""
-    # Read when rerun_notebook is imported: otherwise the viewer's page is loaded from a server of rerun.
+    """A widget with the whole recording, ``width`` and ``height`` in pixels; raises ModuleNotFoundError if
+    rerun_notebook is not installed."""
+    # Set before the import of rerun_notebook: otherwise the viewer's page is loaded from a server of rerun.
     os.environ.setdefault("RERUN_NOTEBOOK_ASSET", "inline")
     import rerun_notebook  # noqa: F401 - rerun would fail later
     from rerun.notebook import Viewer
@@ -59,25 +59,25 @@ def show_in_notebook(outcome: Outcome, width: int, height: int) -> "Viewer":
 
 
 def begin(sink: Sink, name: str, is_one_of_several: bool = False) -> Draw:
-    """Open a view before the recording is segmented; the function that is returned draws it there. A viewer
-    that ``sink`` opens stays open. Raises ViewerError, or later, if the viewer does not take the data."""
+    """Open a view before the recording is segmented; returns the function that draws it. A viewer that
+    ``sink`` opens stays open. Both raise ViewerError if the viewer does not accept the data."""
     recording, eye = canvas.new_recording(name), Upward(UNKNOWN_EXTENT).eye(UNKNOWN_EXTENT.radius_m)
     sink(recording, canvas.offline_layout(eye, is_one_of_several))
     return partial(_draw, recording, is_one_of_several)
 
 
 def _draw(recording: rr.RecordingStream, is_one_of_several: bool, outcome: Outcome) -> None:
-    """Draw a whole recording: what is known, the motion, beliefs and segments, and the truth."""
+    """Draw a whole recording: known parts, motion, beliefs, segments and truth."""
     poses, beliefs, filtered = outcome.trajectory.poses, outcome.beliefs, outcome.segmentation.filtered
     if not len(poses):
         raise NoPoses("there is no pose to show")
-    known = KnownParts.of(outcome)
-    extent, whole = known.object_extent, known.extent(outcome.touched)
+    known_parts = KnownParts.of(outcome)
+    extent, full_extent = known_parts.object_extent, known_parts.extent(outcome.touched)
     upward = Upward.of(outcome.segments, poses, extent)
     sheet = Canvas(recording, outcome.origin_ns, extent.radius_m)
-    if parts := known.parts(outcome.touched):
+    if parts := known_parts.parts(outcome.touched):
         sheet.known(parts)
-    sheet.centre(whole.centre_m)
+    sheet.centre(full_extent.centre_m)
     sheet.poses(poses)
     sheet.scalars(canvas.P_FILTERED, filtered.stamp_ns, filtered.probability)
     sheet.scalars(canvas.RESIDUAL, filtered.stamp_ns, filtered.residual)
@@ -85,14 +85,14 @@ def _draw(recording: rr.RecordingStream, is_one_of_several: bool, outcome: Outco
     if len(beliefs):
         sheet.scalars(canvas.P_SMOOTHED, beliefs.stamp_ns, beliefs.probability)
 
-        def drawn(one: Segment | FurtherContact | None, span: Segment | SegmentPart) -> Drawing | None:
+        def drawn(touching: Segment | FurtherContact | None, span: Segment | SegmentPart) -> Drawing | None:
             """The drawing of a contact during a span, if it has a geometry."""
-            if one is None or one.geometry is None:
+            if touching is None or touching.geometry is None:
                 return None
             within = poses_within(poses, span.start_ns, span.end_ns)
-            return draw(one.geometry, within, extent, upward.direction)
+            return draw(touching.geometry, within, extent, upward.direction)
 
-        _draw_segments(sheet, outcome, [drawn(one, one) for one in outcome.segments])
+        _draw_segments(sheet, outcome, [drawn(segment, segment) for segment in outcome.segments])
         _draw_further(sheet, outcome, drawn)
         # a strip of the path per tick, joined to the previous one
         ends = np.searchsorted(poses.stamp_ns, beliefs.stamp_ns, side="right")
@@ -107,18 +107,18 @@ def _draw(recording: rr.RecordingStream, is_one_of_several: bool, outcome: Outco
         sheet.states(canvas.TRUTH, starts, [contact for _, contact in changes])
     paper = curves(poses)
     sheet.scalars(canvas.PAPER, paper.stamp_ns, paper.normalised)
-    eye = upward.eye(max(extent.radius_m, whole.radius_m))
+    eye = upward.eye(max(extent.radius_m, full_extent.radius_m))
     recording.send_blueprint(canvas.offline_layout(eye, is_one_of_several))
     close(recording)
 
 
 def _draw_segments(sheet: Canvas, outcome: Outcome, drawings: Sequence[Drawing | None]) -> None:
-    """Draw the geometry of each segment from its start, its name, state and event, and the slip at the
-    touching point, with a gap after each segment."""
+    """Draw geometry, name, state and event of each segment from its start on, and the slip at the touching
+    point, with a gap after each segment."""
     segments, origin_ns = outcome.segments, outcome.origin_ns
     starts = np.array([s.start_ns for s in segments], np.int64)
     sheet.drawings(starts, drawings)
-    _fade(sheet, outcome, starts, [one is not None and one.is_open for one in drawings])
+    _fade(sheet, outcome, starts, [drawing is not None and drawing.is_open for drawing in drawings])
     contacts = [s.contact for s in segments]
     texts = [
         event(s.start_ns - origin_ns, s.probability, s.geometry, s.inseparable)
@@ -141,16 +141,16 @@ def _draw_further(
     segments, origin_ns = outcome.segments, outcome.origin_ns
     parts = [(segment, part) for segment in segments for part in segment.parts]
     starts = np.array([part.start_ns for _, part in parts], np.int64)
-    held = [[one if one in part.further else None for one in segment.further] for segment, part in parts]
+    held = [[f if f in part.further else None for f in segment.further] for segment, part in parts]
     sheet.further(starts, held)
     for number, row in enumerate(zip_longest(*held), start=1):
-        drawings = [drawn(one, part) for one, (_, part) in zip(row, parts, strict=True)]
+        drawings = [drawn(further, part) for further, (_, part) in zip(row, parts, strict=True)]
         sheet.drawings(starts, drawings, number)
     rows = [
-        (stamp_ns, one.contact, further_event(stamp_ns - origin_ns, one, joins))
+        (stamp_ns, further.contact, further_event(stamp_ns - origin_ns, further, joins))
         for segment in segments
-        for one in segment.further
-        for stamp_ns, joins in ((one.start_ns, True), (one.end_ns, False))
+        for further in segment.further
+        for stamp_ns, joins in ((further.start_ns, True), (further.end_ns, False))
         if stamp_ns is not None
     ]
     if rows:
@@ -159,12 +159,12 @@ def _draw_further(
 
 
 def _fade(sheet: Canvas, outcome: Outcome, begins: Stamps, is_open: Sequence[bool]) -> None:
-    """Draw each tick's probability; a segment begins with that of its first tick."""
+    """Draw the label's probability at each tick; at the start of a segment that of its first tick."""
     beliefs, segments = outcome.beliefs, outcome.segments
     stamps = beliefs.stamp_ns
-    first = np.minimum(np.searchsorted(stamps, begins), len(beliefs) - 1)
+    first_ticks = np.minimum(np.searchsorted(stamps, begins), len(beliefs) - 1)
     contacts = [*(s.contact for s in segments), *beliefs.contacts]
-    rows = np.concatenate([first, np.arange(len(beliefs))])
+    rows = np.concatenate([first_ticks, np.arange(len(beliefs))])
     probability = beliefs.probability[rows, [c.column for c in contacts]]
     times = np.concatenate([begins, stamps])
     number = np.maximum(np.searchsorted(begins, times, side="right") - 1, 0)
@@ -182,14 +182,14 @@ _REDRAW_NS: Final = 500_000_000
 
 
 class LiveViewer:
-    """Shows the body at up to 100 Hz, and all else by belief; a context manager that closes itself.
+    """Shows the body at up to 100 Hz, and all else at each belief; a context manager that closes itself.
 
     Parameters
     ----------
-    vertices_m : (V, 3) of the object in the body frame, where known.
+    vertices_m : (V, 3) of the object in the body frame, if known.
     sink : destination; by default a viewer on this machine, which is started if necessary.
-    origin_ns : returns the stamp from which times count, after the first pose; by default the first pose's.
-    known_map : what is known of the object and its surroundings.
+    origin_ns : returns, after the first pose, the stamp from which times count; by default the first pose's.
+    known_map : prior knowledge of the object and its surroundings.
 
     Raises
     ------
@@ -231,13 +231,12 @@ class LiveViewer:
         self._waiting.append(pose)
 
     def suggest(self, stamp_ns: int, motion: InformativeMotion | None) -> None:
-        """Draw what to move next."""
+        """Draw the suggested motion; None removes it."""
         if self._sheet is not None:
             self._sheet.suggest(stamp_ns, motion, self._extent.radius_m)
 
     def belief(self, belief: Belief, world: GrowingMap | None = None) -> None:
-        """Draw a belief about earlier poses, and the map where it has changed; without poses nothing is
-        drawn."""
+        """Draw a belief about earlier poses, and the map if it has changed; draws nothing before a pose."""
         rows = [] if self._last is None else [self._last]
         while self._waiting and self._waiting[0].stamp_ns <= belief.stamp_ns:
             rows.append(self._waiting.popleft())
@@ -260,10 +259,10 @@ class LiveViewer:
         if is_news:
             text = event(belief.stamp_ns - self._origin_ns, p, belief.geometry, belief.inseparable)
             sheet.events(stamp, [contact], [text])
-        for further, begins in ((joins, True), (leaves, False)):
-            for one in further:
-                text = further_event(belief.stamp_ns - self._origin_ns, one, begins)
-                sheet.events(stamp, [one.contact], [text])
+        for contacts, begins in ((joins, True), (leaves, False)):
+            for further in contacts:
+                text = further_event(belief.stamp_ns - self._origin_ns, further, begins)
+                sheet.events(stamp, [further.contact], [text])
         sheet.inseparable(stamp, [belief.inseparable])
         if changed or joins or leaves or belief.stamp_ns - self._drawn_ns >= _REDRAW_NS:
             self._draw(sheet, belief, tick)
@@ -281,10 +280,10 @@ class LiveViewer:
         self._is_open = drawing is not None and drawing.is_open
         stamp = np.array([belief.stamp_ns], np.int64)
         sheet.drawings(stamp, [drawing])
-        further = [draw(one.geometry, tick, self._extent, up) for one in belief.further]
+        further = [draw(contact.geometry, tick, self._extent, up) for contact in belief.further]
         gone = [None] * max(sheet.most_further - len(further), 0)
-        for number, beside in enumerate([*further, *gone], 1):
-            sheet.drawings(stamp, [beside], number)
+        for number, pair in enumerate([*further, *gone], 1):
+            sheet.drawings(stamp, [pair], number)
 
     def __enter__(self) -> Self:
         return self
