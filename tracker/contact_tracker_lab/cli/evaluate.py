@@ -62,10 +62,10 @@ def run(args: argparse.Namespace) -> int:
             raise log.no_poses(name)
         trajectory, detail = Trajectory.from_log(log, name, poses, True), Detail.FORMATION
         with progress(name, "poses", len(poses)) as set_done:
-            found = segmented(trajectory, model, known_map, wrenches, progress=set_done, detail=detail)
-        for line in found.warnings:
+            result = segmented(trajectory, model, known_map, wrenches, progress=set_done, detail=detail)
+        for line in result.warnings:
             warn(f"{name}: {line}")
-        evaluations[name] = evaluate(poses, truth, found.segmentation, answering.finish())
+        evaluations[name] = evaluate(poses, truth, result.segmentation, answering.finish())
         return DONE if log.damage is None else DAMAGED
 
     codes = list(arguments.run_each(partial(evaluate_recording, name) for name in names))

@@ -37,9 +37,9 @@ def run(args: argparse.Namespace) -> int:
 
     made = simulate(args.scenario, args.seed)
     write_recording(str(args.output), made.poses, made.truth, made.metadata, check, made.wrenches)
-    many = len(made.truth.intervals)
-    intervals = "interval" if many == 1 else "intervals"
-    say(f"{len(made.poses)} poses, {many} {intervals} of truth in {args.output}")
+    count = len(made.truth.intervals)
+    intervals = "interval" if count == 1 else "intervals"
+    say(f"{len(made.poses)} poses, {count} {intervals} of truth in {args.output}")
     return DONE
 
 
@@ -54,11 +54,11 @@ def _list(seed: int) -> int:
             contacts += f" + {contact.value}"
             contacts += "" if start_s is None else f" from {start_s:g} s"
             contacts += "" if end_s is None else f" to {end_s:g} s"
-        what = f"{made.object} on {made.surroundings}: {contacts}"
-        what += ", with wrenches" if made.has_wrench else ""
+        text = f"{made.object} on {made.surroundings}: {contacts}"
+        text += ", with wrenches" if made.has_wrench else ""
         if made.joint is not None:
-            what = f"{made.object} in a joint: {made.joint.value}"
+            text = f"{made.object} in a joint: {made.joint.value}"
         seconds = sum(phase.duration_s for phase in made.phases)
         size = f"{made.rate_hz:5.0f} Hz {seconds:5.0f} s"
-        show(f"{name:<18}{size}  {what}")
+        show(f"{name:<18}{size}  {text}")
     return DONE

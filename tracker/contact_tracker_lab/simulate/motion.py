@@ -1,4 +1,4 @@
-"""Motion along one leg: smooth and random in all free directions of the contact; and smooth signals."""
+"""Motion along one leg, smooth and random in all free directions of the contact; smooth signals."""
 
 from dataclasses import dataclass
 
@@ -27,8 +27,8 @@ _LOWEST_HZ = 0.2
 
 @dataclass(frozen=True, eq=False)
 class Hand:
-    """Random motion of the hand at times ``time_s`` (N,) since the start of a leg: root mean square per free
-    direction, and bandwidth."""
+    """Random motion of the hand at times ``time_s`` (N,) since the start of a leg: its root mean square in
+    each free direction, and its bandwidth."""
 
     rng: np.random.Generator
     time_s: Array
@@ -150,7 +150,7 @@ def _rotation_about_axis(leg: Leg, hand: Hand, wave: Array) -> Path:
 
 
 def _room(contact: Contact) -> float:
-    """Bound of the random motion of the spin (rad)."""
+    """Bound (rad) of the random motion of the spin."""
     return _CROSSING_ROOM_RAD if contact is Contact.EE else float(np.pi)
 
 
