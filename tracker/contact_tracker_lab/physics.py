@@ -117,9 +117,9 @@ BOARD: Final = box(0.04, 0.6, 0.5) + np.array([-0.36, 0.0, 0.85])
 HANDLED: Final = ("box", "wedge")
 
 
-def handling(thing: str, take: int) -> Made:
+def handling(shape: str, take: int) -> Made:
     """A recording of the set ``everyday``: each take has its own motion and noise."""
-    rng = np.random.default_rng([take, *thing.encode()])
+    rng = np.random.default_rng([take, *shape.encode()])
     phases = [Phase(Contact.FF, 2.5, "rest")]
     for _ in range(3):
         phases.append(Phase(Contact.FREE, rng.uniform(1.0, 2.0)))
@@ -134,12 +134,12 @@ def handling(thing: str, take: int) -> Made:
         amplitude_m=0.02,
         amplitude_rad=float(np.radians(6.0)),
         lead_s=0.0,
-        object=thing,
+        object=shape,
         name="everyday",
     )
     scene = Scene.of(SURROUNDINGS[scenario.surroundings], BOARD)
-    seed = 1000 + 10 * HANDLED.index(thing)
-    return Made(f"{thing}_{take:02d}", scenario, convex(OBJECTS[thing]), scene, seed, seed + take)
+    seed = 1000 + 10 * HANDLED.index(shape)
+    return Made(f"{shape}_{take:02d}", scenario, convex(OBJECTS[shape]), scene, seed, seed + take)
 
 
 def simulate_physics(made: Made) -> Simulated:
@@ -161,9 +161,9 @@ def simulate_physics(made: Made) -> Simulated:
             break
     else:
         raise UsageError(f"{made.name}: the object falls from these surroundings")
-    every = round(HAND_HZ / scenario.rate_hz)
-    pose = Rigid(pose.rotation[::every], pose.translation[::every])
-    motion = [leg.motion for leg, path in zip(legs, paths, strict=True) for _ in path.touch_scene][::every]
+    stride = round(HAND_HZ / scenario.rate_hz)
+    pose = Rigid(pose.rotation[::stride], pose.translation[::stride])
+    motion = [leg.motion for leg, path in zip(legs, paths, strict=True) for _ in path.touch_scene][::stride]
     stamp_ns = stamps(rng, len(motion), scenario)
     poses = measure(rng, stamp_ns, world @ pose @ body.inverse(), scenario)
     touches = [
@@ -196,11 +196,12 @@ def _planned(rng: np.random.Generator, made: Made) -> list[Leg]:
 def _stands(leg: Leg) -> bool:
     """Whether gravity holds the object on the face on which it lies; level within 2.6 deg, and 20 mm from the
     edges, are choices of the scenario."""
-    at, chart = leg.start, leg.chart
-    if at.normal[2] < 0.999:
+    anchor, chart = leg.start, leg.chart
+    if anchor.normal[2] < 0.999:
         return False
-    middle = at.pose.translation - at.normal * (at.normal @ (at.pose.translation - at.touch_scene))
-    in_object = at.rotation.T @ (middle - at.pose.translation)
+    height_m = anchor.normal @ (anchor.pose.translation - anchor.touch_scene)
+    middle = anchor.pose.translation - anchor.normal * height_m
+    in_object = anchor.rotation.T @ (middle - anchor.pose.translation)
     clearances = chart.environment.point_clearance(middle), chart.object.point_clearance(in_object)
     return min(clearances) > 0.02
 
@@ -290,9 +291,9 @@ def make(made: Made, path: Path, overwrite: bool) -> tuple[list[str], bool]:
     write_recording(str(path), simulated.poses, simulated.truth, simulated.metadata, check)
     stamp_ns, spans = simulated.poses.stamp_ns, simulated.truth.intervals
     column = np.array([-1 if span.contact is None else span.contact.column for span in spans])
-    of_frame = column[simulated.truth.at(stamp_ns)]
-    shares = [float(np.mean(of_frame == state.column)) for state in STATES]
-    numbers = (stamp_ns, simulated.poses.position_m, simulated.poses.quat_xyzw, of_frame)
+    labels = column[simulated.truth.at(stamp_ns)]
+    shares = [float(np.mean(labels == state.column)) for state in STATES]
+    numbers = (stamp_ns, simulated.poses.position_m, simulated.poses.quat_xyzw, labels)
     digest = hashlib.sha256(b"".join(array.tobytes() for array in numbers)).hexdigest()[:16]
     text = " ".join(f"{share:.2f}" for share in shares)
     expected = PUBLISHED.get(made.name, ("", ""))

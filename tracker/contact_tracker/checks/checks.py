@@ -201,8 +201,8 @@ class Checks(NamedTuple):
 
     def update_segments(self, segments: Iterable[Segment], stream: Stream) -> "Checks":
         """The checks updated by the next segments."""
-        in_order = tuple(segments)
-        return Checks._make(check.update_segments(in_order, stream) for check in self)
+        listed = tuple(segments)
+        return Checks._make(check.update_segments(listed, stream) for check in self)
 
     def finish(self) -> "Checks":
         """The checks at the end of the stream."""

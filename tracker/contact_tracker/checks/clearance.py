@@ -54,8 +54,8 @@ class Faces(NamedTuple):
 
     def sigma_m(self, points_m: Array) -> Array:
         """Standard deviations (N, V, F) of these distances due to the faces."""
-        by = np.concatenate([points_m, -np.ones_like(points_m[..., :1])], axis=-1)
-        variance = np.einsum("nvi,fij,nvj->nvf", by, self.covariance, by)
+        gradient = np.concatenate([points_m, -np.ones_like(points_m[..., :1])], axis=-1)
+        variance = np.einsum("nvi,fij,nvj->nvf", gradient, self.covariance, gradient)
         return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 

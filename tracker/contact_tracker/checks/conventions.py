@@ -78,14 +78,14 @@ def explain(
     sigma : standard deviations of a pose (m, rad).
     """
     first = np.searchsorted(tick_of, np.arange(TICKS + 3))
-    middle, at = slice(first[1], first[-2]), first[1:-2] - first[1]
+    middle, starts = slice(first[1], first[-2]), first[1:-2] - first[1]
     per_tick = np.diff(first)[1:-1]
     variance = np.square(sigma) / np.median(per_tick)
     variance += np.square([model.noise.floor_position_m, model.noise.floor_rotation_rad])
     orientations, position_m = Given(poses), poses.position_m - poses.position_m.mean(axis=0)
     turn = matrices(orientations.quat_xyzw[middle])
     values = position_m[middle], turn.reshape(-1, 9)
-    means = [np.add.reduceat(rows, at) / per_tick[:, None] for rows in values]
+    means = [np.add.reduceat(rows, starts) / per_tick[:, None] for rows in values]
     spread = [mean.var(axis=0).sum() for mean in means]
     if spread[0] < 3.0 * MOVED**2 * variance[0] or spread[1] < 6.0 * MOVED**2 * variance[1]:
         return None
@@ -95,9 +95,9 @@ def explain(
     moved = position_m[middle] @ np.swapaxes(axes, 1, 2)
     in_body = (moved[:, :, None] @ turn)[:, :, 0]
     stacked = np.concatenate([turn.reshape(*moved.shape[:2], 9), moved, in_body], axis=2)
-    features = np.add.reduceat(stacked, at, axis=1) / per_tick[:, None]
+    features = np.add.reduceat(stacked, starts, axis=1) / per_tick[:, None]
     volumes = np.array([turned.log_volume[middle] for turned in turns])
-    log_volume = np.add.reduceat(volumes, at, axis=1) @ (1.0 / per_tick)
+    log_volume = np.add.reduceat(volumes, starts, axis=1) @ (1.0 / per_tick)
     scales = np.cbrt(np.linalg.det(axes)), np.array([reading.turn_scale for reading in readings])
     nats, misfit = _gains(features, variance, *scales, model)
     shifts = np.linalg.eigvalsh(np.cov(features[0, :, 9:12].T))
@@ -137,10 +137,10 @@ def _gains(
     apart = np.einsum("ki,kij,kj->k", normal, sums[:, 9:12, 9:12], normal) / ticks
     tilted = np.einsum("ktij,kj->kti", centred[:, :, :9].reshape(-1, ticks, 3, 3), body_normal)
     tilt = 0.5 * np.square(tilted).sum(axis=2).mean(axis=1)
-    of_faces = np.log(free_distance / (distance + apart)) + 2.0 * np.log(free_angle / (angle + tilt))
-    of_vertex = np.log(free_distance / (distance + vertex))
-    misfit = np.where(of_faces > of_vertex, (apart / distance + 2.0 * tilt / angle) / 3.0, vertex / distance)
-    return 0.5 * ticks * np.maximum(of_faces, of_vertex), misfit
+    faces = np.log(free_distance / (distance + apart)) + 2.0 * np.log(free_angle / (angle + tilt))
+    corner = np.log(free_distance / (distance + vertex))
+    misfit = np.where(faces > corner, (apart / distance + 2.0 * tilt / angle) / 3.0, vertex / distance)
+    return 0.5 * ticks * np.maximum(faces, corner), misfit
 
 
 def _vertex_on_face(sums: Array, ridge: Array) -> Array:
@@ -370,10 +370,10 @@ def _refined(
     """The best delay near ``delay_ms`` in the latest windows, to a millisecond, and whether it fits; no
     reading at the ends of ``DELAYS_MS``."""
     latest = state.kept[-REFINED_WINDOWS:]
-    at = DELAYS_MS.index(delay_ms)
-    if at in (0, len(DELAYS_MS) - 1):
+    index = DELAYS_MS.index(delay_ms)
+    if index in (0, len(DELAYS_MS) - 1):
         return [], np.zeros(0, np.bool_)
-    first, last = DELAYS_MS[at - 1], DELAYS_MS[at + 1]
+    first, last = DELAYS_MS[index - 1], DELAYS_MS[index + 1]
     while True:
         step = max(round((last - first) / 8), 1)
         readings = [AS_THEY_ARE, *map(with_delay, range(first, last + 1, step))]

@@ -72,9 +72,10 @@ def difference(first: Element, second: Element) -> Difference:
             angle = angle_of_lines(first.normal, second.normal)
             return Difference(sigmas, angle, distance_of_planes_m(first, second))
         case Line(direction, point_m), Line():
-            off = second.point_m - point_m
-            off = off - second.direction * (second.direction @ off)
-            return Difference(sigmas, angle_of_lines(direction, second.direction), float(np.linalg.norm(off)))
+            step = second.point_m - point_m
+            step = step - second.direction * (second.direction @ step)
+            angle = angle_of_lines(direction, second.direction)
+            return Difference(sigmas, angle, float(np.linalg.norm(step)))
         case Point(), Point():
             return Difference(sigmas, 0.0, float(np.linalg.norm(second.point_m - first.point_m)))
     raise TypeError(f"{type(first).__name__} and {type(second).__name__}")
@@ -134,12 +135,12 @@ class Repeatability(Check):
             first, second = estimate.element, new.element
             if estimate.has_open_offset or new.has_open_offset:
                 first, second = _normal_alone(first), _normal_alone(second)
-            by = difference(first, second)
-            if by.angle_rad > NEAR_RAD or by.distance_m > NEAR_M:
+            apart = difference(first, second)
+            if apart.angle_rad > NEAR_RAD or apart.distance_m > NEAR_M:
                 continue
-            state = replace(state, near=state.near + 1, apart=state.apart + (by.sigmas > SIGNIFICANT))
-            if by.sigmas > max(SIGNIFICANT, 0.0 if state.worst is None else state.worst[2].sigmas):
-                state = replace(state, worst=(estimate, new, by))
+            state = replace(state, near=state.near + 1, apart=state.apart + (apart.sigmas > SIGNIFICANT))
+            if apart.sigmas > max(SIGNIFICANT, 0.0 if state.worst is None else state.worst[2].sigmas):
+                state = replace(state, worst=(estimate, new, apart))
         return replace(state, latest=(*state.latest, new)[-MOST_ELEMENTS:])
 
     def findings(self, stream: Stream, earlier: Sequence[Finding]) -> list[Finding]:
@@ -148,17 +149,17 @@ class Repeatability(Check):
             return []
         assert stream.best is not None
         errors = stream.best.systematic
-        first, second, by = self.worst
+        first, second, apart = self.worst
         first_s, second_s = ((estimate.start_ns - self.origin_ns) * 1e-9 for estimate in (first, second))
-        sizes = [f"{degrees(by.angle_rad):.2g} deg"] * (by.angle_rad > 0.0)
-        sizes += [f"{1e3 * by.distance_m:.2g} mm"] * (by.distance_m > 0.0)
+        sizes = [f"{degrees(apart.angle_rad):.2g} deg"] * (apart.angle_rad > 0.0)
+        sizes += [f"{1e3 * apart.distance_m:.2g} mm"] * (apart.distance_m > 0.0)
         element = f"the {_WORDS[type(first.element)]} of the {_SIDES[first.side]}"
         allowed = "noise allows (with --accuracy)" if errors.are_given else "noise allows"
         remedy = "errors larger than these" if errors.are_given else "systematic errors"
         text = (
             f"elements that seem to be the same differ by more than {allowed} ({self.apart} of {self.near} "
             f"pairs; {element} from {first_s:.2f} s and from {second_s:.2f} s by {' and '.join(sizes)}, "
-            f"{by.sigmas:.0f} standard deviations): unless they are different, poses have {remedy}, "
+            f"{apart.sigmas:.0f} standard deviations): unless they are different, poses have {remedy}, "
             "as of calibration: give their size, such as --accuracy 0.5mm,0.1deg"
         )
         return [Finding("accuracy", text, False)]
@@ -218,15 +219,15 @@ class MapUse(Check):
             geometry = part.geometry
             if geometry is None:
                 continue
-            of_object, of_environment = (name is not None for name in geometry.names)
+            object_named, world_named = (name is not None for name in geometry.names)
             # a face of unknown offset fits any parallel face
-            shows_place = of_environment and not geometry.has_open_offset[0]
-            known = known[0] or of_object, known[1] or shows_place
+            shows_place = world_named and not geometry.has_open_offset[0]
+            known = known[0] or object_named, known[1] or shows_place
             if part.probability < LEAST:
                 continue
             moved = max(moved, _moved(map, geometry), key=itemgetter(0))
             if len(part.inseparable) < len(STATES) - 1:
-                unknown = unknown[0] or not of_object, unknown[1] or not of_environment
+                unknown = unknown[0] or not object_named, unknown[1] or not world_named
                 nearest = min(nearest, _nearest(map, geometry))
         return MapUse(unknown, known, nearest, moved)
 
@@ -237,7 +238,7 @@ class MapUse(Check):
             return []
         texts, (sigmas, moved) = list[str](), self.moved
         if sigmas > SIGMAS:
-            places = ", ".join(f"{name} by {_size(by)}" for name, by in moved if _size(by))
+            places = ", ".join(f"{name} by {_size(step)}" for name, step in moved if _size(step))
             statement = f"contacts move what is given by {sigmas:.0f} of its standard deviations ({places})"
             texts.append(f"{statement}: {CHECK}, or give larger standard deviations")
         for side, listed in enumerate((stream.map.listed_object, stream.map.listed_environment)):
@@ -279,7 +280,7 @@ def _moved(map: Map, geometry: ContactGeometry) -> tuple[float, tuple[tuple[str,
         if prior is not None and prior.covariance is not None:
             exact = replace(element, covariance=np.zeros_like(prior.covariance))
             moved.append((str(element.name), difference(exact, prior)))
-    return sqrt(sum(by.sigmas**2 for _, by in moved)), tuple(moved)
+    return sqrt(sum(step.sigmas**2 for _, step in moved)), tuple(moved)
 
 
 def _names(listed: Sequence[NamedElement]) -> str:
@@ -287,10 +288,10 @@ def _names(listed: Sequence[NamedElement]) -> str:
     return f"{named} and {len(listed) - _NAMED} more" if len(listed) > _NAMED else named
 
 
-def _size(by: Difference) -> str:
+def _size(step: Difference) -> str:
     """A movement in words; empty if it is small."""
-    sizes = [f"{1e3 * by.distance_m:.2g} mm"] * (by.distance_m > LEAST_M)
-    sizes += [f"{degrees(by.angle_rad):.2g} deg"] * (degrees(by.angle_rad) > LEAST_DEG)
+    sizes = [f"{1e3 * step.distance_m:.2g} mm"] * (step.distance_m > LEAST_M)
+    sizes += [f"{degrees(step.angle_rad):.2g} deg"] * (degrees(step.angle_rad) > LEAST_DEG)
     return " and ".join(sizes)
 
 

@@ -292,10 +292,10 @@ def _by_three_numbers(read_as: ReadAs) -> Iterator[Reading]:
         if made_of is not None:
             text = f"{fault} Rotation.from_rotvec([a, b, c]) of SciPy"
             if table.euler is not None:
-                how = f"read them by {read_as.command(rotation_vector=True)}"
+                remedy = f"read them by {read_as.command(rotation_vector=True)}"
                 if read_as.has_angles:
-                    how = "their columns are named as angles, so check how they were exported"
-                text = f"orientations look like rotation vectors, not like angles: {how}"
+                    remedy = "their columns are named as angles, so check how they were exported"
+                text = f"orientations look like rotation vectors, not like angles: {remedy}"
             yield Reading(text, turns=partial(_by_vector, made_of, folds))
 
 
@@ -334,8 +334,8 @@ AS_THEY_ARE: Final = Reading("")
 @cache
 def readings_of(read_as: ReadAs = AS_GIVEN) -> tuple[Reading, ...]:
     """All readings of poses read in this way; the first leaves them as they are."""
-    of_turns = *_by_quaternions(read_as), *_by_three_numbers(read_as)
-    return AS_THEY_ARE, *of_turns, *_by_axes(), *map(with_delay, DELAYS_MS)
+    turned = *_by_quaternions(read_as), *_by_three_numbers(read_as)
+    return AS_THEY_ARE, *turned, *_by_axes(), *map(with_delay, DELAYS_MS)
 
 
 UNITS: Final = tuple(Reading(unit, axes=LENGTHS[unit] * np.eye(3)) for unit in ("m", "cm", "mm"))

@@ -112,10 +112,10 @@ class ConditionalMotion:
         noise, free = gradient * self.noise_sd[:, None], gradient @ self.free
         scale = np.sqrt(np.square(noise).sum(axis=2)) + TINY  # makes the result independent of a row's units
         noise, free, residual = noise / scale[..., None], free / scale[..., None], residual / scale
-        held = noise @ np.swapaxes(noise, 1, 2) + JITTER * np.eye(len(c))
-        loose = held + free @ np.swapaxes(free, 1, 2)
-        gain = 0.5 * (np.linalg.slogdet(loose)[1] - np.linalg.slogdet(held)[1])
-        pull = np.linalg.solve(held, residual[..., None]) - np.linalg.solve(loose, residual[..., None])
+        noise_cov = noise @ np.swapaxes(noise, 1, 2) + JITTER * np.eye(len(c))
+        loose = noise_cov + free @ np.swapaxes(free, 1, 2)
+        gain = 0.5 * (np.linalg.slogdet(loose)[1] - np.linalg.slogdet(noise_cov)[1])
+        pull = np.linalg.solve(noise_cov, residual[..., None]) - np.linalg.solve(loose, residual[..., None])
         misfit = 0.5 * (residual * pull[..., 0]).sum(axis=1)
         return ConditionalEvidence(gain - misfit, gain, np.square(residual).mean(axis=1))
 
@@ -249,16 +249,16 @@ def moments(model: ContactModel, motion: ConditionalMotion) -> Moments:
     return Moments(square.T @ square / count, free.T @ free / count, noise.T @ noise / count, count)
 
 
-def relaxed_ratio(of: Moments) -> float:
+def relaxed_ratio(sums: Moments) -> float:
     """Largest ratio of free motion to squared residual over all coefficients: up to noise, an upper bound for
     contacts."""
-    return float(np.linalg.eigvalsh(_congruent(*_whitened(of)))[-1])
+    return float(np.linalg.eigvalsh(_congruent(*_whitened(sums)))[-1])
 
 
-def relaxed_starts(model: ContactModel, of: Moments, x: Array) -> Array:
+def relaxed_starts(model: ContactModel, sums: Moments, x: Array) -> Array:
     """Starting points: directions from the relaxed problem, other coordinates from x (B, S)."""
-    lower, free = _whitened(of)
-    scale = np.sqrt(of.noise.diagonal() + RIDGE * of.noise.trace())
+    lower, free = _whitened(sums)
+    scale = np.sqrt(sums.noise.diagonal() + RIDGE * sums.noise.trace())
     vectors = np.linalg.eigh(_congruent(lower, free))[1][:, : -1 - RELAXED_STARTS : -1]
     c = (np.linalg.solve(lower.T, vectors) / scale[:, None]).T
     form, starts = model.family.FORM, []
@@ -274,21 +274,21 @@ def relaxed_starts(model: ContactModel, of: Moments, x: Array) -> Array:
             normal = unit(row[9:12])
             start[:, form.d2 : form.d2 + 3] = normal
             if model.contact is Contact.FF:
-                rotation = of.square[:9, 12].reshape(3, 3)
+                rotation = sums.square[:9, 12].reshape(3, 3)
                 start = start[:1]
                 start[:, form.d1 : form.d1 + 3] = unit(normal @ rotation)
         starts.append(start)
     return np.concatenate([x[:0], *starts])
 
 
-def _whitened(of: Moments) -> tuple[Array, Array]:
+def _whitened(sums: Moments) -> tuple[Array, Array]:
     """The Cholesky factor of the regularised squares, and the free motion, both whitened by the noise."""
-    scale = np.sqrt(of.noise.diagonal() + RIDGE * of.noise.trace())
+    scale = np.sqrt(sums.noise.diagonal() + RIDGE * sums.noise.trace())
     outer = scale[:, None] * scale
-    lift = ROUNDING * of.square.trace()
-    square = (of.square + NOISE_SHARE * of.noise + lift * np.eye(len(scale))) / outer
-    square += RIDGE * np.trace(of.noise / outer) * np.eye(len(square))
-    return np.linalg.cholesky(square), of.free / outer
+    lift = ROUNDING * sums.square.trace()
+    square = (sums.square + NOISE_SHARE * sums.noise + lift * np.eye(len(scale))) / outer
+    square += RIDGE * np.trace(sums.noise / outer) * np.eye(len(square))
+    return np.linalg.cholesky(square), sums.free / outer
 
 
 def _congruent(lower: Array, matrix: Array) -> Array:
@@ -301,15 +301,15 @@ def search(model: ContactModel, motion: ConditionalMotion, window: Window, reach
     family = model.family
     anchors = model.anchors(window.zeta[:, T].mean(axis=0))[None]
     prior = weak_prior(family, anchors, reach_m)
-    of = moments(model, motion)
-    problem = Problem(model, of, np.array(of[:3])[:, None], prior, anchors, reach_m)
+    sums = moments(model, motion)
+    problem = Problem(model, sums, np.array(sums[:3])[:, None], prior, anchors, reach_m)
     turn = window.zeta[-1, R].reshape(3, 3)
     x = model.turned(directions(model, DRAWS), turn)
     x = problem.complete(np.concatenate([x, relaxed_starts(model, problem.of, x)]))
     x = x[np.argsort(problem.ratio(x), kind="stable")[:FOLLOWED_STARTS]]
-    for steps, kept in ROUNDS:
+    for steps, count in ROUNDS:
         x = problem.descend(x, steps)
-        x = x[np.argsort(problem.ratio(x), kind="stable")[:kept]]
+        x = x[np.argsort(problem.ratio(x), kind="stable")[:count]]
     return np.asarray(x[np.argmin(problem.cost(x))])
 
 

@@ -267,12 +267,12 @@ class _Fit(NamedTuple):
             damped = hessian * (1.0 + damping[:, None, None] * np.eye(self.contact.size))
             step = np.linalg.solve(damped + np.diag(self.information), gradient[..., None])[..., 0]
             ahead = fit._replace(x=fit.x - step)
-            tried = ahead.residuals()
-            better = tried.cost < cost
+            trial = ahead.residuals()
+            better = trial.cost < cost
             damping = adapted(damping, better)
             fit = fit._replace(x=np.where(better[:, None], ahead.x, fit.x))
-            cost, noise = np.where(better, tried.cost, cost), _where(better, tried.noise, noise)
-            touch = Touch(*(_where(better, *parts) for parts in zip(tried.touch, touch, strict=True)))
+            cost, noise = np.where(better, trial.cost, cost), _where(better, trial.noise, noise)
+            touch = Touch(*(_where(better, *parts) for parts in zip(trial.touch, touch, strict=True)))
         return fit, cost
 
     def residuals(self) -> "_Residuals":
@@ -283,13 +283,13 @@ class _Fit(NamedTuple):
         away = (self.information * (self.x - self.centre) ** 2).sum(axis=1)
         return _Residuals(touch, noise, 0.5 * (misfit + away))
 
-    def along_normal(self, touch: Touch, of_pose: Array) -> Array:
-        """Variance (S, N) of the distance, for the variances ``of_pose`` (N, 2) of the pose (T16)."""
+    def along_normal(self, touch: Touch, pose_variance: Array) -> Array:
+        """Variance (S, N) of the distance, for the variances ``pose_variance`` (N, 2) of the pose (T16)."""
         arm = (self.rotation @ touch.point[..., None])[..., 0]  # from the origin about which the body turns
         if self.contact.of_inverse:
             arm = arm + self.position
         lever_sq = dot(arm, arm) - dot(arm, touch.normal) ** 2
-        return np.asarray(of_pose[:, 0] + of_pose[:, 1] * lever_sq)
+        return np.asarray(pose_variance[:, 0] + pose_variance[:, 1] * lever_sq)
 
     def best_fit(self, excess: Array, origin_m: Array) -> CurvedFit:
         """The start with the best evidence; free motion has variances ``excess`` (N, 2) beyond the noise."""
@@ -314,8 +314,8 @@ def _evidence(fit: _Fit, excess: Array) -> Array:
     first = Touch(*(part[:, :half] for part in touch))
     prior = np.diag(fit.information)
     parts = (touch, noise), (first, noise[:, :half])
-    of_all, of_first = (np.linalg.slogdet(_quadratic(*part)[0] + prior)[1] for part in parts)
-    complexity = 0.5 * (of_all - of_first)
+    log_det, first_log_det = (np.linalg.slogdet(_quadratic(*part)[0] + prior)[1] for part in parts)
+    complexity = 0.5 * (log_det - first_log_det)
     ratio = gain[:, half:].sum(axis=1) - misfit.sum(axis=1) - complexity
     return np.asarray(fit.scales.likelihood_exponent * ratio)
 
@@ -331,5 +331,5 @@ def _draws(size: int) -> Array:
     return np.random.default_rng(SEED).normal(size=(STARTS, size))
 
 
-def _where(which: NDArray[np.bool_], new: Array, old: Array) -> Array:
-    return np.where(which.reshape(-1, *(1 for _ in new.shape[1:])), new, old)
+def _where(chosen: NDArray[np.bool_], new: Array, old: Array) -> Array:
+    return np.where(chosen.reshape(-1, *(1 for _ in new.shape[1:])), new, old)

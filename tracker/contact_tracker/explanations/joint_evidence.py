@@ -165,9 +165,9 @@ def _with_shifted_hinge(
         return list(fitted)
     angle, pitch_m = screw.model.travelled(screw.frames, window.zeta), screw.frames.pitch_m
     angle -= angle.mean()
-    as_play = _log_evidence_of_shift(screw, (np.sin(angle), 1.0 - np.cos(angle)), window, scales)
-    as_pitch = _log_evidence_of_shift(screw, (angle,), window, scales)
-    lead = scales.likelihood_exponent * (as_pitch - as_play)
+    play_evidence = _log_evidence_of_shift(screw, (np.sin(angle), 1.0 - np.cos(angle)), window, scales)
+    pitch_evidence = _log_evidence_of_shift(screw, (angle,), window, scales)
+    lead = scales.likelihood_exponent * (pitch_evidence - play_evidence)
     if errors.are_given:
         covariance = _with_systematic_errors(screw, window, scales, errors).covariance
         sd_m = float(np.sqrt(covariance[-1, -1]))  # the pitch is the last parameter
@@ -196,19 +196,19 @@ def _log_evidence_of_shift(
 
 def _minimise(fit: FittedJoint, window: Window, scales: EvidenceParameters) -> FittedJoint:
     """Damped Gauss-Newton steps, with the noise of each tick and the play of the fit."""
-    model, frames, at = fit.model, fit.frames, _whitened(fit.residual, window, scales, fit.play)
+    model, frames, point = fit.model, fit.frames, _whitened(fit.residual, window, scales, fit.play)
     damping, precision = np.array(FIRST_DAMPING), _deviations(scales)[model.free] ** -2.0
     for _ in range(STEPS):
-        hessian, gradient = at.normal()
+        hessian, gradient = point.normal()
         damped = hessian + np.diag(damping * hessian.diagonal() + precision)
         step = np.asarray(-np.linalg.solve(damped, gradient), np.float64)
         moved = model.moved(frames, step)
         trial = _whitened(model.residual(moved, window.zeta), window, scales, fit.play)
-        gained = at.cost - trial.cost
+        gained = point.cost - trial.cost
         damping = adapted(damping, gained > 0.0)
         if gained > 0.0:
-            frames, at = moved, trial
-        if abs(gained) < CONVERGED * (1.0 + at.cost):
+            frames, point = moved, trial
+        if abs(gained) < CONVERGED * (1.0 + point.cost):
             break
     return fit._replace(frames=frames, residual=model.residual(frames, window.zeta))
 
@@ -290,8 +290,8 @@ def _against_free(
     white, (scale, lower) = _whitened(residual, window, scales).residual, _factors(residual, window)
     moved = np.linalg.solve(lower, residual.by_pose / scale[..., None] * moved_sd[:, None])
     loose = np.eye(white.shape[1]) + moved @ np.swapaxes(moved, 1, 2)
-    of_free = float((white * np.linalg.solve(loose, white[..., None])[..., 0]).sum())
-    return white, 0.5 * float(np.linalg.slogdet(loose)[1].sum()), of_free
+    free_form = float((white * np.linalg.solve(loose, white[..., None])[..., 0]).sum())
+    return white, 0.5 * float(np.linalg.slogdet(loose)[1].sum()), free_form
 
 
 def _log_ratio(
@@ -303,10 +303,10 @@ def _log_ratio(
     The quadratic form of free motion is at most ``free``, the least of all joints that are compared: free
     motion is the same for all, and one that fits badly must not gain by its own misfit.
     """
-    white, gain, of_free = _against_free(residual, window, scales)
+    white, gain, free_form = _against_free(residual, window, scales)
     noise_alone = -0.5 * float(np.square(white).sum())
-    of_joint = noise_alone if course is None else misfit_log_likelihood(white, course)
-    return gain + of_joint + 0.5 * min(of_free, free, white.size)  # free motion can follow smooth motion
+    joint_nats = noise_alone if course is None else misfit_log_likelihood(white, course)
+    return gain + joint_nats + 0.5 * min(free_form, free, white.size)  # free motion can follow smooth motion
 
 
 BODY_ROWS: Final = np.concatenate([BODY_TURN, BODY_POINT])
@@ -367,9 +367,9 @@ def joint_of(fitted: FittedJoint, probability: float, near_m: Array, origins: Or
     covariance = np.zeros((PITCH + 1, PITCH + 1))
     covariance[np.ix_(fitted.model.free, fitted.model.free)] = fitted.covariance
     # covariances (6, 6) of a frame's turns about and shifts along its own axes
-    of_body, of_world = (covariance[np.ix_(rows, rows)] for rows in (BODY_ROWS, WORLD_ROWS))
-    body = _element(kind, frames.body_axes, frames.body_point_m, of_body)
-    world = _element(kind, frames.world_axes, frames.world_point_m, of_world)
+    body_cov, world_cov = (covariance[np.ix_(rows, rows)] for rows in (BODY_ROWS, WORLD_ROWS))
+    body = _element(kind, frames.body_axes, frames.body_point_m, body_cov)
+    world = _element(kind, frames.world_axes, frames.world_point_m, world_cov)
     pitch = {JointKind.HINGE: 0.0, JointKind.SCREW: frames.pitch_m}.get(kind)
     deviation = float(np.sqrt(covariance[PITCH, PITCH])) if kind is JointKind.SCREW else None
     if kind is JointKind.SLIDER:  # the line of any point: here of the body's origin

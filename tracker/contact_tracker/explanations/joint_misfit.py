@@ -62,11 +62,11 @@ def misfit_log_likelihood(white: Array, course: Array) -> float:
         scaled = scaled @ axes
         amplitudes = functions.T @ scaled
         by_power = power_cost[:, None] + 0.5 * (1.0 / variance_ratio) @ np.square(amplitudes)
-        beside = 0.5 * float(np.square(scaled).sum() - np.square(amplitudes).sum())
+        remainder = 0.5 * float(np.square(scaled).sum() - np.square(amplitudes).sum())
         deviation = np.linalg.eigvalsh(noise_sd)
         wide = int((deviation > 1.0 + JITTER).sum())
         noise_cost = ticks * float(np.log(deviation).sum()) + 0.5 * cost_nats * wide * (wide + 1)
-        best = max(best, -float(by_power.min(axis=0).sum()) - beside - noise_cost)
+        best = max(best, -float(by_power.min(axis=0).sum()) - remainder - noise_cost)
         share = 1.0 - 1.0 / variance_ratio[by_power.argmin(axis=0)].T  # of errors in an amplitude
         residual, root = scaled - functions @ (share * amplitudes), noise_sd @ axes
         covariance = root @ (residual.T @ residual + np.diag(share.sum(axis=0))) @ root.T / ticks

@@ -65,12 +65,12 @@ class JointFrames:
 
     def moved(self, step: Array) -> Self:
         """The frames after a ``step`` (13,): shifts along and turns about their own axes, and the pitch."""
-        of_body, of_world = matrices(from_rotation_vectors(step[[BODY_TURN, WORLD_TURN]]))
+        body_turn, world_turn = matrices(from_rotation_vectors(step[[BODY_TURN, WORLD_TURN]]))
         return replace(
             self,
-            body_axes=self.body_axes @ of_body,
+            body_axes=self.body_axes @ body_turn,
             body_point_m=self.body_point_m + self.body_axes @ step[BODY_POINT],
-            world_axes=self.world_axes @ of_world,
+            world_axes=self.world_axes @ world_turn,
             world_point_m=self.world_point_m + self.world_axes @ step[WORLD_POINT],
             pitch_m=self.pitch_m + float(step[PITCH]),
         )

@@ -61,8 +61,8 @@ def page_sum(page: float, returns: Bools) -> tuple[float, bool]:
     if not page and not returns.any():
         return 0.0, False
     path = np.append(page, np.where(returns, RETURN, NO_RETURN)).cumsum()
-    above = path - np.minimum(np.minimum.accumulate(path), 0.0)
-    return float(above[-1]), bool(above.max() > ALARM)
+    excess = path - np.minimum(np.minimum.accumulate(path), 0.0)
+    return float(excess[-1]), bool(excess.max() > ALARM)
 
 
 def _distance(position: Array, quat: Array, other_position: Array, other_quat: Array) -> Array:
@@ -367,8 +367,9 @@ def inspect(inspection: Inspection, poses: Poses) -> Inspection:
     first = inspection.first if inspection.total else new[np.zeros(1, int)]
     total, recent = inspection.total + len(new), Poses.join([inspection.recent, new])
     turning = advance_turning(inspection.turning, new)
-    off = np.abs(new.position_m - first.position_m).max(), np.abs(new.quat_xyzw - first.quat_xyzw).max()
-    moved = inspection.moved[0] or bool(off[0] > CONSTANT), inspection.moved[1] or bool(off[1] > CONSTANT)
+    shift, turn = np.abs(new.position_m - first.position_m), np.abs(new.quat_xyzw - first.quat_xyzw)
+    shifted, turned = bool(shift.max() > CONSTANT), bool(turn.max() > CONSTANT)
+    moved = inspection.moved[0] or shifted, inspection.moved[1] or turned
     inspection = inspection._replace(first=first, total=total, moved=moved, turning=turning)
     end = len(recent) - (total - BLOCK * inspection.blocks)
     while total - BLOCK * inspection.blocks >= BLOCK:
@@ -405,10 +406,10 @@ def findings(inspection: Inspection, fitting_units: Sequence[str] = ()) -> tuple
         result.append(Finding(STILL, "the pose never changes: is the object tracked, in this frame?", False))
     elif inspection.total >= ENOUGH_CONSTANT and not all(inspection.moved):
         # With known elements (--known) positions or orientations alone give labels that are sure and wrong.
-        still = "position never changes: is it recorded? contacts need both"
+        fault = "position never changes: is it recorded? contacts need both"
         if inspection.moved[0]:
-            still = "orientation never changes: is it recorded? contacts are recognised by rotation"
-        result.append(Finding("orientation", f"the {still}", True))
+            fault = "orientation never changes: is it recorded? contacts are recognised by rotation"
+        result.append(Finding("orientation", f"the {fault}", True))
     if inspection.turning.are_inverse and not inspection.read_as.frame_moves:
         from_body_m, from_world_m = inspection.turning.median_m
         text = (
@@ -437,13 +438,13 @@ def _units_text(inspection: Inspection, fitting_units: Sequence[str]) -> str:
         f"(noise {1e3 * position:.3g} mm, {180.0 / pi * rotation:.2g} deg; "
         f"speed up to {inspection.top_m_per_s:.2g} m/s)"
     )
-    how = f"convert them to metres, or, if they are of a table, take --unit {unit}"
+    remedy = f"convert them to metres, or, if they are of a table, take --unit {unit}"
     if inspection.read_as.path:
-        how = f"read them by {inspection.read_as.command(unit=unit)}"
+        remedy = f"read them by {inspection.read_as.command(unit=unit)}"
     if unit not in fitting_units:
         text = f"positions are too noisy or too fast for metres {figures}"
-        return f"{text}: check their unit and their source; if they are in {unit}, {how}"
-    return f"positions look like {name} {figures}: {how}"
+        return f"{text}: check their unit and their source; if they are in {unit}, {remedy}"
+    return f"positions look like {name} {figures}: {remedy}"
 
 
 def _inspect_block(previous: Inspection, window: Poses) -> Inspection:

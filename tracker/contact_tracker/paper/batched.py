@@ -73,8 +73,8 @@ def value(contact: Contact, k: Array, obj: Array, environment: Array) -> float:
 
 def rows(contact: Contact, rotation: Array, p: Array) -> Array:
     """Rows A (..., N, r, n) of each frame: its residuals are ``A @ kron(x, y)``."""
-    of = motion(rotation, p) if form(contact).swapped else (rotation, p)
-    return form(contact).residuals(*of)
+    frames = motion(rotation, p) if form(contact).swapped else (rotation, p)
+    return form(contact).residuals(*frames)
 
 
 def _face_face(rotation: Array, p: Array) -> Array:
@@ -195,12 +195,12 @@ def minimise_batched(
         step = _step(near.pick(active), x[active], y[active], damping[active], f.x, f.y)
         tx, ty = _move(f.x, x[active], step[0]), _move(f.y, y[active], step[1])
         ahead = _contracted(k[active], tx, ty)
-        tried = ahead.cost(tx)
-        gain = cost[active] - tried
+        trial = ahead.cost(tx)
+        gain = cost[active] - trial
         accept = gain > 0
         done = np.where(accept, gain <= tolerance * cost[active], damping[active] >= MOST_DAMPING)
         rows = active[accept]
-        x[rows], y[rows], cost[rows] = tx[accept], ty[accept], tried[accept]
+        x[rows], y[rows], cost[rows] = tx[accept], ty[accept], trial[accept]
         for part, new in zip(near, ahead, strict=True):
             part[rows] = new[accept]
         damping[active] = adapted(damping[active], accept)

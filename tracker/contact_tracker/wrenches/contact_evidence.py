@@ -77,9 +77,10 @@ class LinesOfAction:
         force = np.einsum("tij,tj->ti", rotation, self.force_n)
         moment = np.einsum("tij,tj->ti", rotation, self.moment_nm)
         about = origin_m - origin_m.mean(axis=0)
-        of_force = rotation @ self.common_n
-        of_moment = rotation @ self.common_nm + cross_matrix(about) @ of_force
-        return LinesOfAction(force, moment + cross(about, force), self.variance_m2, of_force, of_moment)
+        moment = moment + cross(about, force)
+        common_n = rotation @ self.common_n
+        common_nm = rotation @ self.common_nm + cross_matrix(about) @ common_n
+        return LinesOfAction(force, moment, self.variance_m2, common_n, common_nm)
 
     def through_point(self) -> tuple[Point, float]:
         """The point of the frame through which all lines pass, and the log evidence that they do."""
@@ -292,24 +293,24 @@ class WrenchEvidence:
         foot = cross(force, moment) / square[:, None]
         place = (wrenches.moment_noise[rows] + dot(foot, foot) * wrenches.force_noise[rows]) / square
         middle = foot.mean(axis=0)  # the prior of elements is centred where the force acts
-        of_force, of_moment = (errors[rows] for errors in wrenches.load_errors)
-        of_moment = of_moment - cross_matrix(middle) @ of_force
-        body = LinesOfAction(force, moment - cross(middle, force), place + FLOOR_M**2, of_force, of_moment)
+        common_n, common_nm = (errors[rows] for errors in wrenches.load_errors)
+        common_nm = common_nm - cross_matrix(middle) @ common_n
+        body = LinesOfAction(force, moment - cross(middle, force), place + FLOOR_M**2, common_n, common_nm)
         origin_m = np.einsum("tij,j->ti", rotation, middle) + wrenches.ticks.position_m[rows]
         world = body.in_world_frame(rotation, origin_m)
-        of_body, of_world = fixed_direction(body.direction), fixed_direction(world.direction)
+        body_fixed, world_fixed = fixed_direction(body.direction), fixed_direction(world.direction)
         edge, ridge, twist = body.along_lines(), world.along_lines(), body.twist()
-        (vertex, of_vertex), (peak, of_peak) = body.through_point(), world.through_point()
+        (vertex, vertex_gain), (peak, peak_gain) = body.through_point(), world.through_point()
         mean = rotation.mean(axis=0)
         crossing = max(ridge.across(mean @ edge.best), edge.across(mean.T @ ridge.best))
         faces = body.direction.mean(axis=0), world.direction.mean(axis=0)
         elements = acting_elements(faces, (edge, ridge), (vertex, peak), (middle, origin_m.mean(axis=0)))
         evidence = (
             fixed_in_both(body.direction, rotation),
-            edge.evidence + of_world,
-            ridge.evidence + of_body,
-            of_vertex + twist + of_world,
-            of_peak + twist + of_body,
+            edge.evidence + world_fixed,
+            ridge.evidence + body_fixed,
+            vertex_gain + twist + world_fixed,
+            peak_gain + twist + body_fixed,
             edge.evidence + ridge.evidence + crossing + twist,
         )
         return np.array(evidence), elements

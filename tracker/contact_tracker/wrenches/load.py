@@ -153,8 +153,8 @@ class Load:
         distance, sd = self.apart_m
         if distance > max(DOUBTED_DEVIATIONS * sd, CENTRES_APART_M):
             return "in free motion the moments are not about the object's origin"
-        off, misfit = self.unexplained
-        if self.ticks < FEWEST_TICKS or (off > UNEXPLAINED and misfit > MISFIT):
+        residual, misfit = self.unexplained
+        if self.ticks < FEWEST_TICKS or (residual > UNEXPLAINED and misfit > MISFIT):
             return "in free motion the forces are not those of weight and inertia"
         return ""
 
@@ -187,10 +187,10 @@ class ContactWrenches:
     @cached_property
     def load_errors(self) -> tuple[Array, Array]:
         """(T, 3, 18) twice: derivatives of force and moment by independent standard errors of the load."""
-        of_force = self.force_by_load @ _root(self.load.force_covariance)
-        of_moment = self.moment_by_load @ _root(self.load.moment_covariance)
-        force = np.concatenate([of_force, np.zeros_like(of_moment)], axis=2)
-        return force, np.concatenate([np.zeros_like(of_force), of_moment], axis=2)
+        force_errors = self.force_by_load @ _root(self.load.force_covariance)
+        moment_errors = self.moment_by_load @ _root(self.load.moment_covariance)
+        force = np.concatenate([force_errors, np.zeros_like(moment_errors)], axis=2)
+        return force, np.concatenate([np.zeros_like(force_errors), moment_errors], axis=2)
 
 
 def estimate_load(
@@ -221,21 +221,21 @@ def estimate_load(
 def _agreed_weights(ticks: TickWrenches, rows: Ints, p_free: Array, mass_kg: float | None) -> list[Array]:
     """Weights (3,) in which most runs of ticks agree, at most ``STARTS``, the best supported one first; the
     weight of a single run may be from a contact."""
-    every = -(-len(rows) // MOST_COMPARED)
-    rows, p_free = rows[::every], p_free[::every]
+    stride = -(-len(rows) // MOST_COMPARED)
+    rows, p_free = rows[::stride], p_free[::stride]
     free = ticks.at(rows)
-    held = _in_world(free, free.force_n - (mass_kg or 0.0) * free.acceleration)
-    off = np.linalg.norm(held[:, None] - held, axis=2)
-    run = np.cumsum(np.append(0, np.diff(rows) > every))
-    kernel = p_free / (1.0 + (off / NEAR_N) ** 2)
+    weight_n = _in_world(free, free.force_n - (mass_kg or 0.0) * free.acceleration)
+    distance_n = np.linalg.norm(weight_n[:, None] - weight_n, axis=2)
+    run = np.cumsum(np.append(0, np.diff(rows) > stride))
+    kernel = p_free / (1.0 + (distance_n / NEAR_N) ** 2)
     support = np.sum([kernel[:, run == number].mean(axis=1) for number in range(run[-1] + 1)], axis=0)
     if mass_kg is not None:
-        ratio = np.linalg.norm(held, axis=1) / (GRAVITY * mass_kg)
+        ratio = np.linalg.norm(weight_n, axis=1) / (GRAVITY * mass_kg)
         support = support * np.exp(-0.5 * ((ratio - 1.0) / AGREES) ** 2)
     weights = list[Array]()
     while len(weights) < STARTS and np.max(support) > 0.0:
-        near = off[int(np.argmax(support))] < 2.0 * NEAR_N
-        weights.append(np.asarray(held[near].mean(axis=0)))
+        near = distance_n[int(np.argmax(support))] < 2.0 * NEAR_N
+        weights.append(np.asarray(weight_n[near].mean(axis=0)))
         support = np.where(near, 0.0, support)
     return weights
 
@@ -250,8 +250,8 @@ def _refine(free: TickWrenches, weight_n: Array, mass_kg: float | None) -> Load:
     force_noise = np.maximum(free.force_variance, LEAST_VARIANCE[0])
     moment_noise = np.maximum(free.moment_variance, LEAST_VARIANCE[1])
     centre, scale = np.zeros(3), 1.0
-    held = _in_world(free, free.force_n)
-    weight = _redescending((np.linalg.norm(held - weight_n, axis=1) / NEAR_N) ** 2)
+    by_tick = _in_world(free, free.force_n)
+    weight = _redescending((np.linalg.norm(by_tick - weight_n, axis=1) / NEAR_N) ** 2)
     for _ in range(ROUNDS):
         mass = float(np.linalg.norm(weight_n)) / GRAVITY
         inertial, design = _forces(free, weight_n, mass, centre)[1], _force_design(free)
@@ -339,9 +339,9 @@ def _solve_with(ticks: TickWrenches, weight: Array, force_n: Array, columns: Arr
 def contact_wrenches(ticks: TickWrenches, load: Load) -> ContactWrenches:
     """The wrench of the surroundings: the load's less the measured wrench."""
     gravity, inertial = _forces(ticks, load.weight_n, load.mass_kg, load.centre_m)
-    of_force, of_moment = _force_design(ticks), _moment_design(ticks, gravity)
-    force = of_force @ np.append(load.weight_n, load.force_bias_n) + inertial
-    moment = of_moment @ np.concatenate([load.centre_m, load.inertia, load.moment_bias_nm])
+    force_design, moment_design = _force_design(ticks), _moment_design(ticks, gravity)
+    force = force_design @ np.append(load.weight_n, load.force_bias_n) + inertial
+    moment = moment_design @ np.concatenate([load.centre_m, load.inertia, load.moment_bias_nm])
     return ContactWrenches(
         ticks,
         load,
@@ -349,8 +349,8 @@ def contact_wrenches(ticks: TickWrenches, load: Load) -> ContactWrenches:
         moment - ticks.moment_nm,
         np.maximum(ticks.force_variance, LEAST_VARIANCE[0]),
         np.maximum(ticks.moment_variance, LEAST_VARIANCE[1]),
-        of_force,
-        of_moment,
+        force_design,
+        moment_design,
     )
 
 

@@ -58,9 +58,9 @@ class Wrenches:
         """The finite wrenches no larger than ``GREATEST_N`` in order of time; the first of those with equal
         stamps."""
         numbers = np.concatenate([self.force_n, self.moment_nm], axis=1)
-        good = np.flatnonzero((np.abs(numbers) <= GREATEST_N).all(axis=1))  # false for NaN
-        _, first = np.unique(self.stamp_ns[good], return_index=True)
-        return self.at(good[first])
+        finite = np.flatnonzero((np.abs(numbers) <= GREATEST_N).all(axis=1))  # false for NaN
+        _, first = np.unique(self.stamp_ns[finite], return_index=True)
+        return self.at(finite[first])
 
     def at(self, rows: Ints) -> "Wrenches":
         """The wrenches in ``rows``, in this order."""
@@ -150,7 +150,7 @@ def average(poses: Poses, wrenches: Wrenches, stamp_ns: Ints) -> TickWrenches:
     """Mean poses and wrenches of the ticks that end at ``stamp_ns`` (T,), each beginning at the end of the
     one before."""
     pose_rows, rows = (
-        np.append(0, of.stamp_ns.searchsorted(stamp_ns, side="right")) for of in (poses, wrenches)
+        np.append(0, stream.stamp_ns.searchsorted(stamp_ns, side="right")) for stream in (poses, wrenches)
     )
     mean = _means(poses.rotation.reshape(-1, 9), pose_rows).reshape(-1, 3, 3)
     quat = np.array([nearest(matrix) for matrix in mean]).reshape(-1, 4)
@@ -186,8 +186,8 @@ def _variances(values: Array, rows: Ints) -> Array:
     """
     count = np.diff(rows)
     mean = np.repeat(_means(values, rows), count, axis=0)
-    off = ((values[rows[0] : rows[-1]] - mean) ** 2).sum(axis=1)[:, None]
-    scatter = _means(off, rows - rows[0])[:, 0] / 3.0
+    squares = ((values[rows[0] : rows[-1]] - mean) ** 2).sum(axis=1)[:, None]
+    scatter = _means(squares, rows - rows[0])[:, 0] / 3.0
     has_scatter = count > 1
     usual = float(np.median(scatter[has_scatter])) if has_scatter.any() else 0.0
     return np.asarray(np.where(has_scatter, scatter / np.maximum(count - 1, 1), usual))
@@ -199,9 +199,9 @@ def _is_steady(time_s: Array, has_poses: Bools) -> Bools:
     steady = np.zeros(len(time_s), bool)
     if len(time_s) < 3:
         return steady
-    good = has_poses[1:] & has_poses[:-1] & (steps > 0.0)
-    usual = np.median(steps[good]) if good.any() else 0.0
-    near = good & (steps < STEADY * usual) & (steps > usual / STEADY)
+    consecutive = has_poses[1:] & has_poses[:-1] & (steps > 0.0)
+    usual = np.median(steps[consecutive]) if consecutive.any() else 0.0
+    near = consecutive & (steps < STEADY * usual) & (steps > usual / STEADY)
     steady[1:-1] = near[1:] & near[:-1]
     return steady
 

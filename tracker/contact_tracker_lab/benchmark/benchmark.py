@@ -86,8 +86,8 @@ def measure(job: Job) -> Measured:
     if job.earlier is not None and job.wants(tracked.WITH_MAP):
         labellings |= tracked.methods(model, job.earlier)
     if job.labels is not None:
-        of_file = partial(others.answer_from_labels, path=job.labels / f"{job.path.stem}.csv")
-        labellings[Method(job.labels.name, OFFLINE, False)] = of_file
+        labelling = partial(others.answer_from_labels, path=job.labels / f"{job.path.stem}.csv")
+        labellings[Method(job.labels.name, OFFLINE, False)] = labelling
     for method, answer in labellings.items():
         began_s = time.process_time()
         note({method: answer(poses)}, began_s)
@@ -99,9 +99,9 @@ def measure(job: Job) -> Measured:
     if job.wants(*BY_CRITERION):
         began_s = time.process_time()
         ticks = bic.Ticks.of(poses, model)
-        of_ticks_s = time.process_time() - began_s
+        ticks_s = time.process_time() - began_s
         for answers_of in bic.WAYS:
-            began_s = time.process_time() - of_ticks_s
+            began_s = time.process_time() - ticks_s
             note(answers_of(poses, scored, ticks), began_s)
     return Measured(scores, cpu_s, windows, float(poses.stamp_ns[-1] - poses.stamp_ns[0]) * 1e-9)
 
@@ -143,14 +143,14 @@ def with_hmm(
 
 def summary(results: Mapping[str, Sequence[Measured]]) -> Table:
     """A row for each method: accuracy by set, and further figures over all sets on which it was scored."""
-    everything = [recording for recordings in results.values() for recording in recordings]
-    methods = list(dict.fromkeys(method for recording in everything for method in recording.scores))
+    measured_all = [recording for recordings in results.values() for recording in recordings]
+    methods = list(dict.fromkeys(method for recording in measured_all for method in recording.scores))
     names = [method.name for method in methods]
     methods.sort(key=lambda method: (names.index(method.name), -method.wait_s))  # from offline to online
     rows = []
     for method in methods:
         by_set = [accuracy(method, recordings) for recordings in results.values()]
-        scored = [recording for recording in everything if method in recording.scores]
+        scored = [recording for recording in measured_all if method in recording.scores]
         total_score = reduce(add, (recording.scores[method] for recording in scored))
         cpu_s = [recording.cpu_s[method] for recording in scored if method in recording.cpu_s]
         total = [number(total_score.main.accuracy())] if len(results) > 1 else []

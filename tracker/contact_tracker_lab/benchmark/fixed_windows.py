@@ -102,15 +102,16 @@ class Emission(NamedTuple):
         """Densities fitted to values (W, 6) and their true states (W,)."""
         states = np.unique(state)
         mean = np.array([values[state == s].mean(axis=0) for s in states])
-        off = values - mean[np.searchsorted(states, state)]
-        pooled = off.T @ off / len(off) + LEAST_SD**2 * np.eye(values.shape[1])
-        by_state = np.array([off[state == s].T @ off[state == s] / np.sum(state == s) for s in states])
+        centred = values - mean[np.searchsorted(states, state)]
+        pooled = centred.T @ centred / len(centred) + LEAST_SD**2 * np.eye(values.shape[1])
+        groups = [centred[state == s] for s in states]
+        by_state = np.array([group.T @ group / len(group) for group in groups])
         return cls(states.astype(np.int64), mean, (1 - SHRINKAGE) * by_state + SHRINKAGE * pooled)
 
     def log_density(self, values: Array) -> Array:
         """(W, S), up to a constant."""
-        off = values[:, None] - self.mean
-        square = np.einsum("wsi,sij,wsj->ws", off, np.linalg.inv(self.covariance), off)
+        deviation = values[:, None] - self.mean
+        square = np.einsum("wsi,sij,wsj->ws", deviation, np.linalg.inv(self.covariance), deviation)
         return np.asarray(-0.5 * (square + np.linalg.slogdet(self.covariance)[1]))
 
 
@@ -150,10 +151,10 @@ def _scores(
         main = [Score.of(answer(r, exponent), r.scored).main for r in tuning]
         right_s.append(sum(float(m.seconds_by_state @ np.nan_to_num(m.recall)) for m in main))
         loss_s.append(sum(m.log_loss_s for m in main))
-    for_labels, for_posteriors = EXPONENTS[int(np.argmax(right_s))], EXPONENTS[int(np.argmin(loss_s))]
+    label_exponent, posterior_exponent = EXPONENTS[int(np.argmax(right_s))], EXPONENTS[int(np.argmin(loss_s))]
     scores = list[Score]()
     for recorded in recordings:
-        labelled, believed = answer(recorded, for_labels), answer(recorded, for_posteriors)
+        labelled, believed = answer(recorded, label_exponent), answer(recorded, posterior_exponent)
         scores.append(Score.of(labelled._replace(probability=believed.probability), recorded.scored))
     return scores
 

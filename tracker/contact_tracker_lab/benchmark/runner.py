@@ -93,8 +93,8 @@ def typed_command(folder: Path | None = None) -> str:
     words = [name, *sys.argv[1:]]
     for option in ("--tables", "--processes"):
         if option in words:
-            at = words.index(option)
-            del words[at : at + 2]
+            index = words.index(option)
+            del words[index : index + 2]
     command = " ".join(["python", *words])
     return command if folder is None else command.replace(str(folder), "FOLDER")
 

@@ -74,11 +74,11 @@ class Score:
     def of(cls, answer: Answer, scored: Scoring) -> "Score":
         """Score an answer for all frames of a recording."""
         clear = scored.within(Subset.IDENTIFIABLE)
-        taken = clear.subsets[Subset.ALL]
-        every = np.cumsum(np.append(0, np.diff(clear.truth) != 0))  # in each run one state lasts
-        phase = np.unique(every[taken], return_inverse=True)[1]
-        right = np.append(answer.label, -1)[answer.tick[taken]] == clear.truth[taken]
-        seconds = clear.seconds[taken]
+        clear_frames = clear.subsets[Subset.ALL]
+        run = np.cumsum(np.append(0, np.diff(clear.truth) != 0))  # in each run one state lasts
+        phase = np.unique(run[clear_frames], return_inverse=True)[1]
+        right = np.append(answer.label, -1)[answer.tick[clear_frames]] == clear.truth[clear_frames]
+        seconds = clear.seconds[clear_frames]
         phase_s = np.array([np.bincount(phase, weights) for weights in (seconds, seconds * right)], float)
         return cls(tally(clear, *answer), phase_s.T)
 

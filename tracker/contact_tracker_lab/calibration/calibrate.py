@@ -269,14 +269,14 @@ def calibrate(plan: Plan, run: Run) -> Calibration:
 
 def _hold_out(plan: Plan, studies: Sequence[Study], run: Run) -> list[HeldOut]:
     """Scores of every recording in order; fold k holds out each ``folds``-th of them from the k-th on."""
-    everything = range(len(studies)) if plan.folds else ()
+    all_rows = range(len(studies)) if plan.folds else ()
     models = [
-        _learn(plan, studies, [row for row in everything if row % plan.folds != fold], run).model
+        _learn(plan, studies, [row for row in all_rows if row % plan.folds != fold], run).model
         for fold in range(plan.folds)
     ]
-    scores = run(score_model, [(plan.sources[row], models[row % plan.folds]) for row in everything])
+    scores = run(score_model, [(plan.sources[row], models[row % plan.folds]) for row in all_rows])
     held_out = []
-    for row, score in zip(everything, scores, strict=True):
+    for row, score in zip(all_rows, scores, strict=True):
         study, compared = studies[row], (plan.start, models[row % plan.folds])
         chain = [study.chain.expect(model).log_evidence for model in compared]
         assert study.score is not None
@@ -304,8 +304,8 @@ def _learn(plan: Plan, studies: Sequence[Study], rows: Sequence[int], run: Run) 
     model = plan.start
     floors, rounds = tuple[Floor, ...](), tuple[float, ...]()
     for key in plan.keys(How.STREAM):
-        of_streams = [vars(study)[key.rpartition(".")[2]] for study in learning]
-        model = with_value(model, key, float(np.exp(np.mean(np.log(of_streams)))))
+        deviations = [vars(study)[key.rpartition(".")[2]] for study in learning]
+        model = with_value(model, key, float(np.exp(np.mean(np.log(deviations)))))
     segments = [segment for study in learning for segment in study.segments]
     if plan.keys(How.RESIDUALS):
         model, floors = learn_floors(model, segments, plan.keys(How.RESIDUALS))
@@ -371,9 +371,9 @@ def _scalars(plan: Plan, learned: LearnedModel) -> str:
 
 
 def _rates(start: Transitions, learned: Transitions) -> str:
-    seen = learned.counts.moving_s, np.array(learned.counts.changes).sum(axis=1)
+    counted = learned.counts.moving_s, np.array(learned.counts.changes).sum(axis=1)
     values = leave_per_s(start), leave_per_s(learned), initial(start), initial(learned)
-    columns = [[number(n, 1) for n in column] for column in seen]
+    columns = [[number(n, 1) for n in column] for column in counted]
     columns += [[number(value) for value in column] for column in values]
     rows = list(zip(STATES, *columns, strict=True))
     return table(["state", "seen s", "changes", "leave 1/s", "after", "begins", "after"], rows)
@@ -381,12 +381,12 @@ def _rates(start: Transitions, learned: Transitions) -> str:
 
 def _held_out(calibration: Calibration) -> list[str]:
     held_out, blocks, rows = calibration.held_out, [], []
-    for when in ("before", "after"):
-        evaluations = [e for h in held_out if (e := getattr(h, when).evaluation) is not None]
+    for stage in ("before", "after"):
+        evaluations = [e for h in held_out if (e := getattr(h, stage).evaluation) is not None]
         for name, mode in (("smoothed", "offline"), ("filtered", "online")) if evaluations else ():
             t = reduce(add, (getattr(evaluation, mode) for evaluation in evaluations))
             values = t.accuracy(), t.macro_f1, t.log_loss, t.brier, t.calibration_error, t.sure_wrong
-            rows.append([name, when, *map(number, values)])
+            rows.append([name, stage, *map(number, values)])
     if rows:
         header = ["held out", "", "accuracy", "F1", "log-loss", "Brier", "ECE", "sure & wrong"]
         blocks.append(table(header, rows, left=2))

@@ -241,10 +241,10 @@ def learn_contact_errors(model: Model, segments: Sequence[ContactSegment], keys:
     for column in range(len(CONTACTS)) if keys else ():
         selected = [segment for segment in segments if segment.column == column]
         residuals = [refined(segment, bare)[1] for segment in selected]
-        alone, _ = learn_floors(bare, selected, [FLOOR_OF[key] for key in keys])
+        fitted, _ = learn_floors(bare, selected, [FLOOR_OF[key] for key in keys])
         for key in keys:
             common = value_of(bare, FLOOR_OF[key])
-            beyond = value_of(alone, FLOOR_OF[key]) ** 2 - common**2
+            beyond = value_of(fitted, FLOOR_OF[key]) ** 2 - common**2
             squares = _whitened_squares(FLOOR_OF[key], bare, residuals)(common)
             if len(squares) >= FEWEST and beyond > 0.0:
                 standard_error = squares.std() / sqrt(len(squares)) + LEAST

@@ -113,8 +113,8 @@ def _sources(args: argparse.Namespace, names: Sequence[str]) -> "tuple[Source, .
         if os.path.exists(name) and not (os.path.isfile(name) or os.path.isdir(name)):
             raise UsageError(f"calibrate reads a recording several times: {name} is not a regular file")
     known_map = arguments.load_map(args)
-    chosen = args.topic, args.frame, not args.unlabelled, known_map, args.relative_to, args.table
-    sources = tuple(Source(name, *chosen) for name in names)
+    options = args.topic, args.frame, not args.unlabelled, known_map, args.relative_to, args.table
+    sources = tuple(Source(name, *options) for name in names)
     for source in sources if args.labelled else ():
         need_truth(source.name, source.topic, source.frame)
     return sources

@@ -48,11 +48,11 @@ def run(args: argparse.Namespace) -> int:
     evaluations = dict[str, "Evaluation"]()
 
     def evaluate_recording(name: str) -> int:
-        chosen = name, args.topic, args.frame, args.table
-        truth = need_truth(*chosen) if args.labels is None else arguments.load_labels(args, name)
+        selection = name, args.topic, args.frame, args.table
+        truth = need_truth(*selection) if args.labels is None else arguments.load_labels(args, name)
         if args.relative_to is not None and any(interval.geometry for interval in truth.intervals):
-            why = f"the truth has them in the recording's frame, not that of --relative-to {args.relative_to}"
-            warn(f"{name}: elements are not compared: {why}")
+            frames = f"in the recording's frame, not that of --relative-to {args.relative_to}"
+            warn(f"{name}: elements are not compared: the truth has them {frames}")
             truth = truth.without_geometry()
         wrenches = arguments.load_wrenches(name, args, model, known_map)
         log = arguments.open_poses(args, name)

@@ -32,9 +32,9 @@ def errors(estimate: ContactGeometry, true: ContactGeometry, true_poses: Poses) 
     """
     estimate, true = _identifiable(estimate, true_poses), _identifiable(true, true_poses)
     in_body, in_world = places(true, true_poses)
-    of_object = error_at(estimate.object, true.object, in_body)
-    of_environment = error_at(estimate.environment, true.environment, in_world)
-    return of_object[:2] if _are_faces(true) else of_object, of_environment
+    object_error = error_at(estimate.object, true.object, in_body)
+    world_error = error_at(estimate.environment, true.environment, in_world)
+    return object_error[:2] if _are_faces(true) else object_error, world_error
 
 
 def cramer_rao(

@@ -137,8 +137,8 @@ def score_further(scored: Scoring, truth: Truth, tick: Ints, beliefs: Beliefs) -
     total = FurtherScore()
     for true, frames in _true_sets(scored, truth):
         cells = np.stack([number_of[frames], labelled[frames]], axis=1)
-        reported, of_frame = np.unique(cells, axis=0, return_inverse=True)
-        seconds = np.bincount(of_frame.ravel(), scored.seconds[frames], len(reported)).tolist()
+        reported, cell = np.unique(cells, axis=0, return_inverse=True)
+        seconds = np.bincount(cell.ravel(), scored.seconds[frames], len(reported)).tolist()
         for (number, column), reported_s in zip(reported.tolist(), seconds, strict=True):
             first = () if column == NONE else (STATES[column],)
             total += _score(true, first, () if number == NONE else kinds[number], reported_s)
@@ -153,8 +153,8 @@ def _true_sets(scored: Scoring, truth: Truth) -> Iterator[tuple[tuple[Contact, .
         frames = begin + np.flatnonzero(scored.subsets[Subset.ALL, begin:end])
         if interval.contact is None or not len(frames):
             continue
-        at = stamp_ns[frames]
-        holds = np.array([(c.start_ns <= at) & (at <= c.end_ns) for c in interval.further], bool)
+        frame_ns = stamp_ns[frames]
+        holds = np.array([(c.start_ns <= frame_ns) & (frame_ns <= c.end_ns) for c in interval.further], bool)
         holds = holds.reshape(len(interval.further), len(frames)).T
         for present in np.unique(holds, axis=0):
             contacts = [interval.further[number].contact for number in np.flatnonzero(present)]

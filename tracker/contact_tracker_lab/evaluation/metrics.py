@@ -179,11 +179,11 @@ def tally(scoring: Scoring, tick: Ints, label: Ints, probability: Array) -> Tall
     probability : (T, 7) posterior of each belief.
     """
     frame_label = np.append(label, NO_LABEL).astype(np.int8)[tick]
-    held = np.append(probability, np.full((1, len(STATES)), 1 / len(STATES)), axis=0)
-    sums = _sums(scoring.part(slice(0, 0)), frame_label[:0], held[:0])
+    posterior = np.append(probability, np.full((1, len(STATES)), 1 / len(STATES)), axis=0)
+    sums = _sums(scoring.part(slice(0, 0)), frame_label[:0], posterior[:0])
     for begin in range(0, len(tick), _BATCH_FRAMES):  # to bound the memory for posteriors
         frames = slice(begin, min(begin + _BATCH_FRAMES, len(tick)))
-        sums += _sums(scoring.part(frames), frame_label[frames], held[tick[frames]])
+        sums += _sums(scoring.part(frames), frame_label[frames], posterior[tick[frames]])
     right = np.column_stack([right_states(scoring.coarse), np.zeros(len(STATES) + len(scoring.coarse), bool)])
     changes = [(right[c.into][frame_label[c.begin : c.end]], c) for c in scoring.changes]
     return replace(
@@ -201,9 +201,9 @@ def _sums(scoring: Scoring, frame_label: Columns, posterior: Array) -> Tally:
     p = posterior[scored]
     top, top_p = p.argmax(axis=1), p.max(axis=1, initial=0.0)
     states = right_states(scoring.coarse)
-    is_one = states[truth]
-    right = is_one[np.arange(len(p)), top] & (frame_label[scored] != NO_LABEL)
-    shares = np.maximum(p, SMALLEST_PROBABILITY) * is_one
+    admitted = states[truth]
+    right = admitted[np.arange(len(p)), top] & (frame_label[scored] != NO_LABEL)
+    shares = np.maximum(p, SMALLEST_PROBABILITY) * admitted
     p_true = shares.sum(axis=1)
     is_true = shares / p_true[:, None]  # states of a coarse label by their posterior
     confusion_s = np.zeros((len(Subset), len(states), len(STATES) + 1))

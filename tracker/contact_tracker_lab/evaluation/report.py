@@ -153,15 +153,15 @@ def _short(name: str, widest: int = WIDTH) -> str:
 
 
 def _mode_rows(
-    entries: list[tuple[str, Evaluation]], cells: Callable[[Any], list[str]], which: str = ""
+    entries: list[tuple[str, Evaluation]], cells: Callable[[Any], list[str]], prefix: str = ""
 ) -> list[list[str]]:
     """The name of each entry, and below it a row for each mode, for scores whose names begin with
-    ``which``."""
+    ``prefix``."""
     rows = []
     for name, value in entries:
         rows.append([_short(name)])
         for mode in ("offline", "online", "by arrival"):
-            scores = getattr(value, f"{which}{mode.removeprefix('by ')}", None)
+            scores = getattr(value, f"{prefix}{mode.removeprefix('by ')}", None)
             if scores is not None:
                 rows.append([f"  {mode}", *cells(scores)])
     return rows

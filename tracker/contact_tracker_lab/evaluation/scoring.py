@@ -97,9 +97,9 @@ class Scoring:
 
     def within(self, subset: Subset) -> "Scoring":
         """Only the frames of ``subset``, and the changes whose onset is among them."""
-        taken = self.subsets[subset]
-        changes = tuple(change for change in self.changes if taken[change.onset])
-        return replace(self, subsets=self.subsets & taken, changes=changes)
+        members = self.subsets[subset]
+        changes = tuple(change for change in self.changes if members[change.onset])
+        return replace(self, subsets=self.subsets & members, changes=changes)
 
 
 def scoring(stamp_ns: Ints, truth: Truth) -> Scoring:

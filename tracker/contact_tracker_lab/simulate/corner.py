@@ -156,14 +156,14 @@ def _motion(
     away = place[:, 0] * apart + _AWAY_M * apart
     place[:, 0] = away - rotation[:, 0] @ second.feature.points.mean(axis=0)
     touching = np.zeros((len(time_s), len(first.c)))
-    on_first = _project(Rigid(rotation, place), first.c, touching)
-    if on_first is None:
+    pose = _project(Rigid(rotation, place), first.c, touching)
+    if pose is None:
         return None
-    zeta = second.model.lifted(lift(on_first.rotation, on_first.translation))
+    zeta = second.model.lifted(lift(pose.rotation, pose.translation))
     free = zeta @ second.model.family.rows(second.x).T
     free[:, -1] = _SOFT_M * np.logaddexp(0.0, free[:, -1] / _SOFT_M)
     goals = np.concatenate([touching, apart[:, None] * free], axis=1)
-    return _project(on_first, np.concatenate([first.c, second.c]), goals)
+    return _project(pose, np.concatenate([first.c, second.c]), goals)
 
 
 def _project(pose: Rigid, c: Array, goals: Array) -> Rigid | None:

@@ -46,9 +46,9 @@ def measure(rng: np.random.Generator, stamp_ns: Ints, pose: Rigid, scenario: Sce
     count = len(stamp_ns)
     turn = rng.normal(0.0, 1.0, (count, 3)) * scenario.sigma_rotation_rad
     shift = rng.normal(0.0, 1.0, (count, 3)) * scenario.sigma_position_m
-    wrong = rng.random(count) < scenario.outlier_probability
-    turn[wrong] += _random_vectors(rng, count, OUTLIER_RAD)[wrong]
-    shift[wrong] += _random_vectors(rng, count, OUTLIER_M)[wrong]
+    is_outlier = rng.random(count) < scenario.outlier_probability
+    turn[is_outlier] += _random_vectors(rng, count, OUTLIER_RAD)[is_outlier]
+    shift[is_outlier] += _random_vectors(rng, count, OUTLIER_M)[is_outlier]
     quat = (Rotation.from_matrix(pose.rotation) * Rotation.from_rotvec(turn)).as_quat()
     agrees = np.einsum("ni,ni->n", quat[1:], quat[:-1]) >= 0.0
     quat[1:] *= np.cumprod(np.where(agrees, 1.0, -1.0))[:, None]  # q and -q are one rotation

@@ -49,14 +49,14 @@ def touch_at(object: Polyhedron, bodies: Sequence[Polyhedron], rotation: Array, 
 def _touched(
     object: Polyhedron, moved: Array, rotation: Array, body: Polyhedron, tolerance_m: float
 ) -> Touch:
-    of_object, of_body = ([face.normals[0] for face in shape.of_kind("f")] for shape in (object, body))
-    faces = np.concatenate([of_body, -np.array(of_object) @ rotation.T])
+    moving, fixed = (np.array([f.normals[0] for f in shape.of_kind("f")]) for shape in (object, body))
+    faces = np.concatenate([fixed, -moving @ rotation.T])
     gap = _separations(faces, moved, body)
     if gap.max() > tolerance_m:
         return Touch(Contact.FREE)
     axis, best = faces[gap.argmax()], float(gap.max())
-    moving, fixed = (np.array([edge.span[0] for edge in shape.of_kind("e")]) for shape in (object, body))
-    crossed = np.cross((moving @ rotation.T)[:, None], fixed).reshape(-1, 3)
+    edges, fixed_edges = (np.array([e.span[0] for e in shape.of_kind("e")]) for shape in (object, body))
+    crossed = np.cross((edges @ rotation.T)[:, None], fixed_edges).reshape(-1, 3)
     length = np.linalg.norm(crossed, axis=1)
     crossed = crossed[length > _PARALLEL] / length[length > _PARALLEL, None]
     crossed = np.concatenate([crossed, -crossed])
@@ -90,8 +90,8 @@ def intervals(
     ``body``, ``world``: transforms from the object's and the scene's frame to the recording's frames.
     """
     lasting, start = list[Touch](), 0
-    for touch, same_touches in groupby(touches):
-        end = start + len([*same_touches])
+    for touch, run in groupby(touches):
+        end = start + len([*run])
         lasts = stamp_ns[min(end, len(stamp_ns) - 1)] - stamp_ns[start] >= SHORTEST_NS
         lasting += [touch if lasts else Touch(None)] * (end - start)
         start = end

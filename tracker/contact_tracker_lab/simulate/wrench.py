@@ -86,13 +86,13 @@ def measure_wrenches(
 def _pressed_points(rng: np.random.Generator, leg: Leg, path: Path, rate_hz: float) -> Array:
     """Centres of pressure (N, 3) in the scene: the touching point, or where lines or faces touch, a point
     that wanders about it, as the hand presses harder on one side."""
-    thing, fixed = leg.chart.object, leg.chart.environment
+    object, fixed = leg.chart.object, leg.chart.environment
     if leg.contact not in (Contact.FF, Contact.EF, Contact.FE):
         return path.touch_scene
-    feature, to_scene = (fixed, np.eye(3)) if leg.contact is Contact.FE else (thing, path.pose.rotation)
+    feature, to_scene = (fixed, np.eye(3)) if leg.contact is Contact.FE else (object, path.pose.rotation)
     clearance_m = min(
         touched.point_clearance(point)
-        for touched, points in ((thing, path.touch_object), (fixed, path.touch_scene))
+        for touched, points in ((object, path.touch_object), (fixed, path.touch_scene))
         for point in points[:: max(len(points) // _CLEARANCE_SAMPLES, 1)]
     )
     time_s = np.arange(len(path.touch_scene)) / rate_hz
