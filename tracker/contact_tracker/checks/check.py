@@ -15,7 +15,7 @@ MIXED_UP: Final = "units", "bodies"
 
 
 class Stream(NamedTuple):
-    """State of a stream beside its poses.
+    """State of a stream, without its poses.
 
     Parameters
     ----------
@@ -63,5 +63,5 @@ class Check:
 
 
 def has_doubts(findings: Iterable[Finding], *kinds: str) -> bool:
-    """Whether one of these findings is of these kinds and makes labels unreliable."""
+    """Whether a finding of one of these ``kinds`` makes labels unreliable."""
     return any(finding.doubts_labels and finding.kind in kinds for finding in findings)

@@ -170,7 +170,7 @@ class FormationTicks(NamedTuple):
 
 
 def find_formation(segment: FormationTicks, first: KnownContact) -> Formation:
-    """Find all contacts beside the ``first``, which lasts through the segment."""
+    """Find all further contacts; the ``first`` one lasts through the segment."""
     if len(segment.window) < MIN_TICKS:
         return NO_FORMATION
     free = ConditionalMotion.of(segment.window, segment.scales)

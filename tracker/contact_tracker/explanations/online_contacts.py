@@ -65,7 +65,7 @@ class TrackedContact(NamedTuple):
 
 
 class FormationState(NamedTuple):
-    """State of the search for contacts beside the ``first``; bounded in size.
+    """State of the search for further contacts while the ``first`` holds; bounded in size.
 
     Attributes
     ----------

@@ -61,8 +61,7 @@ def matrix(contact: Contact, rotation: Array, p: Array) -> Array:
     """
     a = rows(contact, rotation, p)
     a = a.reshape(*p.shape[:-2], -1, a.shape[-1])
-    k: Array = np.swapaxes(a, -1, -2) @ a
-    return k
+    return np.asarray(np.swapaxes(a, -1, -2) @ a)
 
 
 def value(contact: Contact, k: Array, obj: Array, environment: Array) -> float:

@@ -59,7 +59,7 @@ def load_function(name: str) -> tuple[Method, Labelling]:
 
 
 def answer_of(values: Any, count: int, name: str) -> Answer:
-    """The answer from what a function returned for ``count`` poses; raises UsageError."""
+    """The answer for ``count`` poses from a function's ``values``; raises UsageError."""
     array = np.asarray(values)
     if array.shape == (count, len(STATES)):
         probability = array.astype(float)

@@ -92,10 +92,10 @@ class FurtherScore:
     Parameters
     ----------
     several_s : several contacts hold.
-    right_s : of these, with exactly the true kinds reported.
-    open_s : of these, with the true kind of a further contact only reported as inseparable from it.
+    right_s : part of ``several_s`` with exactly the true kinds reported.
+    open_s : part of ``several_s`` with a true kind only reported as inseparable from a further contact.
     alone_s : one contact holds, or none.
-    false_s : of these, with a further contact reported.
+    false_s : part of ``alone_s`` with a further contact reported.
     """
 
     several_s: float = 0.0

@@ -24,7 +24,7 @@ from contact_tracker.ground_truth import Truth, TruthInterval
 from contact_tracker.motion.poses import Poses
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Segment
-from contact_tracker_lab.evaluation.metrics import known
+from contact_tracker_lab.evaluation.metrics import finite_values
 
 NEGLIGIBLE: Final = 1e-13
 """Directions with a smaller share of the largest variance are no degrees of freedom of the element."""
@@ -156,11 +156,11 @@ class GeometryErrors:
 
     @property
     def angle_deg(self) -> Array:
-        return known(np.array([row.angle_deg for row in self.rows], float))
+        return finite_values(np.array([row.angle_deg for row in self.rows], float))
 
     @property
     def distance_mm(self) -> Array:
-        return known(np.array([row.distance_mm for row in self.rows], float))
+        return finite_values(np.array([row.distance_mm for row in self.rows], float))
 
     @property
     def within_3_sd(self) -> float:
@@ -174,7 +174,7 @@ class GeometryErrors:
 
     @property
     def _sd(self) -> Array:
-        return known(np.array([row.deviation.sd for row in self.rows], float))
+        return finite_values(np.array([row.deviation.sd for row in self.rows], float))
 
 
 def geometry_errors(poses: Poses, truth: Truth, segments: Sequence[Segment]) -> GeometryErrors:

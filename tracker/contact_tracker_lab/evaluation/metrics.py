@@ -97,7 +97,7 @@ class Tally:
     @property
     def macro_f1(self) -> float:
         """Mean F1 over the states that occur in the truth."""
-        occurring = known(self.f1)
+        occurring = finite_values(self.f1)
         return float(occurring.mean()) if len(occurring) else float("nan")
 
     @property
@@ -124,12 +124,12 @@ class Tally:
     @property
     def boundary_s(self) -> Array:
         """Errors (B,) of the true changes with an estimated one."""
-        return known(self.boundary_error_s)
+        return finite_values(self.boundary_error_s)
 
     @property
     def delay_s(self) -> Array:
         """Delays (D,) of the detected true phases."""
-        return known(self.detection_delay_s)
+        return finite_values(self.detection_delay_s)
 
     @property
     def missed_share(self) -> float:
@@ -153,7 +153,7 @@ def quantile(values: Array, q: float) -> float:
     return float(np.quantile(values, q)) if len(values) else float("nan")
 
 
-def known(values: Array) -> Array:
+def finite_values(values: Array) -> Array:
     """The values that are finite."""
     return values[np.isfinite(values)]
 

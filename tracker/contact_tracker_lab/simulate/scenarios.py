@@ -55,7 +55,7 @@ class Phase(NamedTuple):
 
 
 class Further(NamedTuple):
-    """A second contact, with a wall, beside that of the phase.
+    """A second contact, with a wall, at the same time as that of the phase.
 
     It lasts from ``start_s`` to ``end_s`` of the recording; None for its beginning or end.
     """
