@@ -14,7 +14,7 @@ from contact_tracker.recording import open_log
 from contact_tracker.tracking.belief import Segment
 from contact_tracker_lab.benchmark.runner import Job
 from contact_tracker_lab.evaluation.evaluate import Evaluation
-from contact_tracker_lab.evaluation.metrics import known, quantile
+from contact_tracker_lab.evaluation.metrics import finite_values, quantile
 from contact_tracker_lab.evaluation.tables import number
 
 NAN: Final = float("nan")
@@ -52,13 +52,13 @@ def figures(evaluations: Sequence[Evaluation]) -> list[str]:
 
 def mean_of_known(values: Sequence[float]) -> float:
     """The mean without nan values; nan if there are no others."""
-    finite = known(np.array(values))
+    finite = finite_values(np.array(values))
     return float(np.mean(finite)) if len(finite) else NAN
 
 
 def median_of_known(values: Sequence[float]) -> float:
     """The median without nan values; nan if there are no others."""
-    return quantile(known(np.array(values)), 0.5)
+    return quantile(finite_values(np.array(values)), 0.5)
 
 
 def share_within_3(deviations_sd: Sequence[float]) -> float:

@@ -126,7 +126,7 @@ HARMLESS: dict[str, Callable[[Poses], Poses]] = {
 
 def mistake_in(poses: Poses, sigma: tuple[float, float] = SIGMA, read_as: ReadAs = AS_GIVEN) -> str:
     stream = stream_of(first=MODEL, sigma=sigma, inspection=NOTHING_INSPECTED._replace(read_as=read_as))
-    return str(updated(Conventions(), poses.batches(), stream).found)
+    return str(updated(Conventions(), poses.batches(), stream).mistake)
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)

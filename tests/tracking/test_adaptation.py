@@ -500,6 +500,6 @@ def test_poses_too_far_apart_for_any_evidence_are_followed_by_one_tracker() -> N
     steps = np.random.default_rng(4).normal(size=(300, 3))
     state, _ = as_values.advance(as_values.start(MODEL), slow(0.01 * np.cumsum(steps, axis=0), 5.0))
     assert state.is_decided
-    assert not state.checks.conventions.found
+    assert not state.checks.conventions.mistake
     state, _ = as_values.advance(as_values.start(MODEL), slow(np.zeros((100, 3)), 1.25))
     assert len(state.filters.filters) > 3

@@ -4,11 +4,11 @@
 
 makes two sets. ``sequence``: random walks over the six contacts and free motion. ``everyday``: an object
 stands on a table, is carried for a second or two, touches table or board for half a second, and is put down;
-of each scene there are two takes in the same frames. Even numbers are for tuning, odd ones for testing.
+each scene has two takes in the same frames. Even numbers are for tuning, odd ones for testing.
 
 The hand follows the kinematic motion of this package with a spring and a damper at the touching point,
-trembles, and presses the object on what it touches; at rest it lets go. What touches follows from the poses
-that the engine finds (``touching``), not from what the hand was told to do.
+trembles, and presses the object on its contact; at rest it lets go. The true contacts follow from the poses
+of the engine (``touching``), not from the commands to the hand.
 """
 
 import argparse
@@ -58,14 +58,14 @@ from contact_tracker_lab.simulate.touching import intervals, touch_at
 from contact_tracker_lab.simulate.wrench import MASS_KG, PRESS_N, contact_normals, press_share
 
 HAND_HZ: Final = 1000
-"""Steps of the hand per second; the engine makes two in each."""
+"""Steps of the hand per second; the engine makes two steps in each."""
 STIFFNESS: Final = (800.0, 10.0)
-"""Of the hand, in N/m and N m/rad; it is damped so that it does not swing."""
+"""Stiffness of the hand (N/m, N m/rad); it is damped so that it does not swing."""
 TREMOR: Final = (0.0002, float(np.radians(0.1)), 8.0, 12.0)
-"""Root mean squares (m, rad) per axis, and the range of frequencies (Hz)."""
+"""Root mean squares (m, rad) of the tremor per axis, and its range of frequencies (Hz)."""
 FALLEN_M: Final = 0.1
-"""An object that is so far below or above where the hand wants it has slid off the desk after the hand let go
-of it: another plan is drawn. One that slides on the desk stays."""
+"""Vertical distance (m) from the hand's goal beyond which the object has slid off the desk after the hand let
+go of it: another plan is drawn. An object that slides on the desk stays."""
 _SCENE: Final = """<mujoco><option timestep="0.0005" integrator="implicitfast" cone="elliptic">
 <flag multiccd="enable"/></option>
 <default><geom type="mesh" friction="0.1 0.001 0.0001" solref="0.002 1" solimp="0.99 0.999 0.0001"/></default>
@@ -76,17 +76,17 @@ _DRAWS: Final = 500
 
 @dataclass(frozen=True, eq=False)
 class Scene(Polyhedron):
-    """Several fixed ``bodies``; the ``features`` are those of them that objects touch."""
+    """Several fixed ``bodies``; ``features``: those that objects touch."""
 
     bodies: tuple[Polyhedron, ...]
 
     @classmethod
     def of(cls, *vertices: Array) -> "Scene":
-        """Of a body whose top is touched, and of further ones, whose faces towards +x are."""
-        first, *more = map(convex, vertices)
-        sides = [max(one.of_kind("f"), key=lambda face: float(face.normals[0, 0])) for one in more]
+        """Scene of a body whose top is touched, and of further bodies, whose faces towards +x are."""
+        first, *further = map(convex, vertices)
+        sides = [max(body.of_kind("f"), key=lambda face: float(face.normals[0, 0])) for body in further]
         apart = [replace(side, indices=frozenset(i + 1000 for i in side.indices)) for side in sides]
-        return cls(np.concatenate(vertices), (*first.top, *apart), (first, *more))
+        return cls(np.concatenate(vertices), (*first.top, *apart), (first, *further))
 
     @property
     def top(self) -> tuple[Feature, ...]:
@@ -94,7 +94,7 @@ class Scene(Polyhedron):
 
 
 class Made(NamedTuple):
-    """A recording to be made: its name, what moves where, and the seeds of the frames and of the motion."""
+    """A recording to be made: its name and shapes, and the seeds of its frames and of its motion."""
 
     name: str
     scenario: Scenario
@@ -113,13 +113,13 @@ def walk(number: int) -> Made:
 
 
 BOARD: Final = box(0.04, 0.6, 0.5) + np.array([-0.36, 0.0, 0.85])
-"""It hangs upright above the desk."""
+"""A board that hangs upright above the desk."""
 HANDLED: Final = ("box", "wedge")
 
 
-def handling(thing: str, take: int) -> Made:
+def handling(shape: str, take: int) -> Made:
     """A recording of the set ``everyday``: each take has its own motion and noise."""
-    rng = np.random.default_rng([take, *thing.encode()])
+    rng = np.random.default_rng([take, *shape.encode()])
     phases = [Phase(Contact.FF, 2.5, "rest")]
     for _ in range(3):
         phases.append(Phase(Contact.FREE, rng.uniform(1.0, 2.0)))
@@ -134,12 +134,12 @@ def handling(thing: str, take: int) -> Made:
         amplitude_m=0.02,
         amplitude_rad=float(np.radians(6.0)),
         lead_s=0.0,
-        object=thing,
+        object=shape,
         name="everyday",
     )
     scene = Scene.of(SURROUNDINGS[scenario.surroundings], BOARD)
-    seed = 1000 + 10 * HANDLED.index(thing)
-    return Made(f"{thing}_{take:02d}", scenario, convex(OBJECTS[thing]), scene, seed, seed + take)
+    seed = 1000 + 10 * HANDLED.index(shape)
+    return Made(f"{shape}_{take:02d}", scenario, convex(OBJECTS[shape]), scene, seed, seed + take)
 
 
 def simulate_physics(made: Made) -> Simulated:
@@ -161,14 +161,14 @@ def simulate_physics(made: Made) -> Simulated:
             break
     else:
         raise UsageError(f"{made.name}: the object falls from these surroundings")
-    every = round(HAND_HZ / scenario.rate_hz)
-    pose = Rigid(pose.rotation[::every], pose.translation[::every])
-    motion = [leg.motion for leg, path in zip(legs, paths, strict=True) for _ in path.touch_scene][::every]
+    stride = round(HAND_HZ / scenario.rate_hz)
+    pose = Rigid(pose.rotation[::stride], pose.translation[::stride])
+    motion = [leg.motion for leg, path in zip(legs, paths, strict=True) for _ in path.touch_scene][::stride]
     stamp_ns = stamps(rng, len(motion), scenario)
     poses = measure(rng, stamp_ns, world @ pose @ body.inverse(), scenario)
     touches = [
-        touch_at(made.object, made.scene.bodies, *one)
-        for one in zip(pose.rotation, pose.translation, strict=True)
+        touch_at(made.object, made.scene.bodies, *frame)
+        for frame in zip(pose.rotation, pose.translation, strict=True)
     ]
     truth = Truth(tuple(intervals(stamp_ns, touches, motion, body, world)))
     metadata = {
@@ -194,13 +194,14 @@ def _planned(rng: np.random.Generator, made: Made) -> list[Leg]:
 
 
 def _stands(leg: Leg) -> bool:
-    """Whether gravity holds the object on the face that it lies on; level within 2.6 deg, and 20 mm from the
+    """Whether gravity holds the object on the face on which it lies; level within 2.6 deg, and 20 mm from the
     edges, are choices of the scenario."""
-    at, chart = leg.start, leg.chart
-    if at.normal[2] < 0.999:
+    anchor, chart = leg.start, leg.chart
+    if anchor.normal[2] < 0.999:
         return False
-    middle = at.pose.translation - at.normal * (at.normal @ (at.pose.translation - at.touch_scene))
-    in_object = at.rotation.T @ (middle - at.pose.translation)
+    height_m = anchor.normal @ (anchor.pose.translation - anchor.touch_scene)
+    middle = anchor.pose.translation - anchor.normal * height_m
+    in_object = anchor.rotation.T @ (middle - anchor.pose.translation)
     clearances = chart.environment.point_clearance(middle), chart.object.point_clearance(in_object)
     return min(clearances) > 0.02
 
@@ -210,7 +211,7 @@ def _moved_by_hand(
 ) -> Rigid:
     """Poses (N,), one for each step of the hand, of the object in the scene."""
     engine = _engine()
-    shapes = {"object": made.object, **{f"fixed{i}": one for i, one in enumerate(made.scene.bodies)}}
+    shapes = {"object": made.object, **{f"fixed{i}": shape for i, shape in enumerate(made.scene.bodies)}}
     meshes = [
         f'<mesh name="{name}" vertex="{" ".join(map(repr, shape.vertices.ravel().tolist()))}"/>'
         for name, shape in shapes.items()
@@ -226,7 +227,7 @@ def _moved_by_hand(
     lets_go = made.scenario.name == "everyday"
     touches = [leg.contact is not Contact.FREE for leg in legs]
     holds = [not (lets_go and leg.motion == "rest") for leg in legs]
-    press, held = (press_share(np.repeat(one, lengths), HAND_HZ) for one in (touches, holds))
+    press, held = (press_share(np.repeat(flags, lengths), HAND_HZ) for flags in (touches, holds))
     time_s = np.arange(len(touch)) / HAND_HZ
     frequency, phase = rng.uniform(*TREMOR[2:], (8, 6)), rng.uniform(0.0, 2.0 * np.pi, (8, 6))
     waves = np.sin(2.0 * np.pi * frequency * time_s[:, None, None] + phase)
@@ -247,14 +248,14 @@ def _moved_by_hand(
         arm, goal_arm, spin = r @ touch[i], goal_r[i] @ touch[i], r @ data.qvel[3:]
         miss = goal_p[i] + goal_arm - translation[i] - arm
         slip = speed[i] + np.cross(turn[i], goal_arm) - data.qvel[:3] - np.cross(spin, arm)
-        error = 0.5 * np.cross(r, goal_r[i], axis=0).sum(axis=1)  # the angle is small, and its sine does
+        error = 0.5 * np.cross(r, goal_r[i], axis=0).sum(axis=1)  # the sine of a small angle
         force = STIFFNESS[0] * miss + damping[0] * slip - PRESS_N * press[i] * normal[i]
         moment = STIFFNESS[1] * error + damping[1] * (turn[i] - spin)
         moment += np.cross(translation[i] + arm - data.xipos[1], force)
         force = force - MASS_KG * model.opt.gravity
         data.xfrc_applied[1, :3], data.xfrc_applied[1, 3:] = held[i] * force, held[i] * moment
         engine.mj_step(model, data, nstep=2)
-        engine.mj_kinematics(model, data)  # of the poses after the step, not before it
+        engine.mj_kinematics(model, data)  # for the poses after the step
     return Rigid(rotation, translation)
 
 
@@ -277,23 +278,23 @@ PUBLISHED: Final[Mapping[str, tuple[str, str]]] = {
     "wedge_00": ("0a28076124e4d7bd", "0.47 0.06 0.02 0.07 0.00 0.03 0.28"),
     "wedge_01": ("ff056491dc58c092", "0.49 0.08 0.00 0.01 0.00 0.00 0.38"),
 }
-"""The digest of poses and labels with that release of MuJoCo, and the share of the time in each state."""
+"""Digest of poses and labels with this release of MuJoCo, and share of the time in each state."""
 _ALIKE: Final = 0.05
-"""Another release, or another processor, may round differently; shares then differ by less than this, which
-is a choice, not measured."""
+"""Largest difference of shares with another release or processor, which may round differently; a choice, not
+measured."""
 
 
 def make(made: Made, path: Path, overwrite: bool) -> tuple[list[str], bool]:
-    """Write a recording; returns figures of it, and whether they are those that are published."""
+    """Write a recording; returns its figures, and whether they agree with the published ones."""
     check = check_output(path, overwrite)
     simulated = simulate_physics(made)
     write_recording(str(path), simulated.poses, simulated.truth, simulated.metadata, check)
     stamp_ns, spans = simulated.poses.stamp_ns, simulated.truth.intervals
-    column = np.array([-1 if one.contact is None else one.contact.column for one in spans])
-    of_frame = column[simulated.truth.at(stamp_ns)]
-    shares = [float(np.mean(of_frame == state.column)) for state in STATES]
-    numbers = (stamp_ns, simulated.poses.position_m, simulated.poses.quat_xyzw, of_frame)
-    digest = hashlib.sha256(b"".join(one.tobytes() for one in numbers)).hexdigest()[:16]
+    column = np.array([-1 if span.contact is None else span.contact.column for span in spans])
+    labels = column[simulated.truth.at(stamp_ns)]
+    shares = [float(np.mean(labels == state.column)) for state in STATES]
+    numbers = (stamp_ns, simulated.poses.position_m, simulated.poses.quat_xyzw, labels)
+    digest = hashlib.sha256(b"".join(array.tobytes() for array in numbers)).hexdigest()[:16]
     text = " ".join(f"{share:.2f}" for share in shares)
     expected = PUBLISHED.get(made.name, ("", ""))
     apart = max((abs(a - float(b)) for a, b in zip(shares, expected[1].split(), strict=False)), default=1.0)
@@ -312,7 +313,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = parser.parse_args(argv)
     try:
         _engine()
-        files = ((made, args.folder / name) for name, some in SETS.items() for made in some)
+        files = ((made, args.folder / name) for name, recordings in SETS.items() for made in recordings)
         jobs = [(made, folder / f"{made.name}.mcap") for made, folder in files]
         for _, path in jobs:
             path.parent.mkdir(parents=True, exist_ok=True)

@@ -1,1 +1,1 @@
-"""Checks of a stream and of its map: what the user has to know, because labels may be wrong otherwise."""
+"""Checks of a stream and of its map, whose findings warn the user of wrong labels."""

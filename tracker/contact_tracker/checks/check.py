@@ -1,4 +1,4 @@
-"""What all checks of a stream have in common."""
+"""The common interface of all checks of a stream."""
 
 from collections.abc import Iterable, Sequence
 from typing import Final, NamedTuple, Self
@@ -11,22 +11,22 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.tracking.belief import Segment
 
 MIXED_UP: Final = "units", "bodies"
-"""Kinds of findings by which speeds and turns are not those of one object in metres."""
+"""Kinds of findings that make speeds and turns meaningless: they are not of one object in metres."""
 
 
 class Stream(NamedTuple):
-    """What is known of a stream beside its poses.
+    """State of a stream, without its poses.
 
     Parameters
     ----------
-    map : what was known before the stream.
-    model : as asked for.
+    map : prior knowledge.
+    model : model that the user asked for.
     first, best : models of the first and of the most probable filter; None before the second pose.
-    sigma : noise of a pose as given (m, rad); None before the second pose.
-    body_m : (3,) point of the body that is tracked.
+    sigma : given noise of a pose (m, rad); None before the second pose.
+    body_m : (3,) tracked point of the body.
     is_chosen : whether the choice of ticks and noise is final.
     is_at_rest : whether the object rests.
-    inspection : of the poses alone.
+    inspection : statistics of the poses alone.
     is_end : whether the stream ends here.
     """
 
@@ -43,8 +43,7 @@ class Stream(NamedTuple):
 
 
 class Check:
-    """One question to a stream, as a value that does not change; checks have these methods where they need
-    them."""
+    """One check of a stream as an immutable value; subclasses override the methods that they need."""
 
     def update(self, poses: Poses, stream: Stream) -> Self:
         """Updated by poses."""
@@ -59,10 +58,10 @@ class Check:
         return False
 
     def findings(self, stream: Stream, earlier: Sequence[Finding]) -> list[Finding]:
-        """What is found until now; ``earlier`` are the findings of checks that come before."""
+        """The findings so far; ``earlier``: findings of checks that come before."""
         return []
 
 
 def has_doubts(findings: Iterable[Finding], *kinds: str) -> bool:
-    """Whether one of these findings, of a kind, makes labels unreliable."""
-    return any(one.doubts_labels and one.kind in kinds for one in findings)
+    """Whether a finding of one of these ``kinds`` makes labels unreliable."""
+    return any(finding.doubts_labels and finding.kind in kinds for finding in findings)

@@ -1,5 +1,5 @@
-"""The check for a contradiction with the map, by a filter without it, and all checks of a stream in order of
-precedence."""
+"""The check for a contradiction with the map, by a filter without it, and all checks of a stream in their
+order."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from copy import copy
@@ -22,21 +22,20 @@ from contact_tracker.tracking.belief import Belief, Detail, Segment
 from contact_tracker.tracking.contact_filter import ContactFilter
 
 WRONG_NATS: Final = 8.0
-"""Lead of the tracker without the map above which the map is reported as wrong. Correct
-directions cost up to 7 nats: if they are off by 2.5 standard deviations, or while a wrong contact fits."""
+"""Lead (nats) of the tracker without the map from which the map is reported as wrong. Correct directions cost
+up to 7 nats: if they are off by 2.5 standard deviations, or while a wrong contact fits."""
 LOST_NATS: Final = 15.0
-"""The same for the lead since any tick: one part of the map may be wrong after another has fitted.
-Correct ones lose up to 8 nats."""
+"""Increase of the lead (nats) since any tick from which the map is reported as wrong: one part of it may be
+wrong after another has fitted. Correct maps lose up to 8 nats."""
 DOUBTED_NATS: Final = 6.0
-"""Lead above which probabilities are reduced."""
+"""Lead (nats) above which probabilities are reduced."""
 LONGEST_S: Final = 60.0
-"""Seconds of motion after which the comparison ends: an error that is not detected by then is harmless."""
+"""Time in motion (s) after which the comparison ends: an error that is not detected by then is harmless."""
 
 
 @dataclass(eq=False)
 class ReferenceFilter:
-    """A filter with ticks of its own that runs for its evidence only, and the seconds of motion since its
-    start."""
+    """A filter with its own ticks that runs for its evidence only, and its time in motion (s)."""
 
     grid: TickGrid
     filter: ContactFilter
@@ -48,16 +47,16 @@ class ReferenceFilter:
         return cls(TickGrid(model, body_m), ContactFilter.start(model, known_map=known_map))
 
     def copied(self) -> Self:
-        """A copy that is updated without a change of this one."""
+        """A copy that can be updated without changing this filter."""
         return replace(self, grid=copy(self.grid), filter=copy(self.filter))
 
     @property
     def log_evidence(self) -> float:
-        """Of contacts against free motion (nats)."""
+        """Log evidence (nats) of contacts against free motion."""
         return self.filter.state.log_evidence
 
     def update(self, poses: Poses, detail: Detail = Detail.WEIGHTS) -> Iterator[Belief]:
-        """Update by poses, tick by tick as the beliefs of this ``detail`` are taken."""
+        """Update by poses; yields the belief of each tick with this ``detail``."""
         for tick in self.grid.add(poses):
             belief = self.filter.update(tick, detail, tests_curvature=False)
             state = self.filter.state
@@ -69,16 +68,16 @@ class ReferenceFilter:
 class Contradiction(Check):
     """Evidence against the map: whether it contradicts the motion.
 
-    Known elements are a prior. A correct one hardly lowers the evidence; with a wrong one true contacts fit
-    badly or not at all. So a filter without the map runs beside one with it; the difference of their evidence
-    is the evidence against the map.
+    Known elements are a prior. A correct prior hardly lowers the evidence; with a wrong one true contacts fit
+    badly or not at all. So a filter without the map runs beside one with it; the difference of their log
+    evidence is the evidence against the map.
 
     Parameters
     ----------
     with_map, without_map : the filters; None before the second pose and once the comparison
         ``is_settled``.
-    lead : the part that counts of the evidence of the second over the first (nats).
-    lost : its largest increase until now since any tick.
+    lead : log evidence (nats) of the second over the first, in the ticks that count.
+    lost : largest increase of the lead since any tick.
     is_found : whether a contradiction is found.
     """
 
@@ -94,12 +93,11 @@ class Contradiction(Check):
         return self.is_found or (not self.is_settled and self.lead > doubted)
 
     def update(self, poses: Poses, stream: Stream) -> "Contradiction":
-        """Updated by poses. Without named elements, where all states can occur, nothing is compared.
+        """Updated by poses; nothing is compared if the map has no named elements and allows all states.
 
-        Noise that is taken for motion has more evidence without the map. So the comparison begins again where
-        the model or the tracked point changes, and until it is chosen the comparison is not settled, and
-        nothing counts while the object rests; where noise is filtered, it is taken for motion at rest as
-        well, and nothing is found.
+        Noise that is taken for motion has more evidence without the map. So the comparison restarts when the
+        model or the tracked point changes. Until the model is chosen, it is not settled, and ticks at rest do
+        not count; if noise is filtered, which looks like motion at rest as well, nothing is found.
         """
         if stream.best is None or self.is_settled:
             return self
@@ -107,11 +105,11 @@ class Contradiction(Check):
             return replace(self, is_settled=True)
         if not len(poses):
             return self
-        before = self
+        check = self
         grid = None if self.with_map is None else self.with_map.grid
         if grid is not None and (grid.model != stream.best or (grid.body_m != stream.body_m).any()):
-            before = Contradiction()
-        return before._compared(poses, stream)
+            check = Contradiction()
+        return check._compared(poses, stream)
 
     def _compared(self, poses: Poses, stream: Stream) -> "Contradiction":
         assert stream.best is not None
@@ -119,12 +117,13 @@ class Contradiction(Check):
         second = (self.without_map or ReferenceFilter.start(stream.best, stream.body_m)).copied()
         difference = second.log_evidence - first.log_evidence
         lead, lost, is_found = self.lead, self.lost, self.is_found
-        for one, other in zip(first.update(poses), second.update(poses, Detail.SHARED), strict=True):
-            before, difference = difference, second.log_evidence - first.log_evidence
+        beliefs = zip(first.update(poses), second.update(poses, Detail.SHARED), strict=True)
+        for with_map, without_map in beliefs:
+            previous, difference = difference, second.log_evidence - first.log_evidence
             is_counted = stream.is_chosen or not stream.is_at_rest
-            if is_counted and not _is_undecided(one, other):
-                lead += difference - before
-                lost = max(lost + difference - before, 0.0)
+            if is_counted and not _is_undecided(with_map, without_map):
+                lead += difference - previous
+                lost = max(lost + difference - previous, 0.0)
             may_be_found = stream.is_chosen or not stream.inspection.filtered
             is_found = may_be_found and (is_found or _refutes(lead, lost, stream.map))
             if stream.is_chosen and (is_found or second.moved_s > LONGEST_S):
@@ -132,7 +131,7 @@ class Contradiction(Check):
         return Contradiction(first, second, lead, lost, is_found=is_found)
 
     def finish(self) -> "Contradiction":
-        """At the end of the stream, whose noise may not have been chosen: labels were in doubt then."""
+        """The check at the end of the stream; if the noise was not chosen, labels were in doubt."""
         if self.with_map is None:
             return self
         known_map = self.with_map.filter.state.known_map
@@ -142,48 +141,46 @@ class Contradiction(Check):
         if not self.is_found or has_doubts(earlier, "impacts", "knowledge"):
             return []
         sides = (("object", stream.map.listed_object), ("surroundings", stream.map.listed_environment))
-        given = " and the ".join(name for name, listed in sides if listed)
-        what = f"what is given of the {given}" if given else "what is given"
+        named = " and the ".join(name for name, listed in sides if listed)
+        fault = f"what is given of the {named}" if named else "what is given"
         if stream.map.up is not None:
-            what = f"--up or {what}" if given else "--up"
-        others = ", ".join(one for one in CONTACTS if one not in stream.map.possible)
+            fault = f"--up or {fault}" if named else "--up"
+        excluded = ", ".join(contact for contact in CONTACTS if contact not in stream.map.possible)
         text = (
-            f"{what} does not fit the motion, which contacts explain better without it: leave it out, or "
+            f"{fault} does not fit the motion, which contacts explain better without it: leave it out, or "
             "check its size, direction and place (in metres; of the surroundings in the frame of the poses, "
             "of the object in its own)"
         )
-        if others:
-            given = f"{what}, or --states" if stream.map.lists_elements else "--states"
-            text = (
-                f"{given}, which leaves out {others}, does not fit the motion: "
-                "other contacts explain more: check it"
-            )
+        if excluded:
+            subject = f"{fault}, or --states" if stream.map.lists_elements else "--states"
+            subject += f", which leaves out {excluded},"
+            text = f"{subject} does not fit the motion: other contacts explain more: check it"
         return [Finding("knowledge", text, True)]
 
 
 def _refutes(lead: float, lost: float, known_map: Map) -> bool:
-    """Of right states alone the lead was up to 8 nats in everyday handling."""
+    """Whether the lead refutes the map; right states without elements lead by up to 8 nats when handled."""
     return (known_map.lists_elements and lead > WRONG_NATS) or lost > LOST_NATS
 
 
 def _is_undecided(with_map: Belief, without_map: Belief) -> bool:
-    """Whether motion in few directions does not decide between the contacts of the two trackers: that of the
-    second has more evidence because something else, such as the hand, keeps a constraint (T24)."""
+    """Whether motion in few directions does not decide between the contacts of the two trackers: the second
+    has more evidence because something else, such as the hand, adds a constraint (T24)."""
     if not without_map.p_restricted or with_map.contact not in without_map.inseparable:
         return False
-    residual, other = (
-        1.0 if one.contact is Contact.FREE else float(one.residual[one.contact.column])
-        for one in (with_map, without_map)
+    residual, rival = (
+        1.0 if belief.contact is Contact.FREE else float(belief.residual[belief.contact.column])
+        for belief in (with_map, without_map)
     )
-    return not residual >= SAME_FIT_RATIO * max(1.0, other)  # nan, not known yet: not decided
+    return not residual >= SAME_FIT_RATIO * max(1.0, rival)  # nan, while unknown, means undecided
 
 
 INSPECTED: Final = "impacts", "clearance"
-"""Checks that are updated by poses as they are inspected, in batches."""
+"""Checks that are updated in the batches in which poses are inspected."""
 
 
 class Checks(NamedTuple):
-    """A later check may be silent where an earlier one explains the same."""
+    """All checks in order; a check may be silent if an earlier one explains the same fault."""
 
     impacts: Impacts = Impacts()
     conventions: Conventions = Conventions()
@@ -198,26 +195,26 @@ class Checks(NamedTuple):
 
     @property
     def basis(self) -> tuple[object, ...]:
-        """What doubts depend on, as ``Inspection.basis``."""
-        compared = self.conventions.nats, self.conventions.found, self.conventions.is_settled
+        """Values on which doubts depend, as in ``Inspection.basis``."""
+        compared = self.conventions.nats, self.conventions.mistake, self.conventions.is_settled
         return self.impacts, *compared, self.clearance, self.contradiction
 
     def update_segments(self, segments: Iterable[Segment], stream: Stream) -> "Checks":
         """The checks updated by the next segments."""
-        some = tuple(segments)
-        return Checks._make(one.update_segments(some, stream) for one in self)
+        listed = tuple(segments)
+        return Checks._make(check.update_segments(listed, stream) for check in self)
 
     def finish(self) -> "Checks":
-        """At the end of the stream."""
+        """The checks at the end of the stream."""
         return self._replace(contradiction=self.contradiction.finish())
 
     def is_likely(self, stream: Stream) -> bool:
         """Whether there may soon be a finding that makes labels unreliable."""
-        return any(one.is_likely(stream) for one in self)
+        return any(check.is_likely(stream) for check in self)
 
     def findings(self, stream: Stream) -> tuple[Finding, ...]:
         """Findings so far."""
-        found = list(findings(stream.inspection, self.conventions.fitting_units))
-        for one in self:
-            found += one.findings(stream, found)
-        return tuple(found)
+        result = list(findings(stream.inspection, self.conventions.fitting_units))
+        for check in self:
+            result += check.findings(stream, result)
+        return tuple(result)

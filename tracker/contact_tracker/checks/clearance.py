@@ -1,9 +1,9 @@
-"""Test of the map against the poses: depth of known vertices of the object inside the surroundings, and
-least distance from them.
+"""Test of the map against the poses: depth of known vertices of the object inside the surroundings, and their
+least distance.
 
-A vertex is inside a known convex body if it is behind all of its faces. How far a face extends that is listed
-by itself is not known: parts of the object are behind it where they hang over its edge, or stand beside a
-step. Only an object that never has a vertex in front of any such face contradicts them.
+A vertex is inside a known convex body if it is behind all of its faces. The extent of a face that is listed
+by itself is not known: parts of the object are behind it if they hang over its edge or stand beside a step.
+Only an object that never has a vertex in front of any such face contradicts them.
 """
 
 from collections.abc import Sequence
@@ -54,44 +54,45 @@ class Faces(NamedTuple):
 
     def sigma_m(self, points_m: Array) -> Array:
         """Standard deviations (N, V, F) of these distances due to the faces."""
-        by = np.concatenate([points_m, -np.ones_like(points_m[..., :1])], axis=-1)
-        variance = np.einsum("nvi,fij,nvj->nvf", by, self.covariance, by)
+        gradient = np.concatenate([points_m, -np.ones_like(points_m[..., :1])], axis=-1)
+        variance = np.einsum("nvi,fij,nvj->nvf", gradient, self.covariance, gradient)
         return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 
 @lru_cache(maxsize=8)
 def vertices_of(known_map: Map) -> Vertices:
     """The known vertices of the object."""
-    known = [(one.name, one.element) for one in known_map.listed_object if isinstance(one.element, Point)]
-    place_m = np.array([point.point_m for _, point in known]).reshape(-1, 3)
-    sigma_m = [0.0 if p.covariance is None else float(p.covariance.diagonal().max()) ** 0.5 for _, p in known]
-    return Vertices(tuple(name for name, _ in known), place_m, np.array(sigma_m))
+    listed = ((named.name, named.element) for named in known_map.listed_object)
+    points = [(name, point) for name, point in listed if isinstance(point, Point)]
+    place_m = np.array([point.point_m for _, point in points]).reshape(-1, 3)
+    variance = [0.0 if p.covariance is None else p.covariance.diagonal().max() for _, p in points]
+    return Vertices(tuple(name for name, _ in points), place_m, np.sqrt(np.array(variance, float)))
 
 
 @lru_cache(maxsize=8)
 def faces_by_body(known_map: Map) -> tuple[Faces, ...]:
-    """The known faces of the surroundings; without those of hulls, in which there may be room."""
-    listed = ((one, one.element) for one in known_map.listed_environment if not one.is_hull)
-    known = [(one, plane) for one, plane in listed if isinstance(plane, Plane)]
-    found = list[Faces]()
-    for body in dict.fromkeys(one.solid for one, _ in known):
-        own = [(one.name, plane) for one, plane in known if one.solid == body]
-        normals = np.array([plane.normal for _, plane in own])
-        offsets_m = np.array([plane.offset_m for _, plane in own])
-        covariance = [np.zeros((4, 4)) if p.covariance is None else p.covariance for _, p in own]
-        names = tuple(name for name, _ in own)
-        found.append(Faces(body is not None, names, normals, offsets_m, np.array(covariance)))
-    return tuple(found)
+    """The known faces of the surroundings by body, without hulls, whose inside may be empty."""
+    listed = ((named, named.element) for named in known_map.listed_environment if not named.is_hull)
+    planes = [(named, plane) for named, plane in listed if isinstance(plane, Plane)]
+    bodies = list[Faces]()
+    for body in dict.fromkeys(named.solid for named, _ in planes):
+        listed_of_body = [(named.name, plane) for named, plane in planes if named.solid == body]
+        normals = np.array([plane.normal for _, plane in listed_of_body])
+        offsets_m = np.array([plane.offset_m for _, plane in listed_of_body])
+        covariance = [np.zeros((4, 4)) if p.covariance is None else p.covariance for _, p in listed_of_body]
+        names = tuple(name for name, _ in listed_of_body)
+        bodies.append(Faces(body is not None, names, normals, offsets_m, np.array(covariance)))
+    return tuple(bodies)
 
 
 LEAST_M: Final = 0.005
-"""Depth that rounded edges and compliance do not explain."""
+"""Depth (m) up to which rounded edges and compliance explain it."""
 SIGMAS: Final = 10.0
-"""Depth, in standard deviations of the map, that is significant."""
+"""Least significant depth, in standard deviations of the map."""
 LEAST_POSES: Final = 3
-"""Number of poses that are needed, since single ones may be wrong."""
+"""Least number of poses, since single ones may be wrong."""
 CHECK: Final = "check --known (place, size, frames)"
-"""The remedy for a map that does not fit."""
+"""Remedy for a map that does not fit."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,10 +102,10 @@ class Clearance(Check):
     Parameters
     ----------
     inside : number of poses with a vertex inside a convex body.
-    deepest : the largest depth (m), the vertex that has it, and the nearest face in front of it.
-    is_behind : whether all vertices were behind all faces that are listed by themselves, in the ``behind``
-        poses that were compared with these.
-    nearest : least distance (m) from any face that is listed by itself, and that face.
+    deepest : the largest depth (m), its vertex, and the nearest face in front of this vertex.
+    is_behind : whether all vertices were behind all faces that are listed by themselves.
+    behind : number of poses in which this was compared.
+    nearest : least distance (m) from a face that is listed by itself, and the face's name.
     """
 
     inside: int = 0
@@ -129,8 +130,8 @@ class Clearance(Check):
                 inside_m = np.where(inside, depth_m.min(axis=-1), 0.0)
                 pose, vertex = divmod(int(inside_m.argmax()), inside_m.shape[1])
                 face = faces.names[int(depth_m[pose, vertex].argmin())]
-                found = float(inside_m[pose, vertex]), vertices.names[vertex], face
-                deepest = max(deepest, found, key=lambda one: one[0])
+                deep = float(inside_m[pose, vertex]), vertices.names[vertex], face
+                deepest = max(deepest, deep, key=lambda depth: depth[0])
             else:
                 is_behind, behind = is_behind and bool(inside.all()), behind + len(poses)
                 off_m = -depth_m - allowed_m
@@ -144,19 +145,19 @@ class Clearance(Check):
             deep_m, vertex, face = self.deepest
             misfits.append(f"{vertex} of the object is up to {1e3 * deep_m:.0f} mm inside {face}")
         if self.is_behind and self.behind >= LEAST_POSES:
-            where = "behind every face (normals must point to the free side)"
-            misfits.append(f"all vertices given of the object are {where}")
-        what = "what is given does not fit the poses"
-        found = [Finding("knowledge", f"{what}: {misfit}: {CHECK}", True) for misfit in misfits]
-        return found + self._stayed_off(stream.map) if stream.is_end else found
+            behind = "behind every face (normals must point to the free side)"
+            misfits.append(f"all vertices given of the object are {behind}")
+        fault = "what is given does not fit the poses"
+        result = [Finding("knowledge", f"{fault}: {misfit}: {CHECK}", True) for misfit in misfits]
+        return result + self._stayed_off(stream.map) if stream.is_end else result
 
     def _stayed_off(self, known_map: Map) -> list[Finding]:
-        """That the object came near none of the faces of the map.
+        """Finding that the object came near no face of the map.
 
-        Not if other vertices of the object may have, nor if bodies are known, whose edges and vertices it may
+        None if vertices of the object may be missing, or if bodies are known, whose edges and vertices it may
         touch.
         """
-        bodies = any(one.solid is not None for one in known_map.listed_environment)
+        bodies = any(named.solid is not None for named in known_map.listed_environment)
         gap_m, face = self.nearest
         if not known_map.object_complete or bodies or not 0.0 < gap_m < inf:
             return []
@@ -168,22 +169,22 @@ class Clearance(Check):
 
 
 LONGEST_TICK_S: Final = 0.05
-"""Ticks up to this are short enough for impacts."""
+"""Longest tick (s) that resolves impacts."""
 IMPACT_M_PER_S: Final = 0.85
-"""Change of speed in an impact. Of 57 tosses of a cube the least has 0.93; of 32 recordings of objects that
-are moved by hand one has more than 0.78 (1.0, a short and fast one)."""
+"""Least change of speed (m/s) in an impact. In 57 tosses of a cube it is at least 0.93; of 32 recordings of
+objects moved by hand one has more than 0.78 (1.0, a short and fast one)."""
 NEAR_M: Final = 0.015
-"""Distance of a vertex from a face at which it may touch it."""
+"""Largest distance (m) from a face of a vertex that may touch it."""
 SPAN_S: Final = 0.02
-"""Time over which speeds are taken, before and after an impact."""
+"""Time (s) over which speeds are averaged before and after an impact."""
 MOST_POSES: Final = 50
-"""Most poses in this time; of faster ones it is shorter."""
+"""Largest number of poses in this time, which is shorter at higher rates."""
 ROUND: Final = 2
-"""Number of poses before and after each over which distances are smoothed."""
+"""Number of poses on either side over which distances are smoothed."""
 LONGEST: Final = 1.5
-"""Speeds over longer times than this, relative to the usual, are across a gap."""
+"""Ratio of the time span to the usual one above which a speed is across a gap."""
 AHEAD_S: Final = 0.5
-"""An impact is near if a vertex reaches a face within this time at its speed."""
+"""An impact is near if a vertex will reach a face within this time (s) at its speed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,8 +194,8 @@ class Impacts(Check):
     Parameters
     ----------
     top_m_per_s : largest change of speed of a known vertex at a known face.
-    is_near : whether a vertex moves towards a face at such a speed, and will soon reach it.
-    recent : the latest poses, some 100 at most.
+    is_near : whether a vertex moves towards a face at the speed of an impact, and will soon reach it.
+    recent : the latest poses, about 100 at most.
     """
 
     top_m_per_s: float = 0.0
@@ -218,7 +219,7 @@ class Impacts(Check):
         # medians, without outliers of up to two poses
         off_m = np.median([off_m[i : i + len(time_s)] for i in range(2 * ROUND + 1)], axis=0)
         speed = (off_m[step:] - off_m[:-step]) / (time_s[step:] - time_s[:-step])[:, None, None]
-        # an impact falls between two poses: speeds end at one and begin at the next
+        # an impact is between two poses: one speed ends at the first, the other begins at the second
         least_m = np.minimum(np.abs(off_m[step : -step - 1]), np.abs(off_m[step + 1 : -step]))
         passed_s = time_s[2 * step + 1 :] - time_s[: -2 * step - 1]
         may_touch = (least_m < NEAR_M) & (speed[: -step - 1] < 0.0)
@@ -232,7 +233,7 @@ class Impacts(Check):
         if stream.model.tick_s <= LONGEST_TICK_S:
             return False
         may_touch = bool(stream.map.listed_object and stream.map.listed_environment)
-        return self.is_near or (may_touch and not stream.inspection.blocks)  # none was inspected yet
+        return self.is_near or (may_touch and not stream.inspection.blocks)  # before the first inspection
 
     def findings(self, stream: Stream, earlier: Sequence[Finding]) -> list[Finding]:
         tick_s = stream.model.tick_s
@@ -247,8 +248,8 @@ class Impacts(Check):
 
 
 def _distances_m(bodies: Sequence[Faces], world: Array) -> Array:
-    """Distances (N, V, B) of vertices in the world (N, V, 3) in front of each single face, and of bodies as
-    far as their faces show."""
-    off_m = [faces.in_front_m(world) for faces in bodies]
-    pairs = zip(bodies, off_m, strict=True)
-    return np.concatenate([m.max(axis=-1, keepdims=True) if one.is_solid else m for one, m in pairs], axis=-1)
+    """Distances (N, V, B) of vertices (N, V, 3) in front of single faces, and lower bounds of those from
+    bodies."""
+    pairs = ((body, body.in_front_m(world)) for body in bodies)
+    off_m = [m.max(axis=-1, keepdims=True) if body.is_solid else m for body, m in pairs]
+    return np.concatenate(off_m, axis=-1)

@@ -1,7 +1,7 @@
-"""Detection of positions and orientations that do not fit together, by how much contacts explain of them.
+"""Detection of positions and orientations that do not fit together, by how well contacts explain them.
 
-Positions and orientations in different conventions are valid, each alone, but contacts explain hardly any
-of their motion, and much of it in the right reading. So the motion is explained window by window in all
+Positions and orientations in different conventions are valid, each alone, but contacts explain hardly any of
+their motion; in the right reading they explain much of it. So the motion is explained window by window in all
 readings. A remedy is a reading in which contacts explain most windows to the noise.
 """
 
@@ -31,13 +31,13 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.window import Window, used_directions
 
 TICKS: Final = 20
-"""Ticks of a window that count, between one at either end for delays."""
+"""Number of ticks of a window, between one more at either end for delays."""
 REACH_M: Final = 0.3
 """Usual distance of a vertex from the origin of its frame."""
 STEPS: Final = 8
 """Steps of the fit; with 16 no lead changes by more than 3 nats."""
 MOVED: Final = 3.0
-"""There is motion if position and orientation vary by more than this many deviations of a tick's noise."""
+"""Least standard deviation of position and orientation in a window with motion, over the noise of a tick."""
 _ROUNDING: Final = 1e-14
 """Share of the trace of a matrix that is lost in rounding."""
 _INVERSE: Final = np.concatenate([np.arange(9).reshape(3, 3).T.ravel(), [12, 13, 14]])
@@ -45,10 +45,10 @@ _INVERSE_SIGN: Final = np.repeat([1.0, -1.0], [9, 3])
 
 
 class Explained(NamedTuple):
-    """Of K readings: the log evidence ``nats`` (K,) of contacts against free motion, and the ``misfit`` (K,),
-    the mean square of residuals of the best contact in variances of noise. ``is_simple`` says whether the
-    motion is along one line and about one axis, so that two faces fit it wherever these are perpendicular;
-    ``has_one_freedom``, whether it may be that of a screw, which no contact explains."""
+    """Explanation of a window in K readings: log evidence ``nats`` (K,) of contacts against free motion, and
+    ``misfit`` (K,), the mean square of the best contact's residuals over the noise. ``is_simple``: the motion
+    is along one line and about one axis, so two faces fit it in any reading in which these are perpendicular;
+    ``has_one_freedom``: it may be that of a screw, which no contact explains."""
 
     nats: Array
     misfit: Array
@@ -63,7 +63,7 @@ def explain(
     model: Model,
     readings: Sequence[Reading],
 ) -> Explained | None:
-    """How well contacts explain a window in each reading, the first being that of poses as they are; None
+    """How well contacts explain a window in each reading, of which the first leaves poses as they are; None
     without motion.
 
     Two faces, and a vertex on a face in the world or in the body, stand for all six contacts: one of them
@@ -78,31 +78,30 @@ def explain(
     sigma : standard deviations of a pose (m, rad).
     """
     first = np.searchsorted(tick_of, np.arange(TICKS + 3))
-    middle, at = slice(first[1], first[-2]), first[1:-2] - first[1]
+    middle, starts = slice(first[1], first[-2]), first[1:-2] - first[1]
     per_tick = np.diff(first)[1:-1]
     variance = np.square(sigma) / np.median(per_tick)
     variance += np.square([model.noise.floor_position_m, model.noise.floor_rotation_rad])
-    given, position_m = Given(poses), poses.position_m - poses.position_m.mean(axis=0)
-    turn = matrices(given.quat_xyzw[middle])
-    means = [
-        np.add.reduceat(one, at) / per_tick[:, None] for one in (position_m[middle], turn.reshape(-1, 9))
-    ]
-    spread = [one.var(axis=0).sum() for one in means]
+    orientations, position_m = Given(poses), poses.position_m - poses.position_m.mean(axis=0)
+    turn = matrices(orientations.quat_xyzw[middle])
+    values = position_m[middle], turn.reshape(-1, 9)
+    means = [np.add.reduceat(rows, starts) / per_tick[:, None] for rows in values]
+    spread = [mean.var(axis=0).sum() for mean in means]
     if spread[0] < 3.0 * MOVED**2 * variance[0] or spread[1] < 6.0 * MOVED**2 * variance[1]:
         return None
-    turns = [reading.turns(given) for reading in readings]
+    turns = [reading.turns(orientations) for reading in readings]
     axes = np.array([np.eye(3) if reading.axes is None else reading.axes for reading in readings])
-    turn = matrices(np.array([one.quat_xyzw[middle] for one in turns]))
+    turn = matrices(np.array([turned.quat_xyzw[middle] for turned in turns]))
     moved = position_m[middle] @ np.swapaxes(axes, 1, 2)
     in_body = (moved[:, :, None] @ turn)[:, :, 0]
-    whole = np.concatenate([turn.reshape(*moved.shape[:2], 9), moved, in_body], axis=2)
-    features = np.add.reduceat(whole, at, axis=1) / per_tick[:, None]
-    volumes = np.array([one.log_volume[middle] for one in turns])
-    log_volume = np.add.reduceat(volumes, at, axis=1) @ (1.0 / per_tick)
+    stacked = np.concatenate([turn.reshape(*moved.shape[:2], 9), moved, in_body], axis=2)
+    features = np.add.reduceat(stacked, starts, axis=1) / per_tick[:, None]
+    volumes = np.array([turned.log_volume[middle] for turned in turns])
+    log_volume = np.add.reduceat(volumes, starts, axis=1) @ (1.0 / per_tick)
     scales = np.cbrt(np.linalg.det(axes)), np.array([reading.turn_scale for reading in readings])
     nats, misfit = _gains(features, variance, *scales, model)
     shifts = np.linalg.eigvalsh(np.cov(features[0, :, 9:12].T))
-    # the mean of a unit vector that turns is shorter than it
+    # the mean of a turning unit vector is shorter than one
     length = np.linalg.norm(features[0, :, :9].mean(axis=0).reshape(3, 3), 2)
     varies = shifts[1] > MOVED**2 * variance[0], 1.0 - length**2 > 2.0 * MOVED**2 * variance[1]
     rows = np.tile(variance, (TICKS, 1))
@@ -115,10 +114,10 @@ def explain(
 def _gains(
     features: Array, variance: Array, scale: Array, turn_scale: Array, model: Model
 ) -> tuple[Array, Array]:
-    """Log evidence and misfit (K,) of the best contact.
+    """Log evidence (K,) and misfit (K,) of the best contact in each reading.
 
-    ``features`` (K, T, 15) are the rotation, the position, and the position in the body's axes; ``scale``
-    and ``turn_scale`` (K,) those of positions and turns. Free motion is that of the poses as they are.
+    ``features`` (K, T, 15): rotation, position, and position in the body's axes; ``scale``, ``turn_scale``
+    (K,): factors of positions and turns. Free motion is that of the poses as they are.
     """
     ticks, lever_sq = features.shape[1], model.motion.body_radius_m**2
     jumps = np.square(np.diff(features[0], 2, axis=0)).mean(axis=0)
@@ -130,34 +129,34 @@ def _gains(
     centred = features - mean[:, None]
     sums = np.swapaxes(centred, 1, 2) @ centred
     swapped = sums[:, _INVERSE][:, :, _INVERSE] * _INVERSE_SIGN[:, None] * _INVERSE_SIGN
-    both = np.concatenate([sums[:, :12, :12], swapped])
-    vertex = _vertex_on_face(both, np.tile(distance / REACH_M**2, 2)).reshape(2, -1).min(axis=0) / ticks
+    products = np.concatenate([sums[:, :12, :12], swapped])
+    vertex = _vertex_on_face(products, np.tile(distance / REACH_M**2, 2)).reshape(2, -1).min(axis=0) / ticks
     # the normals that turn least against each other, in the world and in the body
     in_world, _, in_body = np.linalg.svd(mean[:, :9].reshape(-1, 3, 3))
-    normal, own = in_world[:, :, 0], in_body[:, 0]
+    normal, body_normal = in_world[:, :, 0], in_body[:, 0]
     apart = np.einsum("ki,kij,kj->k", normal, sums[:, 9:12, 9:12], normal) / ticks
-    tilted = np.einsum("ktij,kj->kti", centred[:, :, :9].reshape(-1, ticks, 3, 3), own)
+    tilted = np.einsum("ktij,kj->kti", centred[:, :, :9].reshape(-1, ticks, 3, 3), body_normal)
     tilt = 0.5 * np.square(tilted).sum(axis=2).mean(axis=1)
-    of_faces = np.log(free_distance / (distance + apart)) + 2.0 * np.log(free_angle / (angle + tilt))
-    of_vertex = np.log(free_distance / (distance + vertex))
-    misfit = np.where(of_faces > of_vertex, (apart / distance + 2.0 * tilt / angle) / 3.0, vertex / distance)
-    return 0.5 * ticks * np.maximum(of_faces, of_vertex), misfit
+    faces = np.log(free_distance / (distance + apart)) + 2.0 * np.log(free_angle / (angle + tilt))
+    corner = np.log(free_distance / (distance + vertex))
+    misfit = np.where(faces > corner, (apart / distance + 2.0 * tilt / angle) / 3.0, vertex / distance)
+    return 0.5 * ticks * np.maximum(faces, corner), misfit
 
 
 def _vertex_on_face(sums: Array, ridge: Array) -> Array:
-    """Least sums of squares (B,) of the distance of a point of the body from a plane, plus ``ridge`` (B,)
-    times its square; ``sums`` (B, 12, 12) of products of rotation and position, less their means.
+    """Least sums of squares (B,) of the distance of a body point p from a plane with normal n, plus ``ridge``
+    (B,) times p squared; ``sums`` (B, 12, 12) of products of rotation and position, less their means.
 
-    It starts from the three normals of the relaxed problem, in which n p' is any matrix. A step has the best
-    p for n, then the best n if p follows it (variable projection). With n and p in turn, 1000 steps are not
-    enough where the motion is small against the distance of p, and a right reading seems not to fit.
+    Starts are the three normals of the relaxed problem, in which n p' is any matrix. A step finds the best p
+    for n, then the best n with p as a function of it (variable projection). With n and p in turn, 1000 steps
+    are too few if the motion is small against the distance of p, and a right reading seems not to fit.
     """
     turns, cross, shift = sums[:, :9, :9], sums[:, :9, 9:], sums[:, 9:, 9:]
     eliminated = np.swapaxes(cross, 1, 2) @ np.linalg.solve(_held(turns, ridge), cross)
     _, normals = np.linalg.eigh(shift - eliminated)
     normal = np.swapaxes(normals, 1, 2).reshape(-1, 3)
     count = len(normal)
-    # (body axes, world axes): products of two elements of R, and of one with t
+    # axes (body, world): products of two elements of R, and of an element of R with t
     turns = turns.reshape(-1, 3, 3, 3, 3).transpose(0, 2, 4, 1, 3).reshape(-1, 9, 9).repeat(3, axis=0)
     cross = cross.reshape(-1, 3, 3, 3).transpose(0, 2, 1, 3).reshape(-1, 3, 9).repeat(3, axis=0)
     shift, ridge, least = shift.repeat(3, axis=0), ridge.repeat(3), np.full(count, np.inf)
@@ -172,57 +171,57 @@ def _vertex_on_face(sums: Array, ridge: Array) -> Array:
         squares = (points @ turns).reshape(count, 3, 3) + by_point + np.swapaxes(by_point, 1, 2) + shift
         cost = np.einsum("bi,bij,bj->b", normal, squares, normal) + ridge * np.square(point).sum(axis=1)
         least = np.minimum(least, cost)
-        both = (point[:, None, None] @ by_turn)[:, :, 0] + by_shift
-        followed = squares - np.swapaxes(both, 1, 2) @ np.linalg.solve(curvature, both)
-        # a step of the inverse iteration for the least eigenvector
+        mixed = (point[:, None, None] @ by_turn)[:, :, 0] + by_shift
+        followed = squares - np.swapaxes(mixed, 1, 2) @ np.linalg.solve(curvature, mixed)
+        # a step of inverse iteration for the eigenvector of the least eigenvalue
         normal = np.linalg.solve(_held(followed, 1e-9 * ridge), normal[:, :, None])[:, :, 0]
         normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     return np.asarray(least.reshape(-1, 3).min(axis=1))
 
 
 def _held(matrices: Array, ridge: Array) -> Array:
-    """Matrices (B, n, n) plus ``ridge`` (B,) times the unit matrix, at least so much that poses without noise
-    do not make them singular."""
+    """Matrices (B, n, n) plus ``ridge`` (B,) times the unit matrix, and a little more, as poses without noise
+    would make them singular."""
     trace = np.trace(matrices, axis1=1, axis2=2)
     return np.asarray(matrices + (ridge + _ROUNDING * trace)[:, None, None] * np.eye(matrices.shape[1]))
 
 
 LEAST_TICK_S: Final = 0.1
-"""Shorter ticks are joined, so that a window is long enough for its motion to be restricted by contacts."""
+"""Shorter ticks (s) are joined, so that contacts restrict the motion in a window."""
 POSES_PER_TICK: Final = 8
-"""Number of poses that are read per tick, of more of them."""
+"""Number of poses that are used in each tick; of more, every n-th."""
 MOST_WINDOWS: Final = 30
-"""Windows with motion, 60 s of it, after which the comparison ends."""
+"""Number of windows with motion, 60 s, after which the comparison ends."""
 LIKELY_NATS: Final = 30.0
-"""No label is certain while a reading explains the motion better by this much. In 67 recordings that are
-right one does so for 1.3 % of their time (20 nats: 4.4 %), in 52 with orientations 50 ms late for 58 %."""
+"""Lead of a reading (nats) above which no label is certain. In 67 right recordings a reading leads by this
+much for 1.3 % of the time (20 nats: 4.4 %), in 52 with orientations 50 ms late for 58 %."""
 BETTER_NATS: Final = 60.0
-"""A reading is a remedy if it explains the motion better by this much, and most windows to the noise. With
-30, 37 instead of 32 of the late ones are named, but so is a mistake in a box that only slides and tilts."""
+"""Least lead (nats) of a remedy, which also has to explain most windows to the noise. With 30, 37 instead of
+32 late recordings are named, but also a mistake in a box that only slides and tilts."""
 ODD_NATS: Final = 120.0
-"""Positions and orientations do not fit together if any reading leads by this much, whether it fits or not.
-Leads are up to 94 in 396 simulated single motions, but for turns about one axis with slides in two directions
-(up to 226), and 59 in 54 recordings that are right; mistakes lead by up to 40 a window. Readings this far
-behind the best are not compared any more; this saves 0.7 of the time."""
+"""Lead (nats) from which positions and orientations do not fit together, even if no reading fits. In 396
+simulated single motions leads are at most 94, except for turns about one axis with slides in two directions
+(at most 226); in 54 right recordings at most 59; mistakes lead by up to 40 in each window. Readings this far
+behind the best are no longer compared, which saves 0.7 of the time."""
 FITS: Final = 3.0
-"""Misfit up to which contacts explain a window to the noise; 1 for the right contact."""
+"""Largest misfit of contacts that explain a window to the noise; 1 for the right contact."""
 NEARLY_FITS: Final = 10.0
-"""The same for windows in which readings are compared: others are free motion, whose readings differ by
-chance (leads of up to 170)."""
+"""Largest misfit of windows that are compared: others are free motion, in which readings differ by chance
+(leads of up to 170)."""
 FITTING_SHARE: Final = 0.55
-"""Least share of windows with motion that a remedy explains to the noise: 0.6 to 0.7 in the right reading of
-four contacts in turn, up to 0.5 in wrong ones."""
+"""Least share of windows with motion that a remedy explains to the noise: for four contacts in turn it is 0.6
+to 0.7 in the right reading and at most 0.5 in wrong ones."""
 FEWEST_WINDOWS: Final = 4
 CHANCE_NATS: Final = BETTER_NATS / FEWEST_WINDOWS
-"""Most that a window that poses as they are explain says for another reading, if nearly all are so."""
+"""Largest lead (nats) of a reading that counts in a window that poses as they are explain, if most are."""
 EXPLAINED_SHARE: Final = 0.85
-"""Share of windows from which on these are nearly all. Without this, 8 of 40 scripts of straight legs with
-turns about single axes are suspected, with it 1; of 242 files with a mistake as many are found either way."""
+"""Share of windows that counts as nearly all. Without this rule, 8 of 40 scripts of straight legs with turns
+about single axes are suspected, with it 1; of 242 files with a mistake as many are found either way."""
 REFINED_WINDOWS: Final = 8
-"""Number of windows by which a delay is refined to a millisecond; with all it takes 0.18 of the time."""
+"""Number of windows by which a delay is refined to a millisecond; all would take 0.18 of the time."""
 TIED_NATS: Final = 20.0
-"""Readings this far behind the best are named as well: of turns about two axes, the right one is up to 12
-behind."""
+"""Readings at most this far (nats) behind the best are named as well: in turns about two axes the right one
+is up to 12 behind."""
 MOST_NAMED: Final = 4
 NAMELESS: Final = (
     "position and orientation do not fit together: tried were the orders of quaternions and of three angles, "
@@ -238,14 +237,14 @@ class Conventions(Check):
     Parameters
     ----------
     waiting : poses of the incomplete window.
-    kept : poses of the ``windows`` with motion, thinned.
-    nats, fitting : (K,) log evidence of contacts in each reading against that in poses as they are, -inf once
-        it is not compared any more, and number of windows that it explains to the noise.
-    chance : (K,) the part of ``nats`` that may be chance: from windows that poses as they are explain to the
-        noise, as a robot's script of straight legs, all that exceeds ``CHANCE_NATS``.
-    units : (3, U) the same for ``UNITS``, and the number of windows in which they were compared.
+    kept : thinned poses of the windows with motion, with their ticks.
+    nats, fitting : (K,) log evidence of contacts in each reading less that in poses as they are, -inf for
+        readings that are no longer compared, and number of windows that it explains to the noise.
+    chance : (K,) the part of ``nats`` that may be chance: the excess over ``CHANCE_NATS`` in windows that
+        poses as they are explain to the noise, as in a robot's script of straight legs.
+    units : (3, U) the same two rows for ``UNITS``, and the number of windows in which they were compared.
     is_settled : whether the comparison has ended.
-    found : text of the mistake that was found, or empty.
+    mistake : text of the mistake that was found, or empty.
     """
 
     waiting: tuple[Poses, ...] = ()
@@ -255,31 +254,31 @@ class Conventions(Check):
     chance: Array = field(default_factory=lambda: np.zeros(0))
     units: Array = field(default_factory=lambda: np.zeros((3, len(UNITS))))
     is_settled: bool = False
-    found: str = ""
+    mistake: str = ""
 
     def is_likely(self, stream: Stream) -> bool:
         may_be = not self.is_settled and float(self.leads.max(initial=0.0)) > LIKELY_NATS
-        return bool(self.found) or may_be
+        return bool(self.mistake) or may_be
 
     @property
     def leads(self) -> Array:
-        """Log evidence (K,), without what may be chance if nearly all motion needs no other reading."""
+        """Log evidence (K,), less what may be chance if poses as they are explain nearly all windows."""
         is_explained = self.fitting[:1].sum() >= EXPLAINED_SHARE * len(self.kept)
         return self.nats - self.chance if is_explained else self.nats
 
     @property
     def fitting_units(self) -> tuple[str, ...]:
-        """Units in which contacts explain most of the motion to the noise, which they do not in metres, or at
-        least some of it that they do not in metres: the rest may be free motion."""
+        """Units in which contacts explain to the noise most of the motion, or clearly more windows than in
+        metres, as the rest may be free motion; none if they explain most of it in metres."""
         nats, fitting, windows = self.units
         explains = fitting >= FITTING_SHARE * windows
         explains_more = explains | (fitting >= fitting[0] + FEWEST_WINDOWS)
         fits = (nats > nats[0] + BETTER_NATS) & explains_more & ~explains[0]
-        return tuple(unit.text for unit, one in zip(UNITS, fits, strict=True) if one)
+        return tuple(unit.text for unit, fits_motion in zip(UNITS, fits, strict=True) if fits_motion)
 
     def update(self, poses: Poses, stream: Stream) -> "Conventions":
         """Updated by poses. Units are compared only for positions that look odd in metres."""
-        model, known = stream.first, self
+        model, state = stream.first, self
         if self.is_settled or model is None or stream.sigma is None:
             return self
         if not can_be_compared(model):
@@ -290,94 +289,96 @@ class Conventions(Check):
         if int(poses.stamp_ns[-1]) - int(parts[0].stamp_ns[0]) < (TICKS + 2) * tick_ns:
             return replace(self, waiting=parts)
         waiting = Poses.join(parts)
-        while len(waiting) and len(known.kept) < MOST_WINDOWS:
+        while len(waiting) and len(state.kept) < MOST_WINDOWS:
             tick_of = (waiting.stamp_ns - waiting.stamp_ns[0]) // tick_ns
             if tick_of[-1] < TICKS + 2:
-                return replace(known, waiting=(waiting,))
+                return replace(state, waiting=(waiting,))
             window = waiting[: np.searchsorted(tick_of, TICKS + 2)]
             waiting = waiting[np.searchsorted(tick_of, TICKS) :]
-            known = _after_window(known, stream, window, tick_ns)
-        return replace(known, waiting=(), is_settled=True)
+            state = _after_window(state, stream, window, tick_ns)
+        return replace(state, waiting=(), is_settled=True)
 
     def findings(self, stream: Stream, earlier: Sequence[Finding]) -> list[Finding]:
-        if not self.found or has_doubts(earlier, *MIXED_UP):
+        if not self.mistake or has_doubts(earlier, *MIXED_UP):
             return []
-        return [Finding("conventions", self.found, True)]
+        return [Finding("conventions", self.mistake, True)]
 
 
-def _after_window(known: Conventions, stream: Stream, window: Poses, tick_ns: int) -> Conventions:
+def _after_window(state: Conventions, stream: Stream, window: Poses, tick_ns: int) -> Conventions:
     model, sigma, has_odd_unit = stream.first, stream.sigma, stream.inspection.units
     if model is None or sigma is None:
-        return known
+        return state
     readings = readings_of(stream.inspection.read_as)
-    if not len(known.nats):
-        none = np.zeros(len(readings))
-        known = replace(known, nats=none, fitting=none, chance=none)
+    if not len(state.nats):
+        zeros = np.zeros(len(readings))
+        state = replace(state, nats=zeros, fitting=zeros, chance=zeros)
     tick_of = (window.stamp_ns - window.stamp_ns[0]) // tick_ns
     usual = np.median(np.bincount(tick_of, minlength=TICKS + 2))
     thinned = slice(None, None, max(int(usual) // POSES_PER_TICK, 1))
     window, tick_of = window[thinned], tick_of[thinned]
     if not np.bincount(tick_of, minlength=TICKS + 2).all():
-        return known
-    compared = known.nats > known.nats.max() - ODD_NATS
+        return state
+    compared = state.nats > state.nats.max() - ODD_NATS
     compared[0] = True
-    left = compared.nonzero()[0]
-    some = UNITS if has_odd_unit else [readings[i] for i in left]
-    explained = explain(window, tick_of, sigma, model, some)
+    remaining = compared.nonzero()[0]
+    candidates = UNITS if has_odd_unit else [readings[i] for i in remaining]
+    explained = explain(window, tick_of, sigma, model, candidates)
     if explained is None:
-        return known
-    known, fits = replace(known, kept=(*known.kept, (window, tick_of))), explained.misfit < FITS
+        return state
+    state, fits = replace(state, kept=(*state.kept, (window, tick_of))), explained.misfit < FITS
     if has_odd_unit:
         units = np.array([explained.nats, fits, np.ones(len(UNITS))])
-        return replace(known, units=known.units + units, found="")
+        return replace(state, units=state.units + units, mistake="")
     near = np.minimum(explained.misfit, explained.misfit[0]) < NEARLY_FITS
-    nats, fitting, chance = np.where(compared, known.nats, -np.inf), known.fitting.copy(), known.chance.copy()
+    nats, fitting, chance = np.where(compared, state.nats, -np.inf), state.fitting.copy(), state.chance.copy()
     leads = near * (explained.nats - explained.nats[0]) * (not explained.has_one_freedom)
-    nats[left] += leads
-    fitting[left] += fits
+    nats[remaining] += leads
+    fitting[remaining] += fits
     if fits[0]:
-        chance[left] += np.maximum(leads - (0.0 if explained.is_simple else CHANCE_NATS), 0.0)
-    known = replace(known, nats=nats, fitting=fitting, chance=chance)
-    count = len(known.kept)
-    has_doubled = count & (count - 1) == 0 or not known.found  # it takes some time
-    is_refuted = bool(known.leads.max() < BETTER_NATS)
+        chance[remaining] += np.maximum(leads - (0.0 if explained.is_simple else CHANCE_NATS), 0.0)
+    state = replace(state, nats=nats, fitting=fitting, chance=chance)
+    count = len(state.kept)
+    has_doubled = count & (count - 1) == 0 or not state.mistake  # as naming takes time
+    is_refuted = bool(state.leads.max() < BETTER_NATS)
     if has_doubled or is_refuted or count == MOST_WINDOWS:
-        return replace(known, found=_found(known, readings, model, sigma))
-    return known
+        return replace(state, mistake=_mistake(state, readings, model, sigma))
+    return state
 
 
-def _found(known: Conventions, readings: Sequence[Reading], model: Model, sigma: tuple[float, float]) -> str:
-    """The mistake, with a remedy if one fits."""
-    nats, fitting = known.leads, known.fitting
-    if nats.max() < BETTER_NATS or len(known.kept) < FEWEST_WINDOWS:
+def _mistake(
+    state: Conventions, readings: Sequence[Reading], model: Model, sigma: tuple[float, float]
+) -> str:
+    """Text of the mistake, with a remedy if a reading fits; empty without one."""
+    nats, fitting = state.leads, state.fitting
+    if nats.max() < BETTER_NATS or len(state.kept) < FEWEST_WINDOWS:
         return ""
-    needed = FITTING_SHARE * len(known.kept)
-    near = (nats > nats.max() - TIED_NATS).nonzero()[0]  # in order of how usual they are, the best one first
+    needed = FITTING_SHARE * len(state.kept)
+    near = (nats > nats.max() - TIED_NATS).nonzero()[0]  # the best one first, then the most usual ones
     near = np.append(nats.argmax(), near[near != nats.argmax()])
     named, fit = [readings[i] for i in near], fitting[near] >= needed
     if named[0].delay_ms:
-        named, fit = _refined(known, model, sigma, named[0].delay_ms)
+        named, fit = _refined(state, model, sigma, named[0].delay_ms)
     if fit.any():
-        texts = [*dict.fromkeys(reading.text for reading, one in zip(named, fit, strict=True) if one)]
+        texts = [*dict.fromkeys(reading.text for reading, fits in zip(named, fit, strict=True) if fits)]
         return "; or ".join(texts[:MOST_NAMED]) + ("; or others" if len(texts) > MOST_NAMED else "")
     return NAMELESS if nats.max() > ODD_NATS else ""
 
 
 def _refined(
-    known: Conventions, model: Model, sigma: tuple[float, float], delay_ms: float
+    state: Conventions, model: Model, sigma: tuple[float, float], delay_ms: float
 ) -> tuple[list[Reading], Bools]:
-    """The best delay between the neighbours of ``delay_ms`` in the latest windows, and whether it fits; none
-    at either end."""
-    latest = known.kept[-REFINED_WINDOWS:]
-    at = DELAYS_MS.index(delay_ms)
-    if at in (0, len(DELAYS_MS) - 1):
+    """The best delay near ``delay_ms`` in the latest windows, to a millisecond, and whether it fits; no
+    reading at the ends of ``DELAYS_MS``."""
+    latest = state.kept[-REFINED_WINDOWS:]
+    index = DELAYS_MS.index(delay_ms)
+    if index in (0, len(DELAYS_MS) - 1):
         return [], np.zeros(0, np.bool_)
-    first, last = DELAYS_MS[at - 1], DELAYS_MS[at + 1]
+    first, last = DELAYS_MS[index - 1], DELAYS_MS[index + 1]
     while True:
         step = max(round((last - first) / 8), 1)
         readings = [AS_THEY_ARE, *map(with_delay, range(first, last + 1, step))]
-        found = [explain(*window, sigma, model, readings) for window in latest]
-        rows = [np.array([one.nats, one.misfit < FITS]) for one in found if one is not None]
+        fits = [explain(*window, sigma, model, readings) for window in latest]
+        rows = [np.array([fit.nats, fit.misfit < FITS]) for fit in fits if fit is not None]
         nats, fitting = np.sum([np.zeros((2, len(readings))), *rows], axis=0)
         best = int(nats.argmax())
         if step == 1 or not best:

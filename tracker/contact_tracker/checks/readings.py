@@ -19,14 +19,14 @@ from contact_tracker.geometry import rotation
 from contact_tracker.motion.poses import AS_GIVEN, Poses, ReadAs
 
 DELAYS_MS: Final = (-100, -70, -50, -35, -20, -10, -5, 5, 10, 20, 35, 50, 70, 100)
-"""Delays of orientations against positions. What lies between is found by ``with_delay``."""
+"""Delays (ms) of orientations against positions; ``with_delay`` refines them."""
 LEAST_VOLUME: Final = 1e-3
-"""Bound of the ratio of volumes, for poses at which a reading is singular."""
+"""Lower bound of the ratio of volumes, for poses at which a reading is singular."""
 
 
 class Turns(NamedTuple):
-    """Quaternions (N, 4), and the log of the ratio (N,) by which the reading changes volumes of
-    orientations: one that maps many of them to nearly one explains all of them, and nothing."""
+    """Quaternions (N, 4), and the log (N,) of the factor by which the reading changes volumes of
+    orientations: a reading that maps many orientations to nearly one explains them all, without evidence."""
 
     quat_xyzw: Array
     log_volume: Array
@@ -38,7 +38,7 @@ class Angles(NamedTuple):
     Parameters
     ----------
     axes : three letters, the first and the third may be the same.
-    places : of the angles among three numbers. These are those about x, y and z, if each has one.
+    places : index of each angle among three numbers; those about x, y and z, if the axes differ.
     """
 
     axes: str
@@ -51,7 +51,7 @@ class Angles(NamedTuple):
 
     @property
     def is_by_axis(self) -> bool:
-        """Whether each number is the angle about its axis, or the axes are no three."""
+        """Whether each number is the angle about the axis of its name; always for two equal axes."""
         return self.is_proper or all("xyz"[place] == axis for axis, place in zip(*self, strict=True))
 
 
@@ -64,15 +64,15 @@ def angles_in(order: str) -> Angles:
 
 
 class Numbers(NamedTuple):
-    """Three numbers (N, 3) of which orientations were made, and the log density (N,) of orientations per
-    volume of them."""
+    """Three numbers (N, 3) from which orientations were made, and the log density (N,) of orientations per
+    volume of numbers."""
 
     values: Array
     log_volume: Array
 
 
 class Given:
-    """The orientations of poses as they are, and the three numbers of which they may have been made."""
+    """The orientations of poses as read, and the three numbers from which they may have been made."""
 
     def __init__(self, poses: Poses) -> None:
         self.quat_xyzw = poses.quat_xyzw
@@ -81,8 +81,8 @@ class Given:
         self._about = dict[tuple[Angles | None, str, int, bool], Array]()
 
     def numbers(self, made_of: Angles | None, folds: bool) -> Numbers:
-        """Those of ``made_of``, None for rotation vectors. Each orientation has two triples: the usual one,
-        and one which numbers that were no such angles may have been."""
+        """The numbers of angles ``made_of``, or of rotation vectors if None. Each orientation has two
+        triples; ``folds`` selects the unusual one, which numbers that were no such angles may have been."""
         if (made_of, folds) not in self._numbers:
             self._numbers[made_of, folds] = self._angles(made_of, folds) if made_of else self._vectors(folds)
         return self._numbers[made_of, folds]
@@ -132,22 +132,22 @@ class Reading(NamedTuple):
 
     Parameters
     ----------
-    text : what is likely wrong, and what to do.
-    axes : (3, 3) by which positions are multiplied.
-    turns : the orientations.
-    delay_ms : of orientations against positions.
-    turn_scale : by which turns, and the noise of orientations, are larger.
+    text : the likely mistake, and its remedy.
+    axes : (3, 3) matrix by which positions are multiplied.
+    turns : function that gives the orientations.
+    delay_ms : delay of orientations against positions.
+    turn_scale : factor of turns and of the noise of orientations.
     """
 
     text: str
     axes: Array | None = None
-    turns: Callable[[Given], Turns] = lambda given: Turns(given.quat_xyzw, np.zeros(len(given.time_s)))
+    turns: Callable[[Given], Turns] = lambda poses: Turns(poses.quat_xyzw, np.zeros(len(poses.time_s)))
     delay_ms: float = 0.0
     turn_scale: float = 1.0
 
 
 def with_delay(delay_ms: float) -> Reading:
-    """The reading in which orientations are this much later than positions."""
+    """The reading in which orientations are later than positions by ``delay_ms``."""
     late = "later" if delay_ms > 0.0 else "earlier"
     sign = "-" if delay_ms > 0.0 else "+"
     return Reading(
@@ -158,13 +158,13 @@ def with_delay(delay_ms: float) -> Reading:
     )
 
 
-def _later(delay_s: float, given: Given) -> Turns:
-    """Orientations of the time ``delay_s`` after each pose; at the ends the last and the first."""
-    time_s = given.time_s
-    wanted = np.clip(time_s + delay_s, 0.0, time_s[-1])
-    before = np.clip(np.searchsorted(time_s, wanted, "right") - 1, 0, len(time_s) - 2)
-    share = ((wanted - time_s[before]) / (time_s[before + 1] - time_s[before]))[:, None]
-    first, second = given.quat_xyzw[before], given.quat_xyzw[before + 1]
+def _later(delay_s: float, orientations: Given) -> Turns:
+    """Orientations at the time ``delay_s`` after each pose; the first or last one beyond the ends."""
+    time_s = orientations.time_s
+    later_s = np.clip(time_s + delay_s, 0.0, time_s[-1])
+    row = np.clip(np.searchsorted(time_s, later_s, "right") - 1, 0, len(time_s) - 2)
+    share = ((later_s - time_s[row]) / (time_s[row + 1] - time_s[row]))[:, None]
+    first, second = orientations.quat_xyzw[row], orientations.quat_xyzw[row + 1]
     nearer = np.where((first * second).sum(axis=1, keepdims=True) < 0.0, -second, second)
     between = first * (1.0 - share) + nearer * share
     quat = between / np.linalg.norm(between, axis=1, keepdims=True)
@@ -180,29 +180,29 @@ def _log_sinc(angle: Array) -> Array:
     return _log(np.square(np.sinc(0.5 * angle / pi)))
 
 
-def _by_angles(angles: Angles, made_of: Angles | None, folds: bool, given: Given) -> Turns:
-    """Rotations by the numbers of ``made_of`` as other angles."""
+def _by_angles(angles: Angles, made_of: Angles | None, folds: bool, orientations: Given) -> Turns:
+    """Rotations by the numbers of ``made_of``, taken as other ``angles``."""
     turns = zip(*angles, strict=True)
-    first, second, third = (given.about(made_of, axis, place, folds) for axis, place in turns)
-    numbers = given.numbers(made_of, folds)
+    first, second, third = (orientations.about(made_of, axis, place, folds) for axis, place in turns)
+    numbers = orientations.numbers(made_of, folds)
     middle = numbers.values[:, angles.places[1]]
     volume = np.sin(middle) if angles.is_proper else np.cos(middle)
     return Turns(rotation.product(rotation.product(first, second), third), _log(volume) - numbers.log_volume)
 
 
-def _by_vector(made_of: Angles, folds: bool, given: Given) -> Turns:
-    """Rotations by the numbers as vectors: those of the two that are of at most half a turn."""
-    numbers, other = given.numbers(made_of, folds), given.numbers(made_of, not folds)
+def _by_vector(made_of: Angles, folds: bool, orientations: Given) -> Turns:
+    """Rotations by the numbers as rotation vectors; of both triples the one with at most half a turn."""
+    numbers, folded = orientations.numbers(made_of, folds), orientations.numbers(made_of, not folds)
     is_long = np.linalg.norm(numbers.values, axis=1) > pi
-    vector = np.where(is_long[:, None], other.values, numbers.values)
+    vector = np.where(is_long[:, None], folded.values, numbers.values)
     log_volume = _log_sinc(np.linalg.norm(vector, axis=1))
     return Turns(rotation.from_rotation_vectors(vector), log_volume - numbers.log_volume)
 
 
-def _in_radians(made_of: Angles, is_vector: bool, given: Given) -> Turns:
-    """Rotations by the numbers that were taken for degrees as radians, of angles or of a vector; none where
-    these would be more than a turn."""
-    values = np.degrees(given.numbers(made_of, False).values)
+def _in_radians(made_of: Angles, is_vector: bool, orientations: Given) -> Turns:
+    """Rotations by the numbers that were taken for degrees, as radians of angles or of a rotation vector;
+    impossible where they exceed one turn."""
+    values = np.degrees(orientations.numbers(made_of, False).values)
     is_far = np.abs(values).max(axis=1) > 2.0 * pi
     if is_vector:
         quat = rotation.from_rotation_vectors(values)
@@ -215,11 +215,11 @@ def _in_radians(made_of: Angles, is_vector: bool, given: Given) -> Turns:
 
 
 _IMPOSSIBLE: Final = -1e6
-"""The log of the ratio of volumes where a reading is none."""
+"""Log ratio of volumes where a reading is impossible."""
 
 
-def _of_quaternions(order: tuple[int, ...], sign: float, given: Given) -> Turns:
-    quat = given.quat_xyzw[:, order] * [sign, sign, sign, 1.0]
+def _of_quaternions(order: tuple[int, ...], sign: float, orientations: Given) -> Turns:
+    quat = orientations.quat_xyzw[:, order] * [sign, sign, sign, 1.0]
     return Turns(quat, np.zeros(len(quat)))
 
 
@@ -235,16 +235,16 @@ _QUATERNIONS: Final = (
 
 
 def _by_quaternions(read_as: ReadAs) -> Iterator[Reading]:
-    """Other orders of quaternions, if orientations are quaternions, and inverse ones."""
+    """Quaternions in other orders, if orientations are quaternions, and inverse orientations."""
     table, names = read_as.table, read_as.quaternion
     inverted = "inverted (rotation of the world in the body)"
-    other = "rows" if table.matrix == "columns" else "columns"
+    numbering = "rows" if table.matrix == "columns" else "columns"
     texts = {
         None: f"quaternions look {inverted}: conjugate them",
-        "matrix": f"matrices look transposed: read them by {read_as.command(matrix=other)}",
+        "matrix": f"matrices look transposed: read them by {read_as.command(matrix=numbering)}",
     }
-    whole = texts.get(table.kind, f"orientations look {inverted}: invert them")
-    yield Reading(whole, turns=partial(_of_quaternions, (0, 1, 2, 3), -1.0))
+    inverse = texts.get(table.kind, f"orientations look {inverted}: invert them")
+    yield Reading(inverse, turns=partial(_of_quaternions, (0, 1, 2, 3), -1.0))
     for text, order, sign in _QUATERNIONS if table.kind is None else ():
         if names and sign > 0.0:
             columns = {role: names[i] for role, i in zip(QUATERNION, order, strict=True)}
@@ -253,8 +253,8 @@ def _by_quaternions(read_as: ReadAs) -> Iterator[Reading]:
 
 
 def _all_angles() -> Iterator[tuple[str, Angles]]:
-    """All angles of three numbers a, b, c, and code that makes rotations of them: the 24 orders of Euler
-    angles, and angles named after their axes in the four orders beside."""
+    """Code that makes rotations of three numbers a, b, c as angles, with these angles: in the 24 orders of
+    Euler angles, and named after their axes in four further orders."""
     axes = "xyz"
     for first, second, third in permutations(axes):
         for order in (first + second + third, first + second + first):
@@ -267,19 +267,20 @@ def _all_angles() -> Iterator[tuple[str, Angles]]:
 
 
 def _by_three_numbers(read_as: ReadAs) -> Iterator[Reading]:
-    """Other readings of three numbers: of those that the user named, or else of angles about fixed axes."""
+    """Other readings of the three numbers that the user named, or else of angles about fixed axes."""
     table = read_as.table
     order, _, unit = (table.euler or "xyz").partition(":")
     made_of = None if table.rotation_vector else angles_in(order)
     name = partial(_as_option, read_as, order, unit)
-    what = "orientations look like three numbers a, b, c that were taken for angles about fixed x, y, z: take"
+    taken = "taken for angles about fixed x, y, z: take"
+    fault = f"orientations look like three numbers a, b, c that were {taken}"
     for folds in (False, True):
         for code, angles in _all_angles():
-            # both triples of an orientation may be of one in the other angles, too
-            same = (angles.is_proper, angles.places[1])
-            is_alike = made_of and same == (made_of.is_proper, made_of.places[1])
+            # both triples of an orientation may give one orientation in the other angles as well
+            middle = (angles.is_proper, angles.places[1])
+            is_alike = made_of and middle == (made_of.is_proper, made_of.places[1])
             if angles != made_of and not (folds and is_alike):
-                text = f"{what} Rotation.{code} of SciPy" if table.kind in (None, "matrix") else name(angles)
+                text = f"{fault} Rotation.{code} of SciPy" if table.kind in (None, "matrix") else name(angles)
                 yield Reading(text, turns=partial(_by_angles, angles, made_of, folds))
         if made_of is not None and unit == "deg" and not folds:
             ways = ("", {"euler": f"{order}:rad"}), (" of a rotation vector", {"rotation_vector": True})
@@ -289,23 +290,23 @@ def _by_three_numbers(read_as: ReadAs) -> Iterator[Reading]:
                     turns = partial(_in_radians, made_of, bool(words))
                     yield Reading(text + read_as.command(**stated), turns=turns, turn_scale=180.0 / pi)
         if made_of is not None:
-            text = f"{what} Rotation.from_rotvec([a, b, c]) of SciPy"
+            text = f"{fault} Rotation.from_rotvec([a, b, c]) of SciPy"
             if table.euler is not None:
-                how = f"read them by {read_as.command(rotation_vector=True)}"
+                remedy = f"read them by {read_as.command(rotation_vector=True)}"
                 if read_as.has_angles:
-                    how = "their columns are named as angles, so check how they were exported"
-                text = f"orientations look like rotation vectors, not like angles: {how}"
+                    remedy = "their columns are named as angles, so check how they were exported"
+                text = f"orientations look like rotation vectors, not like angles: {remedy}"
             yield Reading(text, turns=partial(_by_vector, made_of, folds))
 
 
 def _as_option(read_as: ReadAs, order: str, unit: str, angles: Angles) -> str:
-    """What is likely wrong with angles in this order, and the command for others."""
-    what = f"angles look like those of another order than {order}"
+    """The likely mistake with angles in this order, and the command for other angles."""
+    fault = f"angles look like those of another order than {order}"
     if read_as.table.euler is None:
-        what, unit = "orientations look like angles, not like rotation vectors", "rad"
+        fault, unit = "orientations look like angles, not like rotation vectors", "rad"
     is_about_body = not angles.is_proper or angles.places == (0, 1, 2)
     name = angles.axes.upper() if is_about_body else angles.axes[::-1]
-    text = f"{what}: read them by {read_as.command(euler=f'{name}:{unit}' if unit else name)}"
+    text = f"{fault}: read them by {read_as.command(euler=f'{name}:{unit}' if unit else name)}"
     if angles.is_by_axis:
         return text
     role = {place: axis for axis, place in zip(*angles, strict=True)}
@@ -313,13 +314,13 @@ def _as_option(read_as: ReadAs, order: str, unit: str, angles: Angles) -> str:
 
 
 def _by_axes() -> Iterator[Reading]:
-    """Turned axes; positions of opposite sign fit alike, so that they stand for mirrored axes as well."""
+    """Positions with turned axes; those of opposite sign fit alike and stand for mirrored axes as well."""
     for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
         axes = np.diag(signs) @ np.eye(3)[list(order)]
         if np.linalg.det(axes) > 0.0 and not (axes == np.eye(3)).all():
-            one, other = (_named(order, sign * np.array(signs)) for sign in (1.0, -1.0))
-            what = "the axes of positions are not those of orientations: take positions as"
-            yield Reading(f"{what} {one}, or as {other} if an axis is mirrored", axes=axes)
+            axes_text, mirrored = (_named(order, sign * np.array(signs)) for sign in (1.0, -1.0))
+            text = "the axes of positions are not those of orientations: take positions as"
+            yield Reading(f"{text} {axes_text}, or as {mirrored} if an axis is mirrored", axes=axes)
 
 
 def _named(order: tuple[int, ...], signs: Array) -> str:
@@ -332,9 +333,9 @@ AS_THEY_ARE: Final = Reading("")
 
 @cache
 def readings_of(read_as: ReadAs = AS_GIVEN) -> tuple[Reading, ...]:
-    """All readings of poses that were read so; the first leaves them as they are."""
-    of_turns = *_by_quaternions(read_as), *_by_three_numbers(read_as)
-    return AS_THEY_ARE, *of_turns, *_by_axes(), *map(with_delay, DELAYS_MS)
+    """All readings of poses read in this way; the first leaves them as they are."""
+    turned = *_by_quaternions(read_as), *_by_three_numbers(read_as)
+    return AS_THEY_ARE, *turned, *_by_axes(), *map(with_delay, DELAYS_MS)
 
 
 UNITS: Final = tuple(Reading(unit, axes=LENGTHS[unit] * np.eye(3)) for unit in ("m", "cm", "mm"))

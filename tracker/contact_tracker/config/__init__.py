@@ -1,4 +1,4 @@
-"""Parameters of the tracker, and their TOML files; the folder and names of the shipped ones."""
+"""Parameters of the tracker and their TOML files; folder and names of the shipped files."""
 
 from pathlib import Path
 

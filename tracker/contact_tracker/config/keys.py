@@ -26,29 +26,30 @@ _NUMBER: Final = int | float | np.integer | np.floating
 
 
 def read_toml(
-    path: Path, fault: type[KeyFault], given: str, unreadable: str, near: str | None = None
+    path: Path, fault: type[KeyFault], name: str, unreadable: str, near: str | None = None
 ) -> dict[str, Any]:
     """The keys of a TOML file, not validated.
 
     Parameters
     ----------
-    fault : is raised if the file, which was ``given`` by this name, cannot be read or parsed.
-    unreadable : the beginning of the text if it cannot be read.
-    near : its end, by default a file that may be meant.
+    fault : exception that is raised if the file cannot be read or parsed.
+    name : the file's name as the user wrote it.
+    unreadable, near : begin and end of the message if the file cannot be read; ``near`` is a name that the
+        user may have meant, by default that of a similar file.
     """
     try:
         content = read_regular(path, MOST_BYTES)
     except (OSError, ValueError) as error:  # names with a zero byte
         reason = getattr(error, "strerror", None) or error
-        raise fault("", f"{unreadable}: {reason}{near or near_file(given)}") from error
+        raise fault("", f"{unreadable}: {reason}{near or near_file(name)}") from error
     try:
         return parse_toml(content.decode("utf-8"))
-    except (ValueError, RecursionError) as error:  # tomllib lets those of endless numbers and nesting through
-        raise fault("", f"{given} is not TOML: {error}") from error
+    except (ValueError, RecursionError) as error:  # of endless numbers and nesting in tomllib
+        raise fault("", f"{name} is not TOML: {error}") from error
 
 
 class Keys:
-    """The keys of one table; ``name`` is its name in errors of the kind ``fault``."""
+    """The keys of one table; ``name``: the table's name in errors, which are of the kind ``fault``."""
 
     def __init__(self, table: Any, name: str = "", fault: type[KeyFault] = KnowledgeError) -> None:
         if not isinstance(table, dict):
@@ -68,7 +69,7 @@ class Keys:
         return f"{self._name}.{key}" if self._name else key
 
     def wrong(self, key: str, reason: str) -> KeyFault:
-        """The error of a key; of one that is not there, with the unknown key that may be meant for it."""
+        """The error of a key; for a missing key it names an unknown one that may be meant."""
         unknown = [] if key in self._table else [name for name in self._table if name not in self._asked]
         near = closest(key, unknown)
         return self._fault(self.called(key), f"{reason}; is {near} meant for it?" if near else reason)
@@ -77,12 +78,11 @@ class Keys:
         """Reject keys that were not read."""
         for key in self._table:
             if key not in self._asked:
-                meant = suggestion(key, self._asked) or f"; known are {', '.join(self._asked)}"
-                raise self.wrong(key, f"unknown{meant}")
+                hint = suggestion(key, self._asked) or f"; known are {', '.join(self._asked)}"
+                raise self.wrong(key, f"unknown{hint}")
 
     def real(self, key: str, default: float | None = None) -> float:
-        """Any number, of those beyond the range of floats an infinite one; it is required if ``default`` is
-        None."""
+        """Any number, infinite if beyond the range of floats; required if ``default`` is None."""
         value = self._take(key, default)
         if isinstance(value, bool) or not isinstance(value, _NUMBER):
             raise self.wrong(key, f"must be a number, not {type(value).__name__}")
@@ -92,7 +92,7 @@ class Keys:
             return math.inf if value > 0 else -math.inf
 
     def number(self, key: str, default: float | None, low: float, high: float) -> float:
-        """A number from ``low`` to ``high``; it is required if ``default`` is None."""
+        """A number from ``low`` to ``high``; required if ``default`` is None."""
         value = self.real(key, default)
         if not low <= value <= high:
             raise self.wrong(key, f"must lie between {low:g} and {high:g}")
@@ -111,10 +111,10 @@ class Keys:
         return value
 
     def vector(self, key: str, size: int = 3, default: list[float] | None = None) -> Array:
-        """``size`` finite numbers; from Python also as a tuple or an array."""
+        """``size`` finite numbers, from Python also as a tuple or an array."""
         value = self._take(key, default)
         is_list = isinstance(value, list | tuple | np.ndarray) and len(value) == size
-        if not is_list or not all(_is_number(one, FARTHEST_M) for one in value):
+        if not is_list or not all(_is_number(number, FARTHEST_M) for number in value):
             raise self.wrong(key, f"must be a list of {size} numbers, none beyond {FARTHEST_M:g}")
         return np.array(value, float)
 

@@ -25,7 +25,7 @@ _RANGES: Final = {
     "skip": (0.0, 1.0),
     "initial_f_f": (0.0, 1.0),
 }
-"""Ranges of numbers, both ends excluded; those of others are ``_POSITIVE``."""
+"""Ranges of numbers, both ends excluded; ``_POSITIVE`` for other keys."""
 _POSITIVE: Final = (1e-12, 1e9)
 MAY_BE_ZERO: Final = frozenset(
     {
@@ -64,33 +64,33 @@ def limits(key: str) -> tuple[float, float]:
 
 
 def model_file(name_or_path: str) -> Path:
-    """The file of a model, given as to ``load_model``."""
+    """The file of a model, with a name as in ``load_model``."""
     return shipped() / f"{name_or_path}.toml" if name_or_path in preset_names() else Path(name_or_path)
 
 
 def _build(kind: Any, keys: Keys) -> Any:
     """A frozen value of type ``kind`` from the keys of a table."""
-    given = [one for one in fields(kind) if one.name in keys or one.default is MISSING]
-    values = {one.name: _value(one.type, keys, one.name) for one in given}
+    stated = [entry for entry in fields(kind) if entry.name in keys or entry.default is MISSING]
+    values = {entry.name: _value(entry.type, keys, entry.name) for entry in stated}
     keys.finish()
     return kind(**values)
 
 
-def _value(wanted: Any, keys: Keys, key: str) -> Any:
-    if wanted is str:
+def _value(kind: Any, keys: Keys, key: str) -> Any:
+    if kind is str:
         return keys.text(key, None)
-    if wanted is bool:
+    if kind is bool:
         return keys.flag(key, default=True)
-    if wanted is float:
+    if kind is float:
         number, (low, high) = keys.real(key), limits(key)
         if not (low < number < high or (number == 0.0 and keys.called(key) in MAY_BE_ZERO)):
             raise keys.wrong(key, f"must be more than {low:g} and less than {high:g}")
         return number
-    if wanted == ByState:
+    if kind == ByState:
         return _by_state(keys, key)
-    if wanted == ByChange:
+    if kind == ByChange:
         return _by_state(keys, key, _by_state, ZERO)
-    return _build(wanted, keys.table(key, is_required=True))
+    return _build(kind, keys.table(key, is_required=True))
 
 
 def _count(keys: Keys, key: str) -> float:
@@ -103,8 +103,8 @@ def _count(keys: Keys, key: str) -> float:
 def _by_state(
     keys: Keys, key: str, entry: Callable[[Keys, str], Any] = _count, absent: Any = 0.0
 ) -> tuple[Any, ...]:
-    """Seven values from a table of the states' names, ``absent`` where one is not in it."""
-    own = keys.table(key, is_required=True)
-    values = tuple(entry(own, state.value) if state.value in own else absent for state in STATES)
-    own.finish()
+    """Seven values from a table by the names of states, ``absent`` for missing ones."""
+    table = keys.table(key, is_required=True)
+    values = tuple(entry(table, state.value) if state.value in table else absent for state in STATES)
+    table.finish()
     return values

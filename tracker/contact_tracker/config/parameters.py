@@ -8,10 +8,10 @@ from typing import Final
 from contact_tracker.states import CONTACTS, STATES
 
 ByState = tuple[float, ...]
-"""A number for each of the seven states; in the file a table of their names, without those that are zero."""
+"""A number for each of the seven states; in the file a table by name, without zeros."""
 ZERO: Final[ByState] = (0.0,) * len(STATES)
 ByChange = tuple[ByState, ...]
-"""Numbers (7, 7), from row to column; in the file a table of tables."""
+"""Numbers (7, 7) from row to column; in the file a table of tables."""
 
 
 @dataclass(frozen=True)
@@ -28,8 +28,8 @@ class Noise:
     """Floor of each contact beyond the common one, in quadrature."""
     contact_rotation_rad: ByState = ZERO
     estimated: bool = True
-    """Whether the noise of a pose is estimated from the stream (with the deviations above as a prior), and
-    the noise of a tick chosen by the evidence; else both are given."""
+    """Whether the noise of a pose is estimated from the stream, with the deviations above as a prior, and the
+    noise of a tick chosen by evidence; otherwise both are given."""
     wander_position_m: float = 0.0
     wander_rotation_rad: float = 0.0
     """Errors that are correlated over seconds, such as those of calibration, beyond white noise."""
@@ -67,7 +67,7 @@ class SystematicErrors:
 
     @cached_property
     def are_given(self) -> bool:
-        """Whether any are given."""
+        """Whether systematic errors are given."""
         return self.position_m > 0.0 or self.rotation_rad > 0.0
 
 
@@ -85,7 +85,7 @@ class Motion:
     likelihood_exponent: float
     """Power of the likelihood: share of a tick's information that is independent of the ticks before."""
     initial_autocorrelation: float = 0.0
-    """Autocorrelation of the prediction errors of free motion that is assumed until some are known."""
+    """Autocorrelation of the prediction errors of free motion until some are known."""
 
 
 @dataclass(frozen=True)
@@ -93,22 +93,22 @@ class Geometry:
     """Priors of the elements."""
 
     reach_m: float
-    """Distance of touching points from the body's origin."""
+    """Prior distance (m) of touching points from the body's origin."""
     revisit_prior: float
-    """Prior probability that a contact which needs elements of other kinds than the last one is with some
-    that are incident with those."""
+    """Prior probability that a contact whose elements are of other kinds than those of the last one is with
+    elements incident to them."""
 
 
 @dataclass(frozen=True)
 class TransitionCounts:
-    """Counts from calibration: how states began, lasted and ended in recordings; zeros without."""
+    """Counts from calibration of how states began, lasted and ended; zeros without calibration."""
 
     begins: ByState
-    """Recordings that began in each state."""
+    """Number of recordings that began in each state."""
     moving_s: ByState
-    """Time in each state, weighted by the activity."""
+    """Time (s) in each state, weighted by the activity."""
     changes: ByChange
-    """Changes from state to state; of a contact into itself those to other elements."""
+    """Number of changes from state to state; from a contact to itself: to other elements."""
 
 
 @dataclass(frozen=True)
@@ -116,13 +116,13 @@ class Transitions:
     """Changes between states: a prior from the containment lattice, and counts."""
 
     leave_per_s: float
-    """Hazard: how often a state of a moving object ends; at rest it hardly ever does."""
+    """Rate (1/s) at which states of a moving object end; nearly zero at rest."""
     skip: float
     """Relative rate of a change that skips a step of the lattice."""
     initial_f_f: float
     """Probability that the recording starts in f-f: objects lie on faces."""
     prior_changes: float
-    """Weight of the three above against the counts, as a number of changes out of each state."""
+    """Weight of the three parameters above against the counts, as a number of changes out of each state."""
     counts: TransitionCounts
 
 
@@ -131,7 +131,7 @@ class Certainty:
     """Calibration of the probabilities."""
 
     posterior_power: float
-    """Power of the reported posterior; below one for errors that the model does not have."""
+    """Power of the reported posterior; below one for errors that the model lacks."""
 
 
 @dataclass(frozen=True)
@@ -139,9 +139,9 @@ class Search:
     """Bounds of memory and work."""
 
     window_s: float
-    """Length of the window that is evaluated in full; older ticks are summed."""
+    """Length (s) of the window that is evaluated in full; older ticks are summed."""
     margin_nats: float
-    """Hypotheses this far behind the best are pruned after a refit."""
+    """Hypotheses this far (nats) behind the best are pruned after a refit."""
 
 
 @dataclass(frozen=True)
@@ -161,22 +161,22 @@ class Model:
     systematic: SystematicErrors = SystematicErrors()
 
     def with_systematic_errors(self, position_m: float, rotation_rad: float) -> "Model":
-        """A copy with systematic errors of the poses of this size."""
+        """A copy with systematic errors of the poses."""
         errors = replace(self.systematic, position_m=position_m, rotation_rad=rotation_rad)
         return replace(self, systematic=errors)
 
     def with_noise(self, sigma_position_m: float, sigma_rotation_rad: float) -> "Model":
         """A copy with known noise of the poses, which is not estimated."""
         sigma_m, sigma_rad = sigma_position_m, sigma_rotation_rad
-        known = replace(self.noise, sigma_position_m=sigma_m, sigma_rotation_rad=sigma_rad, estimated=False)
-        return replace(self, noise=known)
+        noise = replace(self.noise, sigma_position_m=sigma_m, sigma_rotation_rad=sigma_rad, estimated=False)
+        return replace(self, noise=noise)
 
     @cached_property
     def correlation(self) -> float:
-        """Of the errors of a tick with those of the next, where errors wander; else zero."""
+        """Correlation of the errors of successive ticks, if errors wander; else zero."""
         return exp(-self.tick_s / self.noise.wander_s) if any(self.noise.wander_variance) else 0.0
 
     @cached_property
     def tick_ns(self) -> int:
-        """As long as ``tick_s``."""
+        """Length of a tick in nanoseconds."""
         return round(self.tick_s * 1e9)

@@ -8,7 +8,7 @@ from typing import Final
 LENGTHS: Final = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
 ANGLES: Final = {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180.0}
 TIMES_NS: Final = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
-"""In nanoseconds."""
+"""Units of time in nanoseconds."""
 TIME_WORDS: Final = {"s": "seconds", "ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}
 NAMED_NS: Final[Mapping[str, int]] = {
     **TIMES_NS,
@@ -19,7 +19,7 @@ NAMED_NS: Final[Mapping[str, int]] = {
     **dict.fromkeys(("\u00b5s", "\u03bcs"), TIMES_NS["us"]),
     **dict.fromkeys(("min", "minute", "minutes"), 60 * TIMES_NS["s"]),
 }
-"""Units in names of columns, in nanoseconds."""
+"""Units of time in names of columns, in nanoseconds."""
 _METRES: Final = {"": 1.0, "centi": 1e-2, "milli": 1e-3, "micro": 1e-6}
 LENGTHS_M: Final[Mapping[str, float]] = {
     **LENGTHS,
@@ -38,7 +38,7 @@ _DEVIATIONS: Final = re.compile(f"{_NUMBER}({'|'.join(LENGTHS)})\\s*,{_NUMBER}({
 _LEAST: Final = 1e-9
 _MOST_M: Final = 0.1
 _MOST_RAD: Final = math.radians(10.0)
-"""Errors of poses beyond which no contact can be told, so that another unit was meant."""
+"""Largest errors of poses with which contacts can be recognised; larger ones are in another unit."""
 
 
 def deviations(text: str, may_be_zero: bool = False) -> tuple[float, float]:
@@ -49,19 +49,19 @@ def deviations(text: str, may_be_zero: bool = False) -> tuple[float, float]:
     ValueError
         It is something else, or no plausible error of a pose.
     """
-    given = _DEVIATIONS.fullmatch(text)
-    if given is None:
+    parts = _DEVIATIONS.fullmatch(text)
+    if parts is None:
         raise ValueError(f"{text!r} is not a length and an angle with units: 0.3mm,0.15deg")
-    values = float(given[1]) * LENGTHS[given[2]], float(given[3]) * ANGLES[given[4]]
+    values = float(parts[1]) * LENGTHS[parts[2]], float(parts[3]) * ANGLES[parts[4]]
     return plausible(values, text, may_be_zero)
 
 
-def plausible(values: tuple[float, float], shown: object, may_be_zero: bool = False) -> tuple[float, float]:
-    """The deviations (m, rad); raises ValueError, which quotes ``shown``, if they are not plausible."""
-    for value, most in zip(values, (_MOST_M, _MOST_RAD), strict=True):
-        if not (_LEAST < value <= most * (1.0 + _LEAST) or (may_be_zero and value == 0.0)):
+def plausible(values: tuple[float, float], text: object, may_be_zero: bool = False) -> tuple[float, float]:
+    """The deviations (m, rad); raises ValueError that quotes ``text`` if they are not plausible."""
+    for value, limit in zip(values, (_MOST_M, _MOST_RAD), strict=True):
+        if not (_LEAST < value <= limit * (1.0 + _LEAST) or (may_be_zero and value == 0.0)):
             raise ValueError(
-                f"{shown!r} is no error of poses by which contacts can be told: at most 100 mm and 10 deg, "
+                f"{text!r} is no error of poses by which contacts can be told: at most 100 mm and 10 deg, "
                 "at least 1e-9 m and rad. Are the units right?"
             )
     return values

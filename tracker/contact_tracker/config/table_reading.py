@@ -1,4 +1,4 @@
-"""How poses are read where names and types do not say it: what users state of columns and of fields."""
+"""How to read poses if names and types do not say it: the user's statements about columns and fields."""
 
 import re
 import shlex
@@ -13,7 +13,7 @@ QUATERNION: Final = ("qx", "qy", "qz", "qw")
 ANGLES: Final = ("rx", "ry", "rz")
 MATRIX: Final = tuple(f"r{row}{column}" for row in "123" for column in "123")
 TIME, REST = "time", "nanoseconds"
-"""The roles of a time, and of the nanoseconds of its second where these have a column of their own."""
+"""Roles of a time, and of its nanoseconds within the second if these have a column of their own."""
 GROUPS: Final[Mapping[str, tuple[str, ...]]] = {
     "position": POSITION,
     "quaternion": QUATERNION,
@@ -21,9 +21,9 @@ GROUPS: Final[Mapping[str, tuple[str, ...]]] = {
     "rotation": ANGLES,
     "matrix": MATRIX,
 }
-"""Roles of numbered columns, or of the values of a list, by a name for all of them."""
+"""Names of groups of roles, for numbered columns or the values of a list."""
 ANGLE: Final = "angle"
-"""The role of the angle of a rotation vector whose other columns are a unit vector."""
+"""Role of a rotation angle whose axis is a unit vector in other columns."""
 ROLES: Final = (TIME, REST, *POSITION, *QUATERNION, *ANGLES, *MATRIX, ANGLE)
 TICK, DAY = "100ns", "days"
 TIME_UNITS_NS: Final[Mapping[str, int]] = TIMES_NS | {TICK: 100, DAY: 86_400 * 10**9}
@@ -31,16 +31,16 @@ _RATE: Final = re.compile(r"([0-9]+(?:\.[0-9]+)?) ?Hz", re.IGNORECASE)
 _EULER: Final = re.compile(r"([xyz]{3}|[XYZ]{3})(?::(deg|rad))?")
 _FIELD: Final = re.compile(r"\.|[A-Za-z]\w*(\[\d+\])?(\.[A-Za-z]\w*(\[\d+\])?)*")
 PYTHON: Final = "python"
-"""Stands for the word of a command where poses are read from Python; other words are arguments then."""
+"""First word of ``given`` if poses are read from Python; the other words are then arguments."""
 NO_TABLE: Final = "it is no table: leave out --unit, --time-unit and what else is said of columns"
 FRAMES: Final = "frames"
-"""What times are called that are numbers of frames, beside their rate."""
+"""Value of ``time_unit`` for times that are frame numbers, whose rate is given separately."""
 TIME_UNIT_HELP: Final = "s, ms, us, ns, 100ns, days, or the rate of frame numbers, as 200Hz"
 
 
 @dataclass(frozen=True)
 class TableReading:
-    """What the columns of a table are, and where poses are in messages; None where names and types say it.
+    """Meaning of a table's columns, and place of poses in messages; None where names and types say it.
 
     Parameters
     ----------
@@ -55,13 +55,13 @@ class TableReading:
         ``c0``, ``c1``, ... ``state[3:7]`` are values 3 to 6 of a list, or of columns ``state_0``, ...
     field : path to the poses in messages, as ``tracked.pose`` or ``detections[0].pose``; ``.`` for the
         message itself. A table has none.
-    given : the words of the user's command without those of this reading, or the arguments from Python after
-        ``PYTHON``, for commands and calls that are proposed; empty where there are none.
+    given : the words of the user's command without the options of this reading, or ``PYTHON`` and the
+        arguments in Python, for proposed commands and calls; empty without them.
 
     Raises
     ------
     ValueError
-        A value is none of these.
+        A value is not allowed.
     """
 
     unit: str | None = None
@@ -79,8 +79,8 @@ class TableReading:
             if value is not None and not isinstance(value, str):
                 raise ValueError(f"{name} is text, not {value!r}")
         if self.unit is not None and self.unit not in LENGTHS:
-            meant = f"; a time has time_unit={self.unit!r}" if self.unit in TIME_UNITS_NS else ""
-            raise ValueError(f"unit is {', '.join(LENGTHS)}, not {self.unit!r}{meant}")
+            hint = f"; a time has time_unit={self.unit!r}" if self.unit in TIME_UNITS_NS else ""
+            raise ValueError(f"unit is {', '.join(LENGTHS)}, not {self.unit!r}{hint}")
         if self.time_unit is not None:
             _ = self.time_ns
         if self.euler is not None and not _EULER.fullmatch(self.euler):
@@ -120,7 +120,7 @@ class TableReading:
 
     @property
     def is_of_table(self) -> bool:
-        """Whether it says something of the columns of a table."""
+        """Whether anything is stated about the columns of a table."""
         return self != TableReading(field=self.field)
 
     def words(self) -> list[str]:
@@ -135,30 +135,30 @@ class TableReading:
         return words
 
     def command(self, path: str, *words: str) -> str:
-        """A whole command that reads a file in this way: the user's own, or else ``segment``, with this
-        reading, and with an option and its value as ``words`` where the user has not given that; from Python,
-        or without a path and a command, the call."""
+        """A command that reads a file in this way: the user's own, or else ``segment``, with this reading and
+        with ``words``, an option and its value, unless the user has given this option. If poses are read from
+        Python, or without a path and a command, a call."""
         if self.given[:1] == (PYTHON,) or not (path or self.given):
-            own = {option.name: getattr(self, option.name) for option in _options()}
-            own["columns"] = dict(self.columns)
-            given = [f"{name}={value!r}" for name, value in own.items() if value]
+            values = {option.name: getattr(self, option.name) for option in _options()}
+            values["columns"] = dict(self.columns)
+            stated = [f"{name}={value!r}" for name, value in values.items() if value]
             topic = [f"{words[0].strip('-')}={words[1]!r}"] if words else []
             call = f"contact_tracker.read({path!r}" if path else "Trajectory.from_dataframe(table"
-            return f"{', '.join([call, *self.given[1:], *topic, *given])})"
+            return f"{', '.join([call, *self.given[1:], *topic, *stated])})"
         has_option = any(word.partition("=")[0] in words[:1] for word in self.given)
-        more = [] if has_option else words
-        verb, *rest = self.given or ("segment", path)
-        place = rest.index("--") if "--" in rest else len(rest)  # after it all words are files
-        return shlex.join(["contact-tracker", verb, *rest[:place], *more, *self.words(), *rest[place:]])
+        added = [] if has_option else words
+        verb, *typed = self.given or ("segment", path)
+        place = typed.index("--") if "--" in typed else len(typed)  # all later words are files
+        return shlex.join(["contact-tracker", verb, *typed[:place], *added, *self.words(), *typed[place:]])
 
-    def with_(self, other: "TableReading") -> "TableReading":
-        """This reading, with what another one states in addition or instead."""
-        stated = {f.name: value for f in _options() if (value := getattr(other, f.name))}
-        stated["given"] = other.given or self.given
-        if other.columns:
-            stated["columns"] = tuple({**dict(self.columns), **dict(other.columns)}.items())
-        own = replace(self, euler=None, rotation_vector=False, matrix=None) if other.kind else self
-        return replace(own, **stated)
+    def with_(self, reading: "TableReading") -> "TableReading":
+        """This reading, with the statements of ``reading`` added or in place of its own."""
+        stated = {f.name: value for f in _options() if (value := getattr(reading, f.name))}
+        stated["given"] = reading.given or self.given
+        if reading.columns:
+            stated["columns"] = tuple({**dict(self.columns), **dict(reading.columns)}.items())
+        base = replace(self, euler=None, rotation_vector=False, matrix=None) if reading.kind else self
+        return replace(base, **stated)
 
 
 def _options() -> "list[Field[Any]]":
@@ -171,9 +171,9 @@ AS_NAMED: Final = TableReading()
 def reading_of(
     columns: Mapping[str, str] | str | None = None, rate: Any = None, **stated: Any
 ) -> TableReading:
-    """A reading by the arguments of Python, or the values of options; raises ValueError.
+    """The reading that arguments in Python, or values of options, state; raises ValueError.
 
-    ``rate`` is that of frame numbers (Hz): 200 is the ``time_unit`` ``200Hz``.
+    ``rate``: rate of frame numbers (Hz); 200 is the ``time_unit`` ``200Hz``.
     """
     if rate is not None:
         if stated.get("time_unit") not in (None, FRAMES):

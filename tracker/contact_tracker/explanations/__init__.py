@@ -1,2 +1,2 @@
-"""What explains motion beside one contact: further contacts, joints and curved surfaces (docs/theory.md,
+"""Explanations of motion other than one contact: further contacts, joints, curved surfaces (docs/theory.md,
 sections 18 and 20)."""

@@ -1,9 +1,9 @@
-"""Evidence for a further contact, conditioned on the contacts that are known already (docs/theory.md, T35),
-and the search for its elements from moments of the ticks (T36).
+"""Evidence for a further contact, given the contacts that are known already (docs/theory.md, T35), and the
+search for its elements by moments of the ticks (T36).
 
-Constraints implied by the known contacts hold anyway and are no evidence for a further one. Its residuals are
-as small as the noise, although motion that keeps the known contacts could make them large. Squared residual,
-noise and free motion are quadratic forms of the residual's coefficients.
+Constraints that the known contacts imply hold anyway and are no evidence for a further one. The residuals of
+a further contact are as small as the noise, although motion that keeps the known contacts could make them
+large. Squared residual, noise and free motion are quadratic forms of the residual's coefficients.
 """
 
 from collections.abc import Sequence
@@ -35,7 +35,7 @@ _MOVES: Final = lifted_pose.perturbations()
 
 
 def coefficients(model: ContactModel, x: Array) -> Array:
-    """Coefficients (..., K, 25) of a contact's residuals on the whole lifted pose, at x (..., S)."""
+    """Coefficients (..., K, 25) of a contact's residuals in terms of the whole lifted pose, at x (..., S)."""
     return np.asarray(model.family.rows(x) @ _every(model))
 
 
@@ -50,14 +50,14 @@ class ConditionalEvidence(NamedTuple):
     log_ratio: Array
     """(W,)"""
     gain: Array
-    """(W,) what the log ratio would be without residuals."""
+    """(W,) log ratio for zero residuals."""
     chi_sq: Array
     """(W,) mean square of the residuals over their noise."""
 
 
 @dataclass(frozen=True, eq=False)
 class ConditionalMotion:
-    """W ticks in which an object keeps some contacts, and the motion that these leave free.
+    """W ticks in which an object keeps some contacts, and the motion that these allow.
 
     Parameters
     ----------
@@ -84,16 +84,15 @@ class ConditionalMotion:
         return cls(new, perturbed(zeta), noise_sd, excess_sd, free)
 
     def keeping(self, c: Array, first: int = 0, end: int | None = None) -> "ConditionalMotion":
-        """The same motion, with the constraints c (K, 25) kept in ticks ``first`` to ``end`` (excluded),
-        too."""
-        some = slice(first, end)
-        gradient = self.gradients(c)[some]
-        whole = np.linalg.norm(gradient * self.excess_sd[some, None], axis=2, keepdims=True)
-        rows = gradient @ self.free[some] / (whole + TINY)
+        """The motion with the constraints c (K, 25) kept as well in ticks ``first`` to ``end`` (excluded)."""
+        span = slice(first, end)
+        gradient = self.gradients(c)[span]
+        length = np.linalg.norm(gradient * self.excess_sd[span, None], axis=2, keepdims=True)
+        rows = gradient @ self.free[span] / (length + TINY)
         _, values, axes = np.linalg.svd(rows, full_matrices=False)
         pinned = axes * (values > SAME_ROW)[:, :, None]
         free = self.free.copy()
-        free[some] -= free[some] @ np.swapaxes(pinned, 1, 2) @ pinned
+        free[span] -= free[span] @ np.swapaxes(pinned, 1, 2) @ pinned
         return replace(self, free=free)
 
     def cut(self, first: int, end: int) -> "ConditionalMotion":
@@ -113,10 +112,10 @@ class ConditionalMotion:
         noise, free = gradient * self.noise_sd[:, None], gradient @ self.free
         scale = np.sqrt(np.square(noise).sum(axis=2)) + TINY  # makes the result independent of a row's units
         noise, free, residual = noise / scale[..., None], free / scale[..., None], residual / scale
-        held = noise @ np.swapaxes(noise, 1, 2) + JITTER * np.eye(len(c))
-        loose = held + free @ np.swapaxes(free, 1, 2)
-        gain = 0.5 * (np.linalg.slogdet(loose)[1] - np.linalg.slogdet(held)[1])
-        pull = np.linalg.solve(held, residual[..., None]) - np.linalg.solve(loose, residual[..., None])
+        noise_cov = noise @ np.swapaxes(noise, 1, 2) + JITTER * np.eye(len(c))
+        loose = noise_cov + free @ np.swapaxes(free, 1, 2)
+        gain = 0.5 * (np.linalg.slogdet(loose)[1] - np.linalg.slogdet(noise_cov)[1])
+        pull = np.linalg.solve(noise_cov, residual[..., None]) - np.linalg.solve(loose, residual[..., None])
         misfit = 0.5 * (residual * pull[..., 0]).sum(axis=1)
         return ConditionalEvidence(gain - misfit, gain, np.square(residual).mean(axis=1))
 
@@ -128,16 +127,16 @@ def perturbed(zeta: Array) -> Array:
 
 
 def count_constraints(moved: Array, contacts: Sequence[Array]) -> int:
-    """Number of independent constraints that contacts c (K, 25) impose together, in the median of ticks with
-    these derivatives (W, 6, 25), see ``perturbed``."""
+    """Number of independent constraints that contacts c (K, 25) impose together: the median over ticks with
+    derivatives ``moved`` (W, 6, 25), see ``perturbed``."""
     rows = np.swapaxes(moved @ np.concatenate(contacts).T, 1, 2) * LEVERS_M
     rows /= np.linalg.norm(rows, axis=2, keepdims=True) + TINY
     return int(linalg.median((np.linalg.svd(rows, compute_uv=False) > SAME_ROW).sum(axis=1)))
 
 
 def constraints_of_two(model: ContactModel, x: Array, window: Window) -> int:
-    """Number of independent constraints that two contacts of a kind, with elements x (2, S), impose together
-    in the newest tick."""
+    """Number of independent constraints that two contacts of one kind, with elements x (2, S), impose
+    together in the newest tick."""
     if not compiled.in_use():
         return count_constraints(perturbed(window.zeta[-1:]), [*coefficients(model, x)])
     from contact_tracker.hypotheses.compiled import calls
@@ -146,7 +145,7 @@ def constraints_of_two(model: ContactModel, x: Array, window: Window) -> int:
 
 
 AT_FIRST: Final = 0.1
-"""Probability that it is present when the first contact begins."""
+"""Probability that a further contact is present when the first one begins."""
 
 
 class Run(NamedTuple):
@@ -155,9 +154,9 @@ class Run(NamedTuple):
     first: int
     end: int
 
-    def overlaps(self, other: "Run") -> bool:
+    def overlaps(self, run: "Run") -> bool:
         """Whether the runs share a tick."""
-        return self.first < other.end and other.first < self.end
+        return self.first < run.end and run.first < self.end
 
 
 class Presence(NamedTuple):
@@ -176,20 +175,20 @@ def most_probable(log_ratio: Array, log_change: Array) -> Presence:
     log_change : (W,) log probability that it begins or ends right before a tick.
     """
     absent, present = log(1.0 - AT_FIRST), log(AT_FIRST)
-    came_from_present, came_from_absent = [], []  # of absent, of present
+    came_from_present, came_from_absent = [], []  # predecessors of absent, of present
     stays = np.log1p(-np.exp(log_change)).tolist()
-    none = absent + float(np.sum(stays[1:]))
+    never = absent + float(np.sum(stays[1:]))
     for tick, (ratio, change, stay) in enumerate(
         zip(log_ratio.tolist(), log_change.tolist(), stays, strict=True)
     ):
-        left = joined = False
+        ends = joined = False
         if tick:
-            left, joined = present + change > absent + stay, absent + change > present + stay
+            ends, joined = present + change > absent + stay, absent + change > present + stay
             was_absent, was_present = absent, present
-            absent = was_present + change if left else was_absent + stay
+            absent = was_present + change if ends else was_absent + stay
             present = was_absent + change if joined else was_present + stay
         present += ratio
-        came_from_present.append(left)
+        came_from_present.append(ends)
         came_from_absent.append(joined)
     is_present, runs, end = present >= absent, list[Run](), len(came_from_present)
     for tick in range(end - 1, -1, -1):  # back along the path
@@ -200,14 +199,14 @@ def most_probable(log_ratio: Array, log_change: Array) -> Presence:
             end, is_present = tick, True
     if is_present:
         runs.append(Run(0, end))
-    return Presence(tuple(reversed(runs)), max(absent, present) - none)
+    return Presence(tuple(reversed(runs)), max(absent, present) - never)
 
 
 MIN_RATIO: Final = 2.0
-"""Least ratio of free motion to squared residual for a constraint to be kept; every contact has at least one
-such row."""
+"""Least ratio of free motion to squared residual for a constraint to be kept; at least one row of every
+contact has it."""
 RELAXED: Final = tuple(CONTACT_MODELS[c.column] for c in (Contact.VF, Contact.FV, Contact.EE))
-"""Contact kinds of single constraints: every contact keeps at least one of them."""
+"""Contact kinds of single constraints: every contact implies at least one of them."""
 NOISE_SHARE: Final = 0.1
 LEAST_NORMAL: Final = 1e-9
 RIDGE: Final = 1e-9
@@ -220,17 +219,17 @@ FIRST_DAMPING: Final = 1.0
 LEAST_SQUARE: Final = 1e-12
 LEAST_CURVATURE: Final = 1e-9
 DAMPED_SHARE: Final = 1e-3
-"""The damping of all directions, as a share of their curvature; turns are damped by 1 beyond it."""
+"""Damping of all directions, as a share of their curvature; turns have an additional damping of 1."""
 RELAXED_STARTS: Final = 2
 DRAWS: Final = 7
 """Seed of the random directions."""
 
 
 class Moments(NamedTuple):
-    """Mean second moments (C, C) of a contact's lifted poses over some ticks, scaled by position noise.
+    """Mean second moments (C, C) of a contact's lifted poses over ``ticks``, scaled by position noise.
 
-    ``square`` of the measurement, ``free`` of the motion in a tick that the known contacts allow, ``noise``
-    of the measurement noise.
+    ``square``: of the measurement; ``free``: of the motion in a tick that the known contacts allow;
+    ``noise``: of the measurement noise.
     """
 
     square: Array
@@ -250,46 +249,46 @@ def moments(model: ContactModel, motion: ConditionalMotion) -> Moments:
     return Moments(square.T @ square / count, free.T @ free / count, noise.T @ noise / count, count)
 
 
-def relaxed_ratio(of: Moments) -> float:
-    """The largest ratio of free motion to squared residual over all coefficients: an upper bound for
-    contacts, up to noise."""
-    return float(np.linalg.eigvalsh(_congruent(*_whitened(of)))[-1])
+def relaxed_ratio(sums: Moments) -> float:
+    """Largest ratio of free motion to squared residual over all coefficients: up to noise, an upper bound for
+    contacts."""
+    return float(np.linalg.eigvalsh(_congruent(*_whitened(sums)))[-1])
 
 
-def relaxed_starts(model: ContactModel, of: Moments, x: Array) -> Array:
+def relaxed_starts(model: ContactModel, sums: Moments, x: Array) -> Array:
     """Starting points: directions from the relaxed problem, other coordinates from x (B, S)."""
-    lower, free = _whitened(of)
-    scale = np.sqrt(of.noise.diagonal() + RIDGE * of.noise.trace())
+    lower, free = _whitened(sums)
+    scale = np.sqrt(sums.noise.diagonal() + RIDGE * sums.noise.trace())
     vectors = np.linalg.eigh(_congruent(lower, free))[1][:, : -1 - RELAXED_STARTS : -1]
     c = (np.linalg.solve(lower.T, vectors) / scale[:, None]).T
     form, starts = model.family.FORM, []
-    for one in c:
+    for row in c:
         start = np.array(x)
         if form.h < 0:
-            left, _, right = np.linalg.svd(one[9:18].reshape(3, 3))
+            world_axes, _, right = np.linalg.svd(row[9:18].reshape(3, 3))
             start = start[:1]
-            start[:, form.d1 : form.d1 + 3], start[:, form.d2 : form.d2 + 3] = right[0], left[:, 0]
+            start[:, form.d1 : form.d1 + 3], start[:, form.d2 : form.d2 + 3] = right[0], world_axes[:, 0]
         else:
-            if not np.linalg.norm(one[9:12]) > LEAST_NORMAL * np.linalg.norm(one):
+            if not np.linalg.norm(row[9:12]) > LEAST_NORMAL * np.linalg.norm(row):
                 continue  # no plane
-            normal = unit(one[9:12])
+            normal = unit(row[9:12])
             start[:, form.d2 : form.d2 + 3] = normal
             if model.contact is Contact.FF:
-                rotation = of.square[:9, 12].reshape(3, 3)
+                rotation = sums.square[:9, 12].reshape(3, 3)
                 start = start[:1]
                 start[:, form.d1 : form.d1 + 3] = unit(normal @ rotation)
         starts.append(start)
     return np.concatenate([x[:0], *starts])
 
 
-def _whitened(of: Moments) -> tuple[Array, Array]:
+def _whitened(sums: Moments) -> tuple[Array, Array]:
     """The Cholesky factor of the regularised squares, and the free motion, both whitened by the noise."""
-    scale = np.sqrt(of.noise.diagonal() + RIDGE * of.noise.trace())
+    scale = np.sqrt(sums.noise.diagonal() + RIDGE * sums.noise.trace())
     outer = scale[:, None] * scale
-    lift = ROUNDING * of.square.trace()
-    square = (of.square + NOISE_SHARE * of.noise + lift * np.eye(len(scale))) / outer
-    square += RIDGE * np.trace(of.noise / outer) * np.eye(len(square))
-    return np.linalg.cholesky(square), of.free / outer
+    lift = ROUNDING * sums.square.trace()
+    square = (sums.square + NOISE_SHARE * sums.noise + lift * np.eye(len(scale))) / outer
+    square += RIDGE * np.trace(sums.noise / outer) * np.eye(len(square))
+    return np.linalg.cholesky(square), sums.free / outer
 
 
 def _congruent(lower: Array, matrix: Array) -> Array:
@@ -298,43 +297,42 @@ def _congruent(lower: Array, matrix: Array) -> Array:
 
 
 def search(model: ContactModel, motion: ConditionalMotion, window: Window, reach_m: float) -> Array:
-    """The elements x (S,) of ``model`` with the least cost in the ticks of ``motion``, which are those of
-    ``window``."""
+    """The elements x (S,) of ``model`` with the least cost in the ticks of ``motion`` and ``window``."""
     family = model.family
     anchors = model.anchors(window.zeta[:, T].mean(axis=0))[None]
     prior = weak_prior(family, anchors, reach_m)
-    of = moments(model, motion)
-    problem = Problem(model, of, np.array(of[:3])[:, None], prior, anchors, reach_m)
+    sums = moments(model, motion)
+    problem = Problem(model, sums, np.array(sums[:3])[:, None], prior, anchors, reach_m)
     turn = window.zeta[-1, R].reshape(3, 3)
     x = model.turned(directions(model, DRAWS), turn)
     x = problem.complete(np.concatenate([x, relaxed_starts(model, problem.of, x)]))
     x = x[np.argsort(problem.ratio(x), kind="stable")[:FOLLOWED_STARTS]]
-    for steps, kept in ROUNDS:
+    for steps, count in ROUNDS:
         x = problem.descend(x, steps)
-        x = x[np.argsort(problem.ratio(x), kind="stable")[:kept]]
+        x = x[np.argsort(problem.ratio(x), kind="stable")[:count]]
     return np.asarray(x[np.argmin(problem.cost(x))])
 
 
 class Problem(NamedTuple):
-    """Cost of one contact: half the squared residuals over noise, less the log of what free motion allows."""
+    """Cost of one contact: half the squared residuals over noise, less the log of free motion over noise."""
 
     model: ContactModel
     of: Moments
     matrices: Array
-    """(3, 1, C, C) those of the moments."""
+    """(3, 1, C, C) the moments ``square``, ``free`` and ``noise``."""
     prior: Prior
-    """Of one hypothesis: the same for all."""
+    """Prior of one hypothesis, the same for all."""
     anchors: Array
     reach_m: float
 
     def cost(self, x: Array) -> Array:
-        """(B,) nats at x (B, S)."""
+        """Cost (B,) in nats at x (B, S)."""
         square, free, noise = self._forms(self.model.family.rows(x))
         terms = square / noise - np.log1p(free / noise)
         return np.asarray(0.5 * self.of.ticks * terms.sum(axis=1) + self.prior.cost(x))
 
     def ratio(self, x: Array) -> Array:
-        """(B,) squared residual over that of free motion; large for constraints that are implied."""
+        """Squared residual over free motion (B,) at x (B, S); large for implied constraints."""
         square, free, noise = self._forms(self.model.family.rows(x))
         return np.asarray((square / noise).sum(axis=1) / (free / noise).sum(axis=1))
 
@@ -371,10 +369,10 @@ class Problem(NamedTuple):
             diagonal += LEAST_CURVATURE + DAMPED_SHARE * damping[:, None] * diagonal
             diagonal[:, turning] += damping[:, None]
             step = -np.linalg.solve(hessian, gradient[..., None])
-            there = family.normalise(x + (tangent @ step)[..., 0], anchors)
-            then = self.cost(there)
-            better = then < cost
-            x, cost = np.where(better[:, None], there, x), np.where(better, then, cost)
+            moved = family.normalise(x + (tangent @ step)[..., 0], anchors)
+            moved_cost = self.cost(moved)
+            better = moved_cost < cost
+            x, cost = np.where(better[:, None], moved, x), np.where(better, moved_cost, cost)
             damping = adapted(damping, better)
         return x
 
@@ -399,5 +397,5 @@ class Problem(NamedTuple):
         return tangent, gradient, hessian
 
     def _forms(self, c: Array) -> Array:
-        """(3, B, K) the quadratic forms of c (B, K, C): squared residual, free motion and noise."""
+        """Quadratic forms (3, B, K) of c (B, K, C): squared residual, free motion and noise."""
         return np.asarray(np.maximum(((c @ self.matrices) * c).sum(axis=-1), LEAST_SQUARE))

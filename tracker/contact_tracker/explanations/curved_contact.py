@@ -1,9 +1,9 @@
 """Contacts of curved surfaces, and their evidence against free motion (docs/theory.md, section 20).
 
-They are none of the six and impose one constraint. Either two elements are at a constant distance: a vertex
-on a sphere or a cylinder, an edge on either, two cylinders. Or a rim (circle) is on a face. (A sphere on a
-face is v-f with the sphere's centre, a cylinder on a face e-f with its axis.) Each residual takes parameters
-(S, p) and poses of frame 1 in frame 2, as ``CONTACT_MODELS`` do.
+They are not among the six contacts, and impose one constraint. Two elements are at a constant distance (a
+vertex and a sphere or cylinder, an edge and either, two cylinders), or a rim (circle) is on a face. (A sphere
+on a face is v-f with the sphere's centre, a cylinder on a face e-f with its axis.) Each residual takes
+parameters (S, p) and poses of frame 1 in frame 2, as ``CONTACT_MODELS`` do.
 
 Motion that none of the six contacts explains is labelled free, but may satisfy one of these constraints. They
 have many parameters, so they are fitted to the first half of the motion and tested on the second half.
@@ -41,8 +41,8 @@ class Touch(NamedTuple):
 class CurvedContact(NamedTuple):
     """A kind of curved contact with ``size`` parameters.
 
-    ``directions`` are the indices at which vectors begin of which only the direction matters; the other
-    parameters are in m. ``of_inverse``: poses are those of frame 2 in frame 1.
+    ``directions``: indices at which vectors begin whose length does not matter; the other parameters are in
+    m. ``of_inverse``: poses are those of frame 2 in frame 1.
     """
 
     name: str
@@ -159,11 +159,11 @@ def _unit(vectors: Array) -> tuple[Array, Array]:
 STARTS: Final = 16
 FIRST_STEPS: Final = 15
 FIRST_STRIDE: Final = 2
-"""The first steps from each start use every second tick; the best starts then use all."""
+"""The first steps from each start use every second tick; the best starts then use all ticks."""
 BEST_STARTS: Final = 3
 LAST_STEPS: Final = 15
 MOST_NATS_PER_TICK: Final = 100.0
-"""If the best start has a higher cost after the first steps, the minimisation ends."""
+"""Cost (nats per tick) of the best start after the first steps above which the minimisation ends."""
 MOST_TICKS: Final = 60
 SURFACE_M: Final = 1e-4
 """Standard deviation of surfaces from their ideal shape, and of the mean of a tick from its arc."""
@@ -193,8 +193,8 @@ def curved_evidence(window: Window, scales: EvidenceParameters) -> float:
     return fit_curved(window, scales).log_evidence
 
 
-def fit_curved(window: Window, scales: EvidenceParameters, known: CurvedFit | None = None) -> CurvedFit:
-    """The best curved contact; or ``known``, found in other motion, refitted from its elements.
+def fit_curved(window: Window, scales: EvidenceParameters, earlier: CurvedFit | None = None) -> CurvedFit:
+    """The best curved contact; or ``earlier``, from other motion, refitted from its elements.
 
     The evidence is as in T17 and T19, except that the first half of the motion determines the elements and
     contributes no gain, and that the variance of free motion is that of the whole displacement: known
@@ -204,11 +204,11 @@ def fit_curved(window: Window, scales: EvidenceParameters, known: CurvedFit | No
     excess = np.maximum(window.innovation_excess, window.travel)[rows]
     lifts, variance = window.zeta[rows], window.variance[rows]
     origin_m = lifts[:, T].mean(axis=0)
-    if known is not None:
-        start = known.about(origin_m)[None]
-        return _Fit.of(known.contact, lifts, variance, scales, start).best_fit(excess, origin_m)
+    if earlier is not None:
+        start = earlier.about(origin_m)[None]
+        return _Fit.of(earlier.contact, lifts, variance, scales, start).best_fit(excess, origin_m)
     fits = (_Fit.of(contact, lifts, variance, scales) for contact in CURVED_CONTACTS)
-    return max((fit.best_fit(excess, origin_m) for fit in fits), key=lambda one: one.log_evidence)
+    return max((fit.best_fit(excess, origin_m) for fit in fits), key=lambda fit: fit.log_evidence)
 
 
 class _Fit(NamedTuple):
@@ -248,12 +248,12 @@ class _Fit(NamedTuple):
             return near.minimised(LAST_STEPS)[0]
         start = deviation * _draws(contact.size)
         fit = cls(contact, scales, rotation, position, variance, deviation**-2.0, start, start)
-        some = slice(None, None, FIRST_STRIDE)
-        few = fit._replace(rotation=rotation[some], position=position[some], variance=variance[some])
-        first, cost = few.minimised(FIRST_STEPS)
+        sparse = slice(None, None, FIRST_STRIDE)
+        coarse = fit._replace(rotation=rotation[sparse], position=position[sparse], variance=variance[sparse])
+        first, cost = coarse.minimised(FIRST_STEPS)
         best = np.argsort(cost)[:BEST_STARTS]
         fit = fit._replace(centre=start[best], x=first.x[best])
-        if cost[best[0]] > MOST_NATS_PER_TICK * len(few.variance):
+        if cost[best[0]] > MOST_NATS_PER_TICK * len(coarse.variance):
             return fit
         return fit.minimised(LAST_STEPS)[0]
 
@@ -267,29 +267,29 @@ class _Fit(NamedTuple):
             damped = hessian * (1.0 + damping[:, None, None] * np.eye(self.contact.size))
             step = np.linalg.solve(damped + np.diag(self.information), gradient[..., None])[..., 0]
             ahead = fit._replace(x=fit.x - step)
-            tried = ahead.residuals()
-            better = tried.cost < cost
+            trial = ahead.residuals()
+            better = trial.cost < cost
             damping = adapted(damping, better)
             fit = fit._replace(x=np.where(better[:, None], ahead.x, fit.x))
-            cost, noise = np.where(better, tried.cost, cost), _where(better, tried.noise, noise)
-            touch = Touch(*(_where(better, *both) for both in zip(tried.touch, touch, strict=True)))
+            cost, noise = np.where(better, trial.cost, cost), _where(better, trial.noise, noise)
+            touch = Touch(*(_where(better, *parts) for parts in zip(trial.touch, touch, strict=True)))
         return fit, cost
 
     def residuals(self) -> "_Residuals":
-        """Residuals at x. The cost includes the log of the noise, else long levers would lower it."""
+        """Residuals at x; the cost includes the log of the noise, else long levers would lower it."""
         touch = self.contact.touch(self.x, self.rotation, self.position)
         noise = self.along_normal(touch, self.variance) + SURFACE_M**2
         misfit = (touch.residual**2 / noise + np.log(noise / SURFACE_M**2)).sum(axis=1)
         away = (self.information * (self.x - self.centre) ** 2).sum(axis=1)
         return _Residuals(touch, noise, 0.5 * (misfit + away))
 
-    def along_normal(self, touch: Touch, of_pose: Array) -> Array:
-        """Variance (S, N) of the distance, for the variances ``of_pose`` (N, 2) of the pose (T16)."""
+    def along_normal(self, touch: Touch, pose_variance: Array) -> Array:
+        """Variance (S, N) of the distance, for the variances ``pose_variance`` (N, 2) of the pose (T16)."""
         arm = (self.rotation @ touch.point[..., None])[..., 0]  # from the origin about which the body turns
         if self.contact.of_inverse:
             arm = arm + self.position
         lever_sq = dot(arm, arm) - dot(arm, touch.normal) ** 2
-        return np.asarray(of_pose[:, 0] + of_pose[:, 1] * lever_sq)
+        return np.asarray(pose_variance[:, 0] + pose_variance[:, 1] * lever_sq)
 
     def best_fit(self, excess: Array, origin_m: Array) -> CurvedFit:
         """The start with the best evidence; free motion has variances ``excess`` (N, 2) beyond the noise."""
@@ -312,17 +312,12 @@ def _evidence(fit: _Fit, excess: Array) -> Array:
     gain, half = 0.5 * np.log(free / noise), len(excess) // 2
     misfit = 0.5 * touch.residual**2 * (1.0 / noise - 1.0 / free)
     first = Touch(*(part[:, :half] for part in touch))
-    before, _ = _quadratic(first, noise[:, :half])
-    after, _ = _quadratic(touch, noise)
-    complexity = 0.5 * (
-        _log_volume(after + np.diag(fit.information)) - _log_volume(before + np.diag(fit.information))
-    )
+    prior = np.diag(fit.information)
+    parts = (touch, noise), (first, noise[:, :half])
+    log_det, first_log_det = (np.linalg.slogdet(_quadratic(*part)[0] + prior)[1] for part in parts)
+    complexity = 0.5 * (log_det - first_log_det)
     ratio = gain[:, half:].sum(axis=1) - misfit.sum(axis=1) - complexity
     return np.asarray(fit.scales.likelihood_exponent * ratio)
-
-
-def _log_volume(information: Array) -> Array:
-    return np.asarray(np.linalg.slogdet(information)[1])
 
 
 def _quadratic(touch: Touch, noise: Array) -> tuple[Array, Array]:
@@ -336,5 +331,5 @@ def _draws(size: int) -> Array:
     return np.random.default_rng(SEED).normal(size=(STARTS, size))
 
 
-def _where(which: NDArray[np.bool_], new: Array, old: Array) -> Array:
-    return np.where(which.reshape(-1, *(1 for _ in new.shape[1:])), new, old)
+def _where(chosen: NDArray[np.bool_], new: Array, old: Array) -> Array:
+    return np.where(chosen.reshape(-1, *(1 for _ in new.shape[1:])), new, old)

@@ -1,6 +1,6 @@
 """Further contacts in the ticks of a segment whose first contact is known (docs/theory.md, section 18)."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final, NamedTuple
@@ -50,7 +50,7 @@ STRIDE_TICKS: Final = 15
 """Constraints are searched in all ticks, and in spans of this length and stride."""
 MAX_SPANS: Final = 2
 SURE_NATS: Final = 2.5
-"""Log odds (nats) against none from which a further contact, or a joint, is reported."""
+"""Log odds (nats) against no contact from which a further contact, or a joint, is reported."""
 MIN_COMPLEXITY: Final = 25.0
 """Least complexity (nats) of the elements of a single constraint in short runs of ticks."""
 EQUAL_GAIN: Final = 0.9
@@ -118,10 +118,10 @@ NO_FORMATION: Final = Formation()
 
 
 class Candidate(NamedTuple):
-    """Elements of a possible contact, their runs and their evidence; how they were ``fitted`` by maximum
-    likelihood (T26), and to which ``window``, if they were."""
+    """Elements of a possible contact, the ticks in which it is present, its ``gain`` (nats) and ``rms``;
+    ``fitted``: their fit by maximum likelihood (T26) to ``window``, if there is one."""
 
-    known: KnownContact
+    elements: KnownContact
     presence: Presence
     gain: float
     rms: float
@@ -149,14 +149,14 @@ class FormationTicks(NamedTuple):
         """A run of rows, by the numbers of ticks."""
         return Run(int(self.window.index[run.first]), int(self.window.index[run.end - 1]) + 1)
 
-    def geometry_of(self, one: Candidate) -> ContactGeometry | None:
-        """Fitted elements with covariance in the user's frames, named as in the map; None where a complete
-        map lacks them."""
-        assert one.fitted is not None
-        assert one.window is not None
-        fit = one.fitted.bank, 0, one.known.model, self.scales, one.window
-        found = fitted_contact(*fit, self.origins, self.systematic, one.fitted.information)
-        named = named_by(self.known_map, found.geometry)
+    def geometry_of(self, candidate: Candidate) -> ContactGeometry | None:
+        """Fitted elements with covariance in the user's frames, named as in the map; None if a complete map
+        lacks them."""
+        assert candidate.fitted is not None
+        assert candidate.window is not None
+        fit = candidate.fitted.bank, 0, candidate.elements.model, self.scales, candidate.window
+        fitted = fitted_contact(*fit, self.origins, self.systematic, candidate.fitted.information)
+        named = named_by(self.known_map, fitted.geometry)
         complete = self.known_map.object_complete, self.known_map.environment_complete
         unlisted = any(name is None and only for name, only in zip(named.names, complete, strict=True))
         return None if unlisted else named
@@ -170,24 +170,24 @@ class FormationTicks(NamedTuple):
 
 
 def find_formation(segment: FormationTicks, first: KnownContact) -> Formation:
-    """Find all contacts beside the ``first``, which lasts through the segment."""
+    """Find all further contacts; the ``first`` one lasts through the segment."""
     if len(segment.window) < MIN_TICKS:
         return NO_FORMATION
     free = ConditionalMotion.of(segment.window, segment.scales)
-    found, is_open = _further_contacts(segment, first, free)
-    return Formation(tuple(found), is_open, _ranks(free, segment.window.index, first, found))
+    further, is_open = _further_contacts(segment, first, free)
+    return Formation(tuple(further), is_open, _ranks(free, segment.window.index, first, further))
 
 
-def _ranks(motion: ConditionalMotion, index: Ints, first: KnownContact, found: Sequence[Further]) -> Ranks:
-    holds = np.zeros((len(motion), len(found)), bool)
-    for number, one in enumerate(found):
-        for run in one.runs:
+def _ranks(motion: ConditionalMotion, index: Ints, first: KnownContact, further: Sequence[Further]) -> Ranks:
+    holds = np.zeros((len(motion), len(further)), bool)
+    for number, contact in enumerate(further):
+        for run in contact.runs:
             holds[(index >= run.first) & (index < run.end), number] = True
     ranks = list[tuple[frozenset[int], int]]()
     for pattern in np.unique(holds, axis=0):
         numbers = np.flatnonzero(pattern).tolist()
         if numbers:
-            contacts = [first.c, *(found[number].known.c for number in numbers)]
+            contacts = [first.c, *(further[number].known.c for number in numbers)]
             ranks.append((frozenset(numbers), count_constraints(motion.moved, contacts)))
     return tuple(ranks)
 
@@ -196,46 +196,49 @@ def _further_contacts(
     segment: FormationTicks, first: KnownContact, free: ConditionalMotion
 ) -> tuple[list[Further], bool]:
     """The further contacts of a segment, and whether the formation is open."""
-    found, motion = list[Further](), free.keeping(first.c)
-    while len(found) < MAX_FURTHER:
-        best = best_of(_candidates(segment, motion))
+    further, motion = list[Further](), free.keeping(first.c)
+    while len(further) < MAX_FURTHER:
+        spans = _promising_spans(motion)
+        single = (search_span(segment, motion, model, span) for span, models in spans for model in models)
+        best = best_of(filter(None, single))
         if best is None:
-            return found, False
-        some = _search_kinds(segment, motion, longest_run(best.presence))
-        best = best_of(allowed(segment, [best, *some]))
+            return further, False
+        run, models = longest_run(best.presence), (CONTACT_MODELS[kind.column] for kind in segment.kinds)
+        rivals = [*filter(None, (search_span(segment, motion, model, run) for model in models))]
+        best = best_of(allowed(segment, [best, *rivals]))
         if best is None:
-            return found, True
+            return further, True
         best = refine(segment, motion, best, longest_run(best.presence))
         if best is None:
-            return found, True
+            return further, True
         run = longest_run(best.presence)
         span = segment.numbered(run)
-        holding = [one.known for one in found if any(map(span.overlaps, one.runs))]
+        holding = [contact.known for contact in further if any(map(span.overlaps, contact.runs))]
         confirmed = confirm(segment, motion, best, [first, *holding], run)
         if confirmed is None:
-            return found, True
+            return further, True
         geometry, _, new = confirmed
-        others = inseparable_kinds(segment, motion, best, some, run, new)
+        inseparable = inseparable_kinds(segment, motion, best, rivals, run, new)
         runs = tuple(map(segment.numbered, best.presence.runs))
-        found.append(Further(best.known, geometry, runs, best.presence.log_odds, others))
-        for one in best.presence.runs:
-            motion = motion.keeping(best.known.c, *one)
-    return found, False
+        further.append(Further(best.elements, geometry, runs, best.presence.log_odds, inseparable))
+        for kept in best.presence.runs:
+            motion = motion.keeping(best.elements.c, *kept)
+    return further, False
 
 
 def allowed(segment: FormationTicks, candidates: Iterable[Candidate]) -> list[Candidate]:
     """The candidates whose kinds the map allows."""
-    return [one for one in candidates if one.known.contact in segment.kinds]
+    return [candidate for candidate in candidates if candidate.elements.contact in segment.kinds]
 
 
 def refine(segment: FormationTicks, motion: ConditionalMotion, best: Candidate, run: Run) -> Candidate | None:
     """The candidate with its elements refitted by maximum likelihood to ``run``.
 
     None if the refitted elements have no evidence beside the contacts that ``motion`` keeps: the likelihood
-    does not know of these, so that the fit may end at the elements of one of them.
+    ignores these, so the fit may end at the elements of one of them.
     """
-    model, window = best.known.model, segment.window.cut(*run)
-    bank = blank(model, 1).replace_columns(x=best.known.x[None])
+    model, window = best.elements.model, segment.window.cut(*run)
+    bank = blank(model, 1).replace_columns(x=best.elements.x[None])
     bank = accumulate_window(bank, model, window, segment.scales)
     fitted = refinement.refine(bank, model, window, segment.scales)
     refined = evaluate(segment, motion, KnownContact(model.contact, fitted.bank.x[0]))
@@ -245,31 +248,25 @@ def refine(segment: FormationTicks, motion: ConditionalMotion, best: Candidate, 
 def confirm(
     segment: FormationTicks,
     motion: ConditionalMotion,
-    one: Candidate,
+    candidate: Candidate,
     holding: Sequence[KnownContact],
     run: Run,
 ) -> tuple[ContactGeometry, int, int] | None:
     """The geometry of a contact in ``run`` beside those that are ``holding``, the number of constraints of
-    all of them, and how many it adds.
+    all together, and how many of them are new.
 
     None if it adds none, or a complete map lacks its elements, or the motion does not use all freedom that
     the contacts leave: there are further constraints, which they do not explain.
     """
-    part, before = motion.cut(*run), holding[0].contact.codimension
+    part, fewer = motion.cut(*run), holding[0].contact.codimension
     if len(holding) > 1:
-        before = count_constraints(part.moved, [other.c for other in holding])
-    constraints = count_constraints(part.moved, [other.c for other in (*holding, one.known)])
-    geometry = segment.geometry_of(one)
+        fewer = count_constraints(part.moved, [contact.c for contact in holding])
+    constraints = count_constraints(part.moved, [contact.c for contact in (*holding, candidate.elements)])
+    geometry = segment.geometry_of(candidate)
     uses_freedom = used_directions(segment.window.cut(*run)) >= DIRECTIONS - constraints
-    if geometry is None or constraints <= before or not uses_freedom:
+    if geometry is None or constraints <= fewer or not uses_freedom:
         return None
-    return geometry, constraints, constraints - before
-
-
-def _candidates(segment: FormationTicks, motion: ConditionalMotion) -> Iterator[Candidate]:
-    """Candidates for single constraints in promising spans: every contact keeps one of them."""
-    for span, models in _promising_spans(motion):
-        yield from filter(None, (search_span(segment, motion, model, span) for model in models))
+    return geometry, constraints, constraints - fewer
 
 
 def _promising_spans(motion: ConditionalMotion) -> list[tuple[Run, list[ContactModel]]]:
@@ -285,7 +282,7 @@ def _promising_spans(motion: ConditionalMotion) -> list[tuple[Run, list[ContactM
         ratios = _ratios(part)
         if ratios:
             rated.append((len(part) * float(np.log1p(max(ratios.values()))), span, [*ratios]))
-    rated.sort(key=lambda one: -one[0])
+    rated.sort(key=lambda entry: -entry[0])
     return [(span, models) for _, span, models in rated[:MAX_SPANS]]
 
 
@@ -304,20 +301,14 @@ def _ratios(motion: ConditionalMotion) -> dict[ContactModel, float]:
     return {model: ratio for model, ratio in ratios.items() if ratio > MIN_RATIO}
 
 
-def _search_kinds(segment: FormationTicks, motion: ConditionalMotion, run: Run) -> list[Candidate]:
-    """The best elements of each contact kind in a run."""
-    models = [CONTACT_MODELS[kind.column] for kind in segment.kinds]
-    return [*filter(None, (search_span(segment, motion, model, run) for model in models))]
-
-
 def search_span(
     segment: FormationTicks, motion: ConditionalMotion, model: ContactModel, span: Run
 ) -> Candidate | None:
     """The best elements of ``model`` in one span, evaluated on all ticks; None if they do not fit it."""
     part, window = motion.cut(*span), segment.window.cut(*span)
-    known = KnownContact(model.contact, search(model, part, window, segment.scales.reach_m))
-    if np.sqrt(part.evidence(known.c).chi_sq.mean()) < MAX_RMS:
-        return evaluate(segment, motion, known)
+    elements = KnownContact(model.contact, search(model, part, window, segment.scales.reach_m))
+    if np.sqrt(part.evidence(elements.c).chi_sq.mean()) < MAX_RMS:
+        return evaluate(segment, motion, elements)
     return None
 
 
@@ -330,8 +321,8 @@ def elements_complexity(
     gain: float,
     noise_factor: float = 1.0,
 ) -> float:
-    """Complexity (nats, T19) of elements x (S,) fitted to ``window``, with ``noise_factor`` times its noise;
-    ``gain`` is the mean one of its ticks.
+    """Complexity (nats, T19) of elements x (S,) fitted to ``window`` with ``noise_factor`` times its noise;
+    ``gain``: mean gain of its ticks (nats).
 
     Excludes the information of the first tick and of the free-motion prediction
     (``evidence.complexity``).
@@ -346,33 +337,33 @@ def elements_complexity(
     hessian = slopes @ slopes.swapaxes(1, 2)
     ticks = max(float(window.motion_ratio.sum()), 1.0)
     share = scales.prior_predictive_share * model.needed / ticks * np.exp(-2.0 * gain / family.ROWS)
-    given = slopes[:, :, 0].T @ slopes[:, :, 0]
+    first_hessian = slopes[:, :, 0].T @ slopes[:, :, 0]
     at, shares = (x[None], x[None], anchors), np.full((1, family.ROWS), min(share, 1.0))
-    return float(complexity(family, *at, hessian[None], given[None], shares, prior)[0])
+    return float(complexity(family, *at, hessian[None], first_hessian[None], shares, prior)[0])
 
 
-def evaluate(segment: FormationTicks, motion: ConditionalMotion, known: KnownContact) -> Candidate | None:
+def evaluate(segment: FormationTicks, motion: ConditionalMotion, elements: KnownContact) -> Candidate | None:
     """The runs in which elements touch and the log odds of contact; None without a run."""
     scales = segment.scales
-    ticks = motion.evidence(known.c)
+    ticks = motion.evidence(elements.c)
     ratio = scales.likelihood_exponent * ticks.log_ratio
     presence = most_probable(ratio, segment.log_change)
     if not presence.runs:
         return None
     run = longest_run(presence)
-    rows = np.concatenate([np.arange(*one) for one in presence.runs])
+    rows = np.concatenate([np.arange(*present) for present in presence.runs])
     gain = float(ticks.gain[rows].sum())
     part, mean = (motion.cut(*run), segment.window.cut(*run)), float(ticks.gain[slice(*run)].mean())
-    cost = elements_complexity(known.model, known.x, *part, scales, mean)
+    cost = elements_complexity(elements.model, elements.x, *part, scales, mean)
     log_odds = presence.log_odds - scales.likelihood_exponent * min(cost, gain)
     rms = float(np.sqrt(ticks.chi_sq[rows].mean()))
-    return Candidate(known, Presence(presence.runs, log_odds), gain, rms)
+    return Candidate(elements, Presence(presence.runs, log_odds), gain, rms)
 
 
 def best_of(candidates: Iterable[Candidate]) -> Candidate | None:
-    """The most probable candidate whose log odds exceed ``SURE_NATS``."""
-    sure = [one for one in candidates if one.presence.log_odds > SURE_NATS]
-    return max(sure, key=lambda one: one.presence.log_odds) if sure else None
+    """The most probable candidate with log odds above ``SURE_NATS``; None without one."""
+    sure = [candidate for candidate in candidates if candidate.presence.log_odds > SURE_NATS]
+    return max(sure, key=lambda candidate: candidate.presence.log_odds) if sure else None
 
 
 def longest_run(presence: Presence) -> Run:
@@ -383,25 +374,25 @@ def inseparable_kinds(
     segment: FormationTicks,
     motion: ConditionalMotion,
     best: Candidate,
-    others: Sequence[Candidate],
+    rivals: Sequence[Candidate],
     run: Run,
     new: int,
 ) -> tuple[Contact, ...]:
     """Contact kinds that explain the motion as well as ``best``, which adds ``new`` constraints to it.
 
-    A kind contained in one of these counts if it has at least as many constraints. As the best was refined
-    on ``run``, rivals that fit less well are refined there, too.
+    A kind contained in one of these counts if it has at least ``new`` constraints. As the best was refined
+    on ``run``, rivals that fit less well are refined there as well.
     """
-    alike = {best.known.contact}
-    for one in others:
-        if one.rms > SAME_FIT_RATIO and one.gain > EQUAL_GAIN * best.gain:
-            one = refine(segment, motion, one, run) or one
-        near = one.presence.log_odds > best.presence.log_odds - DECISIVE
-        fits = one.rms < SAME_FIT_RATIO * max(1.0, best.rms) and one.gain > EQUAL_GAIN * best.gain
+    alike = {best.elements.contact}
+    for rival in rivals:
+        if rival.rms > SAME_FIT_RATIO and rival.gain > EQUAL_GAIN * best.gain:
+            rival = refine(segment, motion, rival, run) or rival
+        near = rival.presence.log_odds > best.presence.log_odds - DECISIVE
+        fits = rival.rms < SAME_FIT_RATIO * max(1.0, best.rms) and rival.gain > EQUAL_GAIN * best.gain
         if near or fits:
-            alike.add(one.known.contact)
-    contained = {kind for kind in CONTACTS for one in alike if one.contains(kind) and kind.codimension >= new}
-    return tuple(kind for kind in segment.kinds if kind in contained and kind is not best.known.contact)
+            alike.add(rival.elements.contact)
+    kinds = (kind for kind in segment.kinds if kind.codimension >= new and kind is not best.elements.contact)
+    return tuple(kind for kind in kinds if any(contact.contains(kind) for contact in alike))
 
 
 def named_by(known_map: Map, geometry: ContactGeometry) -> ContactGeometry:
@@ -412,9 +403,9 @@ def named_by(known_map: Map, geometry: ContactGeometry) -> ContactGeometry:
     )
 
 
-def _named(element: Element, known: Sequence[NamedElement]) -> Element:
-    for one in (one for one in known if not one.is_covered):
+def _named(element: Element, named: Sequence[NamedElement]) -> Element:
+    for listed in (entry for entry in named if not entry.is_covered):
         for side in (element, opposite(element)):  # the solid side of a plane is unknown
-            if type(one.element) is type(side) and is_same_element(side, one.element):
-                return replace(side, name=one.name)
+            if type(listed.element) is type(side) and is_same_element(side, listed.element):
+                return replace(side, name=listed.name)
     return canonical(element)

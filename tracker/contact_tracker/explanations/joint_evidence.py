@@ -39,25 +39,24 @@ from contact_tracker.hypotheses.observability import added_covariance, represent
 from contact_tracker.motion.window import Window, used_directions
 
 MOST_DIRECTIONS: Final = 3
-"""Motion in more directions is that of no joint."""
+"""Largest number of directions of motion of a joint."""
 LEAST_TICKS: Final = 20
 LEAST_ACTIVITY: Final = 10.0
-"""Least number of ticks with motion: smooth motion of a hand may follow a joint by chance for a while."""
+"""Least number of ticks with motion; a hand's smooth motion may follow a joint by chance for a while."""
 FITS: Final = 2
-"""Fits of a joint with play: with the noise alone, and with the play that the first fit shows."""
+"""Number of fits of a joint with play: with the noise alone, then with the play that the first one shows."""
 STEPS: Final = 12
 FIRST_DAMPING: Final = 1e-3
 CONVERGED: Final = 1e-6
 PITCH_M: Final = 0.05
-"""Prior standard deviation of the pitch (m/rad); that of turns is one radian, that of points the usual
-reach."""
+"""Prior standard deviation of the pitch (m/rad). Turns have one radian, points the usual reach."""
 
 
 class FittedJoint(NamedTuple):
-    """A joint at its greatest likelihood: its ``residual``, the ``play`` (K, K) of its constraints, and the
-    functions ``course`` (W, M) as which its errors may follow its motion; ``covariance`` (P, P) of its free
-    parameters, ``log_evidence`` against free motion (nats), and of the most probable joint the ``log_odds``
-    (nats) against all other explanations, other joints included."""
+    """A joint at its greatest likelihood: its ``residual``; the ``play`` (K, K) of its constraints; the
+    functions ``course`` (W, M) of its motion whose sums are its errors; the ``covariance`` (P, P) of its free
+    parameters; its ``log_evidence`` against free motion (nats); and, for the most probable joint, its
+    ``log_odds`` (nats) against all other explanations, other joints included."""
 
     model: JointModel
     frames: JointFrames
@@ -90,20 +89,20 @@ def find_joint(
     if not 0 < used <= MOST_DIRECTIONS:
         return None
     fits = [_fit(model, window, scales) for model in JOINT_MODELS if model.kind.constraints >= constraints]
-    free = min((_against_free(one.residual, window, scales)[2] for one in fits), default=np.inf)
-    fitted = [_evident(one, window, scales, free) for one in fits]
+    free = min((_against_free(fit.residual, window, scales)[2] for fit in fits), default=np.inf)
+    fitted = [_evident(fit, window, scales, free) for fit in fits]
     fitted = _with_shifted_hinge(fitted, window, scales, errors)
-    best = max(fitted, key=lambda one: one.log_evidence, default=None)
+    best = max(fitted, key=lambda fit: fit.log_evidence, default=None)
     if best is None or best.log_evidence <= SURE_NATS:
         return None
-    along = max((one for one in fitted if one.course is not None), key=lambda one: one.log_evidence)
+    along = max((fit for fit in fitted if fit.course is not None), key=lambda fit: fit.log_evidence)
     course = along.course if used == 1 else None
     cylinder = _evident(_fit(CYLINDER, window, scales), window, scales, free)
     rivals = [0.0, cylinder.log_evidence]
-    rivals += [contact_evidence(one, window, scales, course, free) for one in contacts]
+    rivals += [contact_evidence(contact, window, scales, course, free) for contact in contacts]
     if best.log_evidence - max(rivals) <= SURE_NATS:
         return None
-    rivals += [one.log_evidence for one in fitted if one is not best]
+    rivals += [fit.log_evidence for fit in fitted if fit is not best]
     log_odds = best.log_evidence - float(np.logaddexp.reduce(rivals))
     return _with_systematic_errors(best, window, scales, errors)._replace(log_odds=log_odds)
 
@@ -122,13 +121,13 @@ def _fit(model: JointModel, window: Window, scales: EvidenceParameters) -> Fitte
 
 
 def _evident(fit: FittedJoint, window: Window, scales: EvidenceParameters, free: float) -> FittedJoint:
-    """The joint with its evidence; ``free`` is the quadratic form of free motion, at most."""
+    """The joint with its evidence; ``free``: upper bound of the quadratic form of free motion."""
     deviation = _deviations(scales)[fit.model.free]
     hessian = _whitened(fit.residual, window, scales, fit.play).normal()[0]
     scaled = np.eye(len(hessian)) + hessian * deviation[:, None] * deviation
     complexity = 0.5 * float(np.linalg.slogdet(scaled)[1])
     evidence = _log_ratio(fit.residual, window, scales, fit.course, free) - complexity
-    evidence -= 0.5 * (fit.frames.pitch_m / PITCH_M) ** 2  # a slider is also a screw of a far too large pitch
+    evidence -= 0.5 * (fit.frames.pitch_m / PITCH_M) ** 2  # a slider is also a screw with far too much pitch
     covariance = np.asarray(np.linalg.inv(hessian + np.diag(deviation**-2.0)), np.float64)
     return fit._replace(covariance=covariance, log_evidence=scales.likelihood_exponent * evidence)
 
@@ -142,8 +141,8 @@ def _with_systematic_errors(
     ticks, count = representatives(window)
     residual = fitted.model.residual(fitted.frames, ticks.zeta)
     scale, lower = _factors(residual, ticks)
-    both = np.concatenate([residual.by_x, residual.by_pose], axis=2) / scale[..., None]
-    white = np.linalg.solve(fitted.play, np.linalg.solve(lower, both))
+    derivatives = np.concatenate([residual.by_x, residual.by_pose], axis=2) / scale[..., None]
+    white = np.linalg.solve(fitted.play, np.linalg.solve(lower, derivatives))
     slope, change = np.split(white, [len(fitted.covariance)], axis=2)
     prior = np.diag(_deviations(scales)[fitted.model.free] ** -2.0)
     information = np.einsum("w,wkp,wkq->pq", count, slope, slope)
@@ -155,37 +154,37 @@ def _with_systematic_errors(
 def _with_shifted_hinge(
     fitted: Sequence[FittedJoint], window: Window, scales: EvidenceParameters, errors: SystematicErrors
 ) -> list[FittedJoint]:
-    """The joints, with a hinge that explains as much as the screw, up to what its play (T44) or systematic
-    errors (T45) leave of the pitch.
+    """The joints, with the evidence of the hinge raised to that of the screw less what play (T44) and
+    systematic errors (T45) leave as evidence of the pitch.
 
     A hinge with play shifts along its axis with the angle, over a small swing as a screw does. Errors that
     depend on the place shift it as well.
     """
-    screw = next((one for one in fitted if one.model.kind is JointKind.SCREW), None)
+    screw = next((fit for fit in fitted if fit.model.kind is JointKind.SCREW), None)
     if screw is None:
         return list(fitted)
     angle, pitch_m = screw.model.travelled(screw.frames, window.zeta), screw.frames.pitch_m
     angle -= angle.mean()
-    as_play = _log_evidence_of_shift(screw, (np.sin(angle), 1.0 - np.cos(angle)), window, scales)
-    as_pitch = _log_evidence_of_shift(screw, (angle,), window, scales)
-    lead = scales.likelihood_exponent * (as_pitch - as_play)
+    play_evidence = _log_evidence_of_shift(screw, (np.sin(angle), 1.0 - np.cos(angle)), window, scales)
+    pitch_evidence = _log_evidence_of_shift(screw, (angle,), window, scales)
+    lead = scales.likelihood_exponent * (pitch_evidence - play_evidence)
     if errors.are_given:
         covariance = _with_systematic_errors(screw, window, scales, errors).covariance
         sd_m = float(np.sqrt(covariance[-1, -1]))  # the pitch is the last parameter
         lead = min(lead, 0.5 * (pitch_m / sd_m) ** 2 - float(np.log(PITCH_M / sd_m)))
     least = screw.log_evidence - lead
     return [
-        one._replace(log_evidence=max(one.log_evidence, least)) if one.model.kind is JointKind.HINGE else one
-        for one in fitted
+        fit._replace(log_evidence=max(fit.log_evidence, least)) if fit.model.kind is JointKind.HINGE else fit
+        for fit in fitted
     ]
 
 
 def _log_evidence_of_shift(
     screw: FittedJoint, functions: tuple[Array, ...], window: Window, scales: EvidenceParameters
 ) -> float:
-    """Log evidence (nats), against none, that the screw shifts along its axis by these functions (W,) of the
-    angle, each with the amplitude of a pitch."""
-    columns = np.column_stack([np.ones(len(window)), *(PITCH_M * one for one in functions)])
+    """Log evidence (nats), against no shift, that the screw shifts along its axis by ``functions`` (W,) of
+    the angle, with the prior amplitude of a pitch."""
+    columns = np.column_stack([np.ones(len(window)), *(PITCH_M * function for function in functions)])
     value, by_x = screw.residual.value.copy(), np.zeros((*screw.residual.value.shape, columns.shape[1]))
     value[:, S_Z] += screw.frames.pitch_m * screw.model.travelled(screw.frames, window.zeta)
     by_x[:, S_Z] = columns
@@ -197,19 +196,19 @@ def _log_evidence_of_shift(
 
 def _minimise(fit: FittedJoint, window: Window, scales: EvidenceParameters) -> FittedJoint:
     """Damped Gauss-Newton steps, with the noise of each tick and the play of the fit."""
-    model, frames, at = fit.model, fit.frames, _whitened(fit.residual, window, scales, fit.play)
+    model, frames, point = fit.model, fit.frames, _whitened(fit.residual, window, scales, fit.play)
     damping, precision = np.array(FIRST_DAMPING), _deviations(scales)[model.free] ** -2.0
     for _ in range(STEPS):
-        hessian, gradient = at.normal()
+        hessian, gradient = point.normal()
         damped = hessian + np.diag(damping * hessian.diagonal() + precision)
         step = np.asarray(-np.linalg.solve(damped, gradient), np.float64)
-        there = model.moved(frames, step)
-        then = _whitened(model.residual(there, window.zeta), window, scales, fit.play)
-        gained = at.cost - then.cost
+        moved = model.moved(frames, step)
+        trial = _whitened(model.residual(moved, window.zeta), window, scales, fit.play)
+        gained = point.cost - trial.cost
         damping = adapted(damping, gained > 0.0)
         if gained > 0.0:
-            frames, at = there, then
-        if abs(gained) < CONVERGED * (1.0 + at.cost):
+            frames, point = moved, trial
+        if abs(gained) < CONVERGED * (1.0 + point.cost):
             break
     return fit._replace(frames=frames, residual=model.residual(frames, window.zeta))
 
@@ -217,8 +216,8 @@ def _minimise(fit: FittedJoint, window: Window, scales: EvidenceParameters) -> F
 def contact_evidence(
     contact: KnownContact, window: Window, scales: EvidenceParameters, course: Array | None, free: float
 ) -> float:
-    """Log evidence of a contact against the same free motion as for joints, with play as these have it;
-    ``course`` and ``free`` are as of ``_log_ratio``."""
+    """Log evidence of a contact against the same free motion, and with the same kind of play, as for joints;
+    ``course`` and ``free`` as in ``_log_ratio``."""
     motion, c = ConditionalMotion.of(window, scales), contact.c
     value = window.zeta @ c.T
     residual = Residual(value, motion.gradients(c), np.zeros((*value.shape, 0)))
@@ -268,8 +267,8 @@ def _whitened(
     residual: Residual, window: Window, scales: EvidenceParameters, play: Array | None = None
 ) -> _Whitened:
     scale, lower = _factors(residual, window)
-    both = np.concatenate([residual.value[..., None], residual.by_x], axis=2) / scale[..., None]
-    white: Array = np.linalg.solve(lower, scales.innovations(both)).astype(float)
+    columns = np.concatenate([residual.value[..., None], residual.by_x], axis=2) / scale[..., None]
+    white: Array = np.linalg.solve(lower, scales.innovations(columns)).astype(float)
     if play is not None:
         white = np.linalg.solve(play, white).astype(float)
     return _Whitened(white[..., 0], white[..., 1:])
@@ -291,8 +290,8 @@ def _against_free(
     white, (scale, lower) = _whitened(residual, window, scales).residual, _factors(residual, window)
     moved = np.linalg.solve(lower, residual.by_pose / scale[..., None] * moved_sd[:, None])
     loose = np.eye(white.shape[1]) + moved @ np.swapaxes(moved, 1, 2)
-    of_free = float((white * np.linalg.solve(loose, white[..., None])[..., 0]).sum())
-    return white, 0.5 * float(np.linalg.slogdet(loose)[1].sum()), of_free
+    free_form = float((white * np.linalg.solve(loose, white[..., None])[..., 0]).sum())
+    return white, 0.5 * float(np.linalg.slogdet(loose)[1].sum()), free_form
 
 
 def _log_ratio(
@@ -304,21 +303,21 @@ def _log_ratio(
     The quadratic form of free motion is at most ``free``, the least of all joints that are compared: free
     motion is the same for all, and one that fits badly must not gain by its own misfit.
     """
-    white, gain, of_free = _against_free(residual, window, scales)
+    white, gain, free_form = _against_free(residual, window, scales)
     noise_alone = -0.5 * float(np.square(white).sum())
-    of_joint = noise_alone if course is None else misfit_log_likelihood(white, course)
-    return gain + of_joint + 0.5 * min(of_free, free, white.size)  # it can follow smooth motion
+    joint_nats = noise_alone if course is None else misfit_log_likelihood(white, course)
+    return gain + joint_nats + 0.5 * min(free_form, free, white.size)  # free motion can follow smooth motion
 
 
 BODY_ROWS: Final = np.concatenate([BODY_TURN, BODY_POINT])
 WORLD_ROWS: Final = np.concatenate([WORLD_TURN, WORLD_POINT])
 _FREE: Final = {JointKind.SLIDER: "vz", JointKind.BALL: "wx wy wz"}
-"""Coordinates of the twist in the joint's frame; of others the turn about the axis."""
+"""Free coordinates of the twist in the joint's frame; the turn about the axis for other kinds."""
 
 
 @dataclass(frozen=True, eq=False)
 class Joint:
-    """A joint as whose motion the object moves.
+    """A joint that explains the motion of the object.
 
     Parameters
     ----------
@@ -338,7 +337,7 @@ class Joint:
 
     @property
     def task_frame(self) -> TaskFrame:
-        """The frame in which it constrains the object's twist: on the axis, with z along it."""
+        """The frame in which the joint constrains the object's twist: on the axis, with z along it."""
         assert isinstance(self.environment, (Line, Point))
         free, pitch_m = _FREE.get(self.kind, "wz"), self.pitch_m_per_rad or 0.0
         return joint_frame(self.kind, self.environment, free, pitch_m)
@@ -365,15 +364,15 @@ def joint_of(fitted: FittedJoint, probability: float, near_m: Array, origins: Or
     origins : of the ticks' coordinates.
     """
     frames, kind = fitted.frames, fitted.model.kind
-    whole = np.zeros((PITCH + 1, PITCH + 1))
-    whole[np.ix_(fitted.model.free, fitted.model.free)] = fitted.covariance
+    covariance = np.zeros((PITCH + 1, PITCH + 1))
+    covariance[np.ix_(fitted.model.free, fitted.model.free)] = fitted.covariance
     # covariances (6, 6) of a frame's turns about and shifts along its own axes
-    of_body, of_world = (whole[np.ix_(rows, rows)] for rows in (BODY_ROWS, WORLD_ROWS))
-    body = _element(kind, frames.body_axes, frames.body_point_m, of_body)
-    world = _element(kind, frames.world_axes, frames.world_point_m, of_world)
+    body_cov, world_cov = (covariance[np.ix_(rows, rows)] for rows in (BODY_ROWS, WORLD_ROWS))
+    body = _element(kind, frames.body_axes, frames.body_point_m, body_cov)
+    world = _element(kind, frames.world_axes, frames.world_point_m, world_cov)
     pitch = {JointKind.HINGE: 0.0, JointKind.SCREW: frames.pitch_m}.get(kind)
-    deviation = float(np.sqrt(whole[PITCH, PITCH])) if kind is JointKind.SCREW else None
-    if kind is JointKind.SLIDER:  # lines of any point: that of the body's origin
+    deviation = float(np.sqrt(covariance[PITCH, PITCH])) if kind is JointKind.SCREW else None
+    if kind is JointKind.SLIDER:  # the line of any point: here of the body's origin
         body = shifted(body, -origins.body_m)
         world = shifted(world, -frames.world_axes @ frames.body_axes.T @ origins.body_m)
     return Joint(
@@ -391,6 +390,6 @@ def _element(kind: JointKind, axes: Array, point_m: Array, covariance: Array) ->
         return Point(point_m, axes @ covariance[3:, 3:] @ axes.T)
     by_frame = np.zeros((6, 6))
     by_frame[0, 1], by_frame[1, 0] = 1.0, -1.0  # how the axis moves as the frame turns
-    by_frame[3, 3] = by_frame[4, 4] = 1.0  # along itself a line does not move
+    by_frame[3, 3] = by_frame[4, 4] = 1.0  # a shift along the axis does not move it
     by_frame = np.kron(np.eye(2), axes) @ by_frame
     return Line(axes[:, 2], point_m, by_frame @ covariance @ by_frame.T)

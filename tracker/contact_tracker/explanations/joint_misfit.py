@@ -7,29 +7,29 @@ import numpy as np
 from contact_tracker.arrays import Array
 
 MOST_PLAY: Final = 100.0
-"""Joints have play and markers bend: beside what follows the motion, the errors of a joint of one degree of
-freedom may be up to this many times the noise, and so may those of contacts where the motion has one. With
-50 and 200 the rows of ``joint_play.py`` differ by 5 of 384 cases at most."""
+"""Largest ratio to the noise of errors beside those that follow the motion, for joints of one degree of
+freedom and for contacts with such motion: joints have play and markers bend. With 50 and 200 the rows of
+``joint_play.py`` differ by 5 of 384 cases at most."""
 WAVES: Final = 12
 """Number of cosines over the whole way of a joint. With 6, 8 instead of 2 of the 594 hinges of
-``tests/benchmarks/joint_play.py --seeds 0 1`` are surely balls."""
+``tests/benchmarks/joint_play.py --seeds 0 1`` are sure to be balls."""
 CROSSED_WAVES: Final = 3
 """Number of cosines whose amplitude depends on the direction of motion. Without them 42 instead of 38 of 396
-hinges with ``--swings 3 6`` are surely another joint, and two of three that change sides late in their swing
-are balls; with one, one of these (``tests/joints``)."""
+hinges with ``--swings 3 6`` are sure to be another joint, and two of three that change sides late in their
+swing are balls; with one, one of these (``tests/joints``)."""
 SLACK: Final = 0.08
-"""Half of the way, over the whole, after which a joint that turns back lies on its other side
+"""Half of the way, as a share of the whole, after which a joint that turns back lies on its other side
 (``tests/benchmarks/joint_play.py``)."""
 POWER: Final = np.concatenate([[0.0], np.geomspace(1e-2, 1e8, 45)])
-"""Variances of the errors that follow the motion, over that of the noise, of which the likeliest is taken."""
+"""Ratios of the variance of errors that follow the motion to that of the noise; the likeliest is used."""
 STEPS: Final = 8
-"""Steps of the expectation maximisation; with 4 one case of ``joint_play.py`` changes."""
+"""Number of steps of expectation maximisation; with 4 one case of ``joint_play.py`` changes."""
 TINY: Final = 1e-12
 JITTER: Final = 1e-9
 
 
 def course_functions(travelled: Array) -> Array:
-    """Functions (W, M) of the way (W,) that a joint has moved, whose sum is an error that follows it.
+    """Functions (W, M) of the way (W,) travelled by a joint, whose sum is an error that follows the motion.
 
     A constant; cosines with the amplitudes of a random walk over the way, averaged over each tick like its
     pose; a play operator, whose value depends on where the joint turned back (Krasnosel'skii and Pokrovskii,
@@ -39,13 +39,13 @@ def course_functions(travelled: Array) -> Array:
     order = np.arange(1, WAVES + 1)
     waves = np.cos(np.pi * way[:, None] * order) * np.sinc(0.5 * np.gradient(way)[:, None] * order) / order
     side = np.zeros((len(way), 1))
-    for now, step in enumerate(np.diff(way), 1):
-        side[now] = np.clip(side[now - 1] + step / SLACK, -1.0, 1.0)
+    for tick, step in enumerate(np.diff(way), 1):
+        side[tick] = np.clip(side[tick - 1] + step / SLACK, -1.0, 1.0)
     return np.column_stack([np.ones(len(way)), waves, side, side * waves[:, :CROSSED_WAVES]])
 
 
 def misfit_log_likelihood(white: Array, course: Array) -> float:
-    """Log-likelihood (nats) of whitened residuals (W, K), zero if all are zero and known to be noise.
+    """Log-likelihood (nats) of whitened residuals (W, K), relative to zero residuals that are noise.
 
     They are errors that follow the motion, sums of the functions ``course`` (W, M) with normal amplitudes,
     and noise. Both variances are the likeliest, by expectation maximisation; each that exceeds the least
@@ -54,7 +54,7 @@ def misfit_log_likelihood(white: Array, course: Array) -> float:
     (ticks, rows), best = white.shape, -np.inf
     noise_sd, cost_nats = np.eye(rows), 0.5 * float(np.log(ticks))
     functions, scale, _ = np.linalg.svd(course, full_matrices=False)
-    variance_ratio = 1.0 + POWER[:, None] * np.square(scale)  # with the errors over noise alone, (P, M)
+    variance_ratio = 1.0 + POWER[:, None] * np.square(scale)  # (P, M) with the errors, over noise alone
     power_cost = 0.5 * np.log(variance_ratio).sum(axis=1) + cost_nats * (POWER > 0.0)
     for _ in range(STEPS):
         scaled = np.linalg.solve(noise_sd, white.T).T
@@ -62,14 +62,14 @@ def misfit_log_likelihood(white: Array, course: Array) -> float:
         scaled = scaled @ axes
         amplitudes = functions.T @ scaled
         by_power = power_cost[:, None] + 0.5 * (1.0 / variance_ratio) @ np.square(amplitudes)
-        beside = 0.5 * float(np.square(scaled).sum() - np.square(amplitudes).sum())
+        remainder = 0.5 * float(np.square(scaled).sum() - np.square(amplitudes).sum())
         deviation = np.linalg.eigvalsh(noise_sd)
         wide = int((deviation > 1.0 + JITTER).sum())
         noise_cost = ticks * float(np.log(deviation).sum()) + 0.5 * cost_nats * wide * (wide + 1)
-        best = max(best, -float(by_power.min(axis=0).sum()) - beside - noise_cost)
-        share = 1.0 - 1.0 / variance_ratio[by_power.argmin(axis=0)].T  # of an amplitude that is no noise
-        left, root = scaled - functions @ (share * amplitudes), noise_sd @ axes
-        covariance = root @ (left.T @ left + np.diag(share.sum(axis=0))) @ root.T / ticks
+        best = max(best, -float(by_power.min(axis=0).sum()) - remainder - noise_cost)
+        share = 1.0 - 1.0 / variance_ratio[by_power.argmin(axis=0)].T  # of errors in an amplitude
+        residual, root = scaled - functions @ (share * amplitudes), noise_sd @ axes
+        covariance = root @ (residual.T @ residual + np.diag(share.sum(axis=0))) @ root.T / ticks
         variance, axes = np.linalg.eigh(covariance)
         noise_sd = (axes * np.sqrt(np.clip(variance, 1.0, MOST_PLAY**2))) @ axes.T
     return best

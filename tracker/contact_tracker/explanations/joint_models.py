@@ -25,7 +25,7 @@ BODY_TURN: Final = np.arange(6, 9)
 WORLD_TURN: Final = np.arange(9, 12)
 PITCH: Final = 12
 _LEAST_TURN: Final = 1e-12
-"""Least mean square of the angle (rad^2) from which a starting pitch is estimated."""
+"""Least mean square (rad^2) of the angle for an estimate of the initial pitch."""
 
 
 class JointKind(StrEnum):
@@ -43,9 +43,9 @@ class JointKind(StrEnum):
 
 
 class Residual(NamedTuple):
-    """Residuals of W ticks and K constraints: ``value`` (W, K), with derivatives by the pose, ``by_pose`` (W,
-    K, 6) (turns about the body's axes, shifts along the world's), and by the parameters, ``by_x`` (W, K,
-    P)."""
+    """Residuals of W ticks and K constraints: ``value`` (W, K); ``by_pose`` (W, K, 6), derivatives by the
+    pose (turns about the body's axes, shifts along the world's); ``by_x`` (W, K, P), derivatives by the
+    parameters."""
 
     value: Array
     by_pose: Array
@@ -65,12 +65,12 @@ class JointFrames:
 
     def moved(self, step: Array) -> Self:
         """The frames after a ``step`` (13,): shifts along and turns about their own axes, and the pitch."""
-        of_body, of_world = matrices(from_rotation_vectors(step[[BODY_TURN, WORLD_TURN]]))
+        body_turn, world_turn = matrices(from_rotation_vectors(step[[BODY_TURN, WORLD_TURN]]))
         return replace(
             self,
-            body_axes=self.body_axes @ of_body,
+            body_axes=self.body_axes @ body_turn,
             body_point_m=self.body_point_m + self.body_axes @ step[BODY_POINT],
-            world_axes=self.world_axes @ of_world,
+            world_axes=self.world_axes @ world_turn,
             world_point_m=self.world_point_m + self.world_axes @ step[WORLD_POINT],
             pitch_m=self.pitch_m + float(step[PITCH]),
         )
@@ -80,7 +80,7 @@ class JointFrames:
 class JointModel:
     """One ``kind`` of joint.
 
-    ``rows`` are the coordinates that it keeps at zero, of ``S_X`` to ``ANGLE``; ``free`` are its parameters
+    ``rows``: the coordinates, of ``S_X`` to ``ANGLE``, that it keeps at zero; ``free``: its parameters
     among the 13 of ``JointFrames.moved``.
     """
 
@@ -91,17 +91,17 @@ class JointModel:
 
     def moved(self, frames: JointFrames, step: Array) -> JointFrames:
         """The frames after a ``step`` (P,) of the free parameters."""
-        whole = np.zeros(PITCH + 1)
-        whole[self.free] = step
-        return frames.moved(whole)
+        full_step = np.zeros(PITCH + 1)
+        full_step[self.free] = step
+        return frames.moved(full_step)
 
     def travelled(self, frames: JointFrames, zeta: Array) -> Array:
-        """How far (W,) it has moved: an angle (rad), of a slider a distance (m)."""
+        """Way (W,) travelled by the joint: an angle (rad), for a slider a distance (m)."""
         return _coordinates(frames, zeta)[0][:, S_Z if self.kind is JointKind.SLIDER else ANGLE]
 
     @property
     def has_play(self) -> bool:
-        """Whether its errors may follow its motion, which has one degree of freedom."""
+        """Whether errors may follow the motion, which then has one degree of freedom."""
         return self.kind is not JointKind.BALL
 
     def residual(self, frames: JointFrames, zeta: Array) -> Residual:
@@ -144,7 +144,7 @@ def _coordinates(frames: JointFrames, zeta: Array) -> tuple[Array, Array, Array]
 
 
 def _about(axis: Array) -> Array:
-    """Axes (3, 3) with this one as z."""
+    """Axes (3, 3) whose z is ``axis``."""
     across = sphere_tangent(axis)
     axes = np.column_stack([across, axis])
     axes[:, 1] *= np.sign(np.linalg.det(axes))
@@ -158,28 +158,28 @@ def _start_ball(zeta: Array) -> JointFrames:
 
 
 def _still_point(zeta: Array, along: Array) -> tuple[Array, Array]:
-    """The points of body and world with least mean squared distance in the directions ``along`` (K, 3); of
-    several those nearest to the origins."""
+    """The points of body and world with least mean squared distance in the directions ``along`` (K, 3),
+    nearest to the origins if there are several."""
     rotation, position = zeta[:, R].reshape(-1, 3, 3), zeta[:, T]
-    left = np.concatenate([along @ rotation, np.broadcast_to(-along, (len(zeta), *along.shape))], axis=2)
-    points = np.linalg.lstsq(left.reshape(-1, 6), -(position @ along.T).ravel(), rcond=1e-6)[0]
+    slopes = np.concatenate([along @ rotation, np.broadcast_to(-along, (len(zeta), *along.shape))], axis=2)
+    points = np.linalg.lstsq(slopes.reshape(-1, 6), -(position @ along.T).ravel(), rcond=1e-6)[0]
     return points[:3], points[3:]
 
 
 def _start_hinge(zeta: Array) -> JointFrames:
     """The direction that rotates least, and a point that moves least across it."""
-    left, _, right = np.linalg.svd(zeta[:, R].mean(axis=0).reshape(3, 3))
-    axis, own = left[:, 0], right[0]
+    world_axes, _, body_axes = np.linalg.svd(zeta[:, R].mean(axis=0).reshape(3, 3))
+    axis, body_axis = world_axes[:, 0], body_axes[0]
     across = sphere_tangent(axis)
     body, world = _still_point(zeta, across.T)
-    body = body - own * (own @ body)
+    body = body - body_axis * (body_axis @ body)
     rotation, position = zeta[:, R].reshape(-1, 3, 3), zeta[:, T]
     world = world + axis * float(((rotation @ body + position - world) @ axis).mean())
-    frames = JointFrames(_about(own), body, _about(axis), world)
+    frames = JointFrames(_about(body_axis), body, _about(axis), world)
     angle = _coordinates(frames, zeta)[0][:, ANGLE]
-    whole = np.zeros(PITCH + 1)
-    whole[BODY_TURN[2]] = -angle.mean()  # centre the angles at zero, far from where they wrap
-    return frames.moved(whole)
+    full_step = np.zeros(PITCH + 1)
+    full_step[BODY_TURN[2]] = -angle.mean()  # centre the angles at zero, far from where they wrap
+    return frames.moved(full_step)
 
 
 def _start_screw(zeta: Array) -> JointFrames:
@@ -194,8 +194,8 @@ def _start_screw(zeta: Array) -> JointFrames:
 
 def _start_slider(zeta: Array) -> JointFrames:
     """The mean orientation and position, and the direction in which the body moves most."""
-    left, _, right = np.linalg.svd(zeta[:, R].mean(axis=0).reshape(3, 3))
-    mean = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
+    world_axes, _, body_axes = np.linalg.svd(zeta[:, R].mean(axis=0).reshape(3, 3))
+    mean = world_axes @ np.diag([1.0, 1.0, np.linalg.det(world_axes @ body_axes)]) @ body_axes
     place = zeta[:, T].mean(axis=0)
     axis = np.linalg.svd(zeta[:, T] - place, full_matrices=False)[2][0]
     world = _about(axis)
@@ -223,4 +223,4 @@ CYLINDER: Final = JointModel(
     np.array([*BODY_POINT[:2], *WORLD_POINT[:2], *_AXES]),
     _start_hinge,
 )
-"""A turn about and a slide along one axis, each by itself: a rival of all joints, and none itself."""
+"""An independent turn about and slide along one axis: a rival of all joints, not reported as one."""

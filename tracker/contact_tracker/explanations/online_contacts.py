@@ -1,7 +1,7 @@
 """Online detection of further contacts, with bounded work in each tick (docs/theory.md, section 18).
 
-At intervals the latest ticks are tested for constraints beyond those of the known contacts. If there may be
-some, contact kinds are searched, one in each tick. Contacts that were found are evaluated in every tick.
+At intervals the latest ticks are tested for constraints beyond those of the known contacts. If they may keep
+one, contact kinds are searched, one in each tick. Contacts that were found are evaluated in every tick.
 """
 
 from collections.abc import Iterator, Sequence
@@ -38,21 +38,21 @@ from contact_tracker.motion.window import Window
 from contact_tracker.states import Contact
 
 WINDOW_TICKS: Final = 150
-"""Further contacts are evaluated over this many of the latest ticks."""
+"""Number of latest ticks over which further contacts are evaluated."""
 SEARCH_SPANS_TICKS: Final = (30, 50, 100)
 """Numbers of latest ticks that are tested for further constraints."""
 SEARCH_INTERVAL_TICKS: Final = 5.0
 MAX_SEARCH_INTERVAL_TICKS: Final = 20.0
 """Ticks with motion between two tests; the interval doubles after each unsuccessful one up to the second."""
 REFIT_SHARE: Final = 0.5
-"""Elements are refitted when their run has grown by this share since the last fit."""
+"""Growth of their run since the last fit at which elements are refitted."""
 MAX_REMEMBERED: Final = 3
 COUNTED_TICKS: Final = 20
-"""Constraints are counted over this many of the latest ticks."""
+"""Number of latest ticks over which constraints are counted."""
 
 
 class TrackedContact(NamedTuple):
-    """A further contact that was found: present since tick ``since``, or no longer present."""
+    """A further contact that was found in tick ``since``, still present or not."""
 
     elements: KnownContact
     geometry: ContactGeometry
@@ -61,11 +61,11 @@ class TrackedContact(NamedTuple):
     since: int
     is_present: bool
     refit_at: int
-    """Tick at which its elements are refitted next."""
+    """Tick at which the elements are refitted next."""
 
 
 class FormationState(NamedTuple):
-    """State of the search for contacts beside the ``first``; bounded in size.
+    """State of the search for further contacts while the ``first`` holds; bounded in size.
 
     Attributes
     ----------
@@ -102,41 +102,42 @@ def with_first(
 ) -> FormationState:
     """The state with this first contact in the newest tick of the window, ``moved_ticks`` of motion later.
 
-    If it constrains that tick otherwise than the one before, known contacts become remembered elements.
+    If it constrains this tick otherwise than the previous one, all contacts become remembered elements.
     """
-    before, model = state.first, CONTACT_MODELS[first.contact.column]
+    previous, model = state.first, CONTACT_MODELS[first.contact.column]
     since = state.ticks_since_search + moved_ticks
-    if before is None or (
-        before.contact is first.contact
-        and constraints_of_two(model, np.array([before.x, first.x]), window) == first.contact.codimension
+    if previous is None or (
+        previous.contact is first.contact
+        and constraints_of_two(model, np.array([previous.x, first.x]), window) == first.contact.codimension
     ):
         return state._replace(first=first, ticks_since_search=since)
-    known = [before, *(one.elements for one in state.tracked), *state.remembered]
-    return FormationState(
-        first, remembered=tuple(known[:MAX_REMEMBERED]), search_interval=0.0, ticks_since_search=moved_ticks
-    )
+    elements = [previous, *(contact.elements for contact in state.tracked), *state.remembered]
+    remembered = tuple(elements[:MAX_REMEMBERED])
+    return FormationState(first, remembered=remembered, search_interval=0.0, ticks_since_search=moved_ticks)
 
 
 def advance(state: FormationState, ticks: FormationTicks, first: KnownContact) -> FormationState:
-    """The state ``with_first`` after the newest of ``ticks``, in all of which that contact holds; the same if
-    no further one is tracked or searched for."""
+    """The state after the newest of ``ticks``, in all of which the ``first`` contact holds.
+
+    ``state`` is that of ``with_first``, and stays as it is if no further contact is tracked or sought.
+    """
     searches = bool(state.queue) or state.ticks_since_search >= state.search_interval
     motion = ConditionalMotion.of(ticks.window, ticks.scales).keeping(first.c)
-    before, tracked = state.tracked, []
-    for one in before:
-        now, runs = _evaluated(one, ticks, motion)
-        tracked.append(now)
+    previous, tracked = state.tracked, []
+    for contact in previous:
+        evaluated, runs = _evaluated(contact, ticks, motion)
+        tracked.append(evaluated)
         for run in runs:
-            motion = motion.keeping(one.elements.c, *run)
+            motion = motion.keeping(contact.elements.c, *run)
     state = state._replace(tracked=tuple(tracked), constraints=_count(tracked, motion, first))
     if state.reclassified >= 0:
         return _reclassify(state, ticks, first)
-    pairs = enumerate(zip(before, tracked, strict=True))
-    refitted = [number for number, (one, now) in pairs if now.refit_at > one.refit_at]
+    pairs = enumerate(zip(previous, tracked, strict=True))
+    refitted = [number for number, (old, new) in pairs if new.refit_at > old.refit_at]
     if refitted and not state.queue:
         proposals, number = (tracked[refitted[-1]].elements,), refitted[-1]
         return state._replace(queue=ticks.kinds, proposals=proposals, searches_all=True, reclassified=number)
-    if sum(one.is_present for one in tracked) >= MAX_FURTHER:
+    if sum(contact.is_present for contact in tracked) >= MAX_FURTHER:
         return state._replace(queue=(), proposals=())
     if state.queue:
         return _continue_search(state, ticks, motion, first)
@@ -144,45 +145,47 @@ def advance(state: FormationState, ticks: FormationTicks, first: KnownContact) -
 
 
 def _count(tracked: Sequence[TrackedContact], motion: ConditionalMotion, first: KnownContact) -> int:
-    """Constraints of the first contact and the further ones present now on the latest ticks."""
-    present = [one.elements.c for one in tracked if one.is_present]
+    """Number of constraints of the first contact and of those present, on the latest ticks."""
+    present = [contact.elements.c for contact in tracked if contact.is_present]
     if not present:
         return first.contact.codimension
     return count_constraints(motion.moved[-COUNTED_TICKS:], [first.c, *present])
 
 
 def suspend(state: FormationState) -> FormationState:
-    """The state while no first contact is established: none is present, and the search is dropped."""
-    tracked = tuple(one._replace(is_present=False) for one in state.tracked)
+    """The state while there is no first contact: no further contact is present, and the search is dropped."""
+    tracked = tuple(contact._replace(is_present=False) for contact in state.tracked)
     return state._replace(tracked=tracked, queue=(), proposals=(), is_open=False, reclassified=-1)
 
 
 def _evaluated(
-    one: TrackedContact, ticks: FormationTicks, motion: ConditionalMotion
+    contact: TrackedContact, ticks: FormationTicks, motion: ConditionalMotion
 ) -> tuple[TrackedContact, tuple[Run, ...]]:
-    """A tracked contact after the newest tick, and the runs in which it was present."""
-    candidate = evaluate(ticks, motion, one.elements)
+    """The contact after the newest tick, and the runs in which it was present."""
+    candidate = evaluate(ticks, motion, contact.elements)
     if candidate is None or candidate.presence.log_odds <= 0.0:
-        return one._replace(is_present=False), ()
+        return contact._replace(is_present=False), ()
     runs, log_odds = candidate.presence
     last = runs[-1]
     if last.end < len(motion):
-        return one._replace(is_present=False, log_odds=log_odds), runs
+        return contact._replace(is_present=False, log_odds=log_odds), runs
     begins = int(ticks.window.index[last.first])
-    since = min(one.since, begins) if one.is_present else begins
-    if one.is_present:
-        log_odds = max(log_odds, one.log_odds)
-    now = one._replace(is_present=one.is_present or log_odds > SURE_NATS, log_odds=log_odds, since=since)
+    since = min(contact.since, begins) if contact.is_present else begins
+    if contact.is_present:
+        log_odds = max(log_odds, contact.log_odds)
+    is_present = contact.is_present or log_odds > SURE_NATS
+    contact = contact._replace(is_present=is_present, log_odds=log_odds, since=since)
     newest = int(ticks.window.index[-1])
-    if now.is_present and newest >= one.refit_at:
+    if is_present and newest >= contact.refit_at:
         refined = refine(ticks, motion, candidate, last)
-        if refined is None:  # it keeps the elements that it has
-            return now._replace(refit_at=_refit_at(newest, last)), runs
+        if refined is None:  # its elements are kept
+            return contact._replace(refit_at=_refit_at(newest, last)), runs
         geometry = ticks.geometry_of(refined)
         if geometry is None:
-            return now._replace(is_present=False), runs
-        now = now._replace(elements=refined.known, geometry=geometry, refit_at=_refit_at(newest, last))
-    return now, runs
+            return contact._replace(is_present=False), runs
+        refit_at = _refit_at(newest, last)
+        contact = contact._replace(elements=refined.elements, geometry=geometry, refit_at=refit_at)
+    return contact, runs
 
 
 def _refit_at(newest: int, run: Run) -> int:
@@ -190,11 +193,10 @@ def _refit_at(newest: int, run: Run) -> int:
 
 
 def _begin_search(state: FormationState, ticks: FormationTicks, motion: ConditionalMotion) -> FormationState:
-    """Test the remembered elements; if none touches, queue the constraints that the latest ticks may keep."""
+    """Evaluate the remembered elements; if none is present, queue constraints that may be kept now."""
     interval = max(state.search_interval, SEARCH_INTERVAL_TICKS)
     state = state._replace(ticks_since_search=0.0, search_interval=interval)
-    candidates = [evaluate(ticks, motion, one) for one in state.remembered]
-    best = best_of(one for one in candidates if one is not None and _is_now(one.presence, motion))
+    best = best_of(_present(state.remembered, ticks, motion))
     if best is not None:
         return _queue_all_kinds(state, best, ticks)
     spans = [min(span, len(motion)) for span in SEARCH_SPANS_TICKS if span < 2 * len(motion)]
@@ -214,13 +216,14 @@ def _continue_search(
     state = _search_next_kind(state, ticks, motion, run)
     if state.queue:
         return state
-    candidates = [*_candidates(state, ticks, motion)]
+    candidates = [*_present(state.proposals, ticks, motion)]
     if state.searches_all:
         candidates = allowed(ticks, candidates)
     best = best_of(candidates)
     if best is None and candidates:
-        one = max(candidates, key=lambda one: one.presence.log_odds)  # found on a part of its run
-        best = best_of([refine(ticks, motion, one, one.presence.runs[-1]) or one])
+        # its elements may be fitted to a part of its run only
+        best = max(candidates, key=lambda candidate: candidate.presence.log_odds)
+        best = best_of([refine(ticks, motion, best, best.presence.runs[-1]) or best])
     if best is None:
         # a contact that is present now may be reported once it has lasted longer
         doubled = min(2.0 * state.search_interval, MAX_SEARCH_INTERVAL_TICKS)
@@ -235,58 +238,59 @@ def _search_next_kind(
     state: FormationState, ticks: FormationTicks, motion: ConditionalMotion, run: Run
 ) -> FormationState:
     """The state after a search for the next queued kind in ``run``."""
-    found = search_span(ticks, motion, CONTACT_MODELS[state.queue[0].column], run)
-    new = () if found is None else (found.known,)
+    candidate = search_span(ticks, motion, CONTACT_MODELS[state.queue[0].column], run)
+    new = () if candidate is None else (candidate.elements,)
     return state._replace(queue=state.queue[1:], proposals=(*state.proposals, *new))
 
 
 def _reclassify(state: FormationState, ticks: FormationTicks, first: KnownContact) -> FormationState:
-    """Search the next kind; after the last, compare them with the tracked contact over its whole run."""
-    one, others = state.tracked[state.reclassified], list(state.tracked)
-    del others[state.reclassified]
+    """Search the next kind; after the last, compare all kinds with the tracked contact over its whole run."""
+    contact, neighbours = state.tracked[state.reclassified], list(state.tracked)
+    del neighbours[state.reclassified]
     motion = ConditionalMotion.of(ticks.window, ticks.scales).keeping(first.c)
-    for other in others:
-        known = evaluate(ticks, motion, other.elements) if other.is_present else None
-        for run in known.presence.runs if known is not None else ():
-            motion = motion.keeping(other.elements.c, *run)
-    own = evaluate(ticks, motion, one.elements)
+    for neighbour in neighbours:
+        touching = evaluate(ticks, motion, neighbour.elements) if neighbour.is_present else None
+        for run in touching.presence.runs if touching is not None else ():
+            motion = motion.keeping(neighbour.elements.c, *run)
+    present_fit = evaluate(ticks, motion, contact.elements)
     ended = state._replace(queue=(), proposals=(), searches_all=False, reclassified=-1)
-    if own is None or not one.is_present or not _is_now(own.presence, motion):
+    if present_fit is None or not contact.is_present or not _is_now(present_fit.presence, motion):
         return ended
-    run = own.presence.runs[-1]
+    run = present_fit.presence.runs[-1]
     state = _search_next_kind(state, ticks, motion, run)
     if state.queue:
         return state
-    candidates = [own, *allowed(ticks, _candidates(state, ticks, motion))]
+    candidates = [present_fit, *allowed(ticks, _present(state.proposals, ticks, motion))]
     best = max(candidates, key=lambda candidate: candidate.presence.log_odds)
-    if best.presence.log_odds < own.presence.log_odds + DECISIVE:
-        best = own
+    if best.presence.log_odds < present_fit.presence.log_odds + DECISIVE:
+        best = present_fit
     else:
         refined = refine(ticks, motion, best, best.presence.runs[-1])
         geometry = None if refined is None else ticks.geometry_of(refined)
         if refined is None or geometry is None:
             return ended
         best = refined
-        one = one._replace(elements=best.known, geometry=geometry)
-    present = [first.c, *(other.elements.c for other in others if other.is_present)]
+        contact = contact._replace(elements=best.elements, geometry=geometry)
+    present = [first.c, *(neighbour.elements.c for neighbour in neighbours if neighbour.is_present)]
     part = motion.moved[slice(*run)]
-    new = count_constraints(part, [*present, best.known.c]) - count_constraints(part, present)
+    new = count_constraints(part, [*present, best.elements.c]) - count_constraints(part, present)
     tracked, alike = list(state.tracked), inseparable_kinds(ticks, motion, best, candidates, run, new)
-    tracked[state.reclassified] = one._replace(inseparable=alike)
+    tracked[state.reclassified] = contact._replace(inseparable=alike)
     return ended._replace(tracked=tuple(tracked))
 
 
 def _queue_all_kinds(state: FormationState, best: Candidate, ticks: FormationTicks) -> FormationState:
-    """Queue all kinds for the run of the best candidate: others may explain it as well."""
-    run, proposals = best.presence.runs[-1], (best.known,)
+    """Queue all kinds for the run of the best candidate, as others may explain it as well."""
+    run, proposals = best.presence.runs[-1], (best.elements,)
     return state._replace(queue=ticks.kinds, span=run.end - run.first, proposals=proposals, searches_all=True)
 
 
-def _candidates(
-    state: FormationState, ticks: FormationTicks, motion: ConditionalMotion
+def _present(
+    contacts: Sequence[KnownContact], ticks: FormationTicks, motion: ConditionalMotion
 ) -> Iterator[Candidate]:
-    for one in state.proposals:
-        candidate = evaluate(ticks, motion, one)
+    """The evaluated ``contacts`` that hold in the newest tick."""
+    for contact in contacts:
+        candidate = evaluate(ticks, motion, contact)
         if candidate is not None and _is_now(candidate.presence, motion):
             yield candidate
 
@@ -309,14 +313,14 @@ def _accept(
     if refined is None or not _is_now(refined.presence, motion):
         return state._replace(search_interval=MAX_SEARCH_INTERVAL_TICKS, is_open=True)
     best = refined
-    present, last = [one for one in state.tracked if one.is_present], best.presence.runs[-1]
-    holding = [first, *(one.elements for one in present)]
+    present, last = [contact for contact in state.tracked if contact.is_present], best.presence.runs[-1]
+    holding = [first, *(contact.elements for contact in present)]
     confirmed = confirm(ticks, motion, best, holding, last)
     if confirmed is None:
         return state._replace(search_interval=MAX_SEARCH_INTERVAL_TICKS, is_open=True)
     geometry, constraints, new = confirmed
     tracked = TrackedContact(
-        best.known,
+        best.elements,
         geometry,
         inseparable_kinds(ticks, motion, best, candidates, last, new),
         best.presence.log_odds,

@@ -1,5 +1,5 @@
-"""Findings in a stream of poses that the user has to know, because labels would be wrong otherwise: filtered
-poses, two bodies on one topic, units and conventions.
+"""Findings about a stream of poses for which labels would be wrong: filtered poses, two bodies on one topic,
+wrong units and conventions.
 
 All statistics are computed on blocks of poses counted from the first one, so that they do not depend on
 batches. Repeated poses are left out.
@@ -19,18 +19,18 @@ from contact_tracker.motion.sensor_noise import MEDIAN_OF_CHI_SQ, SCALE, indepen
 
 PIECE: Final = 10
 POWERS: Final = 4
-"""Powers of time in the cubic."""
+"""Number of coefficients of the cubic in time that is fitted to ``PIECE`` poses."""
 ROUNDS: Final = 4
 APART_M: Final = (0.002, 0.03)
-"""Range of offsets. Well calibrated cameras agree better than the first; ``returned`` finds more than the
-second."""
+"""Range of the distance (m) between the paths of two bodies. Well calibrated cameras agree better than its
+lower end; ``returned`` finds distances above the upper one."""
 APART_SIGMAS: Final = 9.0
 CHANGES: Final = 0.35
-"""Least share of the poses that follow one of the other body; in random order it is one half."""
+"""Least share of poses that belong to the other body than the previous pose; one half in random order."""
 LEAST_SHARE: Final = 0.25
 """Least share of the poses of the rarer body."""
 BACK: Final = 8
-"""How many poses back a return is looked for."""
+"""Number of previous poses among which a pose is sought that the stream returns to."""
 STEP_M: Final = 0.01
 FAR_STEPS: Final = 8.0
 RETURNED_SHARE: Final = 0.25
@@ -43,7 +43,7 @@ ALARM: Final = 25.0
 
 
 def returned(poses: Poses, interval_s: float) -> Bools:
-    """(n,) which poses from the BACKth on are far from the last one and close to another of the last few."""
+    """(n,) whether each pose from the BACKth on is far from the last and close to another recent one."""
     position, quat = poses.position_m, poses.quat_xyzw
     step = _distance(position[BACK:], quat[BACK:], position[BACK - 1 : -1], quat[BACK - 1 : -1])
     far = step > max(STEP_M, FAR_M_PER_S2 * interval_s**2)  # slower alternation is motion
@@ -61,12 +61,12 @@ def page_sum(page: float, returns: Bools) -> tuple[float, bool]:
     if not page and not returns.any():
         return 0.0, False
     path = np.append(page, np.where(returns, RETURN, NO_RETURN)).cumsum()
-    above = path - np.minimum(np.minimum.accumulate(path), 0.0)
-    return float(above[-1]), bool(above.max() > ALARM)
+    excess = path - np.minimum(np.minimum.accumulate(path), 0.0)
+    return float(excess[-1]), bool(excess.max() > ALARM)
 
 
 def _distance(position: Array, quat: Array, other_position: Array, other_quat: Array) -> Array:
-    """Distances in metres, rotations by their path on the lever arm."""
+    """Distances (m) of poses; rotations count by the path of the lever arm."""
     path, cosine = other_position - position, (other_quat * quat).sum(axis=-1)
     turn_sq = 8.0 * np.maximum(1.0 - np.abs(cosine), 0.0)
     return np.asarray(np.sqrt(np.einsum("...i,...i->...", path, path) + ARM_M**2 * turn_sq))
@@ -79,19 +79,19 @@ def is_of_two_bodies(poses: Poses) -> bool:
     time = 2.0 * (time - time[:, :1]) / (time[:, -1:] - time[:, :1]) - 1.0
     smooth, _ = np.linalg.qr(time[:, :, None] ** np.arange(POWERS))
     position = (poses.position_m - poses.position_m.mean(axis=0)).reshape(*shape, 3)
-    rest = _without(smooth, position)
-    aside = np.linalg.svd(rest.reshape(-1, 3), full_matrices=False)[2][0]
-    side, step, left = rest @ aside > 0.0, aside, rest
+    off_path = _without(smooth, position)
+    aside = np.linalg.svd(off_path.reshape(-1, 3), full_matrices=False)[2][0]
+    side, step, residual = off_path @ aside > 0.0, aside, off_path
     for _ in range(ROUNDS):
         body = side - 0.5
-        own = _without(smooth, body[..., None])[..., 0]
-        if not own.any():
+        pattern = _without(smooth, body[..., None])[..., 0]
+        if not pattern.any():
             return False
-        step = (own[..., None] * rest).sum(axis=(0, 1)) / (own * own).sum()
-        left = rest - own[..., None] * step
-        side = (left + body[..., None] * step) @ step > 0.0
+        step = (pattern[..., None] * off_path).sum(axis=(0, 1)) / (pattern * pattern).sum()
+        residual = off_path - pattern[..., None] * step
+        side = (residual + body[..., None] * step) @ step > 0.0
     apart_m = float(np.linalg.norm(step))
-    sigma_m = float(np.sqrt((left * left).mean() * PIECE / (PIECE - POWERS)))
+    sigma_m = float(np.sqrt((residual * residual).mean() * PIECE / (PIECE - POWERS)))
     share, changes = float(side.mean()), float(np.mean(np.diff(side.ravel())))
     are_mixed = min(share, 1.0 - share) > LEAST_SHARE and changes > CHANGES
     return are_mixed and max(APART_M[0], APART_SIGMAS * sigma_m) < apart_m < APART_M[1]
@@ -104,19 +104,19 @@ def _without(smooth: Array, values: Array) -> Array:
 
 LAGS: Final = 3
 SIGNS_OF_WHITE: Final = np.array([2.0 / pi * asin(r) for r in (-15 / 20, 6 / 20, -1 / 20)])
-"""Mean product of the signs of two Gaussian variables with correlation r is 2/pi asin(r), whatever their
-variances: so it holds for noise that differs between axes and times, and single outliers count little."""
+"""Mean products of the signs of third differences of white noise, by lag: 2/pi asin(r) for Gaussian variables
+with correlation r, whatever their variances. So noise may differ, and outliers count little."""
 STRIDES: Final[tuple[tuple[float, tuple[int, int, int], float], ...]] = (
     (0.0026, (1, 8, 16), 1.0),
     (0.0053, (1, 4, 8), 2.0),
     (0.0105, (1, 2, 4), 8.0),
     (0.035, (1, 2, 2), 40.0),
 )
-"""Longest interval (s), strides, and what oscillation may do.
+"""Longest interval between poses (s), strides, and bound on the effect of oscillation.
 
-Hands and robots move slowly against the longest stride, 70 ms at most. Where a share of the poses moves, all
-mean products of signs depart towards 1 by this share; the last number times its square is the most by which
-oscillations of up to 5 Hz (2.5 Hz at 30 Hz) miss that, as INFORMATION measures it.
+Hands and robots move slowly against the longest stride, 70 ms at most. If a share of the poses moves, all
+mean products of signs shift towards 1 by this share. Oscillations of up to 5 Hz (2.5 Hz at 30 Hz) deviate
+from this by at most the bound times the squared share, in the metric INFORMATION.
 """
 REACH: Final = 2 * LAGS * 16
 """Number of poses needed before a block."""
@@ -130,11 +130,11 @@ times n is chi-squared with three degrees of freedom. From 4000 simulated stream
 TOWARDS_ONE: Final = 1.0 - SIGNS_OF_WHITE
 FULLY: Final = float(TOWARDS_ONE @ INFORMATION @ TOWARDS_ONE)
 CHI_SQ_THRESHOLD: Final = 30.0
-"""Threshold of that chi-squared."""
+"""Threshold of this chi-squared statistic."""
 SMALL: Final = 0.035
 """Squared departures below this are not reported: dropping every second frame gives up to 0.02."""
 MOTION: Final = 1.3
-"""Motion departs from white at a longer stride by more than this factor more; on recordings twice or more."""
+"""Least factor by which motion departs more from white noise at a longer stride; 2 or more on recordings."""
 NEAR_WHITE: Final = 0.6
 """Noise-free motion departs by more than this at any stride."""
 
@@ -142,9 +142,9 @@ NEAR_WHITE: Final = 0.6
 class Whiteness(NamedTuple):
     """Running sums over pairs of third differences.
 
-    ``products`` of their signs and ``pairs`` (3, 2, 3) are sums and the number of those that are not zero, by
-    stride, position or orientation, and lag. ``blocks`` were compared; ``oscillation`` is the sum of the last
-    column of STRIDES.
+    ``products`` (3, 2, 3): sums of the products of their signs, by stride, position or orientation, and lag;
+    ``pairs`` (3, 2, 3): number of products that are not zero; ``blocks``: number of blocks compared;
+    ``oscillation``: sum of the bounds in STRIDES over these blocks.
     """
 
     products: Array
@@ -157,12 +157,12 @@ NOTHING_COMPARED: Final = Whiteness(np.zeros((3, 2, LAGS)), np.zeros((3, 2, LAGS
 
 
 def compare(whiteness: Whiteness, smooth: Array, new: int, interval_s: float) -> Whiteness:
-    """Add a block of poses, at stride 1 and, by turns, at one of the longer ones.
+    """Add a block of poses at stride 1 and, in turn, at one of the longer strides.
 
     Parameters
     ----------
     smooth : (REACH + new, 6), position (m) and rotation integrated in the body's axes (rad), one pose a row.
-    new : so many rows at the end are new.
+    new : number of new rows, at the end.
     interval_s : typical interval of the block.
     """
     fitting = (row for row in STRIDES if interval_s <= row[0])
@@ -186,10 +186,11 @@ def is_filtered(whiteness: Whiteness) -> bool:
     count = float(pairs[0].sum()) / (6.0 * LAGS)
     if count < ENOUGH:
         return False
-    both = products[0].sum(axis=0) / np.maximum(pairs[0].sum(axis=0), 1.0) - SIGNS_OF_WHITE
-    moving = max(float(TOWARDS_ONE @ INFORMATION @ both) / FULLY, 0.0)
-    rest = both - moving * TOWARDS_ONE
-    if rest @ INFORMATION @ rest <= SMALL + CHI_SQ_THRESHOLD / count + oscillation / blocks * moving**2:
+    mean_offset = products[0].sum(axis=0) / np.maximum(pairs[0].sum(axis=0), 1.0) - SIGNS_OF_WHITE
+    moving = max(float(TOWARDS_ONE @ INFORMATION @ mean_offset) / FULLY, 0.0)
+    unexplained = mean_offset - moving * TOWARDS_ONE
+    allowed = SMALL + CHI_SQ_THRESHOLD / count + oscillation / blocks * moving**2
+    if unexplained @ INFORMATION @ unexplained <= allowed:
         return False
     departure = np.linalg.norm(products / np.maximum(pairs, 1.0) - SIGNS_OF_WHITE, axis=2)
     nearer = departure[1:] < np.minimum(MOTION * departure[0], NEAR_WHITE)
@@ -197,7 +198,7 @@ def is_filtered(whiteness: Whiteness) -> bool:
 
 
 def _signs(smooth: Array, stride: int) -> Array:
-    """Signs of third differences and their squares (n, 12), 0 for those of outliers."""
+    """Signs of third differences and their squares (n, 12); 0 for outliers."""
     first = smooth[stride:] - smooth[:-stride]
     second = first[stride:] - first[:-stride]
     third = (second[stride:] - second[:-stride]).reshape(-1, 2, 3)
@@ -210,25 +211,25 @@ def _signs(smooth: Array, stride: int) -> Array:
 BLOCK: Final = 50
 """Poses per block."""
 BEGINNING: Final = 40
-"""Number of first blocks of which all poses count for the noise; later every fourth does."""
+"""Number of initial blocks whose poses all count for the noise; later a quarter of the poses does."""
 KEPT: Final = BLOCK + REACH + 1
 
 # Units: bounds that noise and motion of an object in metres never exceed together.
 LEVER_M: Final = 3.0
-"""Noise of position over that of orientation (m/rad): 0.03 to 0.5 of usual sensors, 1 of poor cameras."""
+"""Largest ratio (m/rad) of the noises of position and orientation: usually 0.03 to 0.5, of poor cameras 1."""
 COARSE_M: Final = 0.01
-"""Position noise above which such a ratio occurs only in other units; that of a mobile robot is a few mm."""
+"""Position noise (m) above which a larger ratio shows other units; mobile robots have a few mm."""
 FAST_M_PER_S: Final = 15.0
 TOSSED_CM_PER_S: Final = 500.0
 USUAL_LEVER_M: Final = 0.12
 SMALL_LEVER_M: Final = 0.0025
-"""Such a ratio below, at a speed below ``SLOW_M_PER_S``, occurs only where positions are divided by 100 or
-1000: orientation comes from markers or features that are centimetres apart."""
+"""A smaller ratio (m/rad), at speeds below ``SLOW_M_PER_S``, occurs only if positions were divided by 100 or
+1000: orientations come from markers or features that are centimetres apart."""
 SLOW_M_PER_S: Final = 0.01
 COARSE_RAD: Final = 0.03
 """Larger third differences of orientation are motion between poses at a low rate, not noise."""
 ENOUGH_NOISE: Final = 40
-"""Third differences that are needed for the noise."""
+"""Least number of third differences for an estimate of the noise."""
 
 CONSTANT: Final = 1e-9
 """Smaller differences are rounding (m, or of a unit quaternion)."""
@@ -247,11 +248,11 @@ SPAN: Final = 30
 EXPLAINED: Final = 0.8
 """Least share of the origin's motion in a span that is rotation about a point."""
 ENOUGH_SPANS: Final = 3
-"""Number of such spans that are needed."""
+"""Least number of such spans."""
 FAR_M: Final = 0.6
 TIMES_FARTHER: Final = 2.0
-"""Poses are inverse if the point is farther than this from the body's origin, and this many times farther
-than from the world's."""
+"""Poses look inverse if the point of rotation is farther from the body's origin than ``FAR_M``, and than this
+many times its distance from the world's origin."""
 SPANS_KEPT: Final = 200
 
 
@@ -274,7 +275,7 @@ class TurningPoints(NamedTuple):
 
     @property
     def are_inverse(self) -> bool:
-        """Whether the poses look like those of the world in the body."""
+        """Whether the poses look like poses of the world in the body."""
         if len(self.distances) < ENOUGH_SPANS:
             return False
         from_body_m, from_world_m = self.median_m
@@ -298,13 +299,13 @@ def advance_turning(points: TurningPoints, poses: Poses) -> TurningPoints:
 
 
 def turning_distances(span: Poses) -> Array:
-    """Its ``distances`` (1, 2); (0, 2) if the motion is no rotation about a point."""
+    """The ``distances`` (1, 2) of one span; (0, 2) if its motion is no rotation about a point."""
     turn, position = span.rotation, span.position_m
     about = (turn - turn.mean(axis=0)).reshape(-1, 3)
     moved = (position - position.mean(axis=0)).ravel()
     in_body, *_ = np.linalg.lstsq(-about, moved, rcond=1e-3)
-    left = moved + about @ in_body
-    if left @ left > (1.0 - EXPLAINED) * (moved @ moved):
+    residual = moved + about @ in_body
+    if residual @ residual > (1.0 - EXPLAINED) * (moved @ moved):
         return np.zeros((0, 2))
     in_world = position.mean(axis=0) + turn.mean(axis=0) @ in_body
     return np.array([[np.linalg.norm(in_body), np.linalg.norm(in_world)]])
@@ -321,13 +322,12 @@ class Finding(NamedTuple):
 class Inspection(NamedTuple):
     """Running statistics of a stream of poses; bounded in size.
 
-    ``recent`` are the last KEPT poses of the ``blocks`` before, and those of the incomplete block. ``first``
-    is the first of ``total`` poses, ``repeats`` the number of others; ``moved`` says whether position and
-    orientation have changed since.
-    ``noise`` (2, BINS) is a histogram of squared third differences of both; ``top_m_per_s`` the speed of the
-    fastest block. ``page`` is the sum of Page's test, ``share`` the share of returns in the last block.
-    ``turning`` has the points of rotation. ``units``, ``bodies`` and ``filtered`` say what was found at any
-    time. ``read_as``: how the poses were read, as the user asked.
+    ``recent``: the last KEPT poses of the complete ``blocks``, and those of the incomplete block; ``first``:
+    the first pose; ``total``, ``repeats``: numbers of new and of repeated poses; ``moved``: whether position
+    and orientation have changed since the first pose; ``noise`` (2, BINS): histograms of the squared third
+    differences of both; ``top_m_per_s``: speed of the fastest block; ``page``: Page's sum; ``share``: share
+    of returns in the last block; ``turning``: points of rotation; ``units``, ``bodies``, ``filtered``:
+    whether these were found at any time; ``read_as``: how the user asked to read the poses.
     """
 
     recent: Poses = NO_POSES
@@ -349,7 +349,7 @@ class Inspection(NamedTuple):
 
     @property
     def basis(self) -> tuple[object, ...]:
-        """What doubts depend on: values that do not change, so that the same objects mean the same doubts."""
+        """Values on which doubts depend; they are immutable, so identical objects mean the same doubts."""
         counts = self.total >= ENOUGH_CONSTANT, self.blocks > 0
         return self.units, self.bodies, *self.moved, self.turning.distances, *counts
 
@@ -367,8 +367,9 @@ def inspect(inspection: Inspection, poses: Poses) -> Inspection:
     first = inspection.first if inspection.total else new[np.zeros(1, int)]
     total, recent = inspection.total + len(new), Poses.join([inspection.recent, new])
     turning = advance_turning(inspection.turning, new)
-    off = np.abs(new.position_m - first.position_m).max(), np.abs(new.quat_xyzw - first.quat_xyzw).max()
-    moved = inspection.moved[0] or bool(off[0] > CONSTANT), inspection.moved[1] or bool(off[1] > CONSTANT)
+    shift, turn = np.abs(new.position_m - first.position_m), np.abs(new.quat_xyzw - first.quat_xyzw)
+    shifted, turned = bool(shift.max() > CONSTANT), bool(turn.max() > CONSTANT)
+    moved = inspection.moved[0] or shifted, inspection.moved[1] or turned
     inspection = inspection._replace(first=first, total=total, moved=moved, turning=turning)
     end = len(recent) - (total - BLOCK * inspection.blocks)
     while total - BLOCK * inspection.blocks >= BLOCK:
@@ -378,11 +379,11 @@ def inspect(inspection: Inspection, poses: Poses) -> Inspection:
 
 
 def findings(inspection: Inspection, fitting_units: Sequence[str] = ()) -> tuple[Finding, ...]:
-    """Findings in the stream so far; ``fitting_units`` of positions are those in which contacts explain the
-    motion, unlike in metres."""
-    found = list[Finding]()
+    """Findings in the stream so far; ``fitting_units``: units of positions in which contacts explain the
+    motion, while they do not in metres."""
+    result = list[Finding]()
     if inspection.units:
-        found.append(Finding("units", _units_text(inspection, fitting_units), True))
+        result.append(Finding("units", _units_text(inspection, fitting_units), True))
     elif inspection.total >= ENOUGH_CONSTANT and all(inspection.moved):
         position, rotation = _sigma(inspection.noise[0]), _sigma(inspection.noise[1])
         is_small = 0.0 < position < SMALL_LEVER_M * rotation and rotation < COARSE_RAD
@@ -393,20 +394,22 @@ def findings(inspection: Inspection, fitting_units: Sequence[str] = ()) -> tuple
                 f"positions look too small for metres ({figures}): check their unit (of a table: --unit); if "
                 "that is right, orientations are rounded: record more of their digits"
             )
-            found.append(Finding("units", text, False))
+            result.append(Finding("units", text, False))
     if inspection.bodies:
         share = f" ({100.0 * inspection.share:.0f} % of the frames)" if inspection.share else ""
         text = (
             f"poses jump back and forth between two places{share}: two bodies on one topic? "
             "choose one with --topic or --frame, or record them on topics of their own"
         )
-        found.append(Finding("bodies", text, True))
+        result.append(Finding("bodies", text, True))
     if inspection.repeats >= ENOUGH_CONSTANT and not any(inspection.moved):
-        found.append(Finding(STILL, "the pose never changes: is the object tracked, in this frame?", False))
+        result.append(Finding(STILL, "the pose never changes: is the object tracked, in this frame?", False))
     elif inspection.total >= ENOUGH_CONSTANT and not all(inspection.moved):
-        # With known elements (--known) either half of the poses alone gives labels that are sure and wrong.
-        what, hint = ("position", "contacts need both") if inspection.moved[1] else ("orientation", _ROTATION)
-        found.append(Finding("orientation", f"the {what} never changes: is it recorded? {hint}", True))
+        # With known elements (--known) positions or orientations alone give labels that are sure and wrong.
+        fault = "position never changes: is it recorded? contacts need both"
+        if inspection.moved[0]:
+            fault = "orientation never changes: is it recorded? contacts are recognised by rotation"
+        result.append(Finding("orientation", f"the {fault}", True))
     if inspection.turning.are_inverse and not inspection.read_as.frame_moves:
         from_body_m, from_world_m = inspection.turning.median_m
         text = (
@@ -414,13 +417,12 @@ def findings(inspection: Inspection, fitting_units: Sequence[str] = ()) -> tuple
             f"the body's origin and {from_world_m:.1f} m from the world's): "
             "invert them, or, if the body's origin is that far from the object, give it one near the object"
         )
-        found.append(Finding("inverse", text, True))
+        result.append(Finding("inverse", text, True))
     if inspection.filtered and not inspection.bodies:
-        found.append(Finding("filtered", _FILTERED, False))
-    return tuple(found)
+        result.append(Finding("filtered", _FILTERED, False))
+    return tuple(result)
 
 
-_ROTATION: Final = "contacts are recognised by rotation"
 _FILTERED: Final = (
     "poses look filtered, interpolated or rounded (successive errors are correlated): the noise of a tick is "
     "judged by evidence; record raw poses if you can, or give the noise with --noise"
@@ -436,52 +438,53 @@ def _units_text(inspection: Inspection, fitting_units: Sequence[str]) -> str:
         f"(noise {1e3 * position:.3g} mm, {180.0 / pi * rotation:.2g} deg; "
         f"speed up to {inspection.top_m_per_s:.2g} m/s)"
     )
-    how = f"convert them to metres, or, if they are of a table, take --unit {unit}"
+    remedy = f"convert them to metres, or, if they are of a table, take --unit {unit}"
     if inspection.read_as.path:
-        how = f"read them by {inspection.read_as.command(unit=unit)}"
+        remedy = f"read them by {inspection.read_as.command(unit=unit)}"
     if unit not in fitting_units:
-        what = f"positions are too noisy or too fast for metres {figures}"
-        return f"{what}: check their unit and their source; if they are in {unit}, {how}"
-    return f"positions look like {name} {figures}: {how}"
+        text = f"positions are too noisy or too fast for metres {figures}"
+        return f"{text}: check their unit and their source; if they are in {unit}, {remedy}"
+    return f"positions look like {name} {figures}: {remedy}"
 
 
-def _inspect_block(before: Inspection, window: Poses) -> Inspection:
-    """Advance by the last BLOCK poses of ``window``; the others are those before."""
-    blocks = before.blocks + 1
-    if before.bodies:
-        return before._replace(blocks=blocks)
+def _inspect_block(previous: Inspection, window: Poses) -> Inspection:
+    """Advance by the last BLOCK poses of ``window``, which the other poses precede."""
+    blocks = previous.blocks + 1
+    if previous.bodies:
+        return previous._replace(blocks=blocks)
     near = window[-BLOCK - BACK :]
     time_s = 1e-9 * (near.stamp_ns - near.stamp_ns[0])
     interval_s = _median(np.diff(time_s))
     back = returned(near, interval_s)
     are_close = is_of_two_bodies(window[-BLOCK:])
-    page, bodies = page_sum(before.page, back | are_close)
+    page, bodies = page_sum(previous.page, back | are_close)
     path = near.position_m[BACK:] - near.position_m[:-BACK]
     speed = np.sqrt(np.einsum("ni,ni->n", path, path)) / (time_s[BACK:] - time_s[:-BACK])
-    top_m_per_s = max(before.top_m_per_s, _median(speed))
-    after = before._replace(
+    top_m_per_s = max(previous.top_m_per_s, _median(speed))
+    inspection = previous._replace(
         blocks=blocks, page=page, share=float(back.mean()), bodies=bodies, top_m_per_s=top_m_per_s
     )
     if blocks <= 2:
-        return _inspect_noise(after, window[-BLOCK - 4 :], BLOCK, interval_s)
+        return _inspect_noise(inspection, window[-BLOCK - 4 :], BLOCK, interval_s)
     if blocks % (2 if blocks <= BEGINNING else 8) == 0:
-        return _inspect_noise(after, window, 2 * BLOCK, interval_s)
-    return after
+        return _inspect_noise(inspection, window, 2 * BLOCK, interval_s)
+    return inspection
 
 
-def _inspect_noise(before: Inspection, window: Poses, new: int, interval_s: float) -> Inspection:
+def _inspect_noise(previous: Inspection, window: Poses, new: int, interval_s: float) -> Inspection:
     """Add the third differences that end in the last ``new`` poses of ``window``."""
     turns = rotation_vectors(between(window.quat_xyzw[:-1], window.quat_xyzw[1:])).cumsum(axis=0)
     smooth = np.concatenate([window.position_m[1:], turns], axis=1)
-    after = before._replace(noise=before.noise + _histogram(smooth[-new - 3 :]))
-    if not before.filtered and len(smooth) >= REACH + new:
-        whiteness = compare(before.whiteness, smooth, new, interval_s)
-        after = after._replace(whiteness=whiteness, filtered=is_filtered(whiteness))
-    if after.units or after.bodies or not _are_other_units(after):
-        return after
+    inspection = previous._replace(noise=previous.noise + _histogram(smooth[-new - 3 :]))
+    if not previous.filtered and len(smooth) >= REACH + new:
+        whiteness = compare(previous.whiteness, smooth, new, interval_s)
+        inspection = inspection._replace(whiteness=whiteness, filtered=is_filtered(whiteness))
+    if inspection.units or inspection.bodies or not _are_other_units(inspection):
+        return inspection
     near = window.of_point(independent_point(window))  # an origin far away has the noise of the orientation
     smooth[:, :3] = near.position_m[1:]
-    return after._replace(units=_are_other_units(after._replace(noise=_histogram(smooth[-new - 3 :]))))
+    nearer = inspection._replace(noise=_histogram(smooth[-new - 3 :]))
+    return inspection._replace(units=_are_other_units(nearer))
 
 
 def _median(values: Array) -> float:

@@ -26,7 +26,7 @@ SIZE: Final[dict[Kind, int]] = {"plane": 4, "line": 6, "point": 4}
 
 @dataclass(frozen=True)
 class Form:
-    """Which elements the factors x and y are, in which order.
+    """Kinds and order of the elements that are the factors x and y.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ class Form:
         return SIZE[self.x] * SIZE[self.y]
 
     def factors(self, obj: Array, environment: Array) -> tuple[Array, Array]:
-        """Object and environment as (x, y); given (x, y) it returns (object, environment)."""
+        """(x, y) from (object, environment), or the reverse."""
         return (obj, environment) if self.object_first else (environment, obj)
 
 
@@ -61,20 +61,19 @@ def matrix(contact: Contact, rotation: Array, p: Array) -> Array:
     """
     a = rows(contact, rotation, p)
     a = a.reshape(*p.shape[:-2], -1, a.shape[-1])
-    k: Array = np.swapaxes(a, -1, -2) @ a
-    return k
+    return np.asarray(np.swapaxes(a, -1, -2) @ a)
 
 
 def value(contact: Contact, k: Array, obj: Array, environment: Array) -> float:
-    """The objective function, from K."""
+    """The objective function from K."""
     v = np.kron(*form(contact).factors(obj, environment))
     return float(v @ k @ v)
 
 
 def rows(contact: Contact, rotation: Array, p: Array) -> Array:
     """Rows A (..., N, r, n) of each frame: its residuals are ``A @ kron(x, y)``."""
-    of = motion(rotation, p) if form(contact).swapped else (rotation, p)
-    return form(contact).residuals(*of)
+    frames = motion(rotation, p) if form(contact).swapped else (rotation, p)
+    return form(contact).residuals(*frames)
 
 
 def _face_face(rotation: Array, p: Array) -> Array:
@@ -144,7 +143,7 @@ _LEVI_CIVITA: Final = np.cross(np.eye(3)[:, None], np.eye(3))
 FIRST_DAMPING: Final = 1e-3
 LEAST_SHARE: Final = 1e-11
 LEAST_CURVATURE: Final = np.finfo(float).tiny
-"""Added to every curvature: a share of the largest one, and a constant for windows without curvature."""
+"""Minimal curvature: a share of the largest one, and a constant for windows without curvature."""
 
 
 class Batch(NamedTuple):
@@ -158,9 +157,9 @@ class Batch(NamedTuple):
     y: Array
     converged: Bools
 
-    def better(self, other: "Batch") -> "Batch":
+    def better(self, batch: "Batch") -> "Batch":
         """The lower of each pair."""
-        take, pairs = self.value <= other.value, zip(self, other, strict=True)
+        take, pairs = self.value <= batch.value, zip(self, batch, strict=True)
         return Batch(*(np.where(take if a.ndim == 1 else take[:, None], a, b) for a, b in pairs))
 
 
@@ -175,7 +174,7 @@ def random_starts(
 def minimise_batched(
     contact: Contact, k: Array, x: Array, y: Array, tolerance: float = 1e-7, iterations: int = 100
 ) -> Batch:
-    """Minimise from one start each.
+    """Minimise B problems, each from one start.
 
     Parameters
     ----------
@@ -194,15 +193,15 @@ def minimise_batched(
             break
         step = _step(near.pick(active), x[active], y[active], damping[active], f.x, f.y)
         tx, ty = _move(f.x, x[active], step[0]), _move(f.y, y[active], step[1])
-        there = _contracted(k[active], tx, ty)
-        tried = there.cost(tx)
-        gain = cost[active] - tried
+        ahead = _contracted(k[active], tx, ty)
+        trial = ahead.cost(tx)
+        gain = cost[active] - trial
         accept = gain > 0
         done = np.where(accept, gain <= tolerance * cost[active], damping[active] >= MOST_DAMPING)
         rows = active[accept]
-        x[rows], y[rows], cost[rows] = tx[accept], ty[accept], tried[accept]
-        for now, then in zip(near, there, strict=True):
-            now[rows] = then[accept]
+        x[rows], y[rows], cost[rows] = tx[accept], ty[accept], trial[accept]
+        for part, new in zip(near, ahead, strict=True):
+            part[rows] = new[accept]
         damping[active] = adapted(damping[active], accept)
         active = active[~done]
     converged = np.ones(len(cost), bool)
@@ -246,7 +245,7 @@ def _step(
     by_x, by_y = along_x @ near.by_x @ x[..., None], along_y @ near.by_y @ y[..., None]
     gradient = np.concatenate([by_x, by_y], axis=1)
     diagonal = np.einsum("bii->bi", hessian)
-    # directions that the motion leaves free have no curvature: keep their steps short instead of infinite
+    # free directions have no curvature: the floor bounds their steps
     floor = LEAST_SHARE * diagonal.max(axis=1, keepdims=True) + LEAST_CURVATURE
     diagonal += damping[:, None] * (diagonal + floor) + floor
     step = -np.linalg.solve(hessian, gradient)
@@ -302,7 +301,7 @@ class Minimum:
     ----------
     value : the objective function, summed over the frames of K.
     object, environment : its elements, as arrays (package docstring).
-    converged : how many of the starts the optimiser ended with success.
+    converged : number of starts from which the optimiser succeeded.
     """
 
     value: float
@@ -319,10 +318,10 @@ def minimise_slsqp(
     Parameters
     ----------
     k : (n, n), from ``matrix``.
-    starts : random starts; the paper takes 10 for one contact and 3 for each window.
+    starts : number of random starts; in the paper 10 for one contact and 3 for each window.
     offset_m : standard deviation of the starts' offsets and points.
     """
-    from scipy.optimize import minimize  # who only loads the package does not wait for it
+    from scipy.optimize import minimize  # only here, as loading it takes time
 
     f = form(contact)
     size = SIZE[f.x]
@@ -330,7 +329,7 @@ def minimise_slsqp(
     scale = 1.0 / max(float(np.trace(k)) / f.size, np.finfo(float).tiny)
     scaled, options = k * scale, {"maxiter": 500, "ftol": 1e-15}
     parts = {"fun": lambda z: _constraints(f, z)[0], "jac": lambda z: _constraints(f, z)[1]}
-    given = {"constraints": {"type": "eq", **parts}, "options": options}
+    settings = {"constraints": {"type": "eq", **parts}, "options": options}
 
     def objective(z: Array) -> tuple[float, Array]:
         x, y = z[:size], z[size:]
@@ -342,9 +341,9 @@ def minimise_slsqp(
     minima, converged = list[tuple[float, Array, Array]](), 0
     for _ in range(starts):
         z0 = np.concatenate(random_starts(contact, 1, rng, offset_m), axis=1)[0]
-        found = minimize(objective, z0, jac=True, method="SLSQP", **given)
-        converged += int(found.success)
-        x, y = _onto_constraints(f.x, found.x[:size]), _onto_constraints(f.y, found.x[size:])
+        result = minimize(objective, z0, jac=True, method="SLSQP", **settings)
+        converged += int(result.success)
+        x, y = _onto_constraints(f.x, result.x[:size]), _onto_constraints(f.y, result.x[size:])
         v = np.kron(x, y)
         minima.append((float(v @ k @ v), x, y))
     if not minima:
@@ -354,7 +353,7 @@ def minimise_slsqp(
 
 
 def _constraints(f: Form, z: Array) -> tuple[Array, Array]:
-    """What is zero of both factors, and its derivatives by these."""
+    """The constraints of both factors, zero if met, and their derivatives."""
     size = SIZE[f.x]
     (first, by_x), (second, by_y) = _constraint(f.x, z[:size]), _constraint(f.y, z[size:])
     return np.concatenate([first, second]), block_diag(by_x, by_y)
@@ -372,7 +371,7 @@ def _constraint(kind: Kind, e: Array) -> tuple[list[float], list[list[float]]]:
 
 
 def _onto_constraints(kind: Kind, e: Array) -> Array:
-    """SLSQP meets its constraints to a tolerance only: make them exact before comparing minima."""
+    """The element with its constraints exact, which SLSQP meets to a tolerance only, for comparing minima."""
     match kind:
         case "plane":
             return np.asarray(e / np.linalg.norm(e[:3]))

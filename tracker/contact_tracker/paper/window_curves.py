@@ -16,14 +16,14 @@ from contact_tracker.paper.objectives import motion
 from contact_tracker.states import Contact
 
 SHIFTS: Final = (1, -1, 3, -3, 9, -9, 27, -27, 1, -1)
-"""Neighbours from whose minima a window starts again, one after the other."""
+"""Offsets of the neighbours from whose minima a window starts again, in turn."""
 RANDOM_M: Final = 0.3
 """Standard deviation of the offsets of random starts."""
 COARSE: Final = (1e-4, 30)
 FINE: Final = (1e-9, 300)
-"""Relative gain at which a minimisation stops, and most iterations: of all starts, and of the final one."""
+"""Relative gain at which a minimisation stops, and most iterations: from all starts, and finally."""
 CHUNK_FRAMES: Final = 20_000
-"""Windows that begin within this many poses are minimised together, in bounded memory."""
+"""Windows that begin within this number of poses are minimised together, to bound memory."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +63,7 @@ def curves(poses: Poses, frames: int = 500, step: int = 10) -> WindowCurves:
         raise ValueError("a window needs at least one frame and a step of at least one")
     stamp_ns = poses.stamp_ns[frames - 1 :: step].copy()
     count, at_once = len(stamp_ns), max(CHUNK_FRAMES // step, 1)
-    found = WindowCurves(stamp_ns, np.zeros((count, 6)), np.ones((count, 6), bool))
+    minima = WindowCurves(stamp_ns, np.zeros((count, 6)), np.ones((count, 6), bool))
     position_m = poses.position_m - poses.position_m.mean(axis=0) if count else poses.position_m
     for first in range(0, count, at_once):
         last = min(first + at_once, count)
@@ -71,9 +71,9 @@ def curves(poses: Poses, frames: int = 500, step: int = 10) -> WindowCurves:
         rotation = poses[span].rotation
         for column, model in enumerate(CONTACT_MODELS):
             best = minimise_windows(model, rotation, position_m[span], frames, step)
-            found.minimum[first:last, column] = best.value
-            found.converged[first:last, column] = best.converged
-    return found
+            minima.minimum[first:last, column] = best.value
+            minima.converged[first:last, column] = best.converged
+    return minima
 
 
 def minimise_windows(
@@ -98,8 +98,8 @@ def minimise_windows(
 def from_relaxed(model: ContactModel, k: Array, moments: Array) -> Batch:
     """The best minima, with coarse tolerance, from the solutions of the relaxed problems."""
     x, y = _starts(model, moments)
-    found = (minimise_batched(model.contact, k, x[:, i], y[:, i], *COARSE) for i in range(x.shape[1]))
-    return reduce(Batch.better, found)
+    batches = (minimise_batched(model.contact, k, x[:, i], y[:, i], *COARSE) for i in range(x.shape[1]))
+    return reduce(Batch.better, batches)
 
 
 def window_sums(

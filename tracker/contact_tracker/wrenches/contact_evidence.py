@@ -25,15 +25,15 @@ TWIST_M: Final = 1e-3
 WANDER_M: Final = 1.5e-3
 """Standard deviation from tick to tick of an unconstrained line of action (m)."""
 REACH_M: Final = 0.3
-"""Prior distance of elements from the origin of the window's frame (m)."""
+"""Prior standard deviation (m) of elements from the origin of the window's frame."""
 CONE_RAD: Final = float(np.radians(4.0))
 """Deviation of forces from the normal by friction (rad)."""
 REPEATED: Final = 0.1
-"""Share of a tick's evidence on a direction that is independent: friction follows the motion."""
+"""Share of a tick's evidence on a direction that is independent, as friction follows the motion."""
 PARALLEL_RAD: Final = float(np.radians(0.7))
 """Error of an orientation, including the compliance of a face (rad)."""
 EXPONENT: Final = 0.2
-"""Power of the likelihoods of wrenches, as consecutive ticks are correlated."""
+"""Power of the likelihoods of wrenches, since consecutive ticks are correlated."""
 ANGLES: Final = 36
 REFINEMENTS: Final = 2
 
@@ -58,17 +58,17 @@ class LinesOfAction:
 
     @property
     def direction(self) -> Array:
-        """(T, 3) unit vectors."""
+        """(T, 3) unit vectors of the forces."""
         return unit(self.force_n)
 
     @property
     def excess(self) -> Array:
-        """(T,) variance of unconstrained lines, with the noise."""
+        """(T,) variance (m^2) of unconstrained lines, including the noise."""
         return self.variance_m2 + WANDER_M**2
 
     @property
     def row_gain(self) -> float:
-        """Log evidence of one constraint in all ticks, at most."""
+        """Largest log evidence of one constraint in all ticks."""
         return float(0.5 * np.log(self.excess / self.variance_m2).sum())
 
     def in_world_frame(self, rotation: Array, origin_m: Array) -> "LinesOfAction":
@@ -77,12 +77,13 @@ class LinesOfAction:
         force = np.einsum("tij,tj->ti", rotation, self.force_n)
         moment = np.einsum("tij,tj->ti", rotation, self.moment_nm)
         about = origin_m - origin_m.mean(axis=0)
-        of_force = rotation @ self.common_n
-        of_moment = rotation @ self.common_nm + cross_matrix(about) @ of_force
-        return LinesOfAction(force, moment + cross(about, force), self.variance_m2, of_force, of_moment)
+        moment = moment + cross(about, force)
+        common_n = rotation @ self.common_n
+        common_nm = rotation @ self.common_nm + cross_matrix(about) @ common_n
+        return LinesOfAction(force, moment, self.variance_m2, common_n, common_nm)
 
     def through_point(self) -> tuple[Point, float]:
-        """The point of the frame that all lines pass, and the log evidence that they do."""
+        """The point of the frame through which all lines pass, and the log evidence that they do."""
         strength = np.linalg.norm(self.force_n, axis=1)
         across = cross_matrix(self.direction)
         design = across @ np.concatenate([cross_matrix(self.force_n) * REACH_M, self.common_nm], axis=2)
@@ -98,8 +99,8 @@ class LinesOfAction:
         return Point(-REACH_M * best[:3], covariance), evidence
 
     def twist(self) -> float:
-        """Log evidence that there is no moment about the lines themselves; at most zero, as with little
-        friction no contact has one."""
+        """Log evidence that there is no moment about the lines themselves, as with little friction no contact
+        has one; at most zero."""
         strength = np.linalg.norm(self.force_n, axis=1)
         twist_m = dot(self.direction, self.moment_nm) / strength
         common = np.einsum("ti,tij->tj", self.direction, self.common_nm) / strength[:, None]
@@ -110,8 +111,8 @@ class LinesOfAction:
         return float(-0.5 * (weight @ twist_m**2 - pull @ np.linalg.solve(information, pull)))
 
     def along_lines(self) -> "LineFits":
-        """Log likelihoods that all lines intersect one line of the frame, normal to the mean force, by its
-        direction."""
+        """Log likelihoods, by direction, that all lines intersect one line of the frame normal to the mean
+        force."""
         weight = (1.0 / self.variance_m2 - 1.0 / self.excess) / dot(self.force_n, self.force_n)
         rows = np.concatenate(
             [self.moment_nm[..., None], self.common_nm, cross_matrix(self.force_n) * REACH_M], axis=2
@@ -124,21 +125,21 @@ class LinesOfAction:
         directions, values, cell = np.zeros((0, 3)), np.zeros(0), np.pi / ANGLES
         for level in range(REFINEMENTS + 1):
             angle = middle + half * (2.0 * np.arange(ANGLES) + 1.0 - ANGLES) / ANGLES
-            some = np.cos(angle)[:, None] * first + np.sin(angle)[:, None] * second
-            found = _log_likelihood(moments, some, normal)
-            directions, values = np.concatenate([directions, some]), np.append(values, found)
-            cell, middle = 2.0 * half / ANGLES, angle[found.argmax()]
+            trial = np.cos(angle)[:, None] * first + np.sin(angle)[:, None] * second
+            likelihood = _log_likelihood(moments, trial, normal)
+            directions, values = np.concatenate([directions, trial]), np.append(values, likelihood)
+            cell, middle = 2.0 * half / ANGLES, angle[likelihood.argmax()]
             if level < REFINEMENTS:
                 half *= 6.0 / ANGLES
-        top = found.max()
-        log_mean = top + float(np.log(np.exp(found - top).sum() * cell / np.pi))
+        top = likelihood.max()
+        log_mean = top + float(np.log(np.exp(likelihood - top).sum() * cell / np.pi))
         return LineFits(directions, values, normal, self.row_gain + log_mean, self.row_gain)
 
 
 @dataclass(frozen=True, eq=False)
 class LineFits:
-    """Unit directions (N, 3) of lines normal to the mean force, whose direction is ``normal`` (3,), their log
-    likelihoods (N,), the marginal ``evidence``, and the log evidence of one constraint at most."""
+    """Unit directions (N, 3) of lines normal to the mean force with direction ``normal`` (3,), their log
+    likelihoods (N,), the marginal log ``evidence``, and the largest log evidence of one constraint."""
 
     direction: Array
     log_likelihood: Array
@@ -156,40 +157,40 @@ class LineFits:
         """Variance (rad^2) of the direction about the best one."""
         side = np.cross(self.normal, self.best)
         angle = np.arctan2(self.direction @ side, self.direction @ self.best)
-        angle = (angle + 0.5 * np.pi) % np.pi - 0.5 * np.pi  # a line has no sense
+        angle = (angle + 0.5 * np.pi) % np.pi - 0.5 * np.pi  # opposite directions are one line
         angle, first = np.unique(angle, return_index=True)
         weight = np.exp(EXPONENT * (self.log_likelihood[first] - self.log_likelihood.max()))
         spacing = np.gradient(angle)  # angles are denser near the best one
         weight *= spacing
         return float(weight @ angle**2 / weight.sum() + spacing.min() ** 2 / 12.0)
 
-    def across(self, other: Array) -> float:
-        """Least loss of log evidence if the line has to cross the direction ``other`` (3,): parallel lines
+    def across(self, axis: Array) -> float:
+        """Least loss of log evidence if the line has to cross the direction ``axis`` (3,); parallel lines
         constrain the same coordinate, which counts once."""
-        shared = (self.direction @ other) ** 2
+        shared = (self.direction @ axis) ** 2
         return float((self.log_likelihood - self.log_likelihood.max() - shared * self.row_gain).max())
 
 
 def _log_likelihood(moments: Array, direction: Array, normal: Array) -> Array:
-    """(N,) of lines with ``direction`` (N, 3), marginalised over their position and the common errors.
+    """Log likelihoods (N,) of lines with ``direction`` (N, 3); positions and errors are marginalised.
 
-    ``moments`` (3 C, 3 C) are those of the rows (3, C): the moment, its derivatives by common errors and by
-    a shift of the line, across itself, along the ``normal`` and within the plane.
+    ``moments`` (3 C, 3 C): second moments of rows (3, C), the moment and its derivatives by common errors and
+    by a shift of the line, across itself, along the ``normal`` and within the plane.
     """
     count, size = len(moments) // 3, len(direction)
     side = cross(normal, direction)
-    columns = np.zeros((size, 3, count, count - 1))  # of the rows, in one row along the direction
+    columns = np.zeros((size, 3, count, count - 1))  # from the rows to a row along the direction
     for column in range(count - 3):
         columns[:, :, column, column] = direction
     shifts = np.stack([np.broadcast_to(normal, side.shape), side], axis=2)
     columns[:, :, count - 3 :, count - 3 :] = direction[:, :, None, None] * shifts[:, None]
     projected = columns.reshape(size, 3 * count, count - 1)
-    found = np.asarray(projected.swapaxes(1, 2) @ moments @ projected)
-    information = found[:, 1:, 1:] + np.eye(count - 2)
-    pull = found[:, 1:, 0]
+    products = np.asarray(projected.swapaxes(1, 2) @ moments @ projected)
+    information = products[:, 1:, 1:] + np.eye(count - 2)
+    pull = products[:, 1:, 0]
     solved = np.asarray(np.linalg.solve(information, pull[..., None])[..., 0], float)
-    left = found[:, 0, 0] - dot(pull, solved)
-    return np.asarray(-0.5 * left - 0.5 * np.linalg.slogdet(information)[1])
+    squares = products[:, 0, 0] - dot(pull, solved)
+    return np.asarray(-0.5 * squares - 0.5 * np.linalg.slogdet(information)[1])
 
 
 def fixed_direction(direction: Array) -> float:
@@ -199,7 +200,7 @@ def fixed_direction(direction: Array) -> float:
 
 
 def fixed_in_both(direction: Array, rotation: Array) -> float:
-    """The same for one direction of the body that rotations (T, 3, 3) also keep fixed in the world."""
+    """Log likelihood that they are one direction of the body that rotations (T, 3, 3) do not move."""
     count, mean = len(direction), rotation.mean(axis=0)
     turned = EYE - mean.T @ mean
     information = REPEATED * count * (EYE / CONE_RAD**2 + turned / PARALLEL_RAD**2)
@@ -211,17 +212,17 @@ FEWEST_TICKS: Final = 3
 FREE_SD_N: Final = 0.5
 """Residual force of a free object (N): inertia in the tremor of a hand."""
 FREE_CLIP: Final = (-2.0, 3.0)
-"""Bounds of a tick's evidence (nats) for and against free motion: a contact force may be small."""
+"""Bounds (nats) of a tick's evidence for contact: a contact force may be small."""
 SIGNIFICANT: Final = 5.0
-"""Least force, in standard deviations, that has a line of action."""
+"""Least force, in standard deviations, whose line of action is used."""
 BEGINNING_S: Final = 2.0
-"""Time after which the free-motion filter knows the strength of motion."""
+"""Time (s) after which the free-motion filter has estimated the strength of motion."""
 MISFIT_NATS: Final = -10.0
-"""If all contacts fit worse than this although there is a force, the window has no single contact."""
+"""If all contacts fit worse than this (nats) although there is a force, the window has several contacts."""
 
 
 class WindowEvidence(NamedTuple):
-    """What wrenches show in a window of time.
+    """Evidence of the wrenches in a window of time.
 
     Parameters
     ----------
@@ -260,7 +261,7 @@ class WrenchEvidence:
         return len(rows) >= FEWEST_TICKS and self._against_free(rows) > 0.0
 
     def _measured(self, first_ns: int, last_ns: int) -> Ints:
-        """Rows of the ticks with wrenches, without the first and the last of this time."""
+        """Rows of the ticks with wrenches in this time, without its first and last tick."""
         first, end = self.wrenches.ticks.stamp_ns.searchsorted([first_ns, last_ns + 1])
         rows = np.arange(first + 1, end - 1)
         return rows[self.wrenches.ticks.is_measured[rows]]
@@ -272,7 +273,7 @@ class WrenchEvidence:
         return float(np.median(dot(measured, measured))) + FREE_SD_N**2
 
     def _against_free(self, rows: Ints) -> float:
-        """Log ratio of any contact force to none."""
+        """Log ratio (nats) of any contact force to no force in the ticks ``rows``."""
         force = self.wrenches.force_n[rows]
         square = dot(force, force)
         typical = self._typical_square
@@ -281,8 +282,7 @@ class WrenchEvidence:
         return float(np.clip(ratio, *FREE_CLIP).sum())
 
     def _of_kinds(self, rows: Ints) -> tuple[Array, Mapping[Contact, Pair]]:
-        """Log evidence (6,) of each contact, and its elements, by the lines of action that are
-        significant."""
+        """Log evidence (6,) of the contacts, and their elements, from the significant lines of action."""
         wrenches = self.wrenches
         force, variance = wrenches.force_n[rows], wrenches.force_variance(rows)
         strong = dot(force, force) > SIGNIFICANT**2 * 3.0 * variance
@@ -293,34 +293,34 @@ class WrenchEvidence:
         foot = cross(force, moment) / square[:, None]
         place = (wrenches.moment_noise[rows] + dot(foot, foot) * wrenches.force_noise[rows]) / square
         middle = foot.mean(axis=0)  # the prior of elements is centred where the force acts
-        of_force, of_moment = (errors[rows] for errors in wrenches.load_errors)
-        of_moment = of_moment - cross_matrix(middle) @ of_force
-        body = LinesOfAction(force, moment - cross(middle, force), place + FLOOR_M**2, of_force, of_moment)
+        common_n, common_nm = (errors[rows] for errors in wrenches.load_errors)
+        common_nm = common_nm - cross_matrix(middle) @ common_n
+        body = LinesOfAction(force, moment - cross(middle, force), place + FLOOR_M**2, common_n, common_nm)
         origin_m = np.einsum("tij,j->ti", rotation, middle) + wrenches.ticks.position_m[rows]
         world = body.in_world_frame(rotation, origin_m)
-        of_body, of_world = fixed_direction(body.direction), fixed_direction(world.direction)
+        body_fixed, world_fixed = fixed_direction(body.direction), fixed_direction(world.direction)
         edge, ridge, twist = body.along_lines(), world.along_lines(), body.twist()
-        (vertex, of_vertex), (peak, of_peak) = body.through_point(), world.through_point()
+        (vertex, vertex_gain), (peak, peak_gain) = body.through_point(), world.through_point()
         mean = rotation.mean(axis=0)
         crossing = max(ridge.across(mean @ edge.best), edge.across(mean.T @ ridge.best))
         faces = body.direction.mean(axis=0), world.direction.mean(axis=0)
         elements = acting_elements(faces, (edge, ridge), (vertex, peak), (middle, origin_m.mean(axis=0)))
         evidence = (
             fixed_in_both(body.direction, rotation),
-            edge.evidence + of_world,
-            ridge.evidence + of_body,
-            of_vertex + twist + of_world,
-            of_peak + twist + of_body,
+            edge.evidence + world_fixed,
+            ridge.evidence + body_fixed,
+            vertex_gain + twist + world_fixed,
+            peak_gain + twist + body_fixed,
             edge.evidence + ridge.evidence + crossing + twist,
         )
         return np.array(evidence), elements
 
 
 FRICTION_RAD: Final = float(np.radians(10.0))
-"""Standard deviation of the mean force from the normal, by friction: a hand that drags an object to one side
-with a coefficient of 0.3 turns it by 17 deg."""
+"""Standard deviation (rad) of the mean force from the normal by friction: if a hand drags an object to one
+side, a coefficient of 0.3 tilts the force by 17 deg."""
 MOST_RAD: Final = float(np.radians(20.0))
-"""Largest standard deviation of a direction that is used."""
+"""Largest standard deviation (rad) of a direction that is used."""
 
 
 def acting_elements(
@@ -329,19 +329,19 @@ def acting_elements(
     points: tuple[Point, Point],
     origins_m: tuple[Array, Array],
 ) -> Mapping[Contact, Pair]:
-    """The elements of the object (body frame) and of the surroundings (world frame) by contact; None for one
-    that is not known.
+    """The elements of the object (body frame) and of the surroundings (world frame) by contact; None for an
+    unknown element.
 
     Parameters
     ----------
     faces : mean directions (3,) of the contact force on the object, in the body's and in the world's axes.
     lines, points : in frames with these axes, whose origins are at ``origins_m`` in the body and the world.
     """
-    ours, theirs = (
+    body, world = (
         {"f": face_towards(unit(face), FRICTION_RAD), "e": _line(line, place), "v": shifted(point, place)}
         for face, line, point, place in zip((-faces[0], faces[1]), lines, points, origins_m, strict=True)
     )
-    return {contact: (ours[contact.value[0]], theirs[contact.value[2]]) for contact in CONTACTS}
+    return {contact: (body[contact.value[0]], world[contact.value[2]]) for contact in CONTACTS}
 
 
 def _line(fits: LineFits, origin_m: Array) -> Element | None:

@@ -26,7 +26,7 @@ from contact_tracker.wrenches.wrenches import (
 )
 
 Distance = tuple[float, float]
-"""With its standard deviation."""
+"""A distance or angle, and its standard deviation."""
 
 GRAVITY: Final = 9.80665
 LEAST_SHARE: Final = 0.1
@@ -39,46 +39,46 @@ TOO_LITTLE: Final = "too little free motion shows what the hand carries: weight 
 FEWEST_TICKS: Final = 4
 """Least number of ticks without contact for an estimate."""
 STARTS: Final = 6
-"""Most weights from which an estimate starts: outliers get little weight, so it may end at a few ticks. Of 48
-simulated loads beside as many ticks of contact 3 are within 5 % with 1, 39 with 3, and all with 6."""
+"""Largest number of initial weights: outliers get little weight, so an estimate may end at a few ticks. Of 48
+simulated loads, with as many ticks in contact, 3 are within 5 % from 1 start, 39 from 3, all from 6."""
 ROUNDS: Final = 30
 CONVERGED: Final = 1e-4
 """Change of the ticks' weights, between 0 and 1, after which no further round changes the load."""
 MOST_COMPARED: Final = 2000
-"""Most free ticks that are compared with each other."""
+"""Largest number of free ticks that are compared with each other."""
 NEAR_N: Final = 1.0
-"""Weights that differ by less are of the same load."""
+"""Weights (N) that differ by less belong to the same load."""
 LEAST_VARIANCE: Final = (0.05**2, 0.005**2)
 """Least variance of a tick's mean (N^2, (N m)^2), by sensor and tremor."""
 BIAS_SD: Final = (1.0, 0.1)
 """Prior standard deviations of the sensor's bias per axis (N, N m)."""
 FORCE_PRIOR: Final = np.diag([0.0] * 3 + [BIAS_SD[0] ** -2] * 3)
-"""Precision of weight and bias."""
+"""Prior precision (1/N^2) of weight and force bias."""
 CENTRE_SD_M: Final = 0.3
 """Prior standard deviation of the centre of mass about the body's origin (m)."""
 GYRATION_M: Final = 0.3
 """Prior scale of the radius of gyration (m)."""
 AGREES: Final = 0.07
-"""Relative deviation of weights in single ticks from a given mass, and of the load from one that fits."""
+"""Relative standard deviation of a tick's weight, and largest one of the load's mass, from a given mass."""
 MASS_SHARE: Final = 0.02
-"""Relative error of a given mass."""
+"""Relative standard deviation of a given mass."""
 EXPLAINED: Final = 0.25
-"""Least share of the ticks without contact that a load explains: motion alone takes others for such, too."""
+"""Least share of the free ticks that a load has to explain: by motion alone some contacts seem free."""
 UNEXPLAINED: Final = 0.05
 MISFIT: Final = 9.0
-"""Force that is left in this share of the ticks, over the usual force, and its square over its noise, above
-which they are not explained. On the shared physics recordings they are at most 0.085 and 2.3."""
+"""Bounds of the residual force in this share of the ticks: over the median force, and squared over its noise.
+A load above both does not explain them. On the shared physics recordings they are at most 0.085 and 2.3."""
 MOST_BIAS: Final = 0.5
-"""Largest bias over the weight and its moment, where it is far beyond its prior."""
+"""Largest ratio of a bias to the weight or to its moment, if the bias is far beyond its prior."""
 DOUBTED_DEVIATIONS: Final = 3.0
-"""Standard deviations of a bias beyond its prior, and of what no load has: a negative mass that is
-accelerated, a negative moment of inertia, axes that are turned."""
+"""Standard deviations from which a bias exceeds its prior, and from which a property that no load has is
+significant: negative accelerated mass, negative moment of inertia, turned axes."""
 TURNED_RAD: Final = 0.1
-"""Angle by which the axes of the forces may be turned against the body's. On the shared physics recordings it
-is at most 0.03 where they are right."""
+"""Largest angle (rad) between the axes of the forces and the body's axes; for right forces at most 0.03 on
+the shared physics recordings."""
 CENTRES_APART_M: Final = 0.03
-"""Distance that the centres of mass by forces and by moments may have. There it is at most 0.026 where they
-are right, and beyond it, in 280 simulated recordings, at most 2.2 standard deviations."""
+"""Largest distance (m) between the centres of mass by forces and by moments. For right wrenches it is at most
+0.026 on these recordings; in 280 simulated ones it exceeds this by at most 2.2 standard deviations."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,10 +94,9 @@ class Load:
     force_covariance, moment_covariance : (6, 6) of weight and bias, (12, 12) of centre, inertia and bias.
     scale : mean squared residual of the free ticks over their noise.
     ticks : sum of the weights of the free ticks that fit.
-    unexplained : residual force that a share ``EXPLAINED`` of the free ticks has at most, over their median
-        force, and its square over its noise.
-    accelerated : mass that is accelerated over the mass that is carried, which are one, and its standard
-        deviation.
+    unexplained : quantile ``EXPLAINED`` of the free ticks' residual force over their median force, and of its
+        square over its noise.
+    accelerated : ratio of the accelerated to the carried mass, 1 in theory, and its standard deviation.
     turned_rad : angle by which the axes of the forces are turned against the body's, and its standard
         deviation.
     apart_m : distance of the centres of mass by forces and by moments, without a part that noise explains.
@@ -119,7 +118,7 @@ class Load:
 
     @property
     def fit(self) -> float:
-        """How many ticks it explains, and how well: wrong loads fit fewer, and less well."""
+        """Number of ticks that the load explains over their misfit; smaller for wrong loads."""
         return self.ticks / self.scale
 
     @property
@@ -128,20 +127,20 @@ class Load:
 
     @property
     def doubt(self) -> str:
-        """Why this is no load of a hand, so that the wrenches have a wrong sign or frame; empty if it may be
-        one."""
+        """Reason why no hand has this load, so that the wrenches have a wrong sign or frame; empty if there
+        is none."""
         share, sd = self.accelerated
         if share < 0.0 and share + DOUBTED_DEVIATIONS * sd < 1.0:
             return "in free motion the forces are as if the mass were negative"
         weight_n = GRAVITY * self.mass_kg
         moment_nm = weight_n * float(np.linalg.norm(self.centre_m))
-        for what, bias, usual, most in (
+        for text, bias, usual, limit in (
             ("force of {:.1f} N", self.force_bias_n, BIAS_SD[0], weight_n),
             ("moment of {:.1f} N m", self.moment_bias_nm, BIAS_SD[1], moment_nm),
         ):
             size = float(np.linalg.norm(bias))
-            if size > max(DOUBTED_DEVIATIONS * usual, MOST_BIAS * most):
-                return f"in free motion a {what.format(size)} turns with the object, as gravity does not"
+            if size > max(DOUBTED_DEVIATIONS * usual, MOST_BIAS * limit):
+                return f"in free motion a {text.format(size)} turns with the object, as gravity does not"
         values, axes = np.linalg.eigh(_inertia_times(EYE) @ self.inertia)
         along = axes[:, 0] @ (axes[:, 0] @ _inertia_times(EYE))
         variance = max(float(along @ self.moment_covariance[3:9, 3:9] @ along), 1e-30)
@@ -154,8 +153,8 @@ class Load:
         distance, sd = self.apart_m
         if distance > max(DOUBTED_DEVIATIONS * sd, CENTRES_APART_M):
             return "in free motion the moments are not about the object's origin"
-        off, misfit = self.unexplained
-        if self.ticks < FEWEST_TICKS or (off > UNEXPLAINED and misfit > MISFIT):
+        residual, misfit = self.unexplained
+        if self.ticks < FEWEST_TICKS or (residual > UNEXPLAINED and misfit > MISFIT):
             return "in free motion the forces are not those of weight and inertia"
         return ""
 
@@ -180,7 +179,7 @@ class ContactWrenches:
     moment_by_load: Array
 
     def force_variance(self, rows: Ints) -> Array:
-        """(n,) variance per axis of some ticks, by noise and by the load's errors."""
+        """(n,) variance of the force per axis in the ticks ``rows``, by noise and by the load's errors."""
         design, covariance = self.force_by_load[rows], self.load.force_covariance
         by_load = np.einsum("tij,jk,tik->t", design, covariance, design) / 3.0
         return np.asarray(self.force_noise[rows] + by_load)
@@ -188,10 +187,10 @@ class ContactWrenches:
     @cached_property
     def load_errors(self) -> tuple[Array, Array]:
         """(T, 3, 18) twice: derivatives of force and moment by independent standard errors of the load."""
-        of_force = self.force_by_load @ _root(self.load.force_covariance)
-        of_moment = self.moment_by_load @ _root(self.load.moment_covariance)
-        force = np.concatenate([of_force, np.zeros_like(of_moment)], axis=2)
-        return force, np.concatenate([np.zeros_like(of_force), of_moment], axis=2)
+        force_errors = self.force_by_load @ _root(self.load.force_covariance)
+        moment_errors = self.moment_by_load @ _root(self.load.moment_covariance)
+        force = np.concatenate([force_errors, np.zeros_like(moment_errors)], axis=2)
+        return force, np.concatenate([np.zeros_like(force_errors), moment_errors], axis=2)
 
 
 def estimate_load(
@@ -220,29 +219,29 @@ def estimate_load(
 
 
 def _agreed_weights(ticks: TickWrenches, rows: Ints, p_free: Array, mass_kg: float | None) -> list[Array]:
-    """The weights (3,) of most runs of ticks, at most ``STARTS``, that of most first: that of a single run
-    may be a contact."""
-    every = -(-len(rows) // MOST_COMPARED)
-    rows, p_free = rows[::every], p_free[::every]
+    """Weights (3,) in which most runs of ticks agree, at most ``STARTS``, the best supported one first; the
+    weight of a single run may be from a contact."""
+    stride = -(-len(rows) // MOST_COMPARED)
+    rows, p_free = rows[::stride], p_free[::stride]
     free = ticks.at(rows)
-    held = _in_world(free, free.force_n - (mass_kg or 0.0) * free.acceleration)
-    off = np.linalg.norm(held[:, None] - held, axis=2)
-    run = np.cumsum(np.append(0, np.diff(rows) > every))
-    kernel = p_free / (1.0 + (off / NEAR_N) ** 2)
-    support = np.sum([kernel[:, run == one].mean(axis=1) for one in range(run[-1] + 1)], axis=0)
+    weight_n = _in_world(free, free.force_n - (mass_kg or 0.0) * free.acceleration)
+    distance_n = np.linalg.norm(weight_n[:, None] - weight_n, axis=2)
+    run = np.cumsum(np.append(0, np.diff(rows) > stride))
+    kernel = p_free / (1.0 + (distance_n / NEAR_N) ** 2)
+    support = np.sum([kernel[:, run == number].mean(axis=1) for number in range(run[-1] + 1)], axis=0)
     if mass_kg is not None:
-        ratio = np.linalg.norm(held, axis=1) / (GRAVITY * mass_kg)
+        ratio = np.linalg.norm(weight_n, axis=1) / (GRAVITY * mass_kg)
         support = support * np.exp(-0.5 * ((ratio - 1.0) / AGREES) ** 2)
     weights = list[Array]()
     while len(weights) < STARTS and np.max(support) > 0.0:
-        near = off[int(np.argmax(support))] < 2.0 * NEAR_N
-        weights.append(np.asarray(held[near].mean(axis=0)))
+        near = distance_n[int(np.argmax(support))] < 2.0 * NEAR_N
+        weights.append(np.asarray(weight_n[near].mean(axis=0)))
         support = np.where(near, 0.0, support)
     return weights
 
 
 def _in_world(ticks: TickWrenches, force_n: Array) -> Array:
-    """The weights (T, 3) that these forces of the hand hold."""
+    """Weights (T, 3) in the world's axes that forces of the hand (T, 3) balance."""
     return np.asarray(-np.einsum("tij,tj->ti", ticks.rotation, force_n))
 
 
@@ -251,36 +250,36 @@ def _refine(free: TickWrenches, weight_n: Array, mass_kg: float | None) -> Load:
     force_noise = np.maximum(free.force_variance, LEAST_VARIANCE[0])
     moment_noise = np.maximum(free.moment_variance, LEAST_VARIANCE[1])
     centre, scale = np.zeros(3), 1.0
-    held = _in_world(free, free.force_n)
-    weight = _redescending((np.linalg.norm(held - weight_n, axis=1) / NEAR_N) ** 2)
+    by_tick = _in_world(free, free.force_n)
+    weight = _redescending((np.linalg.norm(by_tick - weight_n, axis=1) / NEAR_N) ** 2)
     for _ in range(ROUNDS):
         mass = float(np.linalg.norm(weight_n)) / GRAVITY
         inertial, design = _forces(free, weight_n, mass, centre)[1], _force_design(free)
         down = weight_n / max(float(np.linalg.norm(weight_n)), 1e-9)
-        # the mass is that of the weight: apart, each round would add the error of the last
+        # the mass follows from the weight: a mass of its own would add up the errors of all rounds
         design[..., :3] += inertial[..., None] * down / max(GRAVITY * mass, 1e-9)
-        given, pull = FORCE_PRIOR.copy(), np.zeros(6)
+        prior, pull = FORCE_PRIOR.copy(), np.zeros(6)
         if mass_kg is not None:  # its length is known, not its direction
             sd = MASS_SHARE * GRAVITY * mass_kg
-            given[:3, :3] += np.outer(down, down) / sd**2
+            prior[:3, :3] += np.outer(down, down) / sd**2
             pull[:3] = down * GRAVITY * mass_kg / sd**2
-        force, by_force = _solve(design, free.force_n, weight / force_noise, given, pull)
+        force, by_force = _solve(design, free.force_n, weight / force_noise, prior, pull)
         weight_n, bias = force[:3], force[3:]
         off_force = free.force_n - np.einsum("tij,j->ti", design, force)
         mass = float(np.linalg.norm(weight_n)) / GRAVITY
         design = _moment_design(free, _forces(free, weight_n, mass, centre)[0])
         inertia = max(mass, 1e-3) * GYRATION_M**2
-        given = np.diag([CENTRE_SD_M**-2] * 3 + [inertia**-2] * 6 + [BIAS_SD[1] ** -2] * 3)
-        moment, by_moment = _solve(design, free.moment_nm, weight / moment_noise, given)
+        prior = np.diag([CENTRE_SD_M**-2] * 3 + [inertia**-2] * 6 + [BIAS_SD[1] ** -2] * 3)
+        moment, by_moment = _solve(design, free.moment_nm, weight / moment_noise, prior)
         centre = moment[:3]
         off_moment = free.moment_nm - np.einsum("tij,j->ti", design, moment)
         squares = (off_force**2).sum(axis=1) / force_noise + (off_moment**2).sum(axis=1) / moment_noise
         order = squares.argsort()
         heavy = weight[order].cumsum()
         usual = max(float(squares[order[heavy.searchsorted(0.5 * heavy[-1])]]), 6.0)  # the weighted median
-        before, weight = weight, _redescending(squares / usual)
+        previous, weight = weight, _redescending(squares / usual)
         scale = max(float((weight * squares).sum() / weight.sum()) / 6.0, 1.0)
-        if np.abs(weight - before).max() < CONVERGED:
+        if np.abs(weight - previous).max() < CONVERGED:
             break
     expected, squares = free.force_n - off_force - bias, (off_force**2).sum(axis=1)
     usual_n = max(float(np.median(np.linalg.norm(free.force_n, axis=1))), NEAR_N)
@@ -290,10 +289,10 @@ def _refine(free: TickWrenches, weight_n: Array, mass_kg: float | None) -> Load:
     )
     precision = weight / (force_noise * scale)
     acceleration = inertial[..., None] / max(mass, 1e-9)
-    found, covariance = _solve_with(free, precision, free.force_n, acceleration)
-    carried_kg = max(float(np.linalg.norm(found[:3])) / GRAVITY, 1e-9)
+    solution, covariance = _solve_with(free, precision, free.force_n, acceleration)
+    carried_kg = max(float(np.linalg.norm(solution[:3])) / GRAVITY, 1e-9)
     turned, by_turn = _misfit(free, precision, expected, -cross_matrix(expected))
-    # noise of the poses makes accelerations too large: from the line between origin and centre, if nearer
+    # noise of the poses enlarges accelerations: the distance from the line between origin and centre
     off_m, by_point = _misfit(free, precision, expected, mass * _acceleration_by_point(free))
     centre_by_force = centre + off_m
     share = float(np.clip(centre_by_force @ centre / max(float(centre @ centre), 1e-12), 0.0, 1.0))
@@ -308,19 +307,19 @@ def _refine(free: TickWrenches, weight_n: Array, mass_kg: float | None) -> Load:
         scale,
         float(weight.sum()),
         unexplained,
-        (float(found[6]) / carried_kg, float(covariance[6, 6]) ** 0.5 / carried_kg),
+        (float(solution[6]) / carried_kg, float(covariance[6, 6]) ** 0.5 / carried_kg),
         _distance(turned, by_turn),
         _distance(centre_by_force - share * centre, by_point),
     )
 
 
 def _misfit(ticks: TickWrenches, weight: Array, expected: Array, columns: Array) -> tuple[Array, Array]:
-    """What explains the forces beyond the ``expected`` ones by three ``columns`` (n, 3, 3), with its
-    covariance. A share of the acceleration is fitted beside it: the mean of a tick makes fast ones too small.
-    """
-    both = np.concatenate([columns, ticks.acceleration[..., None]], axis=2)
-    found, covariance = _solve_with(ticks, weight, ticks.force_n - expected, both)
-    return found[6:9], covariance[6:9, 6:9]
+    """Coefficients (3,) of ``columns`` (n, 3, 3) that explain the forces beyond the ``expected`` ones, and
+    their covariance (3, 3). A share of the acceleration is fitted as well, as averaging over a tick reduces
+    fast accelerations."""
+    design = np.concatenate([columns, ticks.acceleration[..., None]], axis=2)
+    solution, covariance = _solve_with(ticks, weight, ticks.force_n - expected, design)
+    return solution[6:9], covariance[6:9, 6:9]
 
 
 def _distance(apart: Array, covariance: Array) -> Distance:
@@ -331,8 +330,8 @@ def _distance(apart: Array, covariance: Array) -> Distance:
 
 
 def _solve_with(ticks: TickWrenches, weight: Array, force_n: Array, columns: Array) -> tuple[Array, Array]:
-    """Solve the forces for weight, bias and what explains more ``columns`` (n, 3, k): the solution (6 + k,)
-    and its covariance."""
+    """Solve the forces for weight, bias and coefficients of further ``columns`` (n, 3, k): the solution (6 +
+    k,) and its covariance."""
     design = np.concatenate([_force_design(ticks), columns], axis=2)
     return _solve(design, force_n, weight, np.pad(FORCE_PRIOR, (0, columns.shape[2])))
 
@@ -340,9 +339,9 @@ def _solve_with(ticks: TickWrenches, weight: Array, force_n: Array, columns: Arr
 def contact_wrenches(ticks: TickWrenches, load: Load) -> ContactWrenches:
     """The wrench of the surroundings: the load's less the measured wrench."""
     gravity, inertial = _forces(ticks, load.weight_n, load.mass_kg, load.centre_m)
-    of_force, of_moment = _force_design(ticks), _moment_design(ticks, gravity)
-    force = of_force @ np.append(load.weight_n, load.force_bias_n) + inertial
-    moment = of_moment @ np.concatenate([load.centre_m, load.inertia, load.moment_bias_nm])
+    force_design, moment_design = _force_design(ticks), _moment_design(ticks, gravity)
+    force = force_design @ np.append(load.weight_n, load.force_bias_n) + inertial
+    moment = moment_design @ np.concatenate([load.centre_m, load.inertia, load.moment_bias_nm])
     return ContactWrenches(
         ticks,
         load,
@@ -350,8 +349,8 @@ def contact_wrenches(ticks: TickWrenches, load: Load) -> ContactWrenches:
         moment - ticks.moment_nm,
         np.maximum(ticks.force_variance, LEAST_VARIANCE[0]),
         np.maximum(ticks.moment_variance, LEAST_VARIANCE[1]),
-        of_force,
-        of_moment,
+        force_design,
+        moment_design,
     )
 
 
@@ -389,13 +388,13 @@ def _acceleration_by_point(ticks: TickWrenches) -> Array:
 
 
 def _force_design(ticks: TickWrenches) -> Array:
-    """(n, 3, 6) of weight and bias in the force of the hand."""
+    """Derivatives (n, 3, 6) of the hand's force by weight and bias."""
     turned = ticks.rotation.swapaxes(1, 2)
     return np.concatenate([-turned, np.broadcast_to(EYE, turned.shape)], axis=2)
 
 
 def _moment_design(ticks: TickWrenches, gravity: Array) -> Array:
-    """(n, 3, 12) of centre of mass, inertia and bias in the moment of the hand."""
+    """Derivatives (n, 3, 12) of the hand's moment by centre of mass, inertia and bias."""
     spin = ticks.angular_velocity
     inertial = _inertia_times(ticks.angular_acceleration) + cross_matrix(spin) @ _inertia_times(spin)
     bias = np.broadcast_to(EYE, (len(inertial), 3, 3))
@@ -405,8 +404,8 @@ def _moment_design(ticks: TickWrenches, gravity: Array) -> Array:
 def _inertia_times(v: Array) -> Array:
     """(n, 3, 6): derivatives by an inertia's six parameters of its product with vectors v (n, 3)."""
     x, y, z = v.T
-    none = np.zeros_like(x)
-    rows = [[x, none, none, y, z, none], [none, y, none, x, none, z], [none, none, z, none, x, y]]
+    zero = np.zeros_like(x)
+    rows = [[x, zero, zero, y, z, zero], [zero, y, zero, x, zero, z], [zero, zero, z, zero, x, y]]
     return np.asarray(np.array(rows).transpose(2, 0, 1))
 
 

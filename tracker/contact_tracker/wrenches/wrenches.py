@@ -12,7 +12,7 @@ from contact_tracker.geometry.rotation import between, matrices, nearest, rotati
 from contact_tracker.motion.poses import Poses, real_numbers
 
 GREATEST_N: Final = 1e6
-"""No sensor measures more (N, N m): what is beyond is not a measurement."""
+"""Largest value (N, N m) that counts as a measurement."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,51 +55,51 @@ class Wrenches:
 
     @property
     def valid(self) -> "Wrenches":
-        """Those that are finite and no larger than ``GREATEST_N``, in order of time; of one stamp the
-        first."""
+        """The finite wrenches no larger than ``GREATEST_N`` in order of time; the first of those with equal
+        stamps."""
         numbers = np.concatenate([self.force_n, self.moment_nm], axis=1)
-        good = np.flatnonzero((np.abs(numbers) <= GREATEST_N).all(axis=1))  # false of NaN
-        _, first = np.unique(self.stamp_ns[good], return_index=True)
-        return self.at(good[first])
+        finite = np.flatnonzero((np.abs(numbers) <= GREATEST_N).all(axis=1))  # false for NaN
+        _, first = np.unique(self.stamp_ns[finite], return_index=True)
+        return self.at(finite[first])
 
     def at(self, rows: Ints) -> "Wrenches":
-        """Those of these rows, in their order."""
+        """The wrenches in ``rows``, in this order."""
         return Wrenches(self.stamp_ns[rows], self.force_n[rows], self.moment_nm[rows])
 
 
 def reversed_wrenches(wrenches: Wrenches) -> Wrenches:
-    """The reactions: forces and moments with the opposite sign."""
+    """The reaction wrenches: forces and moments with the opposite sign."""
     return Wrenches(wrenches.stamp_ns, -wrenches.force_n, -wrenches.moment_nm)
 
 
 def about_body(wrenches: Wrenches, poses: Poses) -> Wrenches:
-    """Wrenches that are given about the world's origin and in its axes, about the body's and in its own.
+    """Wrenches given about the world's origin in its axes, about the body's origin in its own axes.
 
-    Each takes the pose nearest in time; ``poses`` are in order of time, and there is one at least.
+    Each wrench is turned by the pose nearest in time; ``poses``: at least one, in order of time.
     """
     moment_nm = wrenches.moment_nm - cross(_nearest(wrenches, poses).position_m, wrenches.force_n)
     return turned_to_body(Wrenches(wrenches.stamp_ns, wrenches.force_n, moment_nm), poses)
 
 
 def turned_to_body(wrenches: Wrenches, poses: Poses) -> Wrenches:
-    """Wrenches that are given about the body's origin in the axes of the world, in the body's own axes; as
+    """Wrenches given about the body's origin in the world's axes, in the body's axes; poses as in
     ``about_body``."""
     return _turned(_nearest(wrenches, poses).rotation.swapaxes(1, 2), wrenches)
 
 
 def _nearest(wrenches: Wrenches, poses: Poses) -> Poses:
     """The pose nearest in time to each wrench."""
-    after = np.clip(poses.stamp_ns.searchsorted(wrenches.stamp_ns), 1, max(len(poses) - 1, 1))
-    before = after - 1
-    after = np.minimum(after, len(poses) - 1)
-    is_nearer = poses.stamp_ns[after] - wrenches.stamp_ns < wrenches.stamp_ns - poses.stamp_ns[before]
-    return poses[np.where(is_nearer, after, before)]
+    later = np.clip(poses.stamp_ns.searchsorted(wrenches.stamp_ns), 1, max(len(poses) - 1, 1))
+    earlier = later - 1
+    later = np.minimum(later, len(poses) - 1)
+    is_nearer = poses.stamp_ns[later] - wrenches.stamp_ns < wrenches.stamp_ns - poses.stamp_ns[earlier]
+    return poses[np.where(is_nearer, later, earlier)]
 
 
 def _turned(rotation: Array, wrenches: Wrenches) -> Wrenches:
-    """Wrenches turned by a rotation (N, 3, 3) each."""
+    """Wrenches turned by rotations (N, 3, 3)."""
     values = wrenches.force_n, wrenches.moment_nm
-    return Wrenches(wrenches.stamp_ns, *(np.einsum("tij,tj->ti", rotation, one) for one in values))
+    return Wrenches(wrenches.stamp_ns, *(np.einsum("tij,tj->ti", rotation, vectors) for vectors in values))
 
 
 def about_parent(wrenches: Wrenches, frames: Poses) -> Wrenches:
@@ -116,7 +116,7 @@ STEADY: Final = 1.5
 
 @dataclass(frozen=True, eq=False)
 class TickWrenches:
-    """T ticks; values of ticks without measurements (``is_measured`` False) are zero.
+    """Poses and wrenches of T ticks; values without measurements (``is_measured`` False) are zero.
 
     Parameters
     ----------
@@ -147,10 +147,10 @@ class TickWrenches:
 
 
 def average(poses: Poses, wrenches: Wrenches, stamp_ns: Ints) -> TickWrenches:
-    """Mean poses and wrenches of the ticks that end at ``stamp_ns`` (T,), each from the end of the previous
-    one."""
+    """Mean poses and wrenches of the ticks that end at ``stamp_ns`` (T,), each beginning at the end of the
+    one before."""
     pose_rows, rows = (
-        np.append(0, of.stamp_ns.searchsorted(stamp_ns, side="right")) for of in (poses, wrenches)
+        np.append(0, stream.stamp_ns.searchsorted(stamp_ns, side="right")) for stream in (poses, wrenches)
     )
     mean = _means(poses.rotation.reshape(-1, 9), pose_rows).reshape(-1, 3, 3)
     quat = np.array([nearest(matrix) for matrix in mean]).reshape(-1, 4)
@@ -180,28 +180,28 @@ def _means(values: Array, rows: Ints) -> Array:
 
 
 def _variances(values: Array, rows: Ints) -> Array:
-    """Variances (T,) per axis of the means of rows (N, 3) between bounds; that of one row is the median's.
+    """Variances (T,) per axis of the means of rows (N, 3) between bounds; the median for a single row.
 
-    Neighbours differ by noise and by half of what changes in a tick, so the scatter bounds both.
+    Neighbours differ by noise and by half of the change in a tick, so the scatter bounds both.
     """
     count = np.diff(rows)
     mean = np.repeat(_means(values, rows), count, axis=0)
-    off = ((values[rows[0] : rows[-1]] - mean) ** 2).sum(axis=1)[:, None]
-    scatter = _means(off, rows - rows[0])[:, 0] / 3.0
-    many = count > 1
-    usual = float(np.median(scatter[many])) if many.any() else 0.0
-    return np.asarray(np.where(many, scatter / np.maximum(count - 1, 1), usual))
+    squares = ((values[rows[0] : rows[-1]] - mean) ** 2).sum(axis=1)[:, None]
+    scatter = _means(squares, rows - rows[0])[:, 0] / 3.0
+    has_scatter = count > 1
+    usual = float(np.median(scatter[has_scatter])) if has_scatter.any() else 0.0
+    return np.asarray(np.where(has_scatter, scatter / np.maximum(count - 1, 1), usual))
 
 
 def _is_steady(time_s: Array, has_poses: Bools) -> Bools:
-    """Whether a tick has poses, and both neighbours at the usual distance."""
+    """Whether a tick has poses, and both neighbours are at the usual distance."""
     steps = np.diff(time_s)
     steady = np.zeros(len(time_s), bool)
     if len(time_s) < 3:
         return steady
-    good = has_poses[1:] & has_poses[:-1] & (steps > 0.0)
-    usual = np.median(steps[good]) if good.any() else 0.0
-    near = good & (steps < STEADY * usual) & (steps > usual / STEADY)
+    consecutive = has_poses[1:] & has_poses[:-1] & (steps > 0.0)
+    usual = np.median(steps[consecutive]) if consecutive.any() else 0.0
+    near = consecutive & (steps < STEADY * usual) & (steps > usual / STEADY)
     steady[1:-1] = near[1:] & near[:-1]
     return steady
 

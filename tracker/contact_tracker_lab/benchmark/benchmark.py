@@ -5,8 +5,8 @@
     python -m contact_tracker_lab.benchmark FOLDER --split tuning --only "tracker" "speed threshold"
 
 FOLDER has a folder of .mcap files for each set. Recordings with an even number in their name are for tuning,
-those with an odd number for testing; what a method learns or what its constants are chosen on is the tuning
-split. Scored is the time in which the motion determines the contact (``docs/benchmarks.md``).
+those with an odd number for testing; methods learn, and their constants are chosen, on the tuning
+split only. Scored is the time in which the motion determines the contact (``docs/benchmarks.md``).
 
 ``5-95 %`` is a bootstrap interval of the accuracy over the true phases, ``delay`` the median time from a true
 onset until the label is right for 0.3 s, plus the lag; ``CPU`` seconds for each second of the recordings.
@@ -41,10 +41,10 @@ BY_CRITERION: Final = (bic.WINDOWS, bic.CHANGES, bic.SEGMENTS)
 
 
 class Job(NamedTuple):
-    """One recording, and what is asked of it.
+    """One recording, and the methods to apply.
 
-    ``earlier`` is the first take of the same scene, if it is a later one; ``only`` names of methods, all if
-    empty; ``functions`` are names of others' methods, ``labels`` a folder with NAME.csv.
+    ``earlier``: the first take of the same scene, for a later take; ``only``: names of methods, all if empty;
+    ``functions``: names of others' methods; ``labels``: a folder with NAME.csv.
     """
 
     path: Path
@@ -59,8 +59,8 @@ class Job(NamedTuple):
 
 
 class Measured(NamedTuple):
-    """Results on one recording: ``scores`` and CPU time by method; ``windows`` are the input of the method
-    that is calibrated on the tuning split; ``seconds`` of motion."""
+    """Results on one recording: ``scores`` and CPU time by method; ``windows``: input of the method that is
+    calibrated on the tuning split; ``seconds``: duration."""
 
     scores: Scores
     cpu_s: dict[Method, float]
@@ -75,9 +75,9 @@ def measure(job: Job) -> Measured:
     scored = scoring(poses.stamp_ns, truth)
     scores, cpu_s = dict[Method, Score](), dict[Method, float]()
 
-    def note(found: Mapping[Method, Answer], began_s: float) -> None:
-        cpu_s.update(dict.fromkeys(found, time.process_time() - began_s))
-        scores.update({method: Score.of(answer, scored) for method, answer in found.items()})
+    def note(answers: Mapping[Method, Answer], began_s: float) -> None:
+        cpu_s.update(dict.fromkeys(answers, time.process_time() - began_s))
+        scores.update({method: Score.of(answer, scored) for method, answer in answers.items()})
 
     labellings = tracked.methods(model) if job.wants(tracked.NAME) else {}
     if job.wants(others.STILL):
@@ -86,8 +86,8 @@ def measure(job: Job) -> Measured:
     if job.earlier is not None and job.wants(tracked.WITH_MAP):
         labellings |= tracked.methods(model, job.earlier)
     if job.labels is not None:
-        of_file = partial(others.answer_from_labels, path=job.labels / f"{job.path.stem}.csv")
-        labellings[Method(job.labels.name, OFFLINE, False)] = of_file
+        labelling = partial(others.answer_from_labels, path=job.labels / f"{job.path.stem}.csv")
+        labellings[Method(job.labels.name, OFFLINE, False)] = labelling
     for method, answer in labellings.items():
         began_s = time.process_time()
         note({method: answer(poses)}, began_s)
@@ -99,9 +99,9 @@ def measure(job: Job) -> Measured:
     if job.wants(*BY_CRITERION):
         began_s = time.process_time()
         ticks = bic.Ticks.of(poses, model)
-        of_ticks_s = time.process_time() - began_s
+        ticks_s = time.process_time() - began_s
         for answers_of in bic.WAYS:
-            began_s = time.process_time() - of_ticks_s
+            began_s = time.process_time() - ticks_s
             note(answers_of(poses, scored, ticks), began_s)
     return Measured(scores, cpu_s, windows, float(poses.stamp_ns[-1] - poses.stamp_ns[0]) * 1e-9)
 
@@ -113,63 +113,64 @@ def split_of(path: Path) -> str:
 
 
 def earlier_take(path: Path, paths: Sequence[Path]) -> Path | None:
-    """The first take of the scene of a recording SCENE_TAKE; None if there is none before it.
+    """The first take of the scene of a recording SCENE_TAKE; None if there is no earlier one.
 
-    Sets in which scenes have one name each are no takes.
+    Sets of one scene have no takes.
     """
     scene = path.stem.rpartition("_")[0]
-    takes = [one for one in paths if one.stem.rpartition("_")[0] == scene]
-    is_of_takes = len({one.stem.rpartition("_")[0] for one in paths}) > 1
-    first = min(takes, key=lambda one: (len(one.stem), one.stem))  # take 9 is before 10
+    takes = [take for take in paths if take.stem.rpartition("_")[0] == scene]
+    is_of_takes = len({take.stem.rpartition("_")[0] for take in paths}) > 1
+    first = min(takes, key=lambda take: (len(take.stem), take.stem))  # take 9 precedes take 10
     return first if is_of_takes and first != path else None
 
 
 def with_hmm(
-    found: Mapping[str, list[Measured]], tuning: Mapping[str, list[Measured]], model_name: str
+    results: Mapping[str, list[Measured]], tuning: Mapping[str, list[Measured]], model_name: str
 ) -> dict[str, list[Measured]]:
-    """The results, with those of the HMM that is calibrated on the tuning split of each set."""
-    model, more = load_model(model_name), dict[str, list[Measured]]()
-    for name, some in found.items():
-        learned = [one.windows for one in tuning.get(name, []) if one.windows is not None]
-        recorded = [one.windows for one in some if one.windows is not None]
-        if not learned or len(recorded) < len(some):
-            more[name] = some
+    """The results, with those of the HMM calibrated on the tuning split of each set added."""
+    model, extended = load_model(model_name), dict[str, list[Measured]]()
+    for name, recordings in results.items():
+        learned = [recording.windows for recording in tuning.get(name, []) if recording.windows is not None]
+        recorded = [recording.windows for recording in recordings if recording.windows is not None]
+        if not learned or len(recorded) < len(recordings):
+            extended[name] = recordings
             continue
         scores = fixed_windows.hmm_scores(recorded, learned, model)
-        more[name] = [one._replace(scores=one.scores | s) for one, s in zip(some, scores, strict=True)]
-    return more
+        pairs = zip(recordings, scores, strict=True)
+        extended[name] = [recording._replace(scores=recording.scores | added) for recording, added in pairs]
+    return extended
 
 
-def summary(found: Mapping[str, Sequence[Measured]]) -> Table:
-    """A row for each method: accuracy by set, and further figures over all sets that it was scored on."""
-    everything = [one for some in found.values() for one in some]
-    methods = list(dict.fromkeys(method for one in everything for method in one.scores))
+def summary(results: Mapping[str, Sequence[Measured]]) -> Table:
+    """A row for each method: accuracy by set, and further figures over all sets on which it was scored."""
+    measured_all = [recording for recordings in results.values() for recording in recordings]
+    methods = list(dict.fromkeys(method for recording in measured_all for method in recording.scores))
     names = [method.name for method in methods]
-    methods.sort(key=lambda method: (names.index(method.name), -method.wait_s))  # each from offline to online
+    methods.sort(key=lambda method: (names.index(method.name), -method.wait_s))  # from offline to online
     rows = []
     for method in methods:
-        by_set = [accuracy(method, some) for some in found.values()]
-        scored = [one for one in everything if method in one.scores]
-        whole = reduce(add, (one.scores[method] for one in scored))
-        cpu_s = [one.cpu_s[method] for one in scored if method in one.cpu_s]
-        total = [number(whole.main.accuracy())] if len(found) > 1 else []
-        share = number(sum(cpu_s) / sum(one.seconds for one in scored), 3) if cpu_s else "-"
-        rows.append([method.name, method.when, *by_set, *total, *details(method, whole), share])
-    sets = (*found, TOTAL) if len(found) > 1 else tuple(found)
+        by_set = [accuracy(method, recordings) for recordings in results.values()]
+        scored = [recording for recording in measured_all if method in recording.scores]
+        total_score = reduce(add, (recording.scores[method] for recording in scored))
+        cpu_s = [recording.cpu_s[method] for recording in scored if method in recording.cpu_s]
+        total = [number(total_score.main.accuracy())] if len(results) > 1 else []
+        share = number(sum(cpu_s) / sum(recording.seconds for recording in scored), 3) if cpu_s else "-"
+        rows.append([method.name, method.when, *by_set, *total, *details(method, total_score), share])
+    sets = (*results, TOTAL) if len(results) > 1 else tuple(results)
     return Table(("method", "when", *sets, *DETAILS), rows)
 
 
-def accuracy(method: Method, found: Sequence[Measured]) -> str:
-    """Over the recordings of a set; with ``*`` where the method was not applied to all, ``-`` to none."""
-    scored = [one.scores[method] for one in found if method in one.scores]
+def accuracy(method: Method, recordings: Sequence[Measured]) -> str:
+    """Accuracy in a set; with ``*`` if the method was not applied to all recordings, ``-`` if to none."""
+    scored = [recording.scores[method] for recording in recordings if method in recording.scores]
     if not scored:
         return "-"
-    return number(reduce(add, scored).main.accuracy()) + "*" * (len(scored) < len(found))
+    return number(reduce(add, scored).main.accuracy()) + "*" * (len(scored) < len(recordings))
 
 
-def details(method: Method, whole: Score) -> list[str]:
-    """The further figures of a row but its CPU time."""
-    main, (low, high) = whole.main, map(number, whole.band())
+def details(method: Method, score: Score) -> list[str]:
+    """The further figures of a row, except CPU time."""
+    main, (low, high) = score.main, map(number, score.band())
     waits = "-" if method.wait_s == OFFLINE else number(quantile(main.delay_s, 0.5) + method.wait_s, 2)
     uncertain = map(number, (main.log_loss, main.calibration_error, main.sure_wrong))
     band = low if low == high else f"{low}-{high}"
@@ -194,21 +195,21 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def measured_table(args: argparse.Namespace) -> Table:
     sets = find_sets(args.folder, args.set)
-    asked = (tuple(args.only), tuple(args.method), args.labels)
+    selection = (tuple(args.only), tuple(args.method), args.labels)
     jobs = dict[tuple[str, bool], list[tuple[Job]]]()
     for name, paths in sets.items():
         for path in paths:
-            job = Job(path, args.model, earlier_take(path, paths), *asked)
+            job = Job(path, args.model, earlier_take(path, paths), *selection)
             if args.split in ("all", split_of(path)):
                 jobs.setdefault((name, True), []).append((job,))
             if split_of(path) == "tuning" and job.wants(fixed_windows.HMM):
                 learning = Job(path, args.model, only=(fixed_windows.HMM,))
                 jobs.setdefault((name, False), []).append((learning,))
     results = dict(measured(measure, jobs, args.processes))
-    found = {name: some for (name, is_scored), some in results.items() if is_scored}
-    if not any(one.scores for some in found.values() for one in some):
+    scored = {name: recordings for (name, is_scored), recordings in results.items() if is_scored}
+    if not any(recording.scores for recordings in scored.values() for recording in recordings):
         names = "; ".join((tracked.NAME, tracked.WITH_MAP, others.STILL, *WINDOWED, *BY_CRITERION))
-        what = f"no recording is of the split {args.split}, or no method is {names}"
-        raise UsageError(f"nothing to score: {what}")
-    tuning = {name: some for (name, is_scored), some in results.items() if not is_scored}
-    return summary(with_hmm(found, tuning, args.model))
+        reason = f"no recording is of the split {args.split}, or no method is {names}"
+        raise UsageError(f"nothing to score: {reason}")
+    tuning = {name: recordings for (name, is_scored), recordings in results.items() if not is_scored}
+    return summary(with_hmm(scored, tuning, args.model))

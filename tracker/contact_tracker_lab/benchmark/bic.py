@@ -11,8 +11,8 @@ the tracker's ticks of 0.1 s without outliers, with the noise estimated from the
 the tracker.
 
 Segments are the paper's windows of 500 frames, every 100 frames; those between change points that ruptures
-(C. Truong et al., 2020) finds with minus the criterion as the cost of a segment, where n in log n is that of
-the recording, so that the segments are of one model; and the true ones.
+(C. Truong et al., 2020) finds with minus the criterion as the cost of a segment, with the recording's n
+in log n, so that the segments are one model; and the true ones.
 """
 
 from functools import cache
@@ -43,14 +43,14 @@ SEGMENTS: Final = "BIC, true segments"
 CHANGES: Final = "BIC, change points"
 FEWEST: Final = 2
 GRID_TICKS: Final = 5
-"""Change points are looked for at every so many ticks..."""
+"""Interval of the ticks at which change points may be..."""
 LONGEST_TICKS: Final = 100
-"""... and at least as often as that: a longer contact is found as several segments with one label."""
+"""... and largest length of a segment: a longer contact becomes several segments with one label."""
 
 
 class Ticks(NamedTuple):
-    """The ``window`` of all T ticks of a recording, whether each ``has_frames`` (T,), ``start_ns`` and
-    ``stamp_ns`` (T,) of their first and last frame; ``scales`` of the tracker's fits."""
+    """The ``window`` of all T ticks of a recording; ``has_frames`` (T,); ``start_ns``, ``stamp_ns`` (T,) of
+    their first and last frames; ``scales`` of the tracker's fits."""
 
     window: Window
     has_frames: Bools
@@ -60,7 +60,7 @@ class Ticks(NamedTuple):
 
     @classmethod
     def of(cls, poses: Poses, model: Model) -> "Ticks":
-        """The ticks of at least one pose."""
+        """The ticks of at least one pose, as in the tracker."""
         ticks = list(ticks_of(batches(poses), model))
         values = np.array([(tick.count, tick.start_ns, tick.stamp_ns) for tick in ticks], np.int64)
         return cls(window_of(ticks, model), values[:, 0] > 0, values[:, 1], values[:, 2], scales_of(model))
@@ -88,7 +88,7 @@ def on_windows(poses: Poses, _: Scoring, ticks: Ticks) -> dict[Method, Answer]:
 
 
 def between_change_points(poses: Poses, _: Scoring, ticks: Ticks) -> dict[Method, Answer]:
-    """The segments with the greatest sum of the criterion, less that of each change point."""
+    """The segments with the greatest sum of the criterion, less a cost for each change point."""
     ends = change_points(ticks)
     first = np.array([0, *ends[:-1]], np.int64)
     spans = [(int(ticks.start_ns[a]), int(ticks.stamp_ns[b - 1])) for a, b in zip(first, ends, strict=True)]
@@ -98,14 +98,14 @@ def between_change_points(poses: Poses, _: Scoring, ticks: Ticks) -> dict[Method
 
 
 def on_true_segments(_: Poses, scored: Scoring, ticks: Ticks) -> dict[Method, Answer]:
-    """The true phases by the ticks within each."""
+    """The true phases, by the ticks within each."""
     begins = np.append(True, np.diff(scored.truth) != 0)
     run = np.cumsum(begins) - 1
     first = np.flatnonzero(begins)
     last = np.append(first[1:], len(run)) - 1
-    is_known = scored.truth[first] != UNSCORED
+    has_truth = scored.truth[first] != UNSCORED
     bounds = zip(scored.stamp_ns[first].tolist(), scored.stamp_ns[last].tolist(), strict=True)
-    spans = [span if known else (1, 0) for span, known in zip(bounds, is_known, strict=True)]
+    spans = [span if scored else (1, 0) for span, scored in zip(bounds, has_truth, strict=True)]
     probability, row = _posteriors(spans, ticks)
     return {Method(SEGMENTS, OFFLINE): Answer.most_probable(row[run], probability)}
 
@@ -122,13 +122,13 @@ def change_points(ticks: Ticks) -> list[int]:
     grid = [*range(0, count, GRID_TICKS), count]
     if len(grid) <= FEWEST:
         return [count]
-    found = Pelt(custom_cost=_cost(ticks, grid), min_size=1, jump=1).fit(np.arange(len(grid) - 1.0)[:, None])
-    return [grid[end] for end in found.predict(pen=0.5 * np.log(count))]
+    search = Pelt(custom_cost=_cost(ticks, grid), min_size=1, jump=1).fit(np.arange(len(grid) - 1.0)[:, None])
+    return [grid[end] for end in search.predict(pen=0.5 * np.log(count))]
 
 
 def _cost(ticks: Ticks, grid: list[int]) -> Any:
-    """The cost of a segment for ruptures: minus the criterion of the best state of ticks between points of
-    the ``grid``; infinite beyond ``LONGEST_TICKS``."""
+    """The cost of a segment for ruptures: minus the criterion of the best state of the ticks between points
+    of the ``grid``; infinite beyond ``LONGEST_TICKS``."""
     from ruptures.base import BaseCost
 
     class Cost(BaseCost):  # type: ignore[misc]
@@ -151,17 +151,18 @@ def _cost(ticks: Ticks, grid: list[int]) -> Any:
 
 
 def _posteriors(spans: list[tuple[int, int]], ticks: Ticks, samples: int | None = None) -> tuple[Array, Ints]:
-    """Posterior (P, 7) of the spans with enough ticks, and the row of each span (-1: none); ``samples`` of
-    the whole model, by default those of each span."""
+    """Posterior (P, 7) of the spans with enough ticks, and the row of each span (-1: none); ``samples``:
+    number of ticks in the whole model, by default in each span."""
     windows = [ticks.within(*span) for span in spans]
-    found = [softmax(criteria_of(one, ticks.scales, samples)) for one in windows if one is not None]
+    fitted = (window for window in windows if window is not None)
+    posteriors = [softmax(criteria_of(window, ticks.scales, samples)) for window in fitted]
     has_ticks = np.array([window is not None for window in windows], bool)
     row = np.where(has_ticks, np.cumsum(has_ticks) - 1, -1)
-    return np.array(found).reshape(-1, len(STATES)), row.astype(np.int64)
+    return np.array(posteriors).reshape(-1, len(STATES)), row.astype(np.int64)
 
 
 def criteria_of(window: Window, scales: EvidenceParameters, samples: int | None = None) -> Array:
-    """BIC (7,) of the states for the ticks of a window, of a model with so many ``samples`` in all."""
+    """BIC (7,) of the states for the ticks of a window, in a model with ``samples`` ticks in all."""
     chi_sq, parameters = np.zeros(len(STATES)), np.zeros(len(STATES))
     for model in CONTACT_MODELS:
         column, family = model.contact.column, model.family

@@ -4,14 +4,14 @@ Windows advance by 0.1 s, as the tracker's ticks; 500 frames are 2.5 s at 200 Hz
 30 Hz. Before the end of the first window an online method has no label.
 
 The smallest objective: each of the six curves divided by its maximum, as in the paper's Fig. 5; the label is
-the contact with the lowest one, never free. The maximum is that of the whole recording, also online.
+the contact with the lowest curve, never free. The maximum is over the whole recording, also online.
 
 The HMM: ``contact_tracker.hmm`` over fixed windows instead of hypotheses with windows of their own. It is
 calibrated on the tuning split of the set: emissions are normal densities of the log of the six minima, with
 mean and covariance by true state; states that do not occur there are impossible; the rate of leaving is that
 of the split, the distribution of the next state that of the lattice. Windows overlap, so emissions have an
 exponent: for labels the one with the highest accuracy, for probabilities the one with the least log-loss.
-Offline the label of a window is that of its middle, online that of its last frame.
+Offline a window labels its middle, online its last frame.
 """
 
 from collections.abc import Sequence
@@ -37,7 +37,7 @@ SMALLEST: Final = "smallest objective"
 HMM: Final = "HMM on windows"
 EXPONENTS: Final = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
 SHRINKAGE: Final = 0.5
-"""Share of the pooled covariance in that of each state, since some states have few windows."""
+"""Share of the pooled covariance in each state's, since some states have few windows."""
 LEAST_SD: Final = 0.05
 
 
@@ -57,10 +57,10 @@ class Windows:
     def of(cls, poses: Poses, scored: Scoring) -> "Windows":
         frame_s = float(np.median(np.diff(poses.stamp_ns))) * 1e-9 if len(poses) > 1 else STEP_S
         step = max(1, round(STEP_S / frame_s))
-        found = curves(poses, FRAMES, step)
-        log_minimum = 0.5 * np.log(np.maximum(found.minimum / FRAMES, np.finfo(float).tiny))
+        minima = curves(poses, FRAMES, step)
+        log_minimum = 0.5 * np.log(np.maximum(minima.minimum / FRAMES, np.finfo(float).tiny))
         half_ns = round(FRAMES * frame_s * 0.5e9)
-        return cls(scored, found.stamp_ns, found.normalised, log_minimum, half_ns, step * frame_s)
+        return cls(scored, minima.stamp_ns, minima.normalised, log_minimum, half_ns, step * frame_s)
 
     def labelled_ns(self, wait_s: float) -> Ints:
         """Stamps (W,) of the frames that windows label, offline or without a lag."""
@@ -82,7 +82,7 @@ class Windows:
 
 
 def smallest_answers(windows: Windows) -> dict[Method, Answer]:
-    """Labels by the smallest normalised objective: of the window around a frame, online of the last one."""
+    """Labels by the smallest normalised objective of the window around a frame, or online before it."""
     label = windows.normalised.argmin(axis=1).astype(np.int64)
     return {
         Method(SMALLEST, wait_s, False): Answer.certain(windows.ticks(wait_s), label)
@@ -91,7 +91,7 @@ def smallest_answers(windows: Windows) -> dict[Method, Answer]:
 
 
 class Emission(NamedTuple):
-    """Normal densities of the states (S,) in a set: ``mean`` (S, 6), ``covariance`` (S, 6, 6)."""
+    """Normal densities of the S states in a set: ``mean`` (S, 6), ``covariance`` (S, 6, 6)."""
 
     states: Ints
     mean: Array
@@ -99,23 +99,24 @@ class Emission(NamedTuple):
 
     @classmethod
     def fit(cls, values: Array, state: Ints) -> "Emission":
-        """Fitted to values (W, 6) and their true states (W,)."""
+        """Densities fitted to values (W, 6) and their true states (W,)."""
         states = np.unique(state)
         mean = np.array([values[state == s].mean(axis=0) for s in states])
-        off = values - mean[np.searchsorted(states, state)]
-        pooled = off.T @ off / len(off) + LEAST_SD**2 * np.eye(values.shape[1])
-        by_state = np.array([off[state == s].T @ off[state == s] / np.sum(state == s) for s in states])
+        centred = values - mean[np.searchsorted(states, state)]
+        pooled = centred.T @ centred / len(centred) + LEAST_SD**2 * np.eye(values.shape[1])
+        groups = [centred[state == s] for s in states]
+        by_state = np.array([group.T @ group / len(group) for group in groups])
         return cls(states.astype(np.int64), mean, (1 - SHRINKAGE) * by_state + SHRINKAGE * pooled)
 
     def log_density(self, values: Array) -> Array:
         """(W, S), up to a constant."""
-        off = values[:, None] - self.mean
-        square = np.einsum("wsi,sij,wsj->ws", off, np.linalg.inv(self.covariance), off)
+        deviation = values[:, None] - self.mean
+        square = np.einsum("wsi,sij,wsj->ws", deviation, np.linalg.inv(self.covariance), deviation)
         return np.asarray(-0.5 * (square + np.linalg.slogdet(self.covariance)[1]))
 
 
 def hmm_scores(recordings: Sequence[Windows], tuning: Sequence[Windows], model: Model) -> list[Scores]:
-    """The HMM on fixed windows, calibrated on the ``tuning`` recordings, scored on each of the others."""
+    """Scores of the HMM on fixed windows, calibrated on the ``tuning`` recordings, for each recording."""
     by_wait = {wait_s: _scores(recordings, tuning, model, wait_s) for wait_s in (OFFLINE, 0.0)}
     return [
         {Method(HMM, wait_s): scores[i] for wait_s, scores in by_wait.items()} for i in range(len(recordings))
@@ -150,10 +151,10 @@ def _scores(
         main = [Score.of(answer(r, exponent), r.scored).main for r in tuning]
         right_s.append(sum(float(m.seconds_by_state @ np.nan_to_num(m.recall)) for m in main))
         loss_s.append(sum(m.log_loss_s for m in main))
-    for_labels, for_posteriors = EXPONENTS[int(np.argmax(right_s))], EXPONENTS[int(np.argmin(loss_s))]
+    label_exponent, posterior_exponent = EXPONENTS[int(np.argmax(right_s))], EXPONENTS[int(np.argmin(loss_s))]
     scores = list[Score]()
     for recorded in recordings:
-        labelled, believed = answer(recorded, for_labels), answer(recorded, for_posteriors)
+        labelled, believed = answer(recorded, label_exponent), answer(recorded, posterior_exponent)
         scores.append(Score.of(labelled._replace(probability=believed.probability), recorded.scored))
     return scores
 
@@ -176,18 +177,18 @@ def smoothed(log_density: Array, log_initial: Array, log_transition: Array) -> t
     count, states = log_density.shape
     index = np.arange(count * states)
     trellis = Trellis(index % states, index // states, list(index.reshape(count, states)), list(log_density))
-    each = np.broadcast_to(log_transition, (count, states, states))
-    path = viterbi(trellis, log_initial, each)
+    transitions = np.broadcast_to(log_transition, (count, states, states))
+    path = viterbi(trellis, log_initial, transitions)
     label = np.array([hypothesis % states for hypothesis, _, _ in path])
-    return smooth(trellis, log_initial, each)[0], label
+    return smooth(trellis, log_initial, transitions)[0], label
 
 
 def filtered(log_density: Array, log_initial: Array, log_transition: Array) -> Array:
-    """Posterior (W, S) of each window given those until then."""
-    before, posterior = log_initial, np.zeros_like(log_density)
-    for now, density in enumerate(log_density):
-        left = before + density
-        left -= hmm.log_sum_exp(left)
-        posterior[now] = np.exp(left)
-        before = hmm.birth_log_weights(left, log_transition)
+    """Posterior (W, S) of each window given the windows up to it."""
+    prior, posterior = log_initial, np.zeros_like(log_density)
+    for row, density in enumerate(log_density):
+        joint = prior + density
+        joint -= hmm.log_sum_exp(joint)
+        posterior[row] = np.exp(joint)
+        prior = hmm.birth_log_weights(joint, log_transition)
     return posterior

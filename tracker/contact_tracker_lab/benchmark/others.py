@@ -2,7 +2,7 @@
 
 A function gets ``stamp_ns`` (N,), ``position_m`` (N, 3) and ``quat_xyzw`` (N, 4) of ``T_world_body`` and
 returns for each pose a label ("f-f" ... "free", "" for none) or (N, 7) probabilities in the order of
-``STATES``. What it returns for a pose may use all poses: it is scored as offline.
+``STATES``. It may use all poses for each, so it is scored as offline.
 """
 
 from collections.abc import Callable
@@ -24,15 +24,15 @@ from contact_tracker_lab.evaluation.scoring import scoring
 STILL: Final = "speed threshold"
 STILL_M_PER_S, STILL_RAD_PER_S = 0.01, 0.05
 STILL_S: Final = 0.5
-"""At rest is what moves less than these speeds within half a second: then f-f, else free. A trivial method to
-compare with: round numbers, not chosen on any recording."""
+"""An object that moves less than these speeds within this time (s) is in f-f, else free. A trivial method to
+compare with, in round numbers that were not chosen on any recording."""
 
 
 def answer_by_speed(poses: Poses) -> Answer:
     """Online: f-f if the object has not left its place of half a second ago, else free."""
-    before = np.searchsorted(poses.stamp_ns, poses.stamp_ns - round(STILL_S * 1e9)).clip(0)
-    moved_m = np.linalg.norm(poses.position_m - poses.position_m[before], axis=1)
-    cosine = np.abs(np.einsum("ni,ni->n", poses.quat_xyzw, poses.quat_xyzw[before])).clip(max=1.0)
+    earlier = np.searchsorted(poses.stamp_ns, poses.stamp_ns - round(STILL_S * 1e9)).clip(0)
+    moved_m = np.linalg.norm(poses.position_m - poses.position_m[earlier], axis=1)
+    cosine = np.abs(np.einsum("ni,ni->n", poses.quat_xyzw, poses.quat_xyzw[earlier])).clip(max=1.0)
     turned_rad = 2.0 * np.arccos(cosine)
     rests = (moved_m < STILL_M_PER_S * STILL_S) & (turned_rad < STILL_RAD_PER_S * STILL_S)
     label = np.where(rests, Contact.FF.column, Contact.FREE.column)
@@ -58,9 +58,9 @@ def load_function(name: str) -> tuple[Method, Labelling]:
     return Method(name, OFFLINE), answer
 
 
-def answer_of(found: Any, count: int, name: str) -> Answer:
-    """The answer that a function has returned for ``count`` poses; raises UsageError."""
-    array = np.asarray(found)
+def answer_of(values: Any, count: int, name: str) -> Answer:
+    """The answer for ``count`` poses from a function's ``values``; raises UsageError."""
+    array = np.asarray(values)
     if array.shape == (count, len(STATES)):
         probability = array.astype(float)
         if not (probability >= 0.0).all() or np.abs(probability.sum(axis=1) - 1.0).max() > 1e-6:
@@ -71,10 +71,10 @@ def answer_of(found: Any, count: int, name: str) -> Answer:
             f"{name} returned {array.shape} for {count} poses: one label each, or ({count}, 7) probabilities"
         )
     columns = {"": -1, **{state.value: state.column for state in STATES}}
-    unknown = next((text for text in map(str, found) if text not in columns), None)
+    unknown = next((text for text in map(str, values) if text not in columns), None)
     if unknown is not None:
         raise UsageError(f"{name}: no contact {unknown!r}; contacts are {', '.join(STATES)}")
-    return _per_frame(np.array([columns[str(text)] for text in found], np.int64))
+    return _per_frame(np.array([columns[str(text)] for text in values], np.int64))
 
 
 def answer_from_labels(poses: Poses, path: Path) -> Answer:

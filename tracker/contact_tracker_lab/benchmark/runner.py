@@ -1,4 +1,4 @@
-"""What benchmarks share: arguments, worker processes, and kept tables."""
+"""Common parts of benchmarks: arguments, worker processes, and saved tables."""
 
 import argparse
 import json
@@ -30,8 +30,8 @@ class Table(NamedTuple):
 def parser_of(
     description: str | None, has_sets: bool = False, folder: Path | None = None
 ) -> argparse.ArgumentParser:
-    """The arguments of every benchmark; with ``has_sets`` those of sets of recordings, too, in ``folder`` if
-    none is named."""
+    """The arguments of every benchmark; with ``has_sets`` also those of sets of recordings, in ``folder`` if
+    no folder is named."""
     parser = argparse.ArgumentParser(
         description=description, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -43,20 +43,20 @@ def parser_of(
     return parser
 
 
-def find_sets(folder: Path, wanted: Sequence[str]) -> dict[str, list[Path]]:
-    """Recordings by the name of their folder; only the ``wanted`` sets, if any are named.
+def find_sets(folder: Path, names: Sequence[str]) -> dict[str, list[Path]]:
+    """Recordings by the name of their folder; only the ``names`` sets, if any are named.
 
     ``folder`` may also be one recording.
     """
     sets: dict[str, list[Path]] = {}
     for path in [folder] if folder.is_file() else sorted(folder.rglob("*.mcap")):
         sets.setdefault(path.parent.name, []).append(path)
-    unknown = set(wanted) - set(sets)
+    unknown = set(names) - set(sets)
     if unknown or not sets:
         raise SystemExit(
             f"{folder}: no set {' '.join(sorted(unknown))}; there are: {' '.join(sets) or 'none'}"
         )
-    return {name: paths for name, paths in sets.items() if not wanted or name in wanted}
+    return {name: paths for name, paths in sets.items() if not names or name in names}
 
 
 def measured(
@@ -70,36 +70,37 @@ def measured(
         A process was killed, for example because it took too much memory.
     """
     for library in ("OMP", "OPENBLAS", "MKL"):
-        os.environ[f"{library}_NUM_THREADS"] = "1"  # spawned, so that the workers' numpy sees it
+        os.environ[f"{library}_NUM_THREADS"] = "1"  # for numpy in spawned workers
     with Workers(processes) as pool:
-        futures = {key: [pool.submit(measure, *job) for job in some] for key, some in jobs.items()}
-        for key, some in tqdm(futures.items(), file=sys.stderr, disable=None):
-            yield key, [one.result() for one in some]
+        pending = {key: [pool.submit(measure, *job) for job in arguments] for key, arguments in jobs.items()}
+        for key, futures in tqdm(pending.items(), file=sys.stderr, disable=None):
+            yield key, [future.result() for future in futures]
 
 
 def report(args: argparse.Namespace, **tables: Table) -> int:
-    """Print the tables, and keep them if asked; returns the exit code."""
-    show("\n\n".join(table(*one) for one in tables.values() if one.rows))
+    """Print the tables, save them if asked; returns the exit code."""
+    show("\n\n".join(table(header, rows) for header, rows in tables.values() if rows))
     if args.tables:
         keep(args.tables, typed_command(getattr(args, "folder", None)), tables)
     return 0
 
 
 def typed_command(folder: Path | None = None) -> str:
-    """The command as pages show it: recordings are in FOLDER, and nothing of where tables are kept."""
+    """The command as pages show it: FOLDER for the recordings, without the place of the tables."""
     script = Path(sys.argv[0])
     is_module = script.name == "__main__.py"
     name = f"-m contact_tracker_lab.{script.parent.name}" if is_module else f"tests/benchmarks/{script.name}"
     words = [name, *sys.argv[1:]]
     for option in ("--tables", "--processes"):
         if option in words:
-            at = words.index(option)
-            del words[at : at + 2]
+            index = words.index(option)
+            del words[index : index + 2]
     command = " ".join(["python", *words])
     return command if folder is None else command.replace(str(folder), "FOLDER")
 
 
 def keep(path: Path, command: str, tables: Mapping[str, Table]) -> None:
     """Write the tables of one run, for the pages."""
-    kept = {"command": command, "tables": {name: one._asdict() for name, one in tables.items() if one.rows}}
-    path.write_text(json.dumps(kept, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    filled = {name: columns._asdict() for name, columns in tables.items() if columns.rows}
+    text = json.dumps({"command": command, "tables": filled}, indent=1, ensure_ascii=False)
+    path.write_text(f"{text}\n", encoding="utf-8")

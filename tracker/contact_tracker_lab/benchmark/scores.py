@@ -60,37 +60,37 @@ class Answer(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Score:
-    """Of one recording or (``a + b``) of several, by its identifiable frames: not singular, nor at rest
-    before any motion. ``main`` is their tally, ``phase_s`` (Q, 2) has of their Q true phases the seconds, and
-    those with the right label."""
+    """Score of one recording or (``a + b``) of several, on identifiable frames: not singular, nor at rest
+    before any motion. ``main``: their tally; ``phase_s`` (Q, 2): seconds of each of Q true phases, and those
+    with the right label."""
 
     main: Tally
     phase_s: Array
 
-    def __add__(self, other: "Score") -> "Score":
-        return Score(self.main + other.main, np.concatenate([self.phase_s, other.phase_s]))
+    def __add__(self, score: "Score") -> "Score":
+        return Score(self.main + score.main, np.concatenate([self.phase_s, score.phase_s]))
 
     @classmethod
     def of(cls, answer: Answer, scored: Scoring) -> "Score":
         """Score an answer for all frames of a recording."""
         clear = scored.within(Subset.IDENTIFIABLE)
-        taken = clear.subsets[Subset.ALL]
-        every = np.cumsum(np.append(0, np.diff(clear.truth) != 0))  # in each one state lasts
-        phase = np.unique(every[taken], return_inverse=True)[1]
-        right = np.append(answer.label, -1)[answer.tick[taken]] == clear.truth[taken]
-        seconds = clear.seconds[taken]
-        phase_s = np.array([np.bincount(phase, some) for some in (seconds, seconds * right)], float)
+        clear_frames = clear.subsets[Subset.ALL]
+        run = np.cumsum(np.append(0, np.diff(clear.truth) != 0))  # in each run one state lasts
+        phase = np.unique(run[clear_frames], return_inverse=True)[1]
+        right = np.append(answer.label, -1)[answer.tick[clear_frames]] == clear.truth[clear_frames]
+        seconds = clear.seconds[clear_frames]
+        phase_s = np.array([np.bincount(phase, weights) for weights in (seconds, seconds * right)], float)
         return cls(tally(clear, *answer), phase_s.T)
 
     def band(self) -> tuple[float, float]:
-        """The ``BAND`` of the share of the time in which the label was right; nan without phases."""
+        """The quantiles ``BAND`` of the share of the time with the right label; nan without phases."""
         count = len(self.phase_s)
         if not count:
             return math.nan, math.nan
         drawn = np.random.default_rng(0).multinomial(count, np.full(count, 1.0 / count), RESAMPLES)
         seconds, right_s = (drawn @ self.phase_s).T
-        known = seconds > 0
-        low, high = np.quantile(right_s[known] / seconds[known], BAND)
+        is_scored = seconds > 0
+        low, high = np.quantile(right_s[is_scored] / seconds[is_scored], BAND)
         return float(low), float(high)
 
 

@@ -24,7 +24,7 @@ LAG_S: Final = 1.0
 
 
 def methods(model: Model, earlier: Path | None = None) -> dict[Method, Labelling]:
-    """The ways to use the tracker on poses alone, or only that with the map of an ``earlier`` take."""
+    """The ways to use the tracker on poses alone, or the one with the map of an ``earlier`` take."""
     if earlier is not None:
         return {Method(WITH_MAP, OFFLINE): lambda poses: _with_map(poses, model, earlier)}
     return {
@@ -34,29 +34,29 @@ def methods(model: Model, earlier: Path | None = None) -> dict[Method, Labelling
     }
 
 
-def _offline(poses: Poses, model: Model, known: Map = EMPTY_MAP) -> tuple[Answer, Map]:
-    """What ``segment`` finds, where each frame has the label of the tick that contains it, and its map."""
-    tracker = OfflineTracker(model, known)
-    found = Segmentation.join(list(tracker.pieces(poses, None, Detail.SHARED))).beliefs
+def _offline(poses: Poses, model: Model, known_map: Map = EMPTY_MAP) -> tuple[Answer, Map]:
+    """Labels of ``segment``, each frame with that of the tick that contains it, and the map."""
+    tracker = OfflineTracker(model, known_map)
+    beliefs = Segmentation.join(list(tracker.pieces(poses, None, Detail.SHARED))).beliefs
     learned = NOTHING_LEARNED if tracker.map is None else tracker.map.learned
-    return _answer(tick_containing(poses.stamp_ns, found.stamp_ns), found), Map(learned=learned)
+    return _answer(tick_containing(poses.stamp_ns, beliefs.stamp_ns), beliefs), Map(learned=learned)
 
 
 def _with_map(poses: Poses, model: Model, earlier: Path) -> Answer:
-    known = _offline(Poses.collect(open_log(str(earlier))), model)[1]
-    return _offline(poses, model, known)[0]
+    known_map = _offline(Poses.collect(open_log(str(earlier))), model)[1]
+    return _offline(poses, model, known_map)[0]
 
 
 def _online(poses: Poses, model: Model) -> Answer:
-    """What ``live`` has said by each frame."""
-    found = answers_to(poses, model)
-    return _answer(tick_in_force(poses.stamp_ns, found.arrival_ns), found.beliefs)
+    """The latest answer of ``live`` at each frame."""
+    answers = answers_to(poses, model)
+    return _answer(tick_in_force(poses.stamp_ns, answers.arrival_ns), answers.beliefs)
 
 
 def _with_lag(poses: Poses, model: Model) -> Answer:
-    """What ``live --lag`` says about each frame, so much later."""
-    found = answers_to(poses, model, lag_s=LAG_S).beliefs
-    return _answer(tick_containing(poses.stamp_ns, found.stamp_ns), found)
+    """The answer of ``live --lag`` for each frame, given ``LAG_S`` later."""
+    beliefs = answers_to(poses, model, lag_s=LAG_S).beliefs
+    return _answer(tick_containing(poses.stamp_ns, beliefs.stamp_ns), beliefs)
 
 
 def _answer(tick: Ints, beliefs: Beliefs) -> Answer:

@@ -1,4 +1,4 @@
-"""Calibration on all recordings, cross-validation, and the report of both."""
+"""Calibration on all recordings, cross-validation, and their report."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -57,10 +57,10 @@ from contact_tracker_lab.evaluation.scoring import scoring
 from contact_tracker_lab.evaluation.tables import number, table
 
 Run = Callable[[Callable[..., Any], Sequence[tuple[Any, ...]]], list[Any]]
-"""Calls a function with the arguments of each job; the answers are in their order."""
+"""Calls a function with the arguments of each job; returns the results in order."""
 
 CONFIDENT: Final = 0.95
-"""Smoothed probability above which a segment counts as its contact where there is no truth."""
+"""Smoothed probability from which a segment counts as its contact if there is no truth."""
 FLOOR_NOTE: Final = """\
 Floor of each contact alone, beyond the sensor's noise; - with too few residuals."""
 ERROR_NOTE: Final = """\
@@ -81,8 +81,7 @@ first."""
 
 @dataclass(frozen=True)
 class Source:
-    """A selection of poses of a file; ``use_truth``: whether to learn from its ground truth, if any;
-    ``known_map``: map."""
+    """A selection of poses of a file, with its map; ``use_truth``: learn from its ground truth, if any."""
 
     name: str
     topic: str | None = None
@@ -93,7 +92,7 @@ class Source:
     table: TableReading = AS_NAMED
 
     def read(self) -> tuple[Poses, Truth | None, str | None]:
-        """The poses, any truth, and any damage of the file."""
+        """The poses, the truth, if any, and the damage of the file, if any."""
         truth = read_truth(self.name)
         log = open_log(self.name, self.topic, self.frame, relative_to=self.relative_to, table=self.table)
         poses = Poses.collect(log)
@@ -103,7 +102,7 @@ class Source:
 
 
 class ModelScore(NamedTuple):
-    """Scores of a model on a recording: against any ground truth, and its evidence (nats)."""
+    """Scores of a model on a recording: against ground truth, if any, and its log evidence (nats)."""
 
     evaluation: Evaluation | None
     log_evidence: float
@@ -114,8 +113,8 @@ class Study:
     """The statistics of one recording for learning.
 
     ``labelled``: ``chain`` and ``segments`` are from ground truth, not from beliefs; ``has_truth``: the
-    recording has ground truth for scores; ``score`` is that of the initial model, None if no pass was needed;
-    ``damage`` of the file, if any.
+    recording has ground truth for scores; ``score``: that of the initial model, None if no pass was needed;
+    ``damage``: damage of the file, if any.
     """
 
     name: str
@@ -151,10 +150,10 @@ def study_recording(source: Source, model: Model, score_it: bool, fit_it: bool) 
         score, believed, segmentation = _pass(poses, truth, model, source.known_map)
         if chain is None:
             chain = believed
-            for one in segmentation.segments:
-                if one.probability >= CONFIDENT:
-                    first, end = np.searchsorted(observed.middle_ns, [one.start_ns, one.end_ns])
-                    label[first:end] = STATES.index(one.contact)
+            for span in segmentation.segments:
+                if span.probability >= CONFIDENT:
+                    first, end = np.searchsorted(observed.middle_ns, [span.start_ns, span.end_ns])
+                    label[first:end] = STATES.index(span.contact)
     return Study(
         source.name,
         labelled,
@@ -178,12 +177,12 @@ def _pass(
     poses: Poses, truth: Truth | None, model: Model, known_map: Map
 ) -> tuple[ModelScore, EstimatedStates, Segmentation]:
     recorded = RecordedPass()
-    found = segment(poses, model, known_map=known_map, watch=recorded.note)
+    segmentation = segment(poses, model, known_map=known_map, watch=recorded.note)
     steps = np.array([tick_transitions(model, exposed).log_transition for exposed in recorded.exposure])
     _, log_evidence = smooth(recorded.trellis, log_initial(model), steps)
-    evaluation = None if truth is None else evaluate(poses, truth, found)
+    evaluation = None if truth is None else evaluate(poses, truth, segmentation)
     believed = EstimatedStates.of(recorded.trellis, recorded.exposure, model)
-    return ModelScore(evaluation, log_evidence), believed, found
+    return ModelScore(evaluation, log_evidence), believed, segmentation
 
 
 @dataclass(frozen=True)
@@ -192,12 +191,12 @@ class Plan:
 
     sources: tuple[Source, ...]
     start: Model
-    wanted: Mapping[str, How]
+    ways: Mapping[str, How]
     folds: int
 
     def keys(self, how: How) -> list[str]:
-        """What is learned in this way."""
-        return [key for key, way in self.wanted.items() if way is how]
+        """Keys of the parameters that are learned in this way."""
+        return [key for key, way in self.ways.items() if way is how]
 
 
 class LearnedModel(NamedTuple):
@@ -213,7 +212,7 @@ class LearnedModel(NamedTuple):
 class HeldOut(NamedTuple):
     """Scores of a held-out recording by the initial model and by one learned from other recordings.
 
-    ``chain`` is the log probability of its true states, if known, under the transitions of both.
+    ``chain``: log probabilities of its true states by the transitions of both, if the states are known.
     """
 
     before: ModelScore
@@ -230,15 +229,15 @@ class Calibration:
     learned: LearnedModel
     held_out: tuple[HeldOut, ...]
     left_out: tuple[str, ...]
-    """Keys that were not learned, because without truth they make held-out recordings less probable."""
+    """Keys that were not learned, because without truth they lower the evidence of held-out recordings."""
 
     @property
     def log_loss(self) -> tuple[float, float] | None:
-        """Log-loss (nats) before and after, on held-out recordings with truth, of filtered and smoothed
-        beliefs."""
-        before = [h.before for h in self.held_out if h.before.evaluation is not None]
-        after = [h.after for h in self.held_out if h.after.evaluation is not None]
-        return (mean_log_loss(before), mean_log_loss(after)) if before else None
+        """Log-loss (nats) of filtered and smoothed beliefs before and after, on held-out recordings with
+        truth."""
+        initial_scores = [h.before for h in self.held_out if h.before.evaluation is not None]
+        learned_scores = [h.after for h in self.held_out if h.after.evaluation is not None]
+        return (mean_log_loss(initial_scores), mean_log_loss(learned_scores)) if initial_scores else None
 
 
 def calibrate(plan: Plan, run: Run) -> Calibration:
@@ -258,69 +257,69 @@ def calibrate(plan: Plan, run: Run) -> Calibration:
     left_out = tuple[str, ...]()
     while True:
         held_out = _hold_out(plan, studies, run)
-        is_worse = sum(one.after.log_evidence - one.before.log_evidence for one in held_out) < 0.0
-        if any(study.labelled for study in studies) or not is_worse or not plan.wanted:
+        is_worse = sum(scores.after.log_evidence - scores.before.log_evidence for scores in held_out) < 0.0
+        if any(study.labelled for study in studies) or not is_worse or not plan.ways:
             break
-        harmful = [key for how in LEFT_OUT_FIRST for key in plan.keys(how)] or list(plan.wanted)
+        harmful = [key for how in LEFT_OUT_FIRST for key in plan.keys(how)] or list(plan.ways)
         left_out += tuple(harmful)
-        plan = replace(plan, wanted={key: how for key, how in plan.wanted.items() if key not in harmful})
+        plan = replace(plan, ways={key: how for key, how in plan.ways.items() if key not in harmful})
     learned = _learn(plan, studies, range(len(studies)), run)
     return Calibration(plan, tuple(studies), learned, tuple(held_out), left_out)
 
 
 def _hold_out(plan: Plan, studies: Sequence[Study], run: Run) -> list[HeldOut]:
-    """Every recording once, in order; fold k holds out each ``folds``-th from the k-th on."""
-    everything = range(len(studies)) if plan.folds else ()
+    """Scores of every recording in order; fold k holds out each ``folds``-th of them from the k-th on."""
+    all_rows = range(len(studies)) if plan.folds else ()
     models = [
-        _learn(plan, studies, [row for row in everything if row % plan.folds != fold], run).model
+        _learn(plan, studies, [row for row in all_rows if row % plan.folds != fold], run).model
         for fold in range(plan.folds)
     ]
-    after = run(score_model, [(plan.sources[row], models[row % plan.folds]) for row in everything])
+    scores = run(score_model, [(plan.sources[row], models[row % plan.folds]) for row in all_rows])
     held_out = []
-    for row, score in zip(everything, after, strict=True):
-        study, both = studies[row], (plan.start, models[row % plan.folds])
-        before, changed = (study.chain.expect(model).log_evidence for model in both)
+    for row, score in zip(all_rows, scores, strict=True):
+        study, compared = studies[row], (plan.start, models[row % plan.folds])
+        chain = [study.chain.expect(model).log_evidence for model in compared]
         assert study.score is not None
-        held_out.append(HeldOut(study.score, score, (before, changed) if study.labelled else None))
+        held_out.append(HeldOut(study.score, score, (chain[0], chain[1]) if study.labelled else None))
     return held_out
 
 
 def mean_log_loss(scores: Sequence[ModelScore]) -> float:
     """Log-loss in nats over filtered and smoothed beliefs of all scored time; nan without any."""
     evaluations = [score.evaluation for score in scores if score.evaluation is not None]
-    tallies = [tally for one in evaluations for tally in (one.online, one.offline)]
-    return ratio(sum(one.log_loss_s for one in tallies), sum(one.seconds() for one in tallies))
+    tallies = [tally for evaluation in evaluations for tally in (evaluation.online, evaluation.offline)]
+    return ratio(sum(t.log_loss_s for t in tallies), sum(t.seconds() for t in tallies))
 
 
 def _learn(plan: Plan, studies: Sequence[Study], rows: Sequence[int], run: Run) -> LearnedModel:
-    """Learn from the recordings in ``rows``, first in closed forms, in turn, then by search; other parameters
-    stay as in the plan's start."""
+    """Learn from the recordings in ``rows``: first closed forms, in turn, then the search; other parameters
+    are those of the plan's start."""
 
     def loss(model: Model) -> float:
         return mean_log_loss(
             run(score_model, [(plan.sources[row], model) for row in rows if studies[row].has_truth])
         )
 
-    mine = [studies[row] for row in rows]
+    learning = [studies[row] for row in rows]
     model = plan.start
     floors, rounds = tuple[Floor, ...](), tuple[float, ...]()
     for key in plan.keys(How.STREAM):
-        of_streams = [vars(study)[key.rpartition(".")[2]] for study in mine]
-        model = with_value(model, key, float(np.exp(np.mean(np.log(of_streams)))))
-    segments = [segment for study in mine for segment in study.segments]
+        deviations = [vars(study)[key.rpartition(".")[2]] for study in learning]
+        model = with_value(model, key, float(np.exp(np.mean(np.log(deviations)))))
+    segments = [segment for study in learning for segment in study.segments]
     if plan.keys(How.RESIDUALS):
         model, floors = learn_floors(model, segments, plan.keys(How.RESIDUALS))
     for key in (*plan.keys(How.STREAM), *plan.keys(How.RESIDUALS)):
         model = with_value(model, key, rounded(value_of(model, key)))
     model = learn_contact_errors(model, segments, plan.keys(How.CONTACTS))
     if plan.keys(How.COUNTS):
-        model, rounds = learn_transitions(model, [study.chain for study in mine])
+        model, rounds = learn_transitions(model, [study.chain for study in learning])
     model, searched = coordinate_search(model, plan.keys(How.SEARCH), loss)
     return LearnedModel(model, floors, rounds, searched)
 
 
 def to_text(calibration: Calibration) -> str:
-    """The report: data, changes, and their effect on held-out recordings; no trailing newline."""
+    """The report: data, changes, and their effect on held-out recordings; without a trailing newline."""
     plan, learned = calibration.plan, calibration.learned
     before, after = plan.start, learned.model
     blocks = [_source(calibration), _scalars(plan, learned)]
@@ -329,7 +328,8 @@ def to_text(calibration: Calibration) -> str:
         blocks += [table(["floor", "contacts", "value", "residuals"], rows, left=2), FLOOR_NOTE]
     if plan.keys(How.CONTACTS):
         errors = zip(after.noise.contact_position_m, after.noise.contact_rotation_rad, strict=True)
-        rows = [[contact.value, *map(_short, both)] for contact, both in zip(CONTACTS, errors, strict=False)]
+        named = zip(CONTACTS, errors, strict=False)
+        rows = [[contact.value, *map(_short, sizes)] for contact, sizes in named]
         blocks += [table(["contact", "contact_position_m", "contact_rotation_rad"], rows), ERROR_NOTE]
     if plan.keys(How.COUNTS):
         blocks += [_rates(before.transitions, after.transitions), RATE_NOTE]
@@ -353,27 +353,27 @@ def _source(calibration: Calibration) -> str:
 
 def _scalars(plan: Plan, learned: LearnedModel) -> str:
     residuals = {floor.key: floor.residuals for floor in learned.floors if floor.contacts == "all"}
-    searched = {one.key: one for one in learned.searched}
+    searched = {search.key: search for search in learned.searched}
     rows = []
-    for key, how in plan.wanted.items():
+    for key, how in plan.ways.items():
         if how in (How.COUNTS, How.CONTACTS):
             continue
         origin = str(how)
         if how is How.RESIDUALS:
             origin = f"{residuals[key]} {how}{'' if residuals[key] >= FEWEST else ': too few, kept'}"
         elif how is How.SEARCH:
-            one = searched[key]
-            origin = f"log-loss {number(one.before)} to {number(one.after)} in {len(one.tried)} runs"
+            search = searched[key]
+            origin = f"log-loss {number(search.before)} to {number(search.after)} in {len(search.tried)} runs"
         rows.append([key, *(_short(value_of(model, key)) for model in (plan.start, learned.model)), origin])
     prior = learned.model.transitions.prior_changes
     text = f"prior of the transitions: the lattice, as much as {prior:g} changes out of each state"
     return "\n".join([*([table(["parameter", "before", "after", "from"], rows)] if rows else []), text])
 
 
-def _rates(before: Transitions, after: Transitions) -> str:
-    seen = after.counts.moving_s, np.array(after.counts.changes).sum(axis=1)
-    values = leave_per_s(before), leave_per_s(after), initial(before), initial(after)
-    columns = [[number(n, 1) for n in column] for column in seen]
+def _rates(start: Transitions, learned: Transitions) -> str:
+    counted = learned.counts.moving_s, np.array(learned.counts.changes).sum(axis=1)
+    values = leave_per_s(start), leave_per_s(learned), initial(start), initial(learned)
+    columns = [[number(n, 1) for n in column] for column in counted]
     columns += [[number(value) for value in column] for column in values]
     rows = list(zip(STATES, *columns, strict=True))
     return table(["state", "seen s", "changes", "leave 1/s", "after", "begins", "after"], rows)
@@ -381,12 +381,12 @@ def _rates(before: Transitions, after: Transitions) -> str:
 
 def _held_out(calibration: Calibration) -> list[str]:
     held_out, blocks, rows = calibration.held_out, [], []
-    for when in ("before", "after"):
-        evaluations = [e for h in held_out if (e := getattr(h, when).evaluation) is not None]
+    for stage in ("before", "after"):
+        evaluations = [e for h in held_out if (e := getattr(h, stage).evaluation) is not None]
         for name, mode in (("smoothed", "offline"), ("filtered", "online")) if evaluations else ():
-            t = reduce(add, (getattr(one, mode) for one in evaluations))
+            t = reduce(add, (getattr(evaluation, mode) for evaluation in evaluations))
             values = t.accuracy(), t.macro_f1, t.log_loss, t.brier, t.calibration_error, t.sure_wrong
-            rows.append([name, when, *map(number, values)])
+            rows.append([name, stage, *map(number, values)])
     if rows:
         header = ["held out", "", "accuracy", "F1", "log-loss", "Brier", "ECE", "sure & wrong"]
         blocks.append(table(header, rows, left=2))

@@ -16,11 +16,11 @@ from contact_tracker.errors import UsageError
 from contact_tracker.states import STATES
 
 EVALUATIONS: Final = 7
-"""Evaluations of the loss per parameter; each is a pass over all recordings."""
+"""Number of evaluations of the loss per parameter; each is a pass over all recordings."""
 FACTOR: Final = 5.0
-"""A value is searched within this factor of where it was."""
+"""Factor of the initial value within which a value is searched."""
 WORTH: Final = 1e-3
-"""A parameter is changed only if the loss falls by more than this share."""
+"""Least relative decrease of the loss for which a parameter is changed."""
 
 
 class How(StrEnum):
@@ -75,8 +75,9 @@ def value_of(model: Model, key: str) -> Any:
 
 def with_value(model: Any, key: str, value: Any) -> Any:
     """The model, or a table of it, with another value of ``key``."""
-    name, _, rest = key.partition(".")
-    return replace(model, **{name: with_value(getattr(model, name), rest, value) if rest else value})
+    name, _, remainder = key.partition(".")
+    part = with_value(getattr(model, name), remainder, value) if remainder else value
+    return replace(model, **{name: part})
 
 
 def rounded(value: float) -> float:
@@ -89,7 +90,7 @@ Tried = list[tuple[float, float]]
 
 
 class Searched(NamedTuple):
-    """A parameter's loss (nats) before and after, and all (value, loss) that were tried."""
+    """A parameter's loss (nats) before and after, and all (value, loss) pairs that were evaluated."""
 
     key: str
     before: float
@@ -100,8 +101,8 @@ class Searched(NamedTuple):
 def coordinate_search(
     model: Model, keys: Sequence[str], loss: Callable[[Model], float]
 ) -> tuple[Model, tuple[Searched, ...]]:
-    """Lower ``loss`` along each of ``keys`` in turn, on a logarithmic scale; a parameter stays if the gain is
-    too small."""
+    """Lower ``loss`` along each of ``keys`` in turn, on a logarithmic scale; parameters with too little gain
+    stay."""
     searched = []
     best = loss(model) if keys else 0.0
     for key in keys:
@@ -145,7 +146,7 @@ def _entry(key: str, kind: Any, value: Any) -> list[str]:
     if kind in (str, bool):  # written in TOML as in JSON
         return [f"{key} = {json.dumps(_printable(value) if kind is str else value, ensure_ascii=False)}"]
     if kind == ByState:  # in one line; zeros are left out
-        inside = [f"{state} = {float(one)!r}" for state, one in zip(STATES, value, strict=True) if one]
+        inside = [f"{state} = {float(x)!r}" for state, x in zip(STATES, value, strict=True) if x]
         return [f"{key} = {{ {', '.join(inside)} }}" if inside else f"{key} = {{}}"]
     if kind == ByChange:
         rows = [(state, row) for state, row in zip(STATES, value, strict=True) if any(row)]
@@ -155,5 +156,5 @@ def _entry(key: str, kind: Any, value: Any) -> list[str]:
 
 
 def _printable(text: str) -> str:
-    """The text with characters that TOML or terminals do not take replaced by question marks."""
+    """The text with question marks for characters that TOML or terminals do not accept."""
     return "".join(c if c.isprintable() else "?" for c in text)

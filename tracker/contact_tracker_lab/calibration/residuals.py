@@ -1,7 +1,7 @@
 """Deviations of real contacts from ideal ones, from residuals of contacts fitted to segments of ticks.
 
-The floors of the noise explain residuals beyond the sensor's noise, of all contacts; further errors those of
-single contacts beyond the floors.
+Floors of the noise explain the residuals of all contacts beyond the sensor's noise; further errors explain
+those of single contacts beyond the floors.
 """
 
 from collections.abc import Callable, Sequence
@@ -29,24 +29,24 @@ from contact_tracker_lab.calibration.transitions import runs
 from contact_tracker_lab.calibration.trellis import window_of
 
 MOVING: Final = 0.5
-"""Activity above which a tick counts as motion."""
+"""Least activity of a tick that counts as motion."""
 SHORTEST_TICKS: Final = 15
-"""Least number of ticks with motion; fewer carry too little information beside the fitted geometry."""
+"""Least number of ticks with motion; fewer have too little information beside the fitted geometry."""
 MARGIN_TICKS: Final = 1
-"""Ticks left out at either end, which may hold frames of both sides of a change."""
+"""Number of ticks left out at either end, as they may have frames of both sides of a change."""
 CLIP: Final = 3.0
-"""Standard deviations beyond which the weight of a residual falls, since a bounce is no contact."""
+"""Standard deviations from which the weight of a residual decreases, since a bounce is no contact."""
 _MEAN: Final = float(chi2.cdf(CLIP**2, 3) + CLIP**2 * chi2.sf(CLIP**2, 1))
 """Mean square of a standard normal variable clipped at ``CLIP``."""
 FEWEST: Final = 100
-"""Least number of residuals; with fewer a floor stays as it was."""
+"""Least number of residuals; with fewer a floor stays unchanged."""
 LEAST: Final = 1e-6
 """Floors (m, rad) below this count as zero."""
 MOST: Final = 0.1
 ROUNDS: Final = 8
 CONVERGED: Final = 1e-3
 SHOWN: Final = 5.0
-"""Standard errors by which residuals of one contact must exceed the common floor; many, as neighbours are
+"""Standard errors by which residuals of a contact must exceed the common floor; many, since neighbours are
 correlated."""
 POSITION: Final = "noise.floor_position_m"
 ROTATION: Final = "noise.floor_rotation_rad"
@@ -57,7 +57,7 @@ FLOOR_OF: Final = {"noise.contact_position_m": POSITION, "noise.contact_rotation
 class Observed:
     """T ticks of a recording, independent of hypotheses.
 
-    ``middle_ns`` (T,); ``window`` of them all, whose variances are those of the sensor only, from the noise
+    ``middle_ns`` (T,); ``window``: all ticks, with variances of the sensor only, from the noise
     ``sigma_position_m``, ``sigma_rotation_rad`` of the whole stream; ``activity`` (T,) as in the tracker.
     """
 
@@ -83,9 +83,9 @@ def observe(poses: Poses, model: Model) -> Observed:
 
 @dataclass(frozen=True, eq=False)
 class ContactSegment:
-    """A contact (``column``) with geometry ``x`` (S,) on the moving ticks of ``window``.
+    """A contact (``column``) with geometry ``x`` (S,) in the moving ticks of ``window``.
 
-    The variances of the window are the sensor's alone.
+    The variances of the window are those of the sensor.
     """
 
     column: int
@@ -105,8 +105,8 @@ class Residuals(NamedTuple):
     free: Array
 
     def of(self, key: str, model: Model) -> tuple[Array, Array, Array]:
-        """Squares, variances without the floor ``key``, and ``free`` of all residuals that the floor applies
-        to: the floor of rotation to angles, that of position to distances, which the former enters."""
+        """Squares, variances without the floor ``key``, and ``free`` of the residuals with this floor: angles
+        have that of rotation, distances that of position, and by their lever that of rotation."""
         if key == ROTATION:
             variance = np.tile(self.variance[:, 1], len(self.residual) - 1)
             return self.residual[:-1].ravel() ** 2, variance, self.free[:-1].ravel()
@@ -129,15 +129,16 @@ def fit_contact_segments(observed: Observed, label: Ints, model: Model) -> list[
 
 
 def _with_errors(window: Window, column: int, model: Model) -> tuple[Window, Window]:
-    """The window with the errors of its contact, and with the floors as well."""
-    own = window.with_error(model.noise.extra_contact_variance[column])
-    return own, own.with_error((model.noise.floor_position_m**2, model.noise.floor_rotation_rad**2))
+    """The window with the errors of its contact, without and with the floors."""
+    noise = model.noise
+    bare = window.with_error(noise.extra_contact_variance[column])
+    return bare, bare.with_error((noise.floor_position_m**2, noise.floor_rotation_rad**2))
 
 
 def refined(segment: ContactSegment, model: Model) -> tuple[ContactSegment, Residuals]:
     """The segment with its geometry at the least (robust) whitened squares under the floors of ``model``."""
     contact, family = CONTACT_MODELS[segment.column], CONTACT_MODELS[segment.column].family
-    own, noisy = _with_errors(segment.window, segment.column, model)
+    corrected, noisy = _with_errors(segment.window, segment.column, model)
     anchors = contact.anchors(segment.window.zeta[:, 9:12].mean(axis=0))
     pull, place = np.sqrt(family.SPREAD) / model.geometry.reach_m, family.place(anchors)
     tangent = family.tangent(segment.x, anchors)
@@ -152,16 +153,16 @@ def refined(segment: ContactSegment, model: Model) -> tuple[ContactSegment, Resi
         return np.concatenate([residual.ravel(), pull * (x[0] - place)])
 
     start = np.zeros(tangent.shape[1])
-    found = least_squares(whitened, start, loss=_clipped, f_scale=CLIP, x_scale="jac", xtol=1e-6)
-    x = geometry(found.x)
+    fit = least_squares(whitened, start, loss=_clipped, f_scale=CLIP, x_scale="jac", xtol=1e-6)
+    x = geometry(fit.x)
     residual, lever_sq = contact.measure(x, segment.window.zeta)[:2]
-    leverage = np.einsum("np,pq,nq->n", found.jac, np.linalg.inv(found.jac.T @ found.jac), found.jac)
+    leverage = np.einsum("np,pq,nq->n", fit.jac, np.linalg.inv(fit.jac.T @ fit.jac), fit.jac)
     free = np.clip(1.0 - leverage[: residual.size], 0.05, 1.0).reshape(residual[0].shape)
-    return replace(segment, x=x[0]), Residuals(residual[0], own.variance, lever_sq[0], free)
+    return replace(segment, x=x[0]), Residuals(residual[0], corrected.variance, lever_sq[0], free)
 
 
 def _clipped(square: Array) -> Array:
-    """The loss, of squares over ``CLIP`` squared; it grows with the logarithm beyond 1. With derivatives."""
+    """The loss of squares over ``CLIP`` squared, logarithmic above 1, with its two derivatives."""
     beyond = np.maximum(square, 1.0)
     second = np.where(square > 1.0, -1.0 / beyond**2, 0.0)
     return np.array([np.minimum(square, 1.0) + np.log(beyond), 1.0 / beyond, second])
@@ -190,24 +191,24 @@ def learn_floors(
     """
     segments, residuals = list(segments), []
     for _ in range(ROUNDS):
-        before = np.array([value_of(model, key) for key in keys])
-        both = [refined(segment, model) for segment in segments]
-        segments, residuals = [s for s, _ in both], [r for _, r in both]
+        previous = np.array([value_of(model, key) for key in keys])
+        fits = [refined(segment, model) for segment in segments]
+        segments, residuals = [s for s, _ in fits], [r for _, r in fits]
         for key in sorted(keys, reverse=True):  # the floor of rotation enters distances
             value = _solved(key, "", model, residuals).value
             model = model if value is None else with_value(model, key, value)
-        after = np.array([value_of(model, key) for key in keys])
-        if np.all(np.abs(after - before) < CONVERGED * before):
+        updated = np.array([value_of(model, key) for key in keys])
+        if np.all(np.abs(updated - previous) < CONVERGED * previous):
             break
     floors = [_solved(key, "all", model, residuals) for key in keys]
     for column, contact in enumerate(CONTACTS):
-        mine = [r for s, r in zip(segments, residuals, strict=True) if s.column == column]
-        floors += [_solved(key, contact.value, model, mine) for key in keys if mine]
+        selected = [r for s, r in zip(segments, residuals, strict=True) if s.column == column]
+        floors += [_solved(key, contact.value, model, selected) for key in keys if selected]
     return model, tuple(floors)
 
 
 def _solved(key: str, contacts: str, model: Model, residuals: Sequence[Residuals]) -> Floor:
-    """One floor, given the other."""
+    """The floor ``key``, given the other floor."""
     squares = _whitened_squares(key, model, residuals)
     size = len(squares(0.0))
     if size < FEWEST:
@@ -223,8 +224,8 @@ def _solved(key: str, contacts: str, model: Model, residuals: Sequence[Residuals
 
 
 def _whitened_squares(key: str, model: Model, residuals: Sequence[Residuals]) -> Callable[[float], Array]:
-    """Clipped whitened squares of all residuals that a floor applies to, as a function of it."""
-    rows = [(np.empty(0), np.empty(0), np.empty(0)), *(one.of(key, model) for one in residuals)]
+    """Clipped whitened squares of all residuals with the floor ``key``, as a function of the floor."""
+    rows = [(np.empty(0), np.empty(0), np.empty(0)), *(residual.of(key, model) for residual in residuals)]
     square, variance, free = (np.concatenate(column) for column in zip(*rows, strict=True))
     return lambda floor: np.minimum(square / (free * (variance + floor**2)), CLIP**2)
 
@@ -238,12 +239,12 @@ def learn_contact_errors(model: Model, segments: Sequence[ContactSegment], keys:
     for key in keys:
         bare = model = with_value(bare, key, ZERO)
     for column in range(len(CONTACTS)) if keys else ():
-        mine = [segment for segment in segments if segment.column == column]
-        residuals = [refined(segment, bare)[1] for segment in mine]
-        alone, _ = learn_floors(bare, mine, [FLOOR_OF[key] for key in keys])
+        selected = [segment for segment in segments if segment.column == column]
+        residuals = [refined(segment, bare)[1] for segment in selected]
+        fitted, _ = learn_floors(bare, selected, [FLOOR_OF[key] for key in keys])
         for key in keys:
             common = value_of(bare, FLOOR_OF[key])
-            beyond = value_of(alone, FLOOR_OF[key]) ** 2 - common**2
+            beyond = value_of(fitted, FLOOR_OF[key]) ** 2 - common**2
             squares = _whitened_squares(FLOOR_OF[key], bare, residuals)(common)
             if len(squares) >= FEWEST and beyond > 0.0:
                 standard_error = squares.std() / sqrt(len(squares)) + LEAST

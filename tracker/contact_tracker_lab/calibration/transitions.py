@@ -1,7 +1,7 @@
 """Transitions by expectation-maximisation, from states that are known (truth) or estimated (beliefs).
 
 The E-step gives the expected changes and stays of the Markov chain of the states in a recording, given a
-model; the M-step is the model given their counts.
+model; the M-step gives the model for these counts.
 """
 
 from collections.abc import Sequence
@@ -27,13 +27,13 @@ from contact_tracker_lab.evaluation.scoring import UNSCORED
 
 UNKNOWN: Final = UNSCORED
 LONGEST_UNKNOWN_S: Final = 1.0
-"""Longer intervals without truth separate the states before and after."""
+"""Intervals without truth longer than this (s) separate the states before and after them."""
 MOST_ROUNDS: Final = 50
 CONVERGED: Final = 1e-3
 """Iteration ends when no rate or probability above ``NEGLIGIBLE`` changes by more than this share."""
 NEGLIGIBLE: Final = 1e-3
 LEAST_EXPOSURE_S: Final = 1e-9
-"""Replaces zero exposure, to avoid zero over zero."""
+"""Replaces zero exposure (s), to avoid zero over zero."""
 _DIAGONAL: Final = np.arange(len(STATES))
 
 
@@ -52,8 +52,8 @@ class Expected(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class KnownStates:
-    """``label`` (T,) column of the true state of each tick, or ``UNKNOWN``; ``exposure`` (T,) to change at
-    the boundary before each tick, in ticks of motion. A change at the end of a rest counts as one by motion
+    """``label`` (T,): column of the true state of each tick, or ``UNKNOWN``; ``exposure`` (T,): exposure to
+    change before each tick, in ticks of motion. A change at the end of a rest counts as one by motion
     (``transition_model.LIFTED_AFTER_REST``)."""
 
     label: Ints
@@ -64,15 +64,15 @@ class KnownStates:
         ticks, states = len(self.label), len(STATES)
         begins, changes, log_evidence = np.zeros(states), np.zeros((ticks, states, states)), 0.0
         longest = LONGEST_UNKNOWN_S / model.tick_s
-        known = np.flatnonzero(self.label != UNKNOWN)
-        if len(known) and known[0] <= longest:
-            begins[self.label[known[0]]] = 1.0
-            log_evidence = float(log_initial(model)[self.label[known[0]]])
+        labelled = np.flatnonzero(self.label != UNKNOWN)
+        if len(labelled) and labelled[0] <= longest:
+            begins[self.label[labelled[0]]] = 1.0
+            log_evidence = float(log_initial(model)[self.label[labelled[0]]])
         transitions = [tick_transitions(model, exposure) for exposure in self.exposure]
         steps = np.array([change for change, _ in transitions]).reshape(-1, states, states)
         # staying is a step like any other: the truth has no changes into the same contact
         steps[:, _DIAGONAL, _DIAGONAL] = np.array([stay for _, stay in transitions]).reshape(-1, states)
-        for piece in np.split(known, np.flatnonzero(np.diff(known) - 1 > longest) + 1):
+        for piece in np.split(labelled, np.flatnonzero(np.diff(labelled) - 1 > longest) + 1):
             if len(piece) > 1:
                 first, end = piece[0], piece[-1] + 1
                 between, log_share = _on_all_paths(self.label[first:end], steps[first:end])
@@ -94,15 +94,15 @@ def _on_all_paths(label: Ints, steps: Array) -> tuple[Array, float]:
         states * tick + (_DIAGONAL if column == UNKNOWN else np.array([column]))
         for tick, column in enumerate(label)
     ]
-    without_evidence = Trellis(state, onset, alive, [np.zeros(len(some)) for some in alive])
+    without_evidence = Trellis(state, onset, alive, [np.zeros(len(hypotheses)) for hypotheses in alive])
     _, changes, log_share = expect(without_evidence, np.zeros(states), steps)
     return changes, log_share
 
 
 @dataclass(frozen=True, eq=False)
 class EstimatedStates:
-    """The hypotheses of a forward pass, whose evidence (held fixed, in ``trellis``) excludes the probability
-    of staying; ``exposure`` as of ``KnownStates``."""
+    """The hypotheses of a forward pass in ``trellis``, whose fixed evidence excludes the probability of
+    staying; ``exposure`` as in ``KnownStates``."""
 
     trellis: Trellis
     exposure: Array
@@ -117,7 +117,7 @@ class EstimatedStates:
         steps = np.array([tick_transitions(model, exposure).log_transition for exposure in self.exposure])
         trellis = _with_survival(self.trellis, self.exposure, model, 1.0)
         posterior, changes, log_evidence = expect(trellis, log_initial(model), steps)
-        changes[:, FREE, FREE] = 0.0  # for free motion this is staying
+        changes[:, FREE, FREE] = 0.0  # for free motion this is a stay
         stays = np.zeros_like(posterior)
         stays[1:] = np.maximum(posterior[:-1] - changes[1:].sum(axis=2), 0.0)
         return Expected(posterior[0], stays, changes, log_evidence)
@@ -149,7 +149,7 @@ def runs(label: Ints) -> list[tuple[int, int, int]]:
 def learn_transitions(model: Model, chains: Sequence[Chain]) -> tuple[Model, tuple[float, ...]]:
     """Maximum a posteriori transitions, given the recordings and the prior of ``model``.
 
-    The prior is that of ``leave_per_s``, ``skip``, ``initial_f_f`` and ``prior_changes``; the model's own
+    The prior is set by ``leave_per_s``, ``skip``, ``initial_f_f`` and ``prior_changes``; the model's
     counts are not used.
 
     Returns
@@ -160,11 +160,11 @@ def learn_transitions(model: Model, chains: Sequence[Chain]) -> tuple[Model, tup
     for _ in range(MOST_ROUNDS):
         expected = [chain.expect(model) for chain in chains]
         trail.append(sum(e.log_evidence for e in expected) + log_prior(model))
-        before = _probabilities(model)
+        previous = _probabilities(model)
         counted = count(model, chains, expected)
         model = replace(model, transitions=replace(model.transitions, counts=counted))
-        after = _probabilities(model)
-        if np.max(np.abs(before - after) / np.maximum(after, NEGLIGIBLE)) < CONVERGED:
+        probabilities = _probabilities(model)
+        if np.max(np.abs(previous - probabilities) / np.maximum(probabilities, NEGLIGIBLE)) < CONVERGED:
             break
     rounded = _counts(*(np.round(part, 2) for part in (counted.begins, counted.moving_s, counted.changes)))
     return replace(model, transitions=replace(model.transitions, counts=rounded)), tuple(trail)
@@ -199,8 +199,8 @@ def _counts(begins: Array, moving_s: Array, changes: Array) -> TransitionCounts:
 
 def log_prior(model: Model) -> float:
     """Log density, up to a constant, of the prior under which each M-step is the most probable model."""
-    t, none = model.transitions, np.zeros(len(STATES))
-    empty = replace(t, counts=_counts(none, none, np.diag(none)))
+    t, zeros = model.transitions, np.zeros(len(STATES))
+    empty = replace(t, counts=_counts(zeros, zeros, np.diag(zeros)))
     rate, weight = leave_per_s(t), t.prior_changes
     rows = zip((initial(empty), *destinations(empty)), (initial(t), *destinations(t)), strict=True)
     shares = sum(float(p[p > 0] @ np.log(q[p > 0])) for p, q in rows)

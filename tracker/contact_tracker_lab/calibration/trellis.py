@@ -1,5 +1,5 @@
-"""A whole recording at once: its ticks as one window, the hypotheses of a forward pass, and the Viterbi path
-and smoothing of these, which ``hmm`` does tick by tick."""
+"""A whole recording at once: its ticks as one window, the hypotheses of a forward pass, and their Viterbi
+path and smoothing, which ``hmm`` does tick by tick."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -20,8 +20,8 @@ from contact_tracker.tracking.transition_model import FREE
 class Trellis(NamedTuple):
     """All hypotheses of a recording of T ticks.
 
-    ``state`` (H,), ``onset`` (H,) by hypothesis; for boundary b = 1 .. T (entry b - 1 of the lists) the
-    active hypotheses and their log-likelihoods up to b.
+    ``state`` (H,), ``onset`` (H,) by hypothesis; entry b - 1 of the lists has the active hypotheses at
+    boundary b = 1 .. T, and their log-likelihoods up to it.
     """
 
     state: Ints
@@ -40,10 +40,10 @@ def _by_state(values: Array, state: Ints, states: int) -> Array:
 def viterbi(trellis: Trellis, log_initial: Array, log_transition: Array) -> list[tuple[int, int, int]]:
     """Most probable path as segments (hypothesis, onset, end) in order, covering all ticks.
 
-    ``log_initial`` (N,); ``log_transition`` (T, N, N) by boundary, of which the first is not used.
+    ``log_initial`` (N,); ``log_transition`` (T, N, N) by boundary; the first is not used.
     """
     states, ticks = len(log_initial), len(trellis.alive)
-    left = np.full((ticks + 1, states), -np.inf)
+    best_ended = np.full((ticks + 1, states), -np.inf)
     leaver = np.full((ticks + 1, states), -1, np.int64)
     entry = np.full(len(trellis.state), -np.inf)
     origin = np.full(len(trellis.state), -1, np.int64)
@@ -52,16 +52,16 @@ def viterbi(trellis: Trellis, log_initial: Array, log_transition: Array) -> list
         if b == 1:
             entry[fresh] = log_initial[trellis.state[fresh]]
         else:
-            into = left[b - 1][:, None] + log_transition[b - 1][:, trellis.state[fresh]]
+            into = best_ended[b - 1][:, None] + log_transition[b - 1][:, trellis.state[fresh]]
             origin[fresh] = np.argmax(into, axis=0)
             entry[fresh] = np.max(into, axis=0)
         for number, score in zip(alive.tolist(), entry[alive] + likelihood, strict=True):
             state = trellis.state[number]
-            if score > left[b, state]:
-                left[b, state], leaver[b, state] = score, number
-    if not np.isfinite(left[ticks]).any():
+            if score > best_ended[b, state]:
+                best_ended[b, state], leaver[b, state] = score, number
+    if not np.isfinite(best_ended[ticks]).any():
         raise ValueError("no path covers all ticks")
-    path, b, state = [], ticks, int(np.argmax(left[ticks]))
+    path, b, state = [], ticks, int(np.argmax(best_ended[ticks]))
     while b > 0:
         hypothesis = int(leaver[b, state])
         path.append((hypothesis, int(trellis.onset[hypothesis]), b))
@@ -85,17 +85,17 @@ def expect(trellis: Trellis, log_initial: Array, log_transition: Array) -> tuple
     """
     states, ticks, count = len(log_initial), len(trellis.alive), len(trellis.state)
     entry = np.full(count, -np.inf)
-    left = np.full((ticks + 1, states), -np.inf)
+    log_ended = np.full((ticks + 1, states), -np.inf)
     for b, (alive, likelihood) in enumerate(zip(trellis.alive, trellis.log_likelihood, strict=True), start=1):
         fresh = alive[trellis.onset[alive] == b - 1]
-        weight = log_initial if b == 1 else birth_log_weights(left[b - 1], log_transition[b - 1])
+        weight = log_initial if b == 1 else birth_log_weights(log_ended[b - 1], log_transition[b - 1])
         entry[fresh] = weight[trellis.state[fresh]]
-        left[b] = _by_state(entry[alive] + likelihood, trellis.state[alive], states)
-    log_evidence = float(log_sum_exp(left[ticks]))
+        log_ended[b] = _by_state(entry[alive] + likelihood, trellis.state[alive], states)
+    log_evidence = float(log_sum_exp(log_ended[ticks]))
 
-    onward = np.full((ticks + 1, states), -np.inf)  # of what follows, given that a state is left at b
+    onward = np.full((ticks + 1, states), -np.inf)  # log probability of later data if a state is left at b
     onward[ticks] = 0.0
-    inward = np.full(count, -np.inf)  # of a hypothesis' data and all that follows
+    inward = np.full(count, -np.inf)  # log probability of a hypothesis' and later data
     posterior, changes = np.zeros((ticks, states)), np.zeros((ticks, states, states))
     lasting = np.zeros(count)  # probability that a hypothesis ends at b or later
     for b in range(ticks, 0, -1):
@@ -109,13 +109,13 @@ def expect(trellis: Trellis, log_initial: Array, log_transition: Array) -> tuple
         begin = _by_state(inward[fresh], trellis.state[fresh], states)
         onward[b - 1] = log_sum_exp(log_transition[b - 1] + begin[None, :], axis=1)
         if b > 1:
-            changes[b - 1] = np.exp(left[b - 1][:, None] + log_transition[b - 1] + begin - log_evidence)
-    total = posterior.sum(axis=1)  # one, but for rounding
+            changes[b - 1] = np.exp(log_ended[b - 1][:, None] + log_transition[b - 1] + begin - log_evidence)
+    total = posterior.sum(axis=1)  # 1 up to rounding
     return posterior / total[:, None], changes / total[:, None, None], log_evidence
 
 
 def window_of(ticks: Sequence[Tick], model: Model) -> Window:
-    """All ticks of a recording, at least one, with the noise that is known at its end."""
+    """All ticks of a recording, at least one, with the noise estimate of its end."""
     noise, count = ticks[-1].noise, np.array([float(tick.count) for tick in ticks])
     return Window(
         np.arange(len(ticks)),
@@ -129,7 +129,7 @@ def window_of(ticks: Sequence[Tick], model: Model) -> Window:
 
 @dataclass
 class RecordedPass:
-    """The hypotheses of a forward pass, for recordings that are evaluated as a whole."""
+    """The hypotheses of a forward pass, for evaluation of a whole recording."""
 
     exposures: list[float] = field(default_factory=list)
     alive: list[LiveHypotheses] = field(default_factory=list)

@@ -67,8 +67,8 @@ def run(args: argparse.Namespace) -> int:
     names = arguments.recordings_in(args.logs, "calibrate")
     files = arguments.files_read(names, args.start, args.known)
     check = check_output(args.output, args.overwrite, files)
-    wanted, start, sources = select(args.only), load_model(args.start), _sources(args, names)
-    plan = Plan(sources, start, wanted, _how_many_folds(args.folds, len(sources)))
+    ways, start, sources = select(args.only), load_model(args.start), _sources(args, names)
+    plan = Plan(sources, start, ways, _how_many_folds(args.folds, len(sources)))
     processes = min(args.processes, len(sources))
     with (
         Workers(processes, take_over_warnings) if processes > 1 else nullcontext() as pool,
@@ -85,21 +85,21 @@ def run(args: argparse.Namespace) -> int:
                 set_done(next(done))
             return answers
 
-        found = calibrate(plan, run_jobs)
-    text = model_text(replace(found.learned.model, name=args.output.stem), _header(found, args))
+        calibration = calibrate(plan, run_jobs)
+    text = model_text(replace(calibration.learned.model, name=args.output.stem), _header(calibration, args))
     with whole_file(args.output, check) as temporary:
         temporary.write_text(text, encoding="utf-8")
     say(f"wrote {args.output}")
-    show(to_text(found))
-    if found.log_loss is not None and found.log_loss[1] > found.log_loss[0]:
-        loss = "{:.3f} before, {:.3f} after".format(*found.log_loss)
+    show(to_text(calibration))
+    if calibration.log_loss is not None and calibration.log_loss[1] > calibration.log_loss[0]:
+        loss = "{:.3f} before, {:.3f} after".format(*calibration.log_loss)
         warn(f"worse on recordings held out: log-loss {loss}; --only leaves out what does harm")
-    if found.left_out:
+    if calibration.left_out:
         warn(
-            f"not learned: {', '.join(found.left_out)}; without truth they make recordings held out less "
-            "probable; give recordings with truth to learn them"
+            f"not learned: {', '.join(calibration.left_out)}; without truth they make recordings held out "
+            "less probable; give recordings with truth to learn them"
         )
-    damaged = [study for study in found.studies if study.damage is not None]
+    damaged = [study for study in calibration.studies if study.damage is not None]
     for study in damaged:
         warn(f"{study.name}: {study.damage}")
     return DAMAGED if damaged else DONE
@@ -112,31 +112,32 @@ def _sources(args: argparse.Namespace, names: Sequence[str]) -> "tuple[Source, .
     for name in names:
         if os.path.exists(name) and not (os.path.isfile(name) or os.path.isdir(name)):
             raise UsageError(f"calibrate reads a recording several times: {name} is not a regular file")
-    known = arguments.load_map(args)
-    chosen = args.topic, args.frame, not args.unlabelled, known, args.relative_to, args.table
-    sources = tuple(Source(name, *chosen) for name in names)
+    known_map = arguments.load_map(args)
+    options = args.topic, args.frame, not args.unlabelled, known_map, args.relative_to, args.table
+    sources = tuple(Source(name, *options) for name in names)
     for source in sources if args.labelled else ():
         need_truth(source.name, source.topic, source.frame)
     return sources
 
 
-def _how_many_folds(asked: int | None, recordings: int) -> int:
-    if asked is None:
+def _how_many_folds(folds: int | None, recordings: int) -> int:
+    if folds is None:
         if recordings == 1:
             warn("one recording: nothing can be held out, so what the model is worth is not known")
         return min(USUAL_FOLDS, recordings) if recordings > 1 else 0
-    if asked > recordings:
-        raise UsageError(f"--folds {asked} of {recordings} recordings: there is not one for each")
-    return asked
+    if folds > recordings:
+        raise UsageError(f"--folds {folds} of {recordings} recordings: there is not one for each")
+    return folds
 
 
-def _header(found: "Calibration", args: argparse.Namespace) -> list[str]:
+def _header(calibration: "Calibration", args: argparse.Namespace) -> list[str]:
     """The origin of the file as comment lines, without dates and absolute paths."""
-    names = " ".join(Path(study.name).name for study in found.studies)
+    studies = calibration.studies
+    names = " ".join(Path(study.name).name for study in studies)
     texts = (
         f"Made by contact-tracker {__version__}; docs/models.md says what each parameter does.",
-        f"Learned: {', '.join(found.plan.wanted)}. The rest is that of {found.plan.start.name}.",
-        f"From {len(found.studies)} recordings, {sum(s.labelled for s in found.studies)} with truth: {names}",
+        f"Learned: {', '.join(calibration.plan.ways)}. The rest is that of {calibration.plan.start.name}.",
+        f"From {len(studies)} recordings, {sum(s.labelled for s in studies)} with truth: {names}",
     )
     lines = [line for text in texts for line in textwrap.wrap(text, WIDTH, break_on_hyphens=False)]
     return [lines[0], _command(args), *lines[1:]]

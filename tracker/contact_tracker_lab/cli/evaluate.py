@@ -48,11 +48,11 @@ def run(args: argparse.Namespace) -> int:
     evaluations = dict[str, "Evaluation"]()
 
     def evaluate_recording(name: str) -> int:
-        chosen = name, args.topic, args.frame, args.table
-        truth = need_truth(*chosen) if args.labels is None else arguments.load_labels(args, name)
+        selection = name, args.topic, args.frame, args.table
+        truth = need_truth(*selection) if args.labels is None else arguments.load_labels(args, name)
         if args.relative_to is not None and any(interval.geometry for interval in truth.intervals):
-            why = f"the truth has them in the recording's frame, not that of --relative-to {args.relative_to}"
-            warn(f"{name}: elements are not compared: {why}")
+            frames = f"in the recording's frame, not that of --relative-to {args.relative_to}"
+            warn(f"{name}: elements are not compared: the truth has them {frames}")
             truth = truth.without_geometry()
         wrenches = arguments.load_wrenches(name, args, model, known_map)
         log = arguments.open_poses(args, name)
@@ -62,10 +62,10 @@ def run(args: argparse.Namespace) -> int:
             raise log.no_poses(name)
         trajectory, detail = Trajectory.from_log(log, name, poses, True), Detail.FORMATION
         with progress(name, "poses", len(poses)) as set_done:
-            found = segmented(trajectory, model, known_map, wrenches, progress=set_done, detail=detail)
-        for line in found.warnings:
+            result = segmented(trajectory, model, known_map, wrenches, progress=set_done, detail=detail)
+        for line in result.warnings:
             warn(f"{name}: {line}")
-        evaluations[name] = evaluate(poses, truth, found.segmentation, answering.finish())
+        evaluations[name] = evaluate(poses, truth, result.segmentation, answering.finish())
         return DONE if log.damage is None else DAMAGED
 
     codes = list(arguments.run_each(partial(evaluate_recording, name) for name in names))

@@ -35,11 +35,11 @@ def run(args: argparse.Namespace) -> int:
     from contact_tracker.recording import write_recording
     from contact_tracker_lab.simulate import simulate
 
-    made = simulate(args.scenario, args.seed)
-    write_recording(str(args.output), made.poses, made.truth, made.metadata, check, made.wrenches)
-    many = len(made.truth.intervals)
-    intervals = "interval" if many == 1 else "intervals"
-    say(f"{len(made.poses)} poses, {many} {intervals} of truth in {args.output}")
+    sim = simulate(args.scenario, args.seed)
+    write_recording(str(args.output), sim.poses, sim.truth, sim.metadata, check, sim.wrenches)
+    count = len(sim.truth.intervals)
+    intervals = "interval" if count == 1 else "intervals"
+    say(f"{len(sim.poses)} poses, {count} {intervals} of truth in {args.output}")
     return DONE
 
 
@@ -47,18 +47,18 @@ def _list(seed: int) -> int:
     from contact_tracker_lab.simulate import SCENARIOS, named_scenario
 
     for name in SCENARIOS:
-        made = named_scenario(name, seed)
-        contacts = " ".join(phase.contact.value for phase in made.phases)
-        if made.further is not None:
-            contact, start_s, end_s = made.further
+        scenario = named_scenario(name, seed)
+        contacts = " ".join(phase.contact.value for phase in scenario.phases)
+        if scenario.further is not None:
+            contact, start_s, end_s = scenario.further
             contacts += f" + {contact.value}"
             contacts += "" if start_s is None else f" from {start_s:g} s"
             contacts += "" if end_s is None else f" to {end_s:g} s"
-        what = f"{made.object} on {made.surroundings}: {contacts}"
-        what += ", with wrenches" if made.has_wrench else ""
-        if made.joint is not None:
-            what = f"{made.object} in a joint: {made.joint.value}"
-        seconds = sum(phase.duration_s for phase in made.phases)
-        size = f"{made.rate_hz:5.0f} Hz {seconds:5.0f} s"
-        show(f"{name:<18}{size}  {what}")
+        text = f"{scenario.object} on {scenario.surroundings}: {contacts}"
+        text += ", with wrenches" if scenario.has_wrench else ""
+        if scenario.joint is not None:
+            text = f"{scenario.object} in a joint: {scenario.joint.value}"
+        seconds = sum(phase.duration_s for phase in scenario.phases)
+        size = f"{scenario.rate_hz:5.0f} Hz {seconds:5.0f} s"
+        show(f"{name:<18}{size}  {text}")
     return DONE

@@ -24,23 +24,23 @@ DRAWS: Final = 400
 _STEP: Final = 1e-5
 
 
-def errors(found: ContactGeometry, true: ContactGeometry, true_poses: Poses) -> tuple[Array, Array]:
-    """Errors of the object's and of the environment's element where they touch, as ``elements.error_at``.
+def errors(estimate: ContactGeometry, true: ContactGeometry, true_poses: Poses) -> tuple[Array, Array]:
+    """Errors of the object's and of the environment's element at the contact, as in ``error_at``.
 
     For f-f motion determines both normals, but only the difference of the offsets: (2,) for the object's face
     and (3,) for the environment's, with the object's face moved to the body's origin.
     """
-    found, true = _identifiable(found, true_poses), _identifiable(true, true_poses)
+    estimate, true = _identifiable(estimate, true_poses), _identifiable(true, true_poses)
     in_body, in_world = places(true, true_poses)
-    of_object = error_at(found.object, true.object, in_body)
-    of_environment = error_at(found.environment, true.environment, in_world)
-    return of_object[:2] if _are_faces(true) else of_object, of_environment
+    object_error = error_at(estimate.object, true.object, in_body)
+    world_error = error_at(estimate.environment, true.environment, in_world)
+    return object_error[:2] if _are_faces(true) else object_error, world_error
 
 
 def cramer_rao(
     model: ContactModel, true: ContactGeometry, true_poses: Poses, sigma: tuple[float, float]
 ) -> tuple[Array, Array]:
-    """Least covariances (d, d) of the object's and environment's ``errors`` for unbiased estimates.
+    """Least covariances (d, d) of the object's and environment's ``errors`` in unbiased estimates.
 
     Parameters
     ----------
@@ -56,8 +56,8 @@ def cramer_rao(
     steps = np.concatenate([tangent.T, -tangent.T]) * _STEP
     around = model.family.normalise(x + steps, anchors)
     information = _information(model, x, around, true_poses, sigma)
-    none = np.zeros((len(x), len(x)))
-    moved = [errors(model.geometry(one, none, 0.0), true, true_poses) for one in around]
+    zeros = np.zeros((len(x), len(x)))
+    moved = [errors(model.geometry(x_moved, zeros, 0.0), true, true_poses) for x_moved in around]
     half = len(moved) // 2
     bounds = []
     for side in range(2):
@@ -68,7 +68,7 @@ def cramer_rao(
 
 
 def angles_and_distances(contact: Contact, side: int, size: int) -> Iterator[tuple[str, slice]]:
-    """Slices of the ``size`` entries of ``errors``: those of angles (rad) and of distances (m).
+    """Slices of the ``size`` entries of ``errors``: angles (rad) and distances (m).
 
     ``side`` is 0 for the object's element and 1 for the environment's.
     """
@@ -80,7 +80,7 @@ def angles_and_distances(contact: Contact, side: int, size: int) -> Iterator[tup
 
 
 def errors_at_bound(bound: Array) -> Array:
-    """Norms (n, 400) of drawn errors of an estimator that attains the bounds (n, d, d)."""
+    """Norms (n, 400) of drawn errors with covariances at the bounds (n, d, d)."""
     drawn = np.random.default_rng(0).normal(size=(len(bound), DRAWS, bound.shape[1]))
     return np.asarray(np.linalg.norm(drawn @ np.linalg.cholesky(bound).swapaxes(1, 2), axis=2))
 
@@ -116,7 +116,7 @@ def _are_faces(pair: ContactGeometry) -> bool:
 
 
 def _identifiable(pair: ContactGeometry, poses: Poses) -> ContactGeometry:
-    """The pair; for two faces, with the offset of the object's face added to that of the environment's."""
+    """The pair; for two faces the offset of the object's face is added to that of the environment's."""
     match pair.object, pair.environment:
         case Plane(m, object_offset_m), Plane(n, offset_m):
             sign = np.sign(np.mean(poses.rotation @ m, axis=0) @ n)

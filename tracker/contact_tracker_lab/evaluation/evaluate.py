@@ -1,4 +1,4 @@
-"""Evaluation of a segmentation, and of what ``live`` answers, against the ground truth of a recording."""
+"""Evaluation of a segmentation, and of the answers of ``live``, against the ground truth of a recording."""
 
 from array import array
 from collections.abc import Iterable, Iterator
@@ -25,9 +25,8 @@ from contact_tracker_lab.evaluation.scoring import Scoring, Subset, scoring, tic
 
 
 class Answers(NamedTuple):
-    """Online ``beliefs`` in the order in which they were given out, and the time of the stream (T,) at which
-    each was. That is later than its stamp by the time for which poses are held, and by what a tick waits for
-    its last pose."""
+    """Online ``beliefs`` in their order, and the time of the stream (T,) at which each was given out: later
+    than its stamp by the time for which poses are held back, and the wait of a tick for its last pose."""
 
     beliefs: Beliefs
     arrival_ns: Ints
@@ -68,7 +67,7 @@ class Answering:
 def answers_to(
     poses: Iterable[Pose], model: Model, known_map: Map = EMPTY_MAP, lag_s: float = 0.0
 ) -> Answers:
-    """The answers to ``poses`` as measured, which pass the gate one by one."""
+    """The answers to ``poses`` as measured, passed through the gate one by one."""
     gate, answering = PoseGate(), Answering(model, known_map, lag_s=lag_s)
 
     def arrivals() -> Iterator[Arrival]:
@@ -81,22 +80,22 @@ def answers_to(
 
 
 NONE: Final = -1
-"""Index of no tick, or of no label."""
+"""Index for no tick, or no label."""
 Kinds = tuple[tuple[Contact, ...], ...]
-"""For each further contact its kind, and those that the motion does not distinguish from it."""
+"""The kind of each further contact, and those that the motion does not distinguish from it."""
 
 
 @dataclass(frozen=True)
 class FurtherScore:
-    """Of one recording or (``a + b``) of several, in scored seconds.
+    """Score of one recording or (``a + b``) of several, in scored seconds.
 
     Parameters
     ----------
     several_s : several contacts hold.
-    right_s : of these, with exactly the true kinds reported.
-    open_s : of these, with the true kind of a further contact only reported as inseparable from it.
+    right_s : part of ``several_s`` with exactly the true kinds reported.
+    open_s : part of ``several_s`` with a true kind only reported as inseparable from a further contact.
     alone_s : one contact holds, or none.
-    false_s : of these, with a further contact reported.
+    false_s : part of ``alone_s`` with a further contact reported.
     """
 
     several_s: float = 0.0
@@ -105,22 +104,22 @@ class FurtherScore:
     alone_s: float = 0.0
     false_s: float = 0.0
 
-    def __add__(self, other: "FurtherScore") -> "FurtherScore":
-        return FurtherScore(*map(add, vars(self).values(), vars(other).values()))
+    def __add__(self, score: "FurtherScore") -> "FurtherScore":
+        return FurtherScore(*map(add, vars(self).values(), vars(score).values()))
 
     @property
     def right(self) -> float:
-        """Share of the time with several contacts in which exactly these are reported; nan without."""
+        """Share of the time with several contacts in which exactly these are reported, or nan."""
         return ratio(self.right_s, self.several_s)
 
     @property
     def open(self) -> float:
-        """Share of that time in which a true kind is only reported as inseparable."""
+        """Share of this time in which a true kind is only reported as inseparable."""
         return ratio(self.open_s, self.several_s)
 
     @property
     def false(self) -> float:
-        """Share of the time without a further contact in which one is reported; nan without."""
+        """Share of the time without a further contact in which one is reported, or nan."""
         return ratio(self.false_s, self.alone_s)
 
 
@@ -132,14 +131,14 @@ def score_further(scored: Scoring, truth: Truth, tick: Ints, beliefs: Beliefs) -
     scored, truth : of N frames.
     tick : (N,) index of the belief that holds at each frame, -1 where there is none.
     """
-    kinds = [tuple((one.contact, *one.inseparable) for one in further) for further in beliefs.formations]
-    found = np.append(beliefs.rows["further"], NONE)[tick]
+    kinds = [tuple((c.contact, *c.inseparable) for c in further) for further in beliefs.formations]
+    number_of = np.append(beliefs.rows["further"], NONE)[tick]
     labelled = np.append(beliefs.rows["contact"], NONE)[tick]
     total = FurtherScore()
     for true, frames in _true_sets(scored, truth):
-        cells = np.stack([found[frames], labelled[frames]], axis=1)
-        reported, of_frame = np.unique(cells, axis=0, return_inverse=True)
-        seconds = np.bincount(of_frame.ravel(), scored.seconds[frames], len(reported)).tolist()
+        cells = np.stack([number_of[frames], labelled[frames]], axis=1)
+        reported, cell = np.unique(cells, axis=0, return_inverse=True)
+        seconds = np.bincount(cell.ravel(), scored.seconds[frames], len(reported)).tolist()
         for (number, column), reported_s in zip(reported.tolist(), seconds, strict=True):
             first = () if column == NONE else (STATES[column],)
             total += _score(true, first, () if number == NONE else kinds[number], reported_s)
@@ -154,8 +153,8 @@ def _true_sets(scored: Scoring, truth: Truth) -> Iterator[tuple[tuple[Contact, .
         frames = begin + np.flatnonzero(scored.subsets[Subset.ALL, begin:end])
         if interval.contact is None or not len(frames):
             continue
-        at = stamp_ns[frames]
-        holds = np.array([(one.start_ns <= at) & (at <= one.end_ns) for one in interval.further], bool)
+        frame_ns = stamp_ns[frames]
+        holds = np.array([(c.start_ns <= frame_ns) & (frame_ns <= c.end_ns) for c in interval.further], bool)
         holds = holds.reshape(len(interval.further), len(frames)).T
         for present in np.unique(holds, axis=0):
             contacts = [interval.further[number].contact for number in np.flatnonzero(present)]
@@ -168,28 +167,28 @@ def _score(
     """Score of frames with one reported set of contacts; ``label`` is empty where there is no belief."""
     if len(true) == 1:
         return FurtherScore(alone_s=seconds, false_s=seconds if further else 0.0)
-    first = tuple((one,) for one in label)
-    is_right = _matches(true, (*first, *((one[0],) for one in further)))
+    first = tuple((contact,) for contact in label)
+    is_right = _matches(true, (*first, *((kinds[0],) for kinds in further)))
     is_open = not is_right and _matches(true, (*first, *further))
     return FurtherScore(seconds, seconds * is_right, seconds * is_open)
 
 
-def _matches(true: tuple[Contact, ...], found: Kinds) -> bool:
-    """Whether true and found contacts can be assigned to each other one to one."""
-    return len(true) == len(found) and any(
-        all(one in kinds for one, kinds in zip(order, found, strict=True)) for order in permutations(true)
-    )
+def _matches(true: tuple[Contact, ...], reported: Kinds) -> bool:
+    """Whether true and reported contacts can be assigned to each other one to one."""
+    if len(true) != len(reported):
+        return False
+    pairings = (zip(order, reported, strict=True) for order in permutations(true))
+    return any(all(contact in kinds for contact, kinds in pairing) for pairing in pairings)
 
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """Of one recording, or (``a + b``) of several: offline and online against the same truth.
+    """Scores of one recording, or (``a + b``) of several: offline and online against the same truth.
 
-    Offline: the Viterbi label and the smoothed posterior; each frame has the belief of the tick that
-    contains it. Online: each frame has the latest belief up to its stamp. By arrival, if the answers of a
-    stream are given: the latest belief that had been given out by then. The geometry is that of the offline
-    segments. Further contacts have scores of their own, online only where beliefs have them
-    (``Detail.FORMATION``).
+    Offline: the Viterbi label and the smoothed posterior; each frame has the belief of the tick that contains
+    it. Online: each frame has the latest belief up to its stamp. By arrival, if the answers of a stream are
+    given: the latest belief that had been given out by then. The geometry is that of the offline segments.
+    Further contacts have their own scores, online only where beliefs have them (``Detail.FORMATION``).
     """
 
     offline: Tally
@@ -199,8 +198,8 @@ class Evaluation:
     further_offline: FurtherScore
     further_online: FurtherScore
 
-    def __add__(self, other: "Evaluation") -> "Evaluation":
-        pairs = zip(vars(self).values(), vars(other).values(), strict=True)
+    def __add__(self, evaluation: "Evaluation") -> "Evaluation":
+        pairs = zip(vars(self).values(), vars(evaluation).values(), strict=True)
         sums: list[Any] = [None if None in pair else add(*pair) for pair in pairs]
         return Evaluation(*sums)
 
@@ -208,8 +207,8 @@ class Evaluation:
 def evaluate(
     poses: Poses, truth: Truth, segmentation: Segmentation, answers: Answers | None = None
 ) -> Evaluation:
-    """Evaluate ``segmentation`` of ``poses`` (at least one) against ``truth``, and the ``answers`` to them as
-    they came.
+    """Evaluate ``segmentation`` of ``poses`` (at least one), and the ``answers`` in their order, against
+    ``truth``.
 
     Raises
     ------
@@ -224,7 +223,7 @@ def evaluate(
     arrival = None
     if answers is not None:
         arrival = _tally(scored, tick_in_force(scored.stamp_ns, answers.arrival_ns), answers.beliefs)
-    further = (score_further(scored, truth, *one) for one in ((contains, offline), (in_force, online)))
+    further = (score_further(scored, truth, *mode) for mode in ((contains, offline), (in_force, online)))
     tallies = _tally(scored, contains, offline), _tally(scored, in_force, online)
     return Evaluation(*tallies, arrival, geometry, *further)
 

@@ -17,7 +17,7 @@ from contact_tracker_lab.evaluation.scoring import SHORTEST_PHASE_NS, Change, Co
 
 CALIBRATION_BINS: Final = 15
 SMALLEST_PROBABILITY: Final = 1e-12
-"""Lower limit of probabilities in the log-loss, which is infinite at zero."""
+"""Lower limit of probabilities in the log-loss, which would be infinite at zero."""
 NO_LABEL: Final = -1
 _BATCH_FRAMES: Final = 20_000
 _CHANGES: Final = ("into", "boundary_error_s", "detection_delay_s")
@@ -30,7 +30,7 @@ class Tally:
     Parameters
     ----------
     confusion_s : (5, 7, 8) seconds per ``Subset``, true state and label; the last column is without a label.
-        Coarse labels have further rows, here and in what is by state.
+        Coarse labels have further rows, here and in other values by state.
     calibration : (15, 3) per bin of the top probability, equally wide over [0, 1]: seconds,
         seconds x probability, seconds in which the top state was true.
     log_loss_s : seconds x -log p(truth), in nats.
@@ -51,9 +51,9 @@ class Tally:
     detection_delay_s: Array
     coarse: tuple[CoarseLabel, ...] = ()
 
-    def __add__(self, other: "Tally") -> "Tally":
+    def __add__(self, tally: "Tally") -> "Tally":
         """The sum; both have the same coarse labels."""
-        a, b = vars(self), vars(other)
+        a, b = vars(self), vars(tally)
         sums = {name: a[name] + b[name] for name in a if name not in (*_CHANGES, "coarse")}
         lists: dict[str, Any] = {name: np.concatenate([a[name], b[name]]) for name in _CHANGES}
         return Tally(**sums, **lists, coarse=self.coarse)
@@ -65,8 +65,8 @@ class Tally:
 
     def right_s(self, subset: Subset = Subset.ALL) -> Array:
         """Time in which each row was true and the label right."""
-        found = self.confusion_s[subset][:, : len(STATES)]
-        return np.asarray((found * right_states(self.coarse)).sum(axis=1))
+        labelled_s = self.confusion_s[subset][:, : len(STATES)]
+        return np.asarray((labelled_s * right_states(self.coarse)).sum(axis=1))
 
     def seconds(self, subset: Subset = Subset.ALL) -> float:
         """Time scored in ``subset``."""
@@ -97,7 +97,7 @@ class Tally:
     @property
     def macro_f1(self) -> float:
         """Mean F1 over the states that occur in the truth."""
-        occurring = known(self.f1)
+        occurring = finite_values(self.f1)
         return float(occurring.mean()) if len(occurring) else float("nan")
 
     @property
@@ -123,17 +123,17 @@ class Tally:
 
     @property
     def boundary_s(self) -> Array:
-        """Errors (B,) of the true changes that have a found one."""
-        return known(self.boundary_error_s)
+        """Errors (B,) of the true changes with an estimated one."""
+        return finite_values(self.boundary_error_s)
 
     @property
     def delay_s(self) -> Array:
-        """Delays (D,) of the true phases that were detected."""
-        return known(self.detection_delay_s)
+        """Delays (D,) of the detected true phases."""
+        return finite_values(self.detection_delay_s)
 
     @property
     def missed_share(self) -> float:
-        """Share of the true changes that have no found one."""
+        """Share of the true changes without an estimated one."""
         return ratio(len(self.into) - len(self.boundary_s), len(self.into))
 
     @property
@@ -143,17 +143,17 @@ class Tally:
 
 
 def right_states(coarse: tuple[CoarseLabel, ...]) -> Bools:
-    """Which states (7 + C, 7) each state and each coarse label admits."""
+    """States (7 + C, 7) that each state and each coarse label admits."""
     rows = [[state in label.states for state in STATES] for label in coarse]
     return np.array([*np.eye(len(STATES), dtype=bool), *rows], bool)
 
 
 def quantile(values: Array, q: float) -> float:
-    """Quantile of values (K,) by linear interpolation; nan where there are none."""
+    """Quantile of values (K,) by linear interpolation; nan without values."""
     return float(np.quantile(values, q)) if len(values) else float("nan")
 
 
-def known(values: Array) -> Array:
+def finite_values(values: Array) -> Array:
     """The values that are finite."""
     return values[np.isfinite(values)]
 
@@ -163,7 +163,7 @@ def _ratios(part: Array, whole: Array) -> Array:
 
 
 def ratio(part: float, whole: float) -> float:
-    """The share of a whole; nan without one."""
+    """The share ``part`` of ``whole``; nan if that is zero."""
     return part / whole if whole > 0 else float("nan")
 
 
@@ -179,11 +179,11 @@ def tally(scoring: Scoring, tick: Ints, label: Ints, probability: Array) -> Tall
     probability : (T, 7) posterior of each belief.
     """
     frame_label = np.append(label, NO_LABEL).astype(np.int8)[tick]
-    held = np.append(probability, np.full((1, len(STATES)), 1 / len(STATES)), axis=0)
-    sums = _sums(scoring.part(slice(0, 0)), frame_label[:0], held[:0])
-    for begin in range(0, len(tick), _BATCH_FRAMES):  # posteriors of all frames at once would need memory
+    posterior = np.append(probability, np.full((1, len(STATES)), 1 / len(STATES)), axis=0)
+    sums = _sums(scoring.part(slice(0, 0)), frame_label[:0], posterior[:0])
+    for begin in range(0, len(tick), _BATCH_FRAMES):  # to bound the memory for posteriors
         frames = slice(begin, min(begin + _BATCH_FRAMES, len(tick)))
-        sums += _sums(scoring.part(frames), frame_label[frames], held[tick[frames]])
+        sums += _sums(scoring.part(frames), frame_label[frames], posterior[tick[frames]])
     right = np.column_stack([right_states(scoring.coarse), np.zeros(len(STATES) + len(scoring.coarse), bool)])
     changes = [(right[c.into][frame_label[c.begin : c.end]], c) for c in scoring.changes]
     return replace(
@@ -201,11 +201,11 @@ def _sums(scoring: Scoring, frame_label: Columns, posterior: Array) -> Tally:
     p = posterior[scored]
     top, top_p = p.argmax(axis=1), p.max(axis=1, initial=0.0)
     states = right_states(scoring.coarse)
-    is_one = states[truth]
-    right = is_one[np.arange(len(p)), top] & (frame_label[scored] != NO_LABEL)
-    shares = np.maximum(p, SMALLEST_PROBABILITY) * is_one
+    admitted = states[truth]
+    right = admitted[np.arange(len(p)), top] & (frame_label[scored] != NO_LABEL)
+    shares = np.maximum(p, SMALLEST_PROBABILITY) * admitted
     p_true = shares.sum(axis=1)
-    is_true = shares / p_true[:, None]  # of a coarse label the states are as probable as they are found
+    is_true = shares / p_true[:, None]  # states of a coarse label by their posterior
     confusion_s = np.zeros((len(Subset), len(states), len(STATES) + 1))
     for subset, frames in enumerate(scoring.subsets):  # NO_LABEL indexes the last column
         cells = scoring.truth[frames], frame_label[frames]
@@ -214,7 +214,7 @@ def _sums(scoring: Scoring, frame_label: Columns, posterior: Array) -> Tally:
     columns = (seconds, seconds * top_p, seconds * right)
     return Tally(
         confusion_s=confusion_s,
-        calibration=np.stack([np.bincount(bins, one, CALIBRATION_BINS) for one in columns], axis=1),
+        calibration=np.stack([np.bincount(bins, column, CALIBRATION_BINS) for column in columns], axis=1),
         log_loss_s=float(seconds @ -np.log(p_true)),
         brier_s=float((seconds @ (p - is_true) ** 2).sum()),
         sure_wrong_s=float(seconds @ ((top_p > SURE_PROBABILITY) & ~right)),
@@ -226,7 +226,7 @@ def _sums(scoring: Scoring, frame_label: Columns, posterior: Array) -> Tally:
 
 
 def _boundary_error(scoring: Scoring, is_new: Bools, change: Change) -> float:
-    """Seconds from the true change to the nearest found one into the same state; nan where there is none.
+    """Seconds from the true change to the nearest estimated one into the same state; nan without one.
 
     ``is_new``: whether the label is that, from the begin of the old phase to the end of the new one, where
     the search is. A label that is already the new state at the begin is no change.
@@ -234,9 +234,9 @@ def _boundary_error(scoring: Scoring, is_new: Bools, change: Change) -> float:
     changed = change.begin + 1 + np.flatnonzero(is_new[1:] & ~is_new[:-1])
     if len(changed) == 0:
         return float("nan")
-    found = scoring.stamp_ns[changed]
-    early = scoring.stamp_ns[change.earliest] - found
-    late = found - scoring.stamp_ns[change.onset]
+    found_ns = scoring.stamp_ns[changed]
+    early = scoring.stamp_ns[change.earliest] - found_ns
+    late = found_ns - scoring.stamp_ns[change.onset]
     return float(np.maximum(np.maximum(early, late), 0).min()) * 1e-9
 
 

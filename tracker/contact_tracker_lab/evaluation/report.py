@@ -23,7 +23,7 @@ from contact_tracker_lab.evaluation.tables import number, table
 
 TOTAL: Final = "total"
 WIDEST_NAME: Final = 20
-"""Of a recording beside its numbers; above them it may be as wide as a line."""
+"""Largest width of a recording's name beside its numbers; above them it may fill a line."""
 WIDTH: Final = 80
 
 ACCURACY_NOTE: Final = """\
@@ -54,7 +54,7 @@ covariance."""
 
 @dataclass(frozen=True, eq=False)
 class Report:
-    """Evaluations by the name of their recording, in the order of the tables; at least one."""
+    """Evaluations by name of the recording, at least one, in the order of the tables."""
 
     recordings: Mapping[str, Evaluation]
 
@@ -66,7 +66,7 @@ class Report:
         return reduce(add, self.recordings.values())
 
     def to_text(self) -> str:
-        """Tables per recording and total, no trailing newline."""
+        """Tables per recording and in total, without a trailing newline."""
         total = self.total
         entries = [*self.recordings.items()]
         entries += [(TOTAL, total)] if len(entries) > 1 else []
@@ -90,13 +90,13 @@ class Report:
         return "\n\n".join(blocks)
 
     def to_json(self) -> str:
-        """One object with ``recordings`` by name, ``total`` and ``states``; null where there is no value."""
-        found = {
+        """JSON object with ``recordings`` by name, ``total`` and ``states``; null for missing values."""
+        values = {
             "states": STATES,
             "recordings": {name: _evaluation_json(value) for name, value in self.recordings.items()},
             "total": _evaluation_json(self.total),
         }
-        return json.dumps(_without_nan(found), indent=1, allow_nan=False)
+        return json.dumps(_without_nan(values), indent=1, allow_nan=False)
 
 
 @with_known_arguments
@@ -114,7 +114,7 @@ def evaluate(
     labels : a file or a DataFrame with the columns ``start``, ``end`` and ``contact`` (docs/python.md).
     meanings : states by label: ``{"touch": "any", "flat": "f-f|e-f", "unclear": "?"}``. Names of states need
         none; coarse labels are right with each of their states.
-    by_arrival : track the poses online as well, with ``model``, and score what had been answered when.
+    by_arrival : track the poses online as well, with ``model``, and score the answers by the time of arrival.
 
     Returns
     -------
@@ -125,17 +125,17 @@ def evaluate(
     Raises
     ------
     NoTruth
-        It is no such table.
+        The labels are not such a table.
     UsageError
-        It is not said what a label means, or an argument is of the wrong type.
+        The meaning of a label is missing, or an argument is of the wrong type.
     """
     if not isinstance(result, Result):
         raise UsageError(f"a result is what segment returns, not {type(result).__name__}")
     poses, truth = result.trajectory.poses, result.truth_by(labels, meanings)
     answers = answers_to(poses, model_from(model)) if by_arrival else None
     name = Path(result.trajectory.name).name
-    found = evaluate_segmentation(poses, truth, result.segmentation, answers)
-    return Report({name: replace(found, further_online=FurtherScore())})  # which a result does not have
+    evaluation = evaluate_segmentation(poses, truth, result.segmentation, answers)
+    return Report({name: replace(evaluation, further_online=FurtherScore())})  # a result has none
 
 
 _ACCURACY: Final = ("recording", "scored s", *(s.name.lower() for s in Subset), "F1")
@@ -153,15 +153,15 @@ def _short(name: str, widest: int = WIDTH) -> str:
 
 
 def _mode_rows(
-    entries: list[tuple[str, Evaluation]], cells: Callable[[Any], list[str]], which: str = ""
+    entries: list[tuple[str, Evaluation]], cells: Callable[[Any], list[str]], prefix: str = ""
 ) -> list[list[str]]:
-    """The name of each entry, and below it a row for each mode, of the scores whose names begin with
-    ``which``."""
+    """The name of each entry, and below it a row for each mode, for scores whose names begin with
+    ``prefix``."""
     rows = []
     for name, value in entries:
         rows.append([_short(name)])
         for mode in ("offline", "online", "by arrival"):
-            scores = getattr(value, f"{which}{mode.removeprefix('by ')}", None)
+            scores = getattr(value, f"{prefix}{mode.removeprefix('by ')}", None)
             if scores is not None:
                 rows.append([f"  {mode}", *cells(scores)])
     return rows
@@ -261,7 +261,7 @@ def _quantiles(values: Array) -> dict[str, float]:
 
 
 def _without_nan(value: Any) -> Any:
-    """The same, with None for numbers that are not finite."""
+    """The same value, with None for numbers that are not finite."""
     if isinstance(value, dict):
-        return {key: _without_nan(one) for key, one in value.items()}
+        return {key: _without_nan(item) for key, item in value.items()}
     return None if isinstance(value, float) and not math.isfinite(value) else value

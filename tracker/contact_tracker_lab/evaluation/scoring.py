@@ -1,7 +1,7 @@
 """The scored frames of a recording: their weights, true states, and the true changes.
 
-All of it is independent of beliefs. The weight of a frame is the time until the next one, at most 0.1 s, so
-that neither irregular rates nor dropouts distort a figure. Frames without truth (``?``) are not scored.
+They are independent of beliefs. The weight of a frame is the time until the next one, at most 0.1 s, so that
+neither irregular rates nor dropouts distort a figure. Frames without truth (``?``) are not scored.
 """
 
 from dataclasses import dataclass, replace
@@ -77,12 +77,12 @@ class Scoring:
 
     @property
     def stamp_ns(self) -> Ints:
-        """(N,)"""
+        """Stamps (N,) of the frames."""
         return self.edges_ns[:-1]
 
     @property
     def end_ns(self) -> Ints:
-        """Ends (N,) of the frames: the stamp of the next one."""
+        """Ends (N,) of the frames, each the stamp of the next one."""
         return self.edges_ns[1:]
 
     @property
@@ -97,9 +97,9 @@ class Scoring:
 
     def within(self, subset: Subset) -> "Scoring":
         """Only the frames of ``subset``, and the changes whose onset is among them."""
-        taken = self.subsets[subset]
-        changes = tuple(change for change in self.changes if taken[change.onset])
-        return replace(self, subsets=self.subsets & taken, changes=changes)
+        members = self.subsets[subset]
+        changes = tuple(change for change in self.changes if members[change.onset])
+        return replace(self, subsets=self.subsets & members, changes=changes)
 
 
 def scoring(stamp_ns: Ints, truth: Truth) -> Scoring:
@@ -107,9 +107,9 @@ def scoring(stamp_ns: Ints, truth: Truth) -> Scoring:
     column = np.full(len(stamp_ns), UNSCORED, np.int8)
     subsets = np.zeros((len(Subset), len(stamp_ns)), bool)
     moved = False
-    first = np.searchsorted(stamp_ns, [one.start_ns for one in truth.intervals])
-    end = np.searchsorted(stamp_ns, [one.end_ns for one in truth.intervals], side="right")
-    later = np.append(first[1:], len(stamp_ns))  # where two overlap, frames are those of the later one
+    first = np.searchsorted(stamp_ns, [interval.start_ns for interval in truth.intervals])
+    end = np.searchsorted(stamp_ns, [interval.end_ns for interval in truth.intervals], side="right")
+    later = np.append(first[1:], len(stamp_ns))  # frames in two intervals belong to the later
     for interval, *ends in zip(truth.intervals, first, np.minimum(end, later), strict=True):
         frames = slice(*ends)
         moved |= interval.motion != "rest"
@@ -133,14 +133,14 @@ def scoring(stamp_ns: Ints, truth: Truth) -> Scoring:
 
 
 def tick_containing(frame_ns: Ints, tick_ns: Ints) -> Ints:
-    """Offline: index of the tick that contains each frame, the first not before it; -1 after the last."""
+    """Offline: index of the first tick that ends at or after each frame; -1 after the last tick."""
     tick = np.searchsorted(tick_ns, frame_ns, side="left")
     tick[tick == len(tick_ns)] = -1
     return tick
 
 
 def tick_in_force(frame_ns: Ints, tick_ns: Ints) -> Ints:
-    """Online: index of the latest tick that is reported at each frame; -1 before the first."""
+    """Online: index of the latest tick reported at each frame; -1 before the first."""
     return np.searchsorted(tick_ns, frame_ns, side="right") - 1
 
 
@@ -153,9 +153,9 @@ def _runs(stamp_ns: Ints, column: Columns) -> list[tuple[int, int]]:
     for first, last in zip([0, *(split + 1).tolist()], [*split.tolist(), len(stamp_ns) - 1], strict=True):
         if column[first] == UNSCORED:
             continue
-        begin, before = runs[-1] if runs else (first, None)
-        is_same = before is not None and column[before] == column[first]
-        if is_same and stamp_ns[first] - stamp_ns[before] <= SHORTEST_PHASE_NS:
+        begin, previous = runs[-1] if runs else (first, None)
+        is_same = previous is not None and column[previous] == column[first]
+        if is_same and stamp_ns[first] - stamp_ns[previous] <= SHORTEST_PHASE_NS:
             runs[-1] = begin, last
         else:
             runs.append((first, last))
@@ -163,7 +163,7 @@ def _runs(stamp_ns: Ints, column: Columns) -> list[tuple[int, int]]:
 
 
 def _changes(edges_ns: Ints, column: Columns, runs: list[tuple[int, int]]) -> tuple[Change, ...]:
-    """The changes whose time is known: both phases long enough, not more than 0.3 s between them."""
+    """The changes at known times: both phases are long enough, with at most 0.3 s between them."""
     stamp_ns, end_ns = edges_ns[:-1], edges_ns[1:]
     return tuple(
         Change(begin, last + 1, onset, final + 1, int(column[onset]))

@@ -4,12 +4,13 @@ from collections.abc import Sequence
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1) -> str:
-    """Align columns, the first ``left`` ones to the left, the others to the right; no trailing newline.
+    """Align columns, the first ``left`` ones to the left, others to the right; no trailing newline.
 
     A row of one cell is a title of the rows below it, as wide as it is.
     """
     lines = [tuple(header), *map(tuple, rows)]
-    widths = [max(map(len, column)) for column in zip(*(one for one in lines if len(one) > 1), strict=True)]
+    columns = zip(*(line for line in lines if len(line) > 1), strict=True)
+    widths = [max(map(len, column)) for column in columns]
     return "\n".join(
         "  ".join(
             cell.ljust(width) if i < left else cell.rjust(width)

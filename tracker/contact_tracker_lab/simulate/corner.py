@@ -52,7 +52,7 @@ class Touch(NamedTuple):
 
     @property
     def x(self) -> Array:
-        """(S,) parameters of the contact, see ``contacts``."""
+        """Parameters (S,) of the contact, see ``contacts``."""
         point = self.feature.points.mean(axis=0)
         if self.contact is Contact.FF:
             offset = float(self.feature.normals[0] @ point)
@@ -77,14 +77,14 @@ class Touch(NamedTuple):
 
 
 Chosen = tuple[Touch, Touch, Array]
-"""What touches the table and the wall, and a rotation (3, 3) of the object at which both do."""
+"""The touches of the table and of the wall, and a rotation (3, 3) of the object with both."""
 
 
 def move_in_corner(
     rng: np.random.Generator, object: Polyhedron, scenario: Scenario, further: Contact, time_s: Array
 ) -> tuple[Rigid, Touch, Touch]:
     """The motion of a scenario of one phase with a ``further`` contact at times (N,): poses, object to scene,
-    the contact with the table, and that with the wall, which lasts only for part of the time.
+    the touch of the table, and that of the wall, which may last for part of the time only.
 
     Raises
     ------
@@ -107,9 +107,8 @@ def _choose(rng: np.random.Generator, object: Polyhedron, first: Contact, second
     kinds = [object.of_kind(contact.value[0]) for contact in (first, second)]
     for _ in range(_DRAWS):
         on_table, on_wall = (features[int(rng.integers(len(features)))] for features in kinds)
-        down, aside = (
-            unit(rng.dirichlet(np.full(len(one.normals), 4.0)) @ one.normals) for one in (on_table, on_wall)
-        )
+        cones = on_table.normals, on_wall.normals
+        down, aside = (unit(rng.dirichlet(np.full(len(normals), 4.0)) @ normals) for normals in cones)
         aside = aside - down * (down @ aside)
         if np.linalg.norm(aside) < 0.3:
             continue
@@ -121,14 +120,14 @@ def _choose(rng: np.random.Generator, object: Polyhedron, first: Contact, second
             options.append((room, on_table, on_wall, down, aside))
     if not options:
         raise UsageError(f"scenario: this object cannot be in {first} and {second} at once")
-    _, on_table, on_wall, down, aside = max(options, key=lambda one: one[0])
+    _, on_table, on_wall, down, aside = max(options, key=lambda option: option[0])
     body = np.array([aside, np.cross(down, aside), down])  # rows: body directions of -x, ..., -z
     scene = np.array([-WALL, np.cross(-TABLE, -WALL), -TABLE])
     return Touch(first, on_table, TABLE), Touch(second, on_wall, WALL), scene.T @ body
 
 
 def _room(feature: Feature, normal: Array) -> float:
-    """Angle (rad) by which the normal may turn; infinite for a face, whose normal is fixed."""
+    """Angle (rad) by which the normal may turn; ``_ANY_TURN_RAD`` for a face, with a fixed normal."""
     return _ANY_TURN_RAD if feature.kind == "f" else feature.normal_clearance(normal)
 
 
@@ -139,7 +138,7 @@ def _motion(
     time_s: Array,
     calm: float,
 ) -> Rigid | None:
-    """Poses that satisfy the first touch always and the second while it lasts; None if there are none."""
+    """Poses that keep the first touch always and the second while it lasts; None if there are none."""
     first, second, base = chosen
     assert scenario.further is not None
     _, start_s, end_s = scenario.further
@@ -157,19 +156,19 @@ def _motion(
     away = place[:, 0] * apart + _AWAY_M * apart
     place[:, 0] = away - rotation[:, 0] @ second.feature.points.mean(axis=0)
     touching = np.zeros((len(time_s), len(first.c)))
-    on_first = _project(Rigid(rotation, place), first.c, touching)
-    if on_first is None:
+    pose = _project(Rigid(rotation, place), first.c, touching)
+    if pose is None:
         return None
-    zeta = second.model.lifted(lift(on_first.rotation, on_first.translation))
+    zeta = second.model.lifted(lift(pose.rotation, pose.translation))
     free = zeta @ second.model.family.rows(second.x).T
     free[:, -1] = _SOFT_M * np.logaddexp(0.0, free[:, -1] / _SOFT_M)
     goals = np.concatenate([touching, apart[:, None] * free], axis=1)
-    return _project(on_first, np.concatenate([first.c, second.c]), goals)
+    return _project(pose, np.concatenate([first.c, second.c]), goals)
 
 
 def _project(pose: Rigid, c: Array, goals: Array) -> Rigid | None:
-    """Project to poses (N,) whose residuals, of coefficients c (K, 25), are ``goals`` (N, K); None if that
-    fails for some."""
+    """Project to poses (N,) whose residuals with coefficients c (K, 25) are ``goals`` (N, K); None if this
+    fails at a pose."""
     weight, moves = np.repeat([1.0, _LEVER_M], 3), perturbations()
     rotation, place = pose.rotation, pose.translation
     for _ in range(_STEPS):

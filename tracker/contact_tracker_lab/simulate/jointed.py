@@ -19,15 +19,15 @@ _ARM_M: Final = {
     JointKind.SCREW: (0.0, 0.1),
     JointKind.BALL: (0.05, 0.15),
 }
-"""How far the object's middle is from the axis, or from the centre."""
+"""Range of the distance (m) of the object's middle from the axis or centre."""
 _PITCH_M: Final = (0.01, 0.04)
-"""Of screws, per radian."""
+"""Range of the pitch (m/rad) of screws."""
 _AXIS: Final = np.array([0.0, 0.0, 1.0])
 
 
 class TrueJoint(NamedTuple):
-    """A joint: axis or centre in the body frame and in the world frame, and translation per radian of those
-    that turn about an axis. A slider's axis is the line on which the body's origin moves."""
+    """A joint: its axis or centre in the body frame and in the world frame, and its pitch, for kinds that
+    turn about an axis. A slider's axis is the line on which the body's origin moves."""
 
     kind: JointKind
     object: Element
@@ -35,7 +35,7 @@ class TrueJoint(NamedTuple):
     pitch_m_per_rad: float | None
 
     def to_json(self) -> str:
-        """As recordings have it in their metadata."""
+        """JSON text for the metadata of recordings."""
         elements = {"object": self.object.to_json(), "environment": self.environment.to_json()}
         return json.dumps(self._asdict() | elements)
 
@@ -65,7 +65,7 @@ def move_in_joint(
         turn[:, 2] = scenario.amplitude_rad * signal[:, 0]
         shift[:, 2] = pitch * turn[:, 2]
     rotation = Rotation.from_rotvec(turn)
-    # Every line along a slider's axis is one: that on which the body's origin moves stands for all.
+    # any line along a slider's axis is an axis: here the line on which the body's origin moves
     in_object = body.inverse().translation if kind is JointKind.SLIDER else -arm
     elements = _element(kind, in_object, body), _element(kind, arm + in_object, world)
     pose = Rigid(rotation.as_matrix(), rotation.apply(arm) + shift)

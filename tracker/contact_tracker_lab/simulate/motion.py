@@ -1,4 +1,4 @@
-"""Motion along one leg: smooth and random in all free directions of the contact; and smooth signals."""
+"""Motion along one leg, smooth and random in all free directions of the contact; smooth signals."""
 
 from dataclasses import dataclass
 
@@ -27,8 +27,8 @@ _LOWEST_HZ = 0.2
 
 @dataclass(frozen=True, eq=False)
 class Hand:
-    """Random motion of the hand at times ``time_s`` (N,) since the start of a leg: root mean square per free
-    direction, and bandwidth."""
+    """Random motion of the hand at times ``time_s`` (N,) since the start of a leg: its root mean square in
+    each free direction, and its bandwidth."""
 
     rng: np.random.Generator
     time_s: Array
@@ -117,40 +117,40 @@ def _spin(leg: Leg, hand: Hand, weights: Weights) -> Array:
 
 def _singular(leg: Leg, hand: Hand) -> Path:
     """Rest, pure translation, or rotation about one axis; ends at the pose of its start."""
-    at, chart, time_s = leg.start, leg.chart, hand.time_s
+    anchor, chart, time_s = leg.start, leg.chart, hand.time_s
     active = blend(time_s, leg.duration_s, _SLIDE_RAMP_S)[1][:, None]
-    still = np.zeros((len(time_s), 1))
+    zeros = np.zeros((len(time_s), 1))
     if leg.motion in ("one-axis", "tilt"):
         return _rotation_about_axis(leg, hand, active * hand.waves(1))
-    touch_object, touch_scene = still + at.touch_object, still + at.touch_scene
+    touch_object, touch_scene = zeros + anchor.touch_object, zeros + anchor.touch_scene
     if leg.motion == "translation":
-        touch_object += active * (hand.slide(chart.object, at.touch_object) - at.touch_object)
-        touch_scene += active * (hand.slide(chart.environment, at.touch_scene) - at.touch_scene)
-    return _path(still[:, :, None] + at.rotation, touch_object, touch_scene)
+        touch_object += active * (hand.slide(chart.object, anchor.touch_object) - anchor.touch_object)
+        touch_scene += active * (hand.slide(chart.environment, anchor.touch_scene) - anchor.touch_scene)
+    return _path(zeros[:, :, None] + anchor.rotation, touch_object, touch_scene)
 
 
 def _rotation_about_axis(leg: Leg, hand: Hand, wave: Array) -> Path:
     """Rotation by ``wave`` (N, 1) about the normal, or about an axis within one of the features."""
-    at, chart = leg.start, leg.chart
-    sides = (chart.object, at.object_normal), (chart.environment, at.normal)
+    anchor, chart = leg.start, leg.chart
+    sides = (chart.object, anchor.object_normal), (chart.environment, anchor.normal)
     tilts = [(*side, direction) for side in sides for direction in side[0].tangents(side[1])]
     choice = int(hand.rng.integers(0 if leg.motion == "tilt" else -1, len(tilts)))
     if choice < 0:
-        axis = at.normal
+        axis = anchor.normal
         angle = within(hand.amplitude_rad * wave, _room(leg.contact))
     else:
         feature, normal, direction = tilts[choice]
         axis = np.cross(normal, direction)
         angle = within(hand.amplitude_rad * wave, _MARGIN * feature.normal_clearance(normal))
         if feature is chart.object:  # a turn of the normal in the body is the opposite turn of the body
-            axis = -at.rotation @ axis
-    rotation = Rotation.from_rotvec(angle * axis).as_matrix() @ at.rotation
-    still = np.zeros_like(wave)
-    return _path(rotation, still + at.touch_object, still + at.touch_scene)
+            axis = -anchor.rotation @ axis
+    rotation = Rotation.from_rotvec(angle * axis).as_matrix() @ anchor.rotation
+    zeros = np.zeros_like(wave)
+    return _path(rotation, zeros + anchor.touch_object, zeros + anchor.touch_scene)
 
 
 def _room(contact: Contact) -> float:
-    """Bound of the random motion of the spin (rad)."""
+    """Bound (rad) of the random motion of the spin."""
     return _CROSSING_ROOM_RAD if contact is Contact.EE else float(np.pi)
 
 
@@ -176,9 +176,9 @@ def _coast(chart: Chart, anchor: Anchor, time_s: Array) -> Path:
     """Motion with the velocity of ``anchor`` at time 0, which decays before and after."""
     lasting = drift(time_s)
     spin = chart.spin(anchor.rotation, anchor.normal, anchor.object_normal) + anchor.spin_rate * lasting
-    still = np.zeros((len(time_s), 1))
+    zeros = np.zeros((len(time_s), 1))
     return _path(
-        chart.rotation(still + anchor.normal, still + anchor.object_normal, spin),
+        chart.rotation(zeros + anchor.normal, zeros + anchor.object_normal, spin),
         anchor.touch_object + lasting[:, None] * anchor.object_rate,
         anchor.touch_scene + lasting[:, None] * anchor.scene_rate,
     )

@@ -27,7 +27,7 @@ _FACING = np.diag([1.0, -1.0, -1.0])  # the normals of touching surfaces are opp
 
 @dataclass(frozen=True, eq=False)
 class Chart:
-    """The two features of a contact; the spin is about their reference directions.
+    """The two features of a contact. The spin is the angle between their reference directions.
 
     For two edges, whose references are their directions, it is the angle at which they cross.
     """
@@ -67,9 +67,9 @@ class Rigid:
     rotation: Array
     translation: Array
 
-    def __matmul__(self, other: "Rigid") -> "Rigid":
-        moved = np.einsum("...ij,...j->...i", self.rotation, other.translation)
-        return Rigid(self.rotation @ other.rotation, moved + self.translation)
+    def __matmul__(self, pose: "Rigid") -> "Rigid":
+        moved = np.einsum("...ij,...j->...i", self.rotation, pose.translation)
+        return Rigid(self.rotation @ pose.rotation, moved + self.translation)
 
     @classmethod
     def join(cls, parts: Sequence["Rigid"]) -> "Rigid":
@@ -88,7 +88,7 @@ def _frame(normal: Array, reference: Array) -> Array:
 
 
 Neighbours = tuple[Phase | None, Phase | None]
-"""The phase of a leg and the next one; None is a lift."""
+"""The phase of a leg and that of the next; None for a lift."""
 Bodies = tuple[Polyhedron, Polyhedron]
 """The object and the scene."""
 SETTLE_S = 0.15  # time constant of the decay of an anchor's rates
@@ -105,9 +105,8 @@ _TURN_RAD_S = 1.0
 class Anchor:
     """The pose and velocity between two legs of the motion.
 
-    ``touch_object`` (object frame) and ``touch_scene`` (scene frame) are the touching point on either
-    feature in m; the rates are their velocities in m/s and that of the spin in rad/s. The normals are at
-    rest.
+    ``touch_object`` (object frame) and ``touch_scene`` (scene frame): the touching point (m) on either
+    feature; the rates: their velocities (m/s) and that of the spin (rad/s). The normals are at rest.
     """
 
     normal: Array
@@ -124,34 +123,34 @@ class Anchor:
         """From the object's frame to the scene's."""
         return Rigid(self.rotation, self.touch_scene - self.rotation @ self.touch_object)
 
-    def distance_to(self, other: "Anchor") -> tuple[float, float]:
+    def distance_to(self, anchor: "Anchor") -> tuple[float, float]:
         """Distance (m) and angle (rad) to another anchor's pose."""
-        shift = self.pose.translation - other.pose.translation
-        turn = Rotation.from_matrix(self.rotation.T @ other.rotation).magnitude()
+        shift = self.pose.translation - anchor.pose.translation
+        turn = Rotation.from_matrix(self.rotation.T @ anchor.rotation).magnitude()
         return float(np.linalg.norm(shift)), float(turn)
 
 
 def choose_chart(
     rng: np.random.Generator, contact: Contact, bodies: Bodies, related: Chart | None = None
 ) -> Chart:
-    """Choose features for ``contact`` that are contained in those of ``related`` or contain them."""
+    """Choose features for ``contact`` that contain those of ``related`` or are contained in them."""
     features = []
-    for kind, choice, given in (
+    for kind, choice, partner in (
         (contact.value[0], bodies[0].features, related.object if related else None),
         (contact.value[2], bodies[1].top, related.environment if related else None),
     ):
-        fitting = [one for one in choice if one.kind == kind]
-        if given is not None:
-            near = given.indices
-            fitting = [one for one in fitting if one.indices <= near or one.indices >= near]
+        fitting = [feature for feature in choice if feature.kind == kind]
+        if partner is not None:
+            near = partner.indices
+            fitting = [feature for feature in fitting if feature.indices <= near or feature.indices >= near]
         features.append(fitting[rng.integers(len(fitting))])
     return Chart(contact, *features)
 
 
 def sample_anchor(
-    rng: np.random.Generator, before: Anchor | None, leaving: Chart | None, arriving: Chart
+    rng: np.random.Generator, start: Anchor | None, leaving: Chart | None, arriving: Chart
 ) -> Anchor:
-    """Sample a pose that satisfies both contacts, near ``before``, with velocities that both allow.
+    """Sample a pose that satisfies both contacts, near ``start``, with velocities that both allow.
 
     ``leaving`` is None after free motion and at the start. The touching point lies on the features of the
     contact with fewer constraints, the normals in the cones of the other.
@@ -159,23 +158,23 @@ def sample_anchor(
     charts = (leaving or arriving, arriving)
     lower = min(charts, key=lambda chart: chart.contact.codimension)
     higher = max(charts, key=lambda chart: chart.contact.codimension)
-    normal = sample_normal(rng, higher.environment, before.normal if before else None)
-    object_normal = sample_normal(rng, higher.object, before.object_normal if before else None)
-    if before is None:
+    normal = sample_normal(rng, higher.environment, start.normal if start else None)
+    object_normal = sample_normal(rng, higher.object, start.object_normal if start else None)
+    if start is None:
         spin = rng.uniform(-np.pi, np.pi)
     else:
-        normals = (normal, object_normal) if leaving is None else (before.normal, before.object_normal)
-        spin = lower.spin(before.rotation, *normals)
-    wanted = spin + rng.normal(0.0, np.radians(20.0))
+        normals = (normal, object_normal) if leaving is None else (start.normal, start.object_normal)
+        spin = lower.spin(start.rotation, *normals)
+    goal = spin + rng.normal(0.0, np.radians(20.0))
     if lower.contact is Contact.EE:
         side = 1.0 if spin > 0.0 else -1.0
-        wanted = side * float(np.clip(side * wanted, *_CROSSING))
-    touch_object = sample_point(rng, lower.object, before.touch_object if before else None)
-    touch_scene = sample_point(rng, lower.environment, before.touch_scene if before else None)
+        goal = side * float(np.clip(side * goal, *_CROSSING))
+    touch_object = sample_point(rng, lower.object, start.touch_object if start else None)
+    touch_scene = sample_point(rng, lower.environment, start.touch_scene if start else None)
     return Anchor(
         normal,
         object_normal,
-        lower.rotation(normal, object_normal, np.array(wanted)),
+        lower.rotation(normal, object_normal, np.array(goal)),
         touch_object,
         touch_scene,
         _rate(rng, lower.object, touch_object),
@@ -218,8 +217,8 @@ def _rate(rng: np.random.Generator, feature: Feature, point: Array) -> Array:
 class Leg:
     """The motion between two anchors; a free leg leaves ``chart`` and arrives at ``next_chart``.
 
-    ``lift_m`` is the height of a free leg, ``wander`` its share of the usual random motion; ``from_air`` and
-    ``to_air`` say that it begins or ends at that height instead of in contact.
+    ``lift_m``: height of a free leg; ``wander``: share of the usual random motion; ``from_air``, ``to_air``:
+    whether it begins or ends at this height instead of in contact.
     """
 
     contact: Contact
@@ -238,7 +237,7 @@ class Leg:
 def plan(
     rng: np.random.Generator, phases: Sequence[Phase], object: Polyhedron, scene: Polyhedron, lead_s: float
 ) -> list[Leg]:
-    """The legs of ``phases``; each begins at the anchor at which the previous one ended. ``lead_s`` is as of
+    """The legs of ``phases``; each begins at the anchor where the previous one ended. ``lead_s`` as in
     ``Scenario``."""
     with_transitions = _with_transitions(phases, lead_s)
     bodies = object, scene
@@ -259,7 +258,7 @@ def plan(
 
 
 def _is_restricted(phase: Phase | None) -> bool:
-    """Whether a phase is at rest, or has another motion than the normal one: it starts and ends at rest."""
+    """Whether a phase is at rest or has another motion than the normal one: it starts and ends at rest."""
     return phase is not None and phase.motion != "normal"
 
 

@@ -1,4 +1,4 @@
-"""Scenarios of simulated recordings: shapes, contacts, motion and measurement; and those with a name."""
+"""Scenarios of simulated recordings (shapes, contacts, motion and measurement), some with names."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -36,19 +36,17 @@ SURROUNDINGS: Final[Mapping[str, Array]] = {
     "ridge": _prism([(-0.4, -0.2), (0.4, -0.2), (0.15, 0.2), (-0.15, 0.2)], 0.6),
     "frustum": np.concatenate([box(0.7, 0.7, 0.4)[::2], box(0.36, 0.36, 0.4)[1::2]]),
 }
-
-
-"""Fixed bodies; objects touch the top face (+z), or an edge or corner of it."""
+"""Vertices of fixed bodies, of which objects touch the top face (+z), or an edge or corner of it."""
 CORNER: Final = "table and wall"
 """Surroundings of scenarios with a further contact: two planes at a right angle."""
 MOTIONS: Final = ("normal", "rest", "translation", "one-axis", "tilt")
 
 
 class Phase(NamedTuple):
-    """``contact`` for at least ``duration_s``; longer if the next anchor is farther.
+    """``contact`` for at least ``duration_s``; longer if the next anchor is too far.
 
-    ``motion`` is normal, rest, translation (no rotation), one-axis (rotation about one axis) or tilt (the
-    same, about an axis across the normal: the object pivots).
+    ``motion``: normal, rest, translation (without rotation), one-axis (rotation about one axis), or tilt
+    (rotation about one axis across the normal: the object pivots).
     """
 
     contact: Contact
@@ -57,9 +55,9 @@ class Phase(NamedTuple):
 
 
 class Further(NamedTuple):
-    """A second contact beside that of the phase, with a wall.
+    """A second contact, with a wall, at the same time as that of the phase.
 
-    It lasts from ``start_s`` to ``end_s`` of the recording; None is its beginning or end.
+    It lasts from ``start_s`` to ``end_s`` of the recording; None for its beginning or end.
     """
 
     contact: Contact
@@ -73,7 +71,7 @@ class Scenario:
 
     Parameters
     ----------
-    phases : contacts in order. Between two of which neither contains the other the object is lifted.
+    phases : contacts in order; the object is lifted between two if neither contains the other.
     rate_hz : poses per second.
     sigma_position_m, sigma_rotation_rad : white noise per axis (rotation vector in the body frame).
     outlier_probability : share of poses that are 1-6 cm and 4-25 deg off.
@@ -125,8 +123,8 @@ class Scenario:
         _require(0.0 < low <= high < self.rate_hz / 2, "bandwidth_hz must be a range below half the rate")
         _require(self.object in OBJECTS, f"object must be one of {', '.join(OBJECTS)}")
         if self.further is None:
-            known = ", ".join(SURROUNDINGS)
-            _require(self.surroundings in SURROUNDINGS, f"surroundings must be one of {known}")
+            names = ", ".join(SURROUNDINGS)
+            _require(self.surroundings in SURROUNDINGS, f"surroundings must be one of {names}")
         else:
             _check_further(self, self.further)
         if self.joint is not None:
@@ -134,22 +132,22 @@ class Scenario:
             _require(is_plain and self.further is None, "a joint needs a scenario of one free phase")
         if self.has_wrench:
             _require(self.further is None and self.joint is None, "a wrench needs one body to touch")
-        for before, phase in zip((None, *self.phases), self.phases, strict=False):
-            _check(phase, before)
+        for previous, phase in zip((None, *self.phases), self.phases, strict=False):
+            _check(phase, previous)
 
 
 def _check_further(scenario: Scenario, further: Further) -> None:
     _require(len(scenario.phases) == 1, "a further contact needs a scenario of one phase")
     on_a_plane = {Contact.FF, Contact.EF, Contact.VF}
-    both = {scenario.phases[0].contact, further.contact}
-    _require(both <= on_a_plane, "with a further contact, both must be f-f, e-f or v-f")
+    contacts = {scenario.phases[0].contact, further.contact}
+    _require(contacts <= on_a_plane, "with a further contact, both must be f-f, e-f or v-f")
     _require(scenario.surroundings == CORNER, f"with a further contact, surroundings must be {CORNER!r}")
     start, end = further.start_s or 0.0, further.end_s or scenario.phases[0].duration_s
     is_within = 0.0 <= start < end <= scenario.phases[0].duration_s
     _require(is_within, "a further contact must end after its start")
 
 
-def _check(phase: Phase, before: Phase | None) -> None:
+def _check(phase: Phase, previous: Phase | None) -> None:
     shortest = 0.5 if phase.motion in ("normal", "rest") else 2.5
     _require(phase.motion in MOTIONS, f"motion must be one of {', '.join(MOTIONS)}")
     lasts = shortest <= phase.duration_s <= 86_400.0
@@ -157,9 +155,9 @@ def _check(phase: Phase, before: Phase | None) -> None:
     _require(phase.motion != "tilt" or phase.contact is not Contact.FF, "in f-f the object cannot tilt")
     if phase.contact is Contact.FREE:
         _require(phase.motion == "normal", "free motion can only be normal")
-        _require(before is None or before.contact is not Contact.FREE, "two free phases in a row are one")
+        _require(previous is None or previous.contact is not Contact.FREE, "two free phases in a row are one")
     if phase.motion == "rest":
-        came_to_rest = before is None or before.contact is phase.contact
+        came_to_rest = previous is None or previous.contact is phase.contact
         _require(came_to_rest, "rest must come first or follow the same contact")
 
 
@@ -197,7 +195,7 @@ JOINTS: Final[Mapping[str, Scenario]] = {
 }
 """Scenarios of an object in a joint: a door, a drawer, a cap, a ball in its socket."""
 _RANDOM: Final = "random"
-_OTHERS: Final = (
+_SEQUENCES: Final = (
     Scenario(
         (Phase(Contact.FF, 5.0, "rest"), *_phases(10.0, Contact.FF, Contact.EF, Contact.VF, Contact.EE)),
         name="paper_experiment",
@@ -232,8 +230,8 @@ _OTHERS: Final = (
         surroundings="ridge",
         name="vision_30hz",
     ),
-    # An object pivots on an edge of its own, then on one of the surroundings: motion that all six contacts
-    # explain, and a wrench of the hand that few do.
+    # An object pivots on its own edge, then on one of the surroundings: all six contacts explain the motion,
+    # but few explain the wrench of the hand.
     Scenario(
         (
             Phase(Contact.EF, 6.0, "tilt"),
@@ -249,8 +247,8 @@ _OTHERS: Final = (
         name="pressed",
     ),
 )
-_FIXED: Final = {one.name: one for one in (*_OTHERS, *FORMATIONS.values(), *JOINTS.values())}
-SCENARIOS: Final = (*(one.name for one in _OTHERS), _RANDOM, *FORMATIONS, *JOINTS)
+_FIXED: Final = {**{scenario.name: scenario for scenario in _SEQUENCES}, **FORMATIONS, **JOINTS}
+SCENARIOS: Final = (*(scenario.name for scenario in _SEQUENCES), _RANDOM, *FORMATIONS, *JOINTS)
 """Names of scenarios."""
 
 
@@ -269,9 +267,9 @@ def _random(seed: int) -> Scenario:
     for _ in range(int(rng.integers(6, 10))):
         if contact is not Contact.FREE and rng.random() < 0.15:
             phases.append(Phase(contact, rng.uniform(1.0, 3.0), "rest"))
-        others = [s for s in STATES if s is not contact]
-        near = [s for s in others if s.contains(contact) or contact.contains(s)]
-        choice = near if rng.random() < 0.8 else others
+        states = [s for s in STATES if s is not contact]
+        near = [s for s in states if s.contains(contact) or contact.contains(s)]
+        choice = near if rng.random() < 0.8 else states
         contact = choice[rng.integers(len(choice))]
         phases.append(Phase(contact, rng.uniform(3.0, 8.0)))
     return Scenario(

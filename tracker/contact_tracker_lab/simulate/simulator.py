@@ -29,7 +29,7 @@ from contact_tracker_lab.simulate.wrench import measure_wrenches
 
 START_NS = 1_700_000_000_000_000_000
 WORLD_M, BODY_M = 1.0, 0.06
-"""Spread of the scene's origin in the world, and of the object's middle in the body frame."""
+"""Spread (m) of the scene's origin in the world, and of the object's middle in the body frame."""
 OUTLIER_M = (0.01, 0.06)
 OUTLIER_RAD = (float(np.radians(4.0)), float(np.radians(25.0)))
 
@@ -46,12 +46,12 @@ def measure(rng: np.random.Generator, stamp_ns: Ints, pose: Rigid, scenario: Sce
     count = len(stamp_ns)
     turn = rng.normal(0.0, 1.0, (count, 3)) * scenario.sigma_rotation_rad
     shift = rng.normal(0.0, 1.0, (count, 3)) * scenario.sigma_position_m
-    wrong = rng.random(count) < scenario.outlier_probability
-    turn[wrong] += _random_vectors(rng, count, OUTLIER_RAD)[wrong]
-    shift[wrong] += _random_vectors(rng, count, OUTLIER_M)[wrong]
+    is_outlier = rng.random(count) < scenario.outlier_probability
+    turn[is_outlier] += _random_vectors(rng, count, OUTLIER_RAD)[is_outlier]
+    shift[is_outlier] += _random_vectors(rng, count, OUTLIER_M)[is_outlier]
     quat = (Rotation.from_matrix(pose.rotation) * Rotation.from_rotvec(turn)).as_quat()
-    same = np.einsum("ni,ni->n", quat[1:], quat[:-1]) >= 0.0
-    quat[1:] *= np.cumprod(np.where(same, 1.0, -1.0))[:, None]  # q and -q are one rotation
+    agrees = np.einsum("ni,ni->n", quat[1:], quat[:-1]) >= 0.0
+    quat[1:] *= np.cumprod(np.where(agrees, 1.0, -1.0))[:, None]  # q and -q are one rotation
     fresh = rng.random(count) >= scenario.hold_probability
     fresh[0] = True
     source = np.maximum.accumulate(np.where(fresh, np.arange(count), 0))
@@ -88,8 +88,8 @@ def low_pass(poses: Poses, cutoff_hz: float) -> Poses:
 
 @dataclass(frozen=True, eq=False)
 class Simulated:
-    """A labelled recording: measured poses, ground truth, the metadata of its generation; the joint in which
-    the object moves, and the measured wrenches of the hand on it, if there are any."""
+    """A labelled recording: measured poses, ground truth, and metadata of its generation; the joint in which
+    the object moves, and the measured wrenches of the hand, if any."""
 
     poses: Poses
     truth: Truth
@@ -148,7 +148,7 @@ def simulate(scenario: str | Scenario, seed: int) -> Simulated:
     paths = [move(motion_rng, leg, scenario.rate_hz, scenario) for leg in legs]
     stamp_ns, poses = measured(Rigid.join([path.pose for path in paths]))
     truth = Truth(tuple(_intervals(legs, paths, stamp_ns, body, world)))
-    metadata["surroundings_vertices_m"] = moved_vertices(scene, world)  # table and wall have none
+    metadata["surroundings_vertices_m"] = moved_vertices(scene, world)  # unlike table and wall
     wrenches = None
     if scenario.has_wrench:
         wrenches = measure_wrenches(wrench_rng, stamp_ns, scenario.rate_hz, legs, paths, object, body)
@@ -158,11 +158,11 @@ def simulate(scenario: str | Scenario, seed: int) -> Simulated:
 def _intervals(
     legs: list[Leg], paths: list[Path], stamp_ns: Ints, body: Rigid, world: Rigid
 ) -> list[TruthInterval]:
-    """Intervals of contacts; the pose between two legs counts to the more constrained contact."""
+    """Intervals of contacts; the pose between two legs belongs to the more constrained contact."""
     result, start, frame = list[TruthInterval](), 0, 0
-    for leg, path, after in zip(legs, paths, (*legs[1:], None), strict=True):
+    for leg, path, following in zip(legs, paths, (*legs[1:], None), strict=True):
         frame += len(path.touch_scene)
-        end = frame + (after is not None and after.contact.codimension < leg.contact.codimension)
+        end = frame + (following is not None and following.contact.codimension < leg.contact.codimension)
         geometry = None
         if leg.contact is not Contact.FREE:
             touch = path.touch_object.mean(axis=0), path.touch_scene.mean(axis=0)
@@ -178,7 +178,7 @@ def random_frame(rng: np.random.Generator, spread_m: float) -> Rigid:
 
 
 def moved_vertices(shape: Polyhedron, frame: Rigid) -> str:
-    """The vertices in the frame of the recording, as metadata have them."""
+    """The vertices (V, 3) in the frame of the recording, as JSON text for metadata."""
     return json.dumps((shape.vertices @ frame.rotation.T + frame.translation).tolist())
 
 

@@ -1,5 +1,5 @@
-"""Wrenches of a hand that carries the object and presses it against its surroundings, as a sensor between
-both measures them."""
+"""Wrenches of a hand that carries the object and presses it against its surroundings, measured by a sensor in
+between."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -14,12 +14,12 @@ from contact_tracker_lab.simulate.motion import Path, band_limited, blend, withi
 from contact_tracker_lab.simulate.plan import Leg, Rigid
 
 MASS_KG: Final = 0.5
-"""Of the object, in equal parts at its vertices."""
+"""Mass (kg) of the object, in equal parts at its vertices."""
 GRAVITY_M_S2: Final = np.array([0.0, 0.0, -9.80665])
-"""In the scene, whose top faces look up."""
+"""Gravity in the scene's axes; its top faces look up."""
 PRESS_N: Final = 15.0
 _PRESS_RAMP_S: Final = 0.4
-"""From free motion to the whole force, and back."""
+"""Time (s) from free motion to the full force, and back."""
 _VARYING: Final = (0.07, 0.02)
 """Standard deviations of the force along the normal and across it (friction), as shares of ``PRESS_N``."""
 _WANDER_M: Final = 0.03
@@ -27,7 +27,7 @@ _WANDER_M: Final = 0.03
 _CLEARANCE_SHARE: Final = 0.8
 """Largest displacement of the centre of pressure, as a share of its distance to the rims of both features."""
 _CLEARANCE_SAMPLES: Final = 50
-"""Number of touching points of a leg at which that distance is measured."""
+"""Number of touching points of a leg at which this distance is measured."""
 _BANDWIDTH_HZ: Final = 0.8
 NOISE: Final = (0.1, 0.01)
 """Standard deviations of the white noise per axis (N, N m)."""
@@ -66,7 +66,7 @@ def measure_wrenches(
     along, *across = band_limited(rng, time_s, 4, _BANDWIDTH_HZ).T
     friction = np.stack(across, axis=1)
     friction -= np.einsum("ni,ni->n", friction, normal)[:, None] * normal
-    # of the surroundings on the object, at the touching point, in the scene
+    # force of the surroundings on the object, at the touching point, in the scene
     contact_force = (1.0 + _VARYING[0] * along)[:, None] * normal + _VARYING[1] * friction
     contact_force = PRESS_N * press_share(is_touching, rate_hz)[:, None] * contact_force
     pressed = np.concatenate([_pressed_points(rng, leg, path, rate_hz) for leg, path in moves])
@@ -84,15 +84,15 @@ def measure_wrenches(
 
 
 def _pressed_points(rng: np.random.Generator, leg: Leg, path: Path, rate_hz: float) -> Array:
-    """(N, 3) centre of pressure, in the scene: the touching point; where lines or faces touch, a point that
-    wanders about it, as the hand presses harder here or there."""
-    thing, fixed = leg.chart.object, leg.chart.environment
+    """Centres of pressure (N, 3) in the scene: the touching point, or where lines or faces touch, a point
+    that wanders about it, as the hand presses harder on one side."""
+    object, fixed = leg.chart.object, leg.chart.environment
     if leg.contact not in (Contact.FF, Contact.EF, Contact.FE):
         return path.touch_scene
-    feature, to_scene = (fixed, np.eye(3)) if leg.contact is Contact.FE else (thing, path.pose.rotation)
+    feature, to_scene = (fixed, np.eye(3)) if leg.contact is Contact.FE else (object, path.pose.rotation)
     clearance_m = min(
         touched.point_clearance(point)
-        for touched, points in ((thing, path.touch_object), (fixed, path.touch_scene))
+        for touched, points in ((object, path.touch_object), (fixed, path.touch_scene))
         for point in points[:: max(len(points) // _CLEARANCE_SAMPLES, 1)]
     )
     time_s = np.arange(len(path.touch_scene)) / rate_hz
@@ -113,7 +113,7 @@ def contact_normals(leg: Leg, path: Path) -> Array:
 
 
 def press_share(is_touching: Bools, rate_hz: float) -> Array:
-    """(N,) from 0 in free motion to 1; a recording begins and ends with a hand that presses or does not."""
+    """Share (N,) of the full force, 0 in free motion; without ramps at the ends of a recording."""
     share = np.zeros(len(is_touching))
     changes = np.flatnonzero(np.diff(is_touching)) + 1
     for rows in np.split(np.arange(len(is_touching)), changes):
