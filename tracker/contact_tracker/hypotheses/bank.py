@@ -30,9 +30,9 @@ def _upper(side: int) -> tuple[Index, Index]:
 @cache
 def entries(side: int) -> Index:
     """Index (side, side) of each entry of a symmetric matrix in its stored form."""
-    where, kept = np.zeros((side, side), np.int64), _upper(side)
-    where[kept] = np.arange(len(kept[0]))
-    return np.maximum(where, where.T)
+    index, upper = np.zeros((side, side), np.int64), _upper(side)
+    index[upper] = np.arange(len(upper[0]))
+    return np.maximum(index, index.T)
 
 
 class Column(Generic[Entry]):
@@ -106,10 +106,10 @@ class Table:
 
     def replace_columns(self, **columns: NDArray[Any] | float) -> Self:
         """A copy with some columns replaced."""
-        other = self.copy()
+        copy = self.copy()
         for name, column in columns.items():
-            other.rows[name] = vars(type(self))[name].kept(column)
-        return other
+            copy.rows[name] = vars(type(self))[name].kept(column)
+        return copy
 
     def copy(self) -> Self:
         """A copy with its own memory. It may be written to as long as no column has been read."""
@@ -267,12 +267,12 @@ class Bank(Table):
         return float(self.log_weight.max()) if len(self) else -np.inf
 
     def single(self, row: int) -> "Bank":
-        """A copy of one hypothesis, with its onset, that keeps no others in memory."""
-        since = self.onsets.rows["onset"].searchsorted(self.rows["onset"][row])
-        own = Onsets(self.onsets.words[since : since + 1].copy(), self.onsets.layout)
-        one = Bank(self.words[row : row + 1].copy(), self.layout, own, self.lag_history[row : row + 1].copy())
-        vars(one)["onset_index"] = _FIRST
-        return one
+        """A copy of one hypothesis with its onset; it keeps no other hypothesis in memory."""
+        rows, since = slice(row, row + 1), self.onsets.rows["onset"].searchsorted(self.rows["onset"][row])
+        onsets = Onsets(self.onsets.words[since : since + 1].copy(), self.onsets.layout)
+        bank = Bank(self.words[rows].copy(), self.layout, onsets, self.lag_history[rows].copy())
+        vars(bank)["onset_index"] = _FIRST
+        return bank
 
     def pick(self, rows: Index) -> "Bank":
         """The hypotheses in ``rows``, which need not be in order."""
@@ -283,12 +283,12 @@ class Bank(Table):
         """A copy with some columns (O, ...) of the onsets replaced."""
         return replace(self, onsets=self.onsets.replace_columns(**columns))
 
-    def replace_rows(self, rows: Index, found: "Bank", which: Index) -> "Bank":
-        """A copy whose ``rows`` take geometry and evidence from the hypotheses ``which`` of ``found``."""
-        other = self.copy()
+    def replace_rows(self, rows: Index, source: "Bank", which: Index) -> "Bank":
+        """A copy whose ``rows`` take geometry and evidence from the hypotheses ``which`` of ``source``."""
+        copy = self.copy()
         for name in FITTED_COLUMNS:
-            other.rows[name][rows] = found.rows[name][which]
-        return other
+            copy.rows[name][rows] = source.rows[name][which]
+        return copy
 
 
 _FIRST: Final = np.zeros(1, np.int64)

@@ -60,18 +60,18 @@ class LiveHypotheses(NamedTuple):
     log_likelihood: Array
 
     @classmethod
-    def of(cls, banks: Sequence[Bank], now: int) -> Self:
-        """The hypotheses of ``banks``, and free motion in the tick ``now``."""
+    def of(cls, banks: Sequence[Bank], tick: int) -> Self:
+        """The hypotheses of ``banks``, and free motion in this tick."""
         return cls(
             np.arange(len(banks) + 1).repeat([*map(len, banks), 1]),
-            np.append(Bank.of_all(banks, "onset"), now),
+            np.append(Bank.of_all(banks, "onset"), tick),
             np.append(Bank.of_all(banks, "log_likelihood"), 0.0),
         )
 
-    def held(self, now: int) -> Self:
-        """The same hypotheses in the tick ``now``, which carries no information."""
+    def held(self, tick: int) -> Self:
+        """The same hypotheses in this tick, which carries no information."""
         onset = self.onset.copy()
-        onset[-1] = now
+        onset[-1] = tick
         return self._replace(onset=onset)
 
 
@@ -113,9 +113,9 @@ def update_banks(
         return update_reference(banks, tick_input, parameters, scales)
     from contact_tracker.hypotheses.compiled import calls, kernels
 
-    left, before = list[Bank](), tick_input.before
+    updated, window_before = list[Bank](), tick_input.window_before
     # per contact the words kept, and of the old rows followed by the born ones the rows that these are
-    kept, kept_rows, weighed = kernels.update(
+    kept, kept_rows, weights = kernels.update(
         calls.models(scales.reach_m),
         [*map(_TABLES, banks)],
         [*map(_BIRTHS, tick_input.proposals)],
@@ -125,7 +125,7 @@ def update_banks(
         tick_input.number,
         tick_input.log_birth_weight,
         calls.ticks_of(tick_input.window),
-        calls.ticks_of(before) if before.index.size else None,
+        calls.ticks_of(window_before) if window_before.index.size else None,
         tick_input.log_survival,
         parameters.noise.extra_contact_variance,
         calls.weights_of(scales),
@@ -137,8 +137,8 @@ def update_banks(
             past = joined(past, tick_input.lag_history[column], tick_input.proposals[column].count, rows)
         elif len(past) != len(rows):
             past = np.empty((len(rows), *past.shape[1:]))
-        left.append(Bank(words, bank.layout, Onsets(since, bank.onsets.layout), past))
-    return left, TickWeights(*weighed[:-1], LiveHypotheses(*weighed[-1]))
+        updated.append(Bank(words, bank.layout, Onsets(since, bank.onsets.layout), past))
+    return updated, TickWeights(*weights[:-1], LiveHypotheses(*weights[-1]))
 
 
 def update_reference(
@@ -148,26 +148,26 @@ def update_reference(
     scales: EvidenceParameters,
 ) -> tuple[list[Bank], TickWeights]:
     """``update_banks`` in numpy: the reference of the compiled kernels."""
-    now, window, extra_variance = tick_input.onset, tick_input.window, parameters.noise.extra_contact_variance
-    updated, oldest = [], tick_input.before.expired_by(window)
+    window, extra_variance = tick_input.window, parameters.noise.extra_contact_variance
+    tick, updated, oldest = tick_input.onset, list[Bank](), tick_input.window_before.expired_by(window)
     for column, (bank, model) in enumerate(zip(banks, CONTACT_MODELS, strict=True)):
         settled = marginalise_expired_ticks(bank, model, oldest.with_error(extra_variance[column]), scales)
-        own, log_stay = window.with_error(extra_variance[column]), float(tick_input.log_survival[column])
-        updated.append(_update_contact(settled, model, tick_input.birth(column), own, scales, log_stay))
+        noisier, log_stay = window.with_error(extra_variance[column]), float(tick_input.log_survival[column])
+        updated.append(_update_contact(settled, model, tick_input.birth(column), noisier, scales, log_stay))
     free = float(tick_input.log_birth_weight[-1])
     best = max(free, *(bank.best for bank in updated))
     kept = [
-        prune(bank, now, best, parameters.search.margin_nats if is_due(model, now) else np.inf)
+        prune(bank, tick, best, parameters.search.margin_nats if is_due(model, tick) else np.inf)
         for bank, model in zip(updated, CONTACT_MODELS, strict=True)
     ]
-    weighed = TickWeights(
+    weights = TickWeights(
         tick_input.log_birth_weight,
         np.array([*(bank.log_total_weight for bank in kept), free - best]),
         np.array([residual(bank) for bank in kept]),
         np.array([bank.leader for bank in kept]),
-        LiveHypotheses.of(kept, now),
+        LiveHypotheses.of(kept, tick),
     )
-    return kept, weighed
+    return kept, weights
 
 
 def _update_contact(
@@ -190,7 +190,7 @@ def _update_contact(
         return bank
     drawn = model.turned(directions(model, window.index[-1]), window.zeta[-1, R].reshape(3, 3))
     rows = select_for_search(bank, model)
-    return search(bank, rows, model, scales, drawn, lambda some, _: refit(some, model, window, scales))
+    return search(bank, rows, model, scales, drawn, lambda starts, _: refit(starts, model, window, scales))
 
 
 def marginalise_expired_ticks(
@@ -213,8 +213,8 @@ def fit_window(
 
     It is the best of the ``proposals``, if given; the bank is empty if there are none.
     """
-    given = uninformed_proposal(model) if proposals is None else proposals
-    return fit_windows(model, [window], scales, [given])[0]
+    proposals = uninformed_proposal(model) if proposals is None else proposals
+    return fit_windows(model, [window], scales, [proposals])[0]
 
 
 def fit_windows(
@@ -230,7 +230,7 @@ def fit_windows(
     windows : in order of time; no two begin with the same tick.
     proposals : birth proposals of each window.
     """
-    births = [_begun(model, *one, scales) for one in zip(windows, proposals, strict=True)]
+    births = [_start_bank(model, *inputs, scales) for inputs in zip(windows, proposals, strict=True)]
     of = np.arange(len(windows)).repeat([len(bank) for bank in births])
     bank = refit_in_windows(_joined(births), of, model, windows, scales)
     rows = np.flatnonzero(bank.needs_search)
@@ -242,16 +242,16 @@ def fit_windows(
         model,
         scales,
         drawn,
-        lambda some, row: refit_in_windows(some, of[row], model, windows, scales),
+        lambda picked, row: refit_in_windows(picked, of[row], model, windows, scales),
     )
-    own = [np.flatnonzero(of == i) for i in range(len(windows))]
+    rows_of_window = [np.flatnonzero(of == i) for i in range(len(windows))]
     return [
         bank.pick(rows[[bank.log_likelihood[rows].argmax()]]) if len(rows) else nothing
-        for rows, nothing in zip(own, births, strict=True)
+        for rows, nothing in zip(rows_of_window, births, strict=True)
     ]
 
 
-def _begun(
+def _start_bank(
     model: ContactModel, window: Window, proposals: BirthProposals, scales: EvidenceParameters
 ) -> Bank:
     """A bank of all proposals, with the ticks of the window accumulated."""

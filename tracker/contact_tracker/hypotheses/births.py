@@ -93,10 +93,10 @@ def make_proposals(
     Proposals whose directions the prior leaves open may search, and are protected from pruning during
     burn-in. The other parameters are columns of ``Bank``; by default elements are known as far as both are.
     """
-    both = np.array(are_both_known, bool)
-    known = both if elements_known is None else np.array(elements_known, bool)
+    both_known = np.array(are_both_known, bool)
+    fixed = both_known if elements_known is None else np.array(elements_known, bool)
     prior = pair_priors(model, pairs, cross)
-    return with_prior(model, prior, np.array(log_share), np.array(known_pair_index), both, known)
+    return with_prior(model, prior, np.array(log_share), np.array(known_pair_index), both_known, fixed)
 
 
 def with_prior(
@@ -111,13 +111,13 @@ def with_prior(
 
     Elements that are known by others than this motion (``elements_known``) cannot follow it.
     """
-    none, given = blank(model, 0), known_entries(model, prior.mean, prior.information)
+    empty, is_given = blank(model, 0), known_entries(model, prior.mean, prior.information)
     needs_search = np.asarray(
-        ~given[:, directions(model.family.FORM)].all(axis=1)
+        ~is_given[:, directions(model.family.FORM)].all(axis=1)
     )  # the rest is a linear problem
     is_informed = prior.information.any(axis=(1, 2))
-    rows = blank(model, len(given)).replace_columns(
-        prior_index=np.where(is_informed, 1 + np.arange(len(given)), 0),
+    rows = blank(model, len(is_given)).replace_columns(
+        prior_index=np.where(is_informed, 1 + np.arange(len(is_given)), 0),
         known_pair_index=known_pair_index,
         elements_known=np.array(elements_known, np.int64),
         needs_search=needs_search,
@@ -129,7 +129,7 @@ def with_prior(
         log_likelihood=log_share,
         onset=0,
     )
-    return BirthProposals(replace(rows, onsets=none.onsets), given, are_both_known)
+    return BirthProposals(replace(rows, onsets=empty.onsets), is_given, are_both_known)
 
 
 @lru_cache(maxsize=16)
@@ -166,31 +166,31 @@ def add(bank: Bank, model: ContactModel, birth: Birth) -> Bank:
     begins, old = birth.proposals, len(bank)
     if not begins.count:
         return bank
-    given = begins.is_given
+    is_given = begins.is_given
     words = np.concatenate([bank.words, begins.rows.words])
     onsets = replace(bank.onsets, words=np.pad(bank.onsets.words, ((0, 1), (0, 0))))
     onsets.rows["onset"][-1], onsets.rows["onset_ns"][-1] = birth.onset, birth.onset_ns
     past = joined(bank.lag_history, birth.lag_history, begins.count, np.arange(len(words)))
-    both = Bank(words, bank.layout, onsets, past)
+    extended = Bank(words, bank.layout, onsets, past)
     new = Bank(words[old:], bank.layout, onsets, past[old:])
     if old:
         best = bank.best_row
         x, new.rows["row_weight"][:] = bank.x[best], bank.row_weight[best]
     else:
         x = model.turned(new.rows["x"], birth.turn)
-    new.rows["x"][:] = model.faced(np.where(given, begins.rows.prior_mean, x), given, birth.turn)
+    new.rows["x"][:] = model.faced(np.where(is_given, begins.rows.prior_mean, x), is_given, birth.turn)
     new.rows["onset"][:] = birth.onset
     new.rows["number"][:] = birth.number + np.arange(begins.count)
     new.rows["log_birth_weight"][:] = birth.log_birth_weight
-    return both
+    return extended
 
 
-def joined(past: Array, of_new: Array, many: int, rows: Index) -> Array:
-    """Lag histories (R, L, 7) of ``rows`` of: the old hypotheses, ``past`` (H, L, 7), then ``many`` new ones
+def joined(past: Array, of_new: Array, count: int, rows: Index) -> Array:
+    """Lag histories (R, L, 7) of ``rows`` of: the old hypotheses, ``past`` (H, L, 7), then ``count`` new ones
     with the common history ``of_new`` (L, 7)."""
     if not past.shape[1]:
         return np.empty((len(rows), *past.shape[1:]))
-    return np.concatenate([past, of_new[None].repeat(many, axis=0)])[rows]
+    return np.concatenate([past, of_new[None].repeat(count, axis=0)])[rows]
 
 
 class CachedProposals(NamedTuple):
@@ -231,7 +231,7 @@ class TickInput(NamedTuple):
     """(7, L, 7) per state: probabilities of the states before."""
     window: Window
     """The latest ticks, this one included."""
-    before: Window
+    window_before: Window
     """The window before this tick."""
     hazard_exposure: float
     """Exposure to change, in ticks of motion."""
@@ -245,9 +245,9 @@ class TickInput(NamedTuple):
     def birth(self, column: int) -> Birth:
         """The births of one contact."""
         number = self.number + sum(begins.count for begins in self.proposals[:column])
-        own = float(self.log_birth_weight[column]), self.lag_history[column]
-        turn = self.window.zeta[-1, R].reshape(3, 3)
-        return Birth(self.proposals[column], self.onset, self.onset_ns, number, *own, turn)
+        weight, turn = float(self.log_birth_weight[column]), self.window.zeta[-1, R].reshape(3, 3)
+        times = self.onset, self.onset_ns
+        return Birth(self.proposals[column], *times, number, weight, self.lag_history[column], turn)
 
 
 def propose_births(
@@ -260,30 +260,30 @@ def propose_births(
     as predictable as for a new contact. ``incident_share`` is the prior probability that they are those of
     the last contact, or incident with these, where the contact needs elements of other kinds.
     """
-    known = named_pairs(known_map, model)
-    if not known:
+    assumed = named_pairs(known_map, model)
+    if not assumed:
         return uninformed_proposal(model).pick(np.zeros(0, np.int64))
-    pairs, near_m = [one.pair(frame) for one in known], np.array(frame.near_m)
-    log_share, number = [one.log_share for one in known], list(range(len(known)))
-    is_certain = [one.is_certain for one in known]
-    first = next((i for i, one in enumerate(known) if one.object is None and one.environment is None), None)
-    if view is None or first is None:
+    pairs, near_m = [pair.pair(frame) for pair in assumed], np.array(frame.near_m)
+    log_share, number = [pair.log_share for pair in assumed], list(range(len(assumed)))
+    is_certain = [pair.is_certain for pair in assumed]
+    unknown = next((i for i, pair in enumerate(assumed) if pair.object is pair.environment is None), None)
+    if view is None or unknown is None:
         return make_proposals(model, pairs, log_share, number, is_certain)
-    whole, beside = log_share[first], view.incident_pair(model, near_m)
-    if beside is not None and incident_share:
-        pairs.append(beside)
+    log_unknown, incident = log_share[unknown], view.incident_pair(model, near_m)
+    if incident is not None and incident_share:
+        pairs.append(incident)
         is_certain.append(False)
-        log_share.append(whole + np.log(incident_share))
-        whole += np.log1p(-incident_share)
+        log_share.append(log_unknown + np.log(incident_share))
+        log_unknown += np.log1p(-incident_share)
     log_p_new, learned = learned_pairs(view, model, near_m)
-    log_share[first] = whole + log_p_new
+    log_share[unknown] = log_unknown + log_p_new
     independent = np.zeros((len(pairs), *learned.cross.shape[1:]))
     pairs += learned.pairs
     return make_proposals(
         model,
         pairs,
-        log_share + (whole + learned.log_share).tolist(),
-        number + [first] * (len(pairs) - len(known)),
+        log_share + (log_unknown + learned.log_share).tolist(),
+        number + [unknown] * (len(pairs) - len(assumed)),
         is_certain + learned.are_both_known.tolist(),
         is_certain + [False] * len(learned.pairs),
         np.concatenate([independent, learned.cross]),
@@ -296,16 +296,16 @@ def propose_measured(model: ContactModel, known_map: Map, measured: Pair, frame:
 
     Of a measured normal of the surroundings and the direction up, the more certain one counts.
     """
-    ours, theirs = (None if one is None else NamedElement("measured", one) for one in measured)
-    if known_map.up is not None and theirs is not None and not _is_surer_than_up(theirs, known_map.up):
-        theirs = None
-    known = named_pairs(known_map, model)
+    body, world = (None if element is None else NamedElement("measured", element) for element in measured)
+    if known_map.up is not None and world is not None and not _is_surer_than_up(world, known_map.up):
+        world = None
+    assumed = named_pairs(known_map, model)
     return make_proposals(
         model,
-        [_with(one, ours, theirs).pair(frame) for one in known],
-        [one.log_share for one in known],
-        range(len(known)),
-        [one.is_certain for one in known],
+        [_with(pair, body, world).pair(frame) for pair in assumed],
+        [pair.log_share for pair in assumed],
+        range(len(assumed)),
+        [pair.is_certain for pair in assumed],
     )
 
 
@@ -317,35 +317,35 @@ def _is_surer_than_up(measured: NamedElement, up: Up) -> bool:
     return bool(np.trace(element.covariance[:3, :3]) < 2.0 * up.spread_rad**2)
 
 
-def _with(known: NamedPair, object: NamedElement | None, environment: NamedElement | None) -> NamedPair:
-    """``known`` with these elements where it leaves them open."""
-    theirs = known.environment or environment
-    return NamedPair(known.object or object, theirs, known.log_share, None if theirs else known.up)
+def _with(pair: NamedPair, object: NamedElement | None, environment: NamedElement | None) -> NamedPair:
+    """The ``pair`` with these elements where it leaves them open."""
+    environment = pair.environment or environment
+    return NamedPair(pair.object or object, environment, pair.log_share, None if environment else pair.up)
 
 
-def named(geometry: ContactGeometry, known: NamedPair) -> ContactGeometry:
-    """The geometry of a hypothesis that assumes ``known``, with the names in the map."""
+def named(geometry: ContactGeometry, pair: NamedPair) -> ContactGeometry:
+    """The geometry of a hypothesis that assumes ``pair``, with the names in the map."""
     faces = isinstance(geometry.object, Plane) and isinstance(geometry.environment, Plane)
     return ContactGeometry(
-        _named(geometry.object, known.object, faces), _named(geometry.environment, known.environment, faces)
+        _named(geometry.object, pair.object, faces), _named(geometry.environment, pair.environment, faces)
     )
 
 
-def _named(element: Element, known: NamedElement | None, faces: bool) -> Element:
+def _named(element: Element, map_element: NamedElement | None, faces: bool) -> Element:
     """The element with its name. If both are ``faces``, motion does not show the offset: take the known
     one."""
-    if known is None:
+    if map_element is None:
         return canonical(element)
-    if faces and isinstance(element, Plane) and isinstance(known.element, Plane):
+    if faces and isinstance(element, Plane) and isinstance(map_element.element, Plane):
         assert element.covariance is not None
-        assert known.element.covariance is not None
+        assert map_element.element.covariance is not None
         covariance = np.zeros((4, 4))
         covariance[:3, :3] = element.covariance[:3, :3]
-        covariance[3, 3] = known.element.covariance[3, 3]
-        side = 1.0 if element.normal @ known.element.normal > 0 else -1.0
-        normal, offset_m = side * element.normal, known.element.offset_m
-        return Plane(normal, offset_m, covariance, element.unobserved, known.name)
-    return replace(element, name=known.name)
+        covariance[3, 3] = map_element.element.covariance[3, 3]
+        side = 1.0 if element.normal @ map_element.element.normal > 0 else -1.0
+        normal, offset_m = side * element.normal, map_element.element.offset_m
+        return Plane(normal, offset_m, covariance, element.unobserved, map_element.name)
+    return replace(element, name=map_element.name)
 
 
 ANY_DIRECTION: Final = 1.0 / 3.0
@@ -360,7 +360,7 @@ another has some 70 at most; without a limit hundreds of known edges, any two of
 gigabytes."""
 FREE: Final = Contact.FREE.column
 FACES: Final = Contact.FF.column
-ON_A_PLANE: Final = tuple(one.column for one in (Contact.EF, Contact.FE, Contact.VF, Contact.FV))
+ON_A_PLANE: Final = tuple(contact.column for contact in (Contact.EF, Contact.FE, Contact.VF, Contact.FV))
 
 
 def weigh_births(
@@ -398,9 +398,9 @@ def weigh_births(
             weighed.append(BirthProposals(rows, begins.is_given[kept], begins.are_both_known[kept]))
             continue
         newest = window.cut(-1).with_error(beyond) if len(pairs.x) else window
-        own = proximity_evidence(model, begins, newest, scales) if len(pairs.x) else _prior_alone(begins)
-        log_odds[column], gain[column] = own.log_odds, own.gain
-        weighed.append(own.proposals)
+        evidence = proximity_evidence(model, begins, newest, scales) if len(pairs.x) else _prior_alone(begins)
+        log_odds[column], gain[column] = evidence.log_odds, evidence.gain
+        weighed.append(evidence.proposals)
     return tuple(weighed), log_odds, gain
 
 
@@ -410,12 +410,12 @@ def share_with_faces(log_odds: Array, gain: Array, share: float) -> tuple[Array,
     Where a known edge or vertex touches a known plane, so does a face that holds it and is not known yet,
     with this prior ``share``. Without it, what stands on a new face would be what stands on an edge.
     """
-    most = max(ON_A_PLANE, key=log_odds.__getitem__)
-    shared = log_odds[most] + np.log(share)
+    likeliest = max(ON_A_PLANE, key=log_odds.__getitem__)
+    shared = log_odds[likeliest] + np.log(share)
     if shared <= log_odds[FACES] or log_odds[FACES] <= _IMPOSSIBLE:
         return log_odds, gain
     log_odds, gain = log_odds.copy(), gain.copy()
-    log_odds[FACES], gain[FACES] = shared, gain[most]
+    log_odds[FACES], gain[FACES] = shared, gain[likeliest]
     return log_odds, gain
 
 
@@ -438,11 +438,13 @@ class ProximityEvidence(NamedTuple):
         log_odds = float(hmm.log_sum_exp(log_share))
         log_share = log_share - log_odds
         kept = log_share > _HOPELESS
-        known = (kept & begins.are_both_known).nonzero()[0]
-        if len(known) > MOST_BIRTHS:
-            kept[known[log_share[known].argsort(kind="stable")[:-MOST_BIRTHS]]] = False
-        own = log_share[kept]
-        return cls(log_share, log_odds, gain, begins.pick(kept).sharing(own - hmm.log_sum_exp(own)))
+        known_rows = (kept & begins.are_both_known).nonzero()[0]
+        if len(known_rows) > MOST_BIRTHS:
+            kept[known_rows[log_share[known_rows].argsort(kind="stable")[:-MOST_BIRTHS]]] = False
+        posterior = log_share[kept]
+        return cls(
+            log_share, log_odds, gain, begins.pick(kept).sharing(posterior - hmm.log_sum_exp(posterior))
+        )
 
 
 class _KnownPairs(NamedTuple):
@@ -526,29 +528,29 @@ def prepare_weights(proposals: Sequence[BirthProposals]) -> None:
 def _deviations(information: Array) -> Array:
     """Independent changes (m, P, P), a row each, by one standard deviation of parameters with this
     information (m, P, P)."""
-    known = information.diagonal(axis1=1, axis2=2)
-    scale = 1.0 / np.sqrt(np.maximum(known, _ROUNDING * known.max(axis=1, keepdims=True, initial=0.0)))
+    diagonal = information.diagonal(axis1=1, axis2=2)
+    scale = 1.0 / np.sqrt(np.maximum(diagonal, _ROUNDING * diagonal.max(axis=1, keepdims=True, initial=0.0)))
     even = scale[:, :, None] * information * scale[:, None]
     values, axes = np.linalg.eigh(0.5 * (even + even.swapaxes(1, 2)))
     values = np.maximum(values, _ROUNDING * values[:, -1:])
     return np.asarray((axes / np.sqrt(values)[:, None]).swapaxes(1, 2) * scale[:, None])
 
 
-def reweight_transitions(change: Array, stay: Array, log_odds: Array, shown: Array) -> tuple[Array, Array]:
+def reweight_transitions(change: Array, stay: Array, log_odds: Array, gain: Array) -> tuple[Array, Array]:
     """Log rates of change (7, 7) and of staying (7,), given the pose.
 
-    ``log_odds`` (6,) and the gains ``shown`` (6, 2) are those of ``weigh_births``.
+    ``log_odds`` (6,) and ``gain`` (6, 2) are those of ``weigh_births``.
 
     Constraints that the old and the new state share carry no new evidence. Each row together with its stay
     keeps its sum, so that leaving a state and coming back gains nothing.
     """
     moved = change.copy()
-    moved[:, : len(log_odds)] += log_odds - (_SHARED_ROWS * shown).sum(axis=-1)
+    moved[:, : len(log_odds)] += log_odds - (_SHARED_ROWS * gain).sum(axis=-1)
     kept = stay.copy()
     kept[FREE] = -np.inf  # free stays by the matrix
-    before = np.logaddexp(np.logaddexp.reduce(change, axis=1), kept)
-    after = np.logaddexp(np.logaddexp.reduce(moved, axis=1), kept)
-    return moved - (after - before)[:, None], stay - (after - before)
+    old_sum = np.logaddexp(np.logaddexp.reduce(change, axis=1), kept)
+    new_sum = np.logaddexp(np.logaddexp.reduce(moved, axis=1), kept)
+    return moved - (new_sum - old_sum)[:, None], stay - (new_sum - old_sum)
 
 
 def _shared_rows(before: Contact, after: Contact) -> tuple[int, int]:
@@ -557,5 +559,5 @@ def _shared_rows(before: Contact, after: Contact) -> tuple[int, int]:
     return max(shared - 1, 0), min(shared, 1)
 
 
-_SHARED_ROWS: Final = np.array([[_shared_rows(one, other) for other in CONTACTS] for one in STATES])
+_SHARED_ROWS: Final = np.array([[_shared_rows(old, new) for new in CONTACTS] for old in STATES])
 """(7, 6, 2)"""

@@ -101,9 +101,9 @@ def log_ratio(
         measurement = _whitened(model, x, measurement, window, scales, onset)
     noise = residual_noise(measurement, window)
     excess = np.empty_like(noise)
-    known = np.zeros(len(x), bool) if certain is None else certain
+    is_certain = np.zeros(len(x), bool) if certain is None else certain
     for rows, free in zip(
-        (~known, known), (window.innovation_excess, window.displacement_variance), strict=True
+        (~is_certain, is_certain), (window.innovation_excess, window.displacement_variance), strict=True
     ):
         free_position, free_rotation = free.T
         excess[rows, :-1] = free_rotation
@@ -156,8 +156,8 @@ def residual_noise(measurement: Measurement, window: Window) -> Array:
     if window.position_anisotropy is not None:
         square = measurement.along[..., _I] * measurement.along[..., _J]
         uneven = window.position_anisotropy[:, _I, _J] * _OFTEN
-        same = square.shape[1] == 1
-        noise[:, -1] += square[:, 0] @ uneven.T if same else np.einsum("btk,tk->bt", square, uneven)
+        is_shared = square.shape[1] == 1
+        noise[:, -1] += square[:, 0] @ uneven.T if is_shared else np.einsum("btk,tk->bt", square, uneven)
     return noise
 
 
@@ -175,22 +175,25 @@ def complexity(
     at: Array,
     anchors: Array,
     hessian: Array,
-    given: Array,
+    onset_information: Array,
     predicted_share: Array,
     prior: Prior,
 ) -> Array:
     """Complexity (B,) in nats of fitted geometry: Laplace's volume ratio plus the cost under the prior.
 
-    Two kinds of information reduce it: ``given`` (B, P, P), that of the first tick, because a contact that
-    begins there touches there; and ``predicted_share`` (B, K), the share of each row's information
+    Two kinds of information reduce it: ``onset_information`` (B, P, P) of the first tick, because a contact
+    that begins there touches there; and ``predicted_share`` (B, K), the share of each row's information
     ``hessian`` (B, K, P, P) that the prediction of free motion would have given. All are evaluated ``at`` (B,
     S), which is x (B, S) or near it.
     """
     tangent = family.tangent(at, anchors)
     along = np.swapaxes(tangent, -1, -2)
-    before = along @ (prior.precision + np.diag(prior.flat)) @ tangent
-    before = before + np.einsum("bk,bkpq->bpq", predicted_share, hessian)
-    volume = np.linalg.slogdet(hessian.sum(axis=1) + before)[1] - np.linalg.slogdet(given + before)[1]
+    prior_information = along @ (prior.precision + np.diag(prior.flat)) @ tangent
+    prior_information = prior_information + np.einsum("bk,bkpq->bpq", predicted_share, hessian)
+    volume = (
+        np.linalg.slogdet(hessian.sum(axis=1) + prior_information)[1]
+        - np.linalg.slogdet(onset_information + prior_information)[1]
+    )
     return np.asarray(0.5 * volume + prior.cost(x))
 
 
@@ -208,7 +211,7 @@ class EvidenceSums:
     """(B,) squared residuals over their noise variance."""
     ticks: Index
     """(B,) number of ticks."""
-    after: Index
+    ticks_after_onset: Index
     """(B,) number of ticks without the onset."""
 
 
@@ -222,13 +225,13 @@ def sum_evidence(
 ) -> EvidenceSums:
     """Sum ``log_ratio`` and its parts for hypotheses x (B, S) with ``onset`` (B,)."""
     ratio = log_ratio(model, x, window, scales, certain, onset)
-    mine, after = window.index >= onset[:, None], window.index > onset[:, None]
+    since_onset, after_onset = window.index >= onset[:, None], window.index > onset[:, None]
     relative = ratio.row_weight * window.variance[:, :1]  # moments are weighted by one over this variance
     return EvidenceSums(
-        np.where(after, ratio.log_ratio, 0.0).sum(axis=1),
-        np.where(after[..., None], ratio.gain, 0.0).sum(axis=1),
-        np.where(mine[..., None], relative, 0.0).sum(axis=1),
-        np.where(mine[..., None], ratio.chi_sq, 0.0).sum(axis=(1, 2)),
-        mine.sum(axis=1),
-        after.sum(axis=1),
+        np.where(after_onset, ratio.log_ratio, 0.0).sum(axis=1),
+        np.where(after_onset[..., None], ratio.gain, 0.0).sum(axis=1),
+        np.where(since_onset[..., None], relative, 0.0).sum(axis=1),
+        np.where(since_onset[..., None], ratio.chi_sq, 0.0).sum(axis=(1, 2)),
+        since_onset.sum(axis=1),
+        after_onset.sum(axis=1),
     )

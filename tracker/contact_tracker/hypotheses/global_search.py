@@ -47,7 +47,7 @@ def is_protected(bank: Bank) -> Bools:
     return bank.effective_ticks <= bank.protected_until
 
 
-def prune(bank: Bank, now: int, best: float, margin: float) -> Bank:
+def prune(bank: Bank, tick: int, best: float, margin: float) -> Bank:
     """Drop hypotheses more than ``margin`` nats behind ``best``, and thin onsets, the more the older they
     are.
 
@@ -55,9 +55,9 @@ def prune(bank: Bank, now: int, best: float, margin: float) -> Bank:
     """
     joint = bank.log_weight
     keep = (joint > best - margin) | is_protected(bank)
-    old = bank.onset.searchsorted(now + 1 - UNTHINNED_TICKS)  # they are in order
+    old = bank.onset.searchsorted(tick + 1 - UNTHINNED_TICKS)  # they are in order
     if old > 1:
-        age = now + 1 - bank.onset[:old]
+        age = tick + 1 - bank.onset[:old]
         span = 2 ** (np.floor(np.log2(age / UNTHINNED_TICKS)) + 1).astype(np.int64)
         keep[:old] &= best_of(bank.onset[:old] // span + (span << 40), joint[:old])
     bank = bank.pick(keep.nonzero()[0])
@@ -123,15 +123,15 @@ def search(
     drawn = np.broadcast_to(drawn, (len(rows), *drawn.shape[-2:]))
     blocks = [slice(first, first + AT_ONCE) for first in range(0, len(rows), AT_ONCE)]
     x = np.concatenate([_found(bank, rows[block], model, scales, drawn[block]) for block in blocks])
-    many = x.shape[1]
-    of = rows.repeat(many)
-    found = bank.pick(of).replace_columns(x=x.reshape(-1, x.shape[-1]))
+    starts = x.shape[1]
+    of = rows.repeat(starts)
+    candidates = bank.pick(of).replace_columns(x=x.reshape(-1, x.shape[-1]))
     for _ in range(SEARCH_REFITS):
-        found = evaluate(found, of)
-    log_likelihood = found.log_likelihood.reshape(-1, many)
-    best = log_likelihood.argmax(axis=1) + many * np.arange(len(rows))
+        candidates = evaluate(candidates, of)
+    log_likelihood = candidates.log_likelihood.reshape(-1, starts)
+    best = log_likelihood.argmax(axis=1) + starts * np.arange(len(rows))
     improved = np.flatnonzero(log_likelihood.max(axis=1) > bank.log_likelihood[rows])
-    return bank.replace_rows(rows[improved], found, best[improved])
+    return bank.replace_rows(rows[improved], candidates, best[improved])
 
 
 def select_for_search(bank: Bank, model: ContactModel) -> Index:
@@ -155,24 +155,24 @@ def _found(bank: Bank, rows: Index, model: ContactModel, scales: EvidenceParamet
     moments = bank.second_moment[rows]
     trace = moments.trace(axis1=1, axis2=2)[:, None, None]
     relaxed = model.family.starts(moments + RELAXATION_RIDGE * trace * np.eye(moments.shape[-1]))
-    known, mean = prior_at_anchors(bank, model, scales), bank.prior_mean[rows]
+    prior_and_anchors, mean = prior_at_anchors(bank, model, scales), bank.prior_mean[rows]
     is_given = known_entries(model, mean, bank.prior_information[rows])
     x = np.concatenate([relaxed, drawn], axis=1)
     x = np.where(is_given[:, None], mean[:, None], x)
-    windows, of = (bank.second_moment, bank.row_weight, *known), rows.repeat(x.shape[1])
+    windows, of = (bank.second_moment, bank.row_weight, *prior_and_anchors), rows.repeat(x.shape[1])
     x = _least(
         *gauss_newton.complete(model.family, *windows, x.reshape(len(of), -1), of), len(rows), FOLLOWED_STARTS
     )
     for steps, kept in ROUNDS:
         of = rows.repeat(x.shape[1])
-        found = gauss_newton.minimise(model.family, *windows, x.reshape(len(of), -1), steps, of=of)
-        x = _least(found.x, found.cost, len(rows), kept)
+        fit = gauss_newton.minimise(model.family, *windows, x.reshape(len(of), -1), steps, of=of)
+        x = _least(fit.x, fit.cost, len(rows), kept)
     return x
 
 
-def _least(x: Array, cost: Array, groups: int, many: int) -> Array:
-    """The ``many`` x (B, S) of least cost in each group, ascending (groups, many, S)."""
-    best = cost.reshape(groups, -1).argsort(axis=1, kind="stable")[:, :many]
+def _least(x: Array, cost: Array, groups: int, count: int) -> Array:
+    """The ``count`` x (B, S) of least cost in each group, ascending (groups, many, S)."""
+    best = cost.reshape(groups, -1).argsort(axis=1, kind="stable")[:, :count]
     return np.asarray(x.reshape(groups, -1, x.shape[-1])[np.arange(groups)[:, None], best])
 
 

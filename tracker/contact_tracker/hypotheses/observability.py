@@ -52,7 +52,7 @@ reach."""
 
 
 def observed_geometry(
-    one: Bank,
+    hypothesis: Bank,
     model: ContactModel,
     scales: EvidenceParameters,
     variance: Array,
@@ -63,7 +63,7 @@ def observed_geometry(
 
     Parameters
     ----------
-    one : bank of one hypothesis.
+    hypothesis : bank of one hypothesis.
     variance : (2,) noise of a tick: position (m^2) and rotation (rad^2).
     information : (P, P) of the ticks on x, for a bank with moments of the poses; by default that of the
         running fit, whose moments hold innovations.
@@ -73,22 +73,22 @@ def observed_geometry(
     -------
     ContactGeometry in the frames of the bank.
     """
-    x = one.x[0].copy()  # the elements have views of it
+    x = hypothesis.x[0].copy()  # the elements have views of it
     covariance, tangent, prior, eigenvalues, eigenvectors = information_spectrum(
-        one, model, scales, variance, information
+        hypothesis, model, scales, variance, information
     )
-    found = model.geometry(x, covariance + systematic, scales.reach_m)
-    left = eigenvectors[:, : eigenvalues.searchsorted(SHOWN)]
-    if not left.size:
-        return found
-    free = tangent @ left
-    open_covariance = free @ linalg.solve(left.T @ prior @ left, free.T)
+    geometry = model.geometry(x, covariance + systematic, scales.reach_m)
+    unseen = eigenvectors[:, : eigenvalues.searchsorted(SHOWN)]
+    if not unseen.size:
+        return geometry
+    free = tangent @ unseen
+    open_covariance = free @ linalg.solve(unseen.T @ prior @ unseen, free.T)
     if open_covariance.diagonal() @ _in_lengths(model, scales.reach_m) <= OPEN**2:  # the usual case
-        return found
+        return geometry
     open_ = model.geometry(x, open_covariance, 0.0)
     return ContactGeometry(
-        replace(found.object, unobserved=_ways(open_.object, scales.reach_m)),
-        replace(found.environment, unobserved=_ways(open_.environment, scales.reach_m)),
+        replace(geometry.object, unobserved=_ways(open_.object, scales.reach_m)),
+        replace(geometry.environment, unobserved=_ways(open_.environment, scales.reach_m)),
     )
 
 
@@ -108,7 +108,7 @@ class InformationSpectrum(NamedTuple):
 
 
 def information_spectrum(
-    one: Bank,
+    hypothesis: Bank,
     model: ContactModel,
     scales: EvidenceParameters,
     variance: Array,
@@ -118,43 +118,43 @@ def information_spectrum(
     noise_margin = NOISE_MARGIN
     if information is None:  # with correlated errors the moments hold innovations, in which most of a
         noise_margin, variance = 1.0, variance / (1.0 - scales.correlation) ** 2  # constant pose cancels
-    tangent, shown, prior, noise = information_terms(one, model, scales, variance)
-    shown = shown if information is None else information
-    eigenvalues, eigenvectors = linalg.eigenvectors(shown, prior + noise)
+    tangent, seen, prior, noise = information_terms(hypothesis, model, scales, variance)
+    seen = seen if information is None else information
+    eigenvalues, eigenvectors = linalg.eigenvectors(seen, prior + noise)
     covariance = tangent @ posterior_covariance(eigenvalues, eigenvectors, prior, noise_margin) @ tangent.T
     return InformationSpectrum(covariance, tangent, prior, eigenvalues, eigenvectors)
 
 
 def information_terms(
-    one: Bank, model: ContactModel, scales: EvidenceParameters, variance: Array
+    hypothesis: Bank, model: ContactModel, scales: EvidenceParameters, variance: Array
 ) -> tuple[Array, Array, Array, Array]:
     """Tangent (S, P) of a single hypothesis, and information (P, P) along it: of the ticks by the moments, of
     the prior, and of noise alone. ``variance`` (2,) as in ``observed_geometry``."""
     if not compiled.in_use():
-        return information_terms_reference(one, model, scales, variance)
+        return information_terms_reference(hypothesis, model, scales, variance)
     from contact_tracker.hypotheses.compiled import calls
 
     return calls.information_terms(
-        calls.model_of(model, scales.reach_m), one.words, one.onsets.words, variance
+        calls.model_of(model, scales.reach_m), hypothesis.words, hypothesis.onsets.words, variance
     )
 
 
 def information_terms_reference(
-    one: Bank, model: ContactModel, scales: EvidenceParameters, variance: Array
+    hypothesis: Bank, model: ContactModel, scales: EvidenceParameters, variance: Array
 ) -> tuple[Array, Array, Array, Array]:
     """``information_terms`` in numpy: the reference of the compiled kernel."""
-    tangent = model.family.tangent(one.x[0], anchors_of(one, model)[0])
+    tangent = model.family.tangent(hypothesis.x[0], anchors_of(hypothesis, model)[0])
     return (
         tangent,
-        refit.information(one, model, scales)[0],
-        prior_along(one, model, tangent, scales.reach_m),
-        noise_information(one, model, tangent, variance),
+        refit.information(hypothesis, model, scales)[0],
+        prior_along(hypothesis, model, tangent, scales.reach_m),
+        noise_information(hypothesis, model, tangent, variance),
     )
 
 
-def prior_along(one: Bank, model: ContactModel, tangent: Array, reach_m: float) -> Array:
+def prior_along(hypothesis: Bank, model: ContactModel, tangent: Array, reach_m: float) -> Array:
     """Precision (P, P) of the prior of a single hypothesis along ``tangent`` (S, P)."""
-    return np.asarray(tangent.T @ (_vague(model, reach_m) + one.prior_information[0]) @ tangent)
+    return np.asarray(tangent.T @ (_vague(model, reach_m) + hypothesis.prior_information[0]) @ tangent)
 
 
 @cache
@@ -185,12 +185,12 @@ def posterior_covariance(values: Array, directions: Array, prior: Array, noise_m
     return np.asarray(scaled @ linalg.solve(precision * (scale[:, None] * scale), scaled.T))
 
 
-def noise_information(one: Bank, model: ContactModel, tangent: Array, variance: Array) -> Array:
+def noise_information(hypothesis: Bank, model: ContactModel, tangent: Array, variance: Array) -> Array:
     """Information (P, P) along ``tangent`` (S, P) that the noise of the poses alone would add in the
     window."""
-    family, moments, x = model.family, one.second_moment[0], one.x[0]
+    family, moments, x = model.family, hypothesis.second_moment[0], hypothesis.x[0]
     size, rows, columns, free = family.SIZE, family.ROWS, len(family.COLUMNS), tangent.shape[1]
-    precision = gauss_newton.per_metre(family, moments, one.row_weight[0], x)
+    precision = gauss_newton.per_metre(family, moments, hypothesis.row_weight[0], x)
     slopes = tangent.T @ family.rows_derivative(x).swapaxes(0, 1).reshape(size, -1)
     # change of each row when a pose is perturbed by one sigma in each direction
     off = (slopes.reshape(free * rows, columns) @ model.moves).swapaxes(0, 1).reshape(free, rows, 6, columns)
@@ -199,10 +199,10 @@ def noise_information(one: Bank, model: ContactModel, tangent: Array, variance: 
     return np.asarray(jitter.reshape(free, -1) @ off.reshape(free, -1).T)
 
 
-def perturbed_rows(one: Bank, model: ContactModel) -> Array:
+def perturbed_rows(hypothesis: Bank, model: ContactModel) -> Array:
     """Coefficients (K, 6, C) of the change of each residual of a single hypothesis by small turns about the
     body's axes and shifts along the world's."""
-    return np.asarray((model.family.rows(one.x[0]) @ model.moves).swapaxes(0, 1))
+    return np.asarray((model.family.rows(hypothesis.x[0]) @ model.moves).swapaxes(0, 1))
 
 
 def _ways(free: Element, reach_m: float) -> tuple[Unobserved, ...]:
@@ -221,14 +221,14 @@ def _ways(free: Element, reach_m: float) -> tuple[Unobserved, ...]:
 
 def _turns(axis: Array, covariance: Array) -> tuple[tuple[Unobserved, ...], Array]:
     """Unobserved turns of a unit vector, and the covariance of the rest of the element given no turn."""
-    turned, rest = covariance[:3, :3], covariance[3:, 3:]
+    turned, remaining = covariance[:3, :3], covariance[3:, 3:]
     wide = _wide(turned, OPEN)
     if not wide.size:
-        return (), rest
+        return (), remaining
     turns = _unobserved("turns_about", cross(axis, wide.T))
     with_turn = covariance[3:, :3] @ wide
     explained = with_turn @ linalg.solve(wide.T @ turned @ wide, with_turn.T)
-    return turns, rest - explained
+    return turns, remaining - explained
 
 
 def _shifts(covariance: Array, reach_m: float) -> tuple[Unobserved, ...]:
@@ -260,7 +260,7 @@ LEAST_SHARE: Final = 1e-14
 
 
 def systematic_covariance(
-    one: Bank,
+    hypothesis: Bank,
     model: ContactModel,
     window: Window,
     reach_m: float,
@@ -273,21 +273,21 @@ def systematic_covariance(
 
     Parameters
     ----------
-    one : bank of one hypothesis.
+    hypothesis : bank of one hypothesis.
     is_refined : whether each tick counts by its noise alone; else also by its motion.
     """
-    ticks, count = representatives(window.cut(int(np.searchsorted(window.index, one.onset[0])), None))
-    x, family, lifted = one.x[0], model.family, model.lifted(ticks.zeta)
-    tangent = family.tangent(x, anchors_of(one, model)[0])
+    ticks, count = representatives(window.cut(int(np.searchsorted(window.index, hypothesis.onset[0])), None))
+    x, family, lifted = hypothesis.x[0], model.family, model.lifted(ticks.zeta)
+    tangent = family.tangent(x, anchors_of(hypothesis, model)[0])
     weight = count / ticks.variance[:, 0]
     if not is_refined:
         weight *= np.maximum(ticks.motion_ratio, REST_WEIGHT)
-    precision = gauss_newton.per_metre(family, one.second_moment[0], one.row_weight[0], x)
+    precision = gauss_newton.per_metre(family, hypothesis.second_moment[0], hypothesis.row_weight[0], x)
     slopes = np.einsum("sp,ksc,tc->pkt", tangent, family.rows_derivative(x), lifted)
     weighted = slopes * precision[:, None] * weight
     information = np.einsum("pkt,qkt->pq", weighted, slopes)
-    by_error = np.einsum("pkt,kdt->dpt", weighted, perturbed_rows(one, model) @ lifted.T)
-    prior = prior_along(one, model, tangent, reach_m)
+    by_error = np.einsum("pkt,kdt->dpt", weighted, perturbed_rows(hypothesis, model) @ lifted.T)
+    prior = prior_along(hypothesis, model, tangent, reach_m)
     return np.asarray(
         tangent @ added_covariance(information, prior, by_error, ticks.zeta, errors) @ tangent.T
     )
@@ -311,8 +311,8 @@ def added_covariance(
     units = np.outer(scale, scale)
     information, prior, spread = information * units, prior * units, spread * units
     # the errors lower the information of the ticks, not that of the prior
-    left = information @ _inverse(information + spread) @ information
-    return np.asarray((_inverse(left + prior) - _inverse(information + prior)) * units)
+    data = information @ _inverse(information + spread) @ information
+    return np.asarray((_inverse(data + prior) - _inverse(information + prior)) * units)
 
 
 def _inverse(symmetric: Array) -> Array:
@@ -330,8 +330,8 @@ def representatives(window: Window) -> tuple[Window, Array]:
     passed = np.cumsum(window.motion_ratio + SHARE_OF_REST)
     cuts = np.unique(np.searchsorted(passed, np.linspace(0.0, passed[-1], MOST_TICKS + 1)[1:-1]))
     first, end = np.append(0, cuts), np.append(cuts, length)
-    some = end > first
-    first, end = first[some], end[some]
+    filled = end > first
+    first, end = first[filled], end[filled]
     return window.pick((first + end) // 2, window.before), (end - first).astype(float)
 
 
@@ -355,7 +355,7 @@ class FittedContact:
 
     Parameters
     ----------
-    one : bank of the hypothesis alone.
+    hypothesis : bank of the hypothesis alone.
     variance : (W, 2) noise of the ticks: position (m^2) and rotation (rad^2).
     rotation : (3, 3) of the body in the last tick.
     origins : of the bank's coordinates.
@@ -364,7 +364,7 @@ class FittedContact:
     information : as in ``observed_geometry``.
     """
 
-    one: Bank
+    hypothesis: Bank
     contact: Contact
     scales: EvidenceParameters
     variance: Array
@@ -377,13 +377,19 @@ class FittedContact:
     @cached_property
     def geometry(self) -> ContactGeometry:
         """Its elements, with covariance and unobserved directions, in the user's frames."""
-        one, model, usual = self.one, CONTACT_MODELS[self.contact.column], linalg.median(self.variance)
-        found = observed_geometry(one, model, self.scales, usual, self.information, self.systematic)
-        if not np.isnan(one.line_anchor).all():  # other lines have their point near the body already
-            body_m = one.weighted_position_sum[0] / one.weight[0]
-            found = ContactGeometry(by_foot(found.object, np.zeros(3)), by_foot(found.environment, body_m))
-        found = _in_users_frames(found, self.rotation, self.origins)
-        return found if self.pair is None else named(found, self.pair)
+        hypothesis, model, usual = (
+            self.hypothesis,
+            CONTACT_MODELS[self.contact.column],
+            linalg.median(self.variance),
+        )
+        geometry = observed_geometry(hypothesis, model, self.scales, usual, self.information, self.systematic)
+        if not np.isnan(hypothesis.line_anchor).all():  # other lines have their point near the body already
+            body_m = hypothesis.weighted_position_sum[0] / hypothesis.weight[0]
+            geometry = ContactGeometry(
+                by_foot(geometry.object, np.zeros(3)), by_foot(geometry.environment, body_m)
+            )
+        geometry = _in_users_frames(geometry, self.rotation, self.origins)
+        return geometry if self.pair is None else named(geometry, self.pair)
 
 
 def fitted_contact(
@@ -402,27 +408,29 @@ def fitted_contact(
     ``window`` has the ticks and their noise, ``errors`` are those that are not noise; the rest as in
     ``FittedContact``.
     """
-    one, systematic = bank.single(row), np.zeros(())
+    hypothesis, systematic = bank.single(row), np.zeros(())
     if errors.are_given:
         systematic = systematic_covariance(
-            one, model, window, scales.reach_m, errors, is_refined=information is not None
+            hypothesis, model, window, scales.reach_m, errors, is_refined=information is not None
         )
     turn = window.zeta[-1, R].reshape(3, 3)
     return FittedContact(
-        one, model.contact, scales, window.variance, turn, origins, systematic, pair, information
+        hypothesis, model.contact, scales, window.variance, turn, origins, systematic, pair, information
     )
 
 
-def _in_users_frames(found: ContactGeometry, rotation: Array, origins: Origins) -> ContactGeometry:
+def _in_users_frames(geometry: ContactGeometry, rotation: Array, origins: Origins) -> ContactGeometry:
     """The elements in the frames of the body, which has this ``rotation`` (3, 3), and of the world.
 
     Of two faces motion shows the difference of the offsets only: the object's stays at the origin.
     """
-    ours, theirs = found.object, shifted(found.environment, origins.world_m)
-    if isinstance(ours, Plane) and isinstance(theirs, Plane):
-        swung_m = theirs.normal @ rotation @ origins.body_m
-        return ContactGeometry(ours, replace(theirs, offset_m=float(theirs.offset_m - swung_m)))
-    return ContactGeometry(shifted(ours, origins.body_m), theirs)
+    body_element, world_element = geometry.object, shifted(geometry.environment, origins.world_m)
+    if isinstance(body_element, Plane) and isinstance(world_element, Plane):
+        swung_m = world_element.normal @ rotation @ origins.body_m
+        return ContactGeometry(
+            body_element, replace(world_element, offset_m=float(world_element.offset_m - swung_m))
+        )
+    return ContactGeometry(shifted(body_element, origins.body_m), world_element)
 
 
 def element_estimate(
@@ -439,15 +447,15 @@ def element_estimate(
     """
     spectrum = information_spectrum(bank, model, scales, window.usual_variance, information)
     back = np.linalg.inv(spectrum.directions)
-    shown = back.T @ (np.maximum(spectrum.values - NOISE_MARGIN, 0.0)[:, None] * back)
+    seen = back.T @ (np.maximum(spectrum.values - NOISE_MARGIN, 0.0)[:, None] * back)
     variance = np.full(model.family.SIZE, LOOSE_M**2)
     variance[directions(model.family.FORM)] = LOOSE_RAD**2
     onto = np.linalg.pinv(spectrum.tangent)
     loose = np.linalg.cholesky((onto * variance) @ onto.T)
-    values, axes = np.linalg.eigh(loose.T @ shown @ loose)
+    values, axes = np.linalg.eigh(loose.T @ seen @ loose)
     values = np.maximum(values, 0.0)
     along = np.linalg.solve(loose.T, axes)
-    shown = (along * (values / (1.0 + values))) @ along.T
+    seen = (along * (values / (1.0 + values))) @ along.T
     rotation = window.zeta[len(window) // 2, R].reshape(3, 3)
     anchors = anchors_of(bank, model)[0]
-    return ElementEstimate(model.contact, bank.x[0], spectrum.tangent, shown, anchors, rotation)
+    return ElementEstimate(model.contact, bank.x[0], spectrum.tangent, seen, anchors, rotation)

@@ -78,9 +78,9 @@ def estimate_ar1(
 
 def whiten_ar1(rows: Array, correlation: Array, index: Index) -> Array:
     """Innovations of rows (K, W, ...): what the tick before does not predict, scaled to the same variance."""
-    left = correlation[:, None] ** np.diff(index)
-    left = left.reshape(*left.shape, *(1,) * (rows.ndim - 2))
-    later = (rows[:, 1:] - left * rows[:, :-1]) / np.sqrt(1.0 - left**2)
+    decay = correlation[:, None] ** np.diff(index)
+    decay = decay.reshape(*decay.shape, *(1,) * (rows.ndim - 2))
+    later = (rows[:, 1:] - decay * rows[:, :-1]) / np.sqrt(1.0 - decay**2)
     return np.concatenate([rows[:, :1], later], axis=1)
 
 
@@ -198,17 +198,17 @@ def _maximise(
         equations = _equations(model, x, errors, anchors, window, reach_m)
         return equations.cost + float(prior.cost(x)[0]), equations
 
-    damping, (now, near) = np.array(FIRST_DAMPING), new(x)
+    damping, (cost, current) = np.array(FIRST_DAMPING), new(x)
     for _ in range(STEPS):
-        gradient = near.gradient + near.tangent @ prior.gradient(x)[0]
-        curvature = near.curvature + near.tangent @ prior.precision[0] @ near.tangent.T
+        gradient = current.gradient + current.tangent @ prior.gradient(x)[0]
+        curvature = current.curvature + current.tangent @ prior.precision[0] @ current.tangent.T
         curvature.flat[:: len(curvature) + 1] += damping * curvature.diagonal() + LEAST_CURVATURE
         step = -linalg.solve(curvature, gradient[:, None])[:, 0]
-        proposal = model.family.normalise(x + step @ near.tangent, anchors)
-        there = new(proposal)  # its cost alone would take nearly as long
-        damping = adapted(damping, there[0] < now)
-        if there[0] < now:
-            x, (now, near) = proposal, there
+        proposal = model.family.normalise(x + step @ current.tangent, anchors)
+        trial = new(proposal)  # its cost alone would take nearly as long
+        damping = adapted(damping, trial[0] < cost)
+        if trial[0] < cost:
+            x, (cost, current) = proposal, trial
         if abs(gradient @ step) < TOLERANCE_NATS:
             break
     return x

@@ -68,16 +68,16 @@ def accumulate(
 
     ``log_stay`` is the log probability that the state did not change in it.
     """
-    zeta, activity, now = window.zeta[-1], float(window.motion_ratio[-1]), window.index[-1]
+    zeta, activity, tick = window.zeta[-1], float(window.motion_ratio[-1]), window.index[-1]
     lifted, sigma_m = model.lifted(zeta), float(np.sqrt(window.variance[-1, 0]))
-    before, alone = window.before_newest, lifted * scales.alone
-    new = alone if before is None else lifted - scales.correlation * model.lifted(before)
+    previous, alone = window.before_newest, lifted * scales.alone
+    new = alone if previous is None else lifted - scales.correlation * model.lifted(previous)
     onsets = bank.onsets
-    begins = onsets.onset == now
+    begins = onsets.onset == tick
     weight = np.where(begins, 1.0, max(activity, REST_WEIGHT)) / sigma_m**2
     products = np.where(begins[:, None, None], _products(model, alone, lifted), _products(model, new, lifted))
     bank = bank.replace_columns(
-        log_prior=bank.log_prior + np.where(bank.onset == now, 0.0, log_stay)
+        log_prior=bank.log_prior + np.where(bank.onset == tick, 0.0, log_stay)
     ).replace_onset_columns(
         onset_row=np.where(begins[:, None], alone / sigma_m, onsets.onset_row),
         second_moment=onsets.second_moment + weight[:, None, None] * products,
@@ -167,16 +167,18 @@ def refit_in_windows(
 ) -> Bank:
     """``refit`` with a window per hypothesis: ``of`` (H,) is its index in ``windows``, ascending."""
     prior, anchors = prior_at_anchors(bank, model, scales)
-    found = gauss_newton.minimise(
+    fit = gauss_newton.minimise(
         model.family, bank.second_moment, bank.row_weight, prior, anchors, bank.x, _steps_due(bank)
     )
-    bank = bank.replace_columns(x=found.x)
+    bank = bank.replace_columns(x=fit.x)
     for i, window in enumerate(windows):
         rows = np.flatnonzero(of == i)
         if len(rows):
-            own = prior.pick(rows), anchors[rows]
-            weighed = _with_evidence(bank.pick(rows), model, window, scales, own, found.pick(rows))
-            bank = bank.replace_rows(rows, weighed, np.arange(len(rows)))
+            prior_and_anchors = prior.pick(rows), anchors[rows]
+            evaluated = _with_evidence(
+                bank.pick(rows), model, window, scales, prior_and_anchors, fit.pick(rows)
+            )
+            bank = bank.replace_rows(rows, evaluated, np.arange(len(rows)))
     return bank
 
 
@@ -190,11 +192,13 @@ def refit_in_steps(
     """
     if (steps == NOT_AT_ALL).any():
         rows = np.flatnonzero(steps != NOT_AT_ALL)
-        learned = refit_in_steps(bank.pick(rows), model, window, scales, steps[rows])
-        return bank.replace_rows(rows, learned, np.arange(len(rows)))
-    known = prior_at_anchors(bank, model, scales)
-    found = gauss_newton.minimise(model.family, bank.second_moment, bank.row_weight, *known, bank.x, steps)
-    return _with_evidence(bank.replace_columns(x=found.x), model, window, scales, known, found)
+        refitted = refit_in_steps(bank.pick(rows), model, window, scales, steps[rows])
+        return bank.replace_rows(rows, refitted, np.arange(len(rows)))
+    prior_and_anchors = prior_at_anchors(bank, model, scales)
+    fit = gauss_newton.minimise(
+        model.family, bank.second_moment, bank.row_weight, *prior_and_anchors, bank.x, steps
+    )
+    return _with_evidence(bank.replace_columns(x=fit.x), model, window, scales, prior_and_anchors, fit)
 
 
 def information(bank: Bank, model: ContactModel, scales: EvidenceParameters) -> Array:
@@ -202,8 +206,10 @@ def information(bank: Bank, model: ContactModel, scales: EvidenceParameters) -> 
 
     The linear coordinates are taken at their optimum.
     """
-    known = prior_at_anchors(bank, model, scales)
-    return gauss_newton.data_information(model.family, bank.second_moment, bank.row_weight, *known, bank.x)
+    prior_and_anchors = prior_at_anchors(bank, model, scales)
+    return gauss_newton.data_information(
+        model.family, bank.second_moment, bank.row_weight, *prior_and_anchors, bank.x
+    )
 
 
 def _with_evidence(
@@ -211,18 +217,20 @@ def _with_evidence(
     model: ContactModel,
     window: Window,
     scales: EvidenceParameters,
-    known: tuple[Prior, Array],
-    found: gauss_newton.Fit,
+    prior_and_anchors: tuple[Prior, Array],
+    fit: gauss_newton.Fit,
 ) -> Bank:
-    """The bank with the evidence at x, which is that of the fit ``found``."""
+    """The bank with the evidence at x, which is that of the fit ``fit``."""
     sums = sum_evidence(model, bank.x, bank.onset, window, scales, bank.elements_known)
-    prior, anchors = known
+    prior, anchors = prior_and_anchors
     first = bank.onset_row[:, :, None] * bank.onset_row[:, None]
-    given = gauss_newton.information(
-        model.family, first, bank.row_weight, bank.second_moment, anchors, found.at
+    onset_information = gauss_newton.information(
+        model.family, first, bank.row_weight, bank.second_moment, anchors, fit.at
     )
     predicted_share = _prior_predictive_share(bank, model, scales, sums)
-    cost = complexity(model.family, bank.x, found.at, anchors, found.hessian, given, predicted_share, prior)
+    cost = complexity(
+        model.family, bank.x, fit.at, anchors, fit.hessian, onset_information, predicted_share, prior
+    )
     gain = sums.gain.sum(axis=1) + bank.gain_before_window
     count = np.maximum(sums.ticks, 1)
     return bank.replace_columns(
@@ -239,5 +247,5 @@ def _prior_predictive_share(
 ) -> Array:
     """Share (H, K) of each row's information that the free-motion prediction would have given (T19)."""
     ticks = np.maximum(bank.effective_ticks, 1.0)[:, None]
-    mean_gain = sums.gain / np.maximum(sums.after, 1)[:, None]
+    mean_gain = sums.gain / np.maximum(sums.ticks_after_onset, 1)[:, None]
     return np.asarray(scales.prior_predictive_share * model.needed / ticks * np.exp(-2.0 * mean_gain))

@@ -76,19 +76,19 @@ class ExcursionFilter:
         period_ns : the usual time between poses.
         """
         self._poses += 1
-        before = self._held[-1] if self._held else self._last
+        previous = self._held[-1] if self._held else self._last
         elapsed_ns = pose.stamp_ns - self._new_ns
-        if before is None or pose[1:] != before[1:]:
+        if previous is None or pose[1:] != previous[1:]:
             self._new_ns = pose.stamp_ns
         if not continues:
             released = self.finish()
             self._steps.clear()
             self._last = pose
             return (*released, pose)
-        if before is None:
+        if previous is None:
             self._last = pose
             return (pose,)
-        step = step_between(before, pose)
+        step = step_between(previous, pose)
         if step.distance_m <= NEAR_M and step.turn <= NEAR_TURN and not self._held:  # as usual: no jump
             return self._pass_on(pose, step)
         furthest, periods = self._furthest(), max(elapsed_ns / max(period_ns, 1), 1.0)
@@ -97,10 +97,10 @@ class ExcursionFilter:
             if not is_jump:
                 return self._pass_on(pose, step)
             self._shift_m, self._turn, self._in_a_row = np.zeros(3), _UNTURNED, 0
-            is_motion = _apart_m(before, pose) <= max(NEAR_M, FAR_M_PER_S2 * (1e-9 * elapsed_ns) ** 2)
-            self._until_ns = before.stamp_ns + (SHORT_NS if is_motion else LONGEST_NS)
+            is_motion = _apart_m(previous, pose) <= max(NEAR_M, FAR_M_PER_S2 * (1e-9 * elapsed_ns) ** 2)
+            self._until_ns = previous.stamp_ns + (SHORT_NS if is_motion else LONGEST_NS)
         if is_jump:
-            self._add_jump(before, pose)
+            self._add_jump(previous, pose)
             if self._has_returned(pose, furthest):
                 return self._come_back(pose)
         is_motion = self._continues_jump(pose, furthest)
@@ -135,8 +135,8 @@ class ExcursionFilter:
         if step_between(self._last, self._held[0]).distance_m <= NEAR_M:
             self._visits.clear()
             return
-        same_m, before = SAME_PLACE * _apart_m(self._last, self._held[0]), self._last_excursion
-        if before is None or _apart_m(before, self._held[0]) > same_m:
+        same_m, previous = SAME_PLACE * _apart_m(self._last, self._held[0]), self._last_excursion
+        if previous is None or _apart_m(previous, self._held[0]) > same_m:
             self._visits.clear()
         self._visits.append(self._poses)
         self._last_excursion = self._held[-1]
@@ -296,19 +296,19 @@ class DefaultPoseFilter:
         is_away, in_position = _is_away(pose, motion, self._steps)
         if not is_away:
             return False
-        known = pose[1:] in self._arrivals
+        is_repeated = pose[1:] in self._arrivals
         self._arrivals.pop(pose[1:], None)
         self._arrivals[pose[1:]] = None  # as the latest
         if len(self._arrivals) > _ARRIVALS_KEPT:
             del self._arrivals[next(iter(self._arrivals))]
-        return known or _is_origin(pose, is_away, in_position)
+        return is_repeated or _is_origin(pose, is_away, in_position)
 
     def _is_suspect(self, pose: Pose) -> bool:
         """Whether it may be a default pose, while the motion is not known yet."""
         if pose.position_m != _ORIGIN:
             return False
-        before = self._held[-1][0] if self._held else self._kept[-1] if self._kept else pose
-        turns_there = before.position_m == _ORIGIN and before.quat_xyzw != pose.quat_xyzw
+        previous = self._held[-1][0] if self._held else self._kept[-1] if self._kept else pose
+        turns_there = previous.position_m == _ORIGIN and previous.quat_xyzw != pose.quat_xyzw
         return _is_unturned(pose) or not turns_there
 
     def _judge_held(self) -> None:
@@ -328,7 +328,7 @@ class DefaultPoseFilter:
 def _is_away(pose: Pose, motion: Sequence[Pose], steps: Collection[Step]) -> tuple[bool, bool]:
     """Whether a pose is away from all poses of the motion: at all, and by its position alone."""
     reach_m, reach_turn = reach(steps, STEPS, QUANTILE)
-    between = [step_between(other, pose) for other in motion]
+    between = [step_between(near, pose) for near in motion]
     return (
         all(step.distance_m > reach_m or step.turn > reach_turn for step in between),
         all(step.distance_m > reach_m for step in between),

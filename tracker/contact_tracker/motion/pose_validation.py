@@ -255,16 +255,16 @@ def longest_run(stamps: Sequence[int], after: int | None) -> list[int]:
         return list(range(len(stamps)))
     runs = list[tuple[int, int, int]]()  # best run ending with each: length, first stamp, predecessor
     for i, stamp in enumerate(stamps):
-        before = [j for j in range(i) if stamps[j] < stamp]
-        j = max(before, key=lambda j: runs[j][:2], default=-1)
-        runs.append((runs[j][0] + 1, runs[j][1], j) if before else (1, stamp, -1))
-    last = max(
+        predecessors = [j for j in range(i) if stamps[j] < stamp]
+        j = max(predecessors, key=lambda j: runs[j][:2], default=-1)
+        runs.append((runs[j][0] + 1, runs[j][1], j) if predecessors else (1, stamp, -1))
+    end = max(
         range(len(stamps)),
         key=lambda i: (runs[i][0], (runs[i][1] if after is None else after) - stamps[i]),
     )
-    indices = [last]
-    while (last := runs[last][2]) >= 0:
-        indices.append(last)
+    indices = [end]
+    while (end := runs[end][2]) >= 0:
+        indices.append(end)
     return indices[::-1]
 
 
@@ -284,7 +284,7 @@ _ADVICE: Final = "take PoseGate, or gate, of contact_tracker.motion.pose_validat
 def gate(poses: Iterable[Pose], counts: Counter[str] | None = None) -> Poses:
     """The poses of a whole recording that pass the gate; ``counts`` counts those dropped or repaired."""
     passed = PoseGate(counts)
-    parts = [passed.admit_all(some) for some in (poses.batches() if isinstance(poses, Poses) else [poses])]
+    parts = [passed.admit_all(batch) for batch in (poses.batches() if isinstance(poses, Poses) else [poses])]
     return Poses.join([*parts, Poses.collect(passed.finish())])
 
 
@@ -292,8 +292,8 @@ def counts_text(counts: Mapping[str, int], outliers: Outliers = NO_OUTLIERS, ori
     """``gap 1, outlier 9 (at 1.25, 3.10, 7.00 s, ...)``: numbers by kind, and the times of the first
     ``outliers`` in seconds after ``origin_ns``."""
     at_s = ", ".join(f"{1e-9 * (stamp_ns - origin_ns):.2f}" for stamp_ns in outliers.first_stamps_ns)
-    more = ", ..." if outliers.total > len(outliers.first_stamps_ns) else ""
-    places = {"outlier": f" (at {at_s} s{more})"} if at_s else {}
+    dots = ", ..." if outliers.total > len(outliers.first_stamps_ns) else ""
+    places = {"outlier": f" (at {at_s} s{dots})"} if at_s else {}
     return ", ".join(f"{kind} {count}{places.get(kind, '')}" for kind, count in counts.items() if count)
 
 
@@ -340,12 +340,12 @@ def remark_on_loss(
     total += lost["undecodable"]
     if lost["repeated_stamp"] <= MOST_REPEATED * total:
         total -= lost.pop("repeated_stamp")
-    many = sum(lost.values())
-    if 2 * many <= total:
+    dropped = sum(lost.values())
+    if 2 * dropped <= total:
         return None
     kind = max(lost, key=lambda kind: lost[kind])
     cause = _CAUSES[kind] if kind in _CAUSES else _cause_of_norm(refused_xyzw)
-    return f"{many} of {total} poses are left out, {lost[kind]} of them as {kind}: {cause}"
+    return f"{dropped} of {total} poses are left out, {lost[kind]} of them as {kind}: {cause}"
 
 
 def _cause_of_norm(quat_xyzw: Sequence[float] | None) -> str:
@@ -353,16 +353,16 @@ def _cause_of_norm(quat_xyzw: Sequence[float] | None) -> str:
     if quat_xyzw is None:
         return "the norm of quaternions is 1"
     norm = sqrt(sum(part * part for part in quat_xyzw))
-    shown = f"the norm of ({' '.join(f'{part:.6g}' for part in quat_xyzw)}) is {norm:.6g}, not 1"
+    norm_text = f"the norm of ({' '.join(f'{part:.6g}' for part in quat_xyzw)}) is {norm:.6g}, not 1"
     w = quat_xyzw[3]
     twice = next((name for name, part in zip("xyz", quat_xyzw, strict=False) if part == w != 0.0), None)
     if norm == 0.0:
         return "the quaternions are zero: is the orientation recorded?"
     if twice is not None:
-        return f"{shown}, and w equals {twice}: is one column taken for both?"
+        return f"{norm_text}, and w equals {twice}: is one column taken for both?"
     if norm > 2.0 and all(map(float.is_integer, map(float, quat_xyzw))):
-        return f"{shown}: if these are integers that stand for fractions, divide them by their scale"
-    return f"{shown}: are they the four parts of one quaternion?"
+        return f"{norm_text}: if these are integers that stand for fractions, divide them by their scale"
+    return f"{norm_text}: are they the four parts of one quaternion?"
 
 
 def first_refused(quat_xyzw: NDArray[np.float64]) -> Sequence[float] | None:
@@ -374,12 +374,12 @@ def first_refused(quat_xyzw: NDArray[np.float64]) -> Sequence[float] | None:
 
 def remark_on_excursions(counts: Mapping[str, int]) -> str | None:
     """One line if there are long excursions."""
-    many = counts.get("long_excursion", 0)
-    if not many:
+    count = counts.get("long_excursion", 0)
+    if not count:
         return None
     return (
         "the poses jump to another place, for half a second or more, and back as no motion does "
-        f"(stretches: {many}, poses left out: {counts.get('excursion', 0)}): another body or marker in the "
+        f"(stretches: {count}, poses left out: {counts.get('excursion', 0)}): another body or marker in the "
         "place of this one? give each a topic, frame or name of its own"
     )
 
@@ -504,7 +504,7 @@ class PoseGate:
             return Arrival(poses, None, None)
         if poses and poses[-1].stamp_ns == time_ns:
             return Arrival(poses, time_ns, time_ns + self._order.period_ns)
-        held = [one.held_since_ns for one in (self._defaults, self._excursions)]
+        held = [filter_.held_since_ns for filter_ in (self._defaults, self._excursions)]
         since_ns = min((stamp_ns for stamp_ns in held if stamp_ns is not None), default=time_ns)
         return Arrival(poses, time_ns, max(since_ns, time_ns - LONGEST_WAIT_NS))
 

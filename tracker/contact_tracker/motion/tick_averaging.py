@@ -80,22 +80,22 @@ def _average_tick(
     stream: StreamState, frames: Poses, new: NDArray[np.bool_], origins: Origins, model: Model, is_rest: bool
 ) -> tuple[StreamState, Tick]:
     """One tick from its frames that are ``new``; without any, from the repeated pose."""
-    start_ns, stamp_ns, before = int(frames.stamp_ns[0]), int(frames.stamp_ns[-1]), stream.noise
+    start_ns, stamp_ns, noise = int(frames.stamp_ns[0]), int(frames.stamp_ns[-1]), stream.noise
     if not new.all():
         frames = frames[new] if new.any() else frames[:1]
-    sigma_sq = np.array([before.sigma_position_m, before.sigma_rotation_rad]) ** 2
+    sigma_sq = np.array([noise.sigma_position_m, noise.sigma_rotation_rad]) ** 2
     good = _plausible(frames, stream.free_motion, origins.world_m, sigma_sq, model)
-    outliers, some = NO_OUTLIERS, frames
+    outliers, used = NO_OUTLIERS, frames
     if not good.all():
-        outliers, some = Outliers.at(frames.stamp_ns[~good]), frames[good]
-    buffer, estimate = stream.noise_buffer, before
+        outliers, used = Outliers.at(frames.stamp_ns[~good]), frames[good]
+    buffer, estimate = stream.noise_buffer, noise
     if model.noise.estimated:
         prior = model.noise.sigma_position_m, model.noise.sigma_rotation_rad
         # outliers do not count as noise, unless most frames are outliers
-        typical = some if 2 * outliers.total < good.size else frames
+        typical = used if 2 * outliers.total < good.size else frames
         buffer, estimate = sensor_noise.advance(buffer, estimate, typical, prior)
-    zeta = mean_lift(some.rotation, some.position_m - origins.world_m)
-    mean_ns = int(some.stamp_ns[0]) + round(float((some.stamp_ns - some.stamp_ns[0]).mean()))
+    zeta = mean_lift(used.rotation, used.position_m - origins.world_m)
+    mean_ns = int(used.stamp_ns[0]) + round(float((used.stamp_ns - used.stamp_ns[0]).mean()))
     counts, stamps_ns = (good.size - outliers.total, outliers), (start_ns, stamp_ns, mean_ns)
     tick = Tick(*stamps_ns, zeta, *counts, NO_EXCESS, estimate, origins, is_rest)
     motion, tick = with_excess(stream.free_motion, tick, model)
@@ -251,7 +251,7 @@ class TickGrid:
     empty: int = 0
 
     @classmethod
-    def begun(cls, model: Model, begin_ns: int, origins: Origins) -> "TickGrid":
+    def start(cls, model: Model, begin_ns: int, origins: Origins) -> "TickGrid":
         """A grid that begins at this time, with these origins of its coordinates."""
         estimate = sensor_noise.begin(model.noise.sigma_position_m, model.noise.sigma_rotation_rad)
         learnt = StreamState(estimate, sensor_noise.EMPTY_BUFFER, None, NO_POSES)
@@ -272,19 +272,22 @@ class TickGrid:
         """Add one pose or more; returns the ticks that they close, several after a gap."""
         if self.begin_ns is None:
             origins = Origins(poses[:1].of_point(self.body_m).position_m[0].copy(), self.body_m)
-            begun = TickGrid.begun(self.model, int(poses.stamp_ns[0]), origins)
-            vars(self).update(vars(begun))
+            grid = TickGrid.start(self.model, int(poses.stamp_ns[0]), origins)
+            vars(self).update(vars(grid))
         assert self.begin_ns is not None
-        left, closed = Poses.join((self.frames, poses)) if self.frames.stamp_ns.size else poses, list[Tick]()
-        while not self.goes_on(int(left.stamp_ns.max())):
-            first_ns = int(left.stamp_ns[0])
+        waiting, closed = (
+            Poses.join((self.frames, poses)) if self.frames.stamp_ns.size else poses,
+            list[Tick](),
+        )
+        while not self.goes_on(int(waiting.stamp_ns.max())):
+            first_ns = int(waiting.stamp_ns[0])
             if not self.goes_on(first_ns):
                 closed += self._pass_to(first_ns, bool(closed) or self._has_closed_early)
                 continue
-            end = int((left.stamp_ns >= self.begin_ns + self.model.tick_ns).argmax())  # they stay closed
-            closed.append(self._close(left[:end]))
-            left = left[end:]
-        self.frames = left
+            end = int((waiting.stamp_ns >= self.begin_ns + self.model.tick_ns).argmax())  # they stay closed
+            closed.append(self._close(waiting[:end]))
+            waiting = waiting[end:]
+        self.frames = waiting
         return closed
 
     def pass_time(self, until_ns: int) -> list[Tick]:
@@ -338,10 +341,10 @@ class TickGrid:
         """Go to the tick of this time, with empty ticks for a gap of the stream; ``is_closed`` says whether
         the current one is."""
         assert self.begin_ns is not None
-        before, step_ns = self.number - (not is_closed), self.model.tick_ns
+        last_number, step_ns = self.number - (not is_closed), self.model.tick_ns
         number = self.number + (stamp_ns - self.begin_ns) // step_ns
-        missed = max(min(number - before, int(LONGEST_GAP_S / self.model.tick_s)) - 1, 0)
-        missed = min(missed, max(EMPTY_TICKS + EMPTY_PER_TICK * (before - self.empty) - self.empty, 0))
+        missed = max(min(number - last_number, int(LONGEST_GAP_S / self.model.tick_s)) - 1, 0)
+        missed = min(missed, max(EMPTY_TICKS + EMPTY_PER_TICK * (last_number - self.empty) - self.empty, 0))
         empty = list[Tick]()
         if missed:
             assert self.last is not None
@@ -349,7 +352,7 @@ class TickGrid:
             empty = [empty_tick(self.last, stamp, stamp) for stamp in stamps]
             self.last = empty[-1]
         begin_ns = self.begin_ns + (number - self.number) * step_ns
-        if number - before - 1 > missed:  # skip the rest of a long gap
-            number, begin_ns = before + 1 + missed, stamp_ns
+        if number - last_number - 1 > missed:  # skip the rest of a long gap
+            number, begin_ns = last_number + 1 + missed, stamp_ns
         self.begin_ns, self.number, self.empty = begin_ns, number, self.empty + missed
         return empty

@@ -138,9 +138,9 @@ class Window:
         )
         return moved_on
 
-    def expired_by(self, after: "Window") -> "Window":
-        """The oldest tick, if it is not in the window ``after`` any more, a tick later."""
-        return self.cut(0, max(self.index.size + 1 - after.index.size, 0))
+    def expired_by(self, later: "Window") -> "Window":
+        """The oldest tick, if it is not in the window ``later`` any more, a tick later."""
+        return self.cut(0, max(self.index.size + 1 - later.index.size, 0))
 
     def cut(self, first: int, end: int | None = None) -> "Window":
         """The ticks in rows ``first`` to ``end``."""
@@ -149,11 +149,11 @@ class Window:
 
     def since(self, onset: int) -> "Window":
         """The ticks since number ``onset``; as the same object if they are asked for again."""
-        known: dict[int, Window] = vars(self).setdefault("_since", {})
+        views: dict[int, Window] = vars(self).setdefault("_since", {})
         first = int(self.index.searchsorted(onset))
-        if first not in known:
-            known[first] = self.pick(slice(first, None))
-        return known[first]
+        if first not in views:
+            views[first] = self.pick(slice(first, None))
+        return views[first]
 
     def pick(self, rows: slice | NDArray[np.generic], before: Array | None = None) -> "Window":
         """A window of some ticks, with ``before`` as the tick before the first."""
@@ -178,7 +178,7 @@ class Window:
     @classmethod
     def join(cls, parts: Sequence["Window"]) -> "Window":
         """Concatenate windows."""
-        known = any(p.position_anisotropy is not None for p in parts)
+        is_uneven = any(p.position_anisotropy is not None for p in parts)
         uneven = [
             np.zeros((len(p), 3, 3)) if p.position_anisotropy is None else p.position_anisotropy
             for p in parts
@@ -189,7 +189,7 @@ class Window:
             np.concatenate([p.zeta for p in parts]),
             np.concatenate([p.variance for p in parts]),
             np.concatenate([p.innovation_excess for p in parts]),
-            np.concatenate(uneven) if known else None,
+            np.concatenate(uneven) if is_uneven else None,
             parts[0].before,
             np.concatenate(frames) if len(frames) == len(parts) else None,
         )

@@ -68,9 +68,9 @@ class FurtherContact:
 
 def beside(further: tuple[FurtherContact, ...], p_label: float) -> tuple[FurtherContact, ...]:
     """The further contacts beside a label of this probability; the same object if they are that already."""
-    if all(one.p_label == p_label for one in further):
+    if all(contact.p_label == p_label for contact in further):
         return further
-    return tuple(replace(one, p_label=p_label) for one in further)
+    return tuple(replace(contact, p_label=p_label) for contact in further)
 
 
 def contact_json(
@@ -146,7 +146,7 @@ class Belief:
             return []
         probability, span = self.probability[self.contact.column], (self.onset_ns, None)
         first = contact_json(self.contact, probability, span, self.geometry, self.inseparable)
-        return [first, *(one.to_json() for one in self.further)]
+        return [first, *(contact.to_json() for contact in self.further)]
 
     @property
     def touching(self) -> tuple[str | None, str | None]:
@@ -164,17 +164,17 @@ class Belief:
         }
 
 
-def _label_json(one: "Belief | Segment") -> dict[str, Any]:
+def _label_json(result: "Belief | Segment") -> dict[str, Any]:
     """What the JSON objects of a belief and of a segment have in common beside the contact."""
     return {
-        "inseparable": [state.value for state in one.inseparable],
-        "geometry": one.geometry.to_json() if one.geometry else {},
-        "contacts": one.contacts_json,
-        "constraints": one.constraints,
-        "joint": one.joint.to_json() if one.joint else {},
-        "inseparable_names": " ".join(one.inseparable),
-        "object": flat(one.geometry.object if one.geometry else None),
-        "environment": flat(one.geometry.environment if one.geometry else None),
+        "inseparable": [state.value for state in result.inseparable],
+        "geometry": result.geometry.to_json() if result.geometry else {},
+        "contacts": result.contacts_json,
+        "constraints": result.constraints,
+        "joint": result.joint.to_json() if result.joint else {},
+        "inseparable_names": " ".join(result.inseparable),
+        "object": flat(result.geometry.object if result.geometry else None),
+        "environment": flat(result.geometry.environment if result.geometry else None),
     }
 
 
@@ -216,7 +216,7 @@ class Segment:
     @property
     def constraints(self) -> int:
         """Largest number of independent constraints of the contacts that hold at a time."""
-        return max((one.constraints for one in self.further), default=self.contact.codimension)
+        return max((contact.constraints for contact in self.further), default=self.contact.codimension)
 
     @property
     def contacts_json(self) -> list[dict[str, Any]]:
@@ -225,22 +225,22 @@ class Segment:
             return []
         span = self.start_ns, self.end_ns
         first = contact_json(self.contact, self.probability, span, self.geometry, self.inseparable)
-        return [first, *(one.to_json() for one in self.further)]
+        return [first, *(contact.to_json() for contact in self.further)]
 
     @property
     def parts(self) -> list["SegmentPart"]:
         """The parts of the segment between changes of its further contacts."""
-        spans = [(one.start_ns, self.end_ns if one.end_ns is None else one.end_ns) for one in self.further]
+        spans = [(c.start_ns, self.end_ns if c.end_ns is None else c.end_ns) for c in self.further]
         cuts = {self.start_ns, *(start_ns for start_ns, _ in spans), *(end_ns + 1 for _, end_ns in spans)}
         starts = sorted(cut for cut in cuts if self.start_ns <= cut <= self.end_ns)
         parts = []
         for start_ns, after_ns in zip(starts, [*starts[1:], self.end_ns + 1], strict=True):
             holding = tuple(
-                one
-                for one, (joins_ns, leaves_ns) in zip(self.further, spans, strict=True)
+                contact
+                for contact, (joins_ns, leaves_ns) in zip(self.further, spans, strict=True)
                 if joins_ns <= start_ns <= leaves_ns
             )
-            geometries = (*filter(None, [self.geometry]), *(one.geometry for one in holding))
+            geometries = (*filter(None, [self.geometry]), *(contact.geometry for contact in holding))
             parts.append(SegmentPart(start_ns, after_ns - 1, holding, geometries))
         return parts
 

@@ -108,21 +108,21 @@ def _proposals(state: FilterState, frame: Frame) -> CachedProposals:
         latest = state.map.latest_before(state.ticks)
     else:
         left_out, current, latest = (), state.current_pair, state.map.whole.latest
-    before, now = state.cached_proposals, CachedProposals(state.map, left_out, current, latest, frame, ())
-    if now[:-1] == before[:-1]:
-        return before
+    cached, fresh = state.cached_proposals, CachedProposals(state.map, left_out, current, latest, frame, ())
+    if fresh[:-1] == cached[:-1]:
+        return cached
     view = replace(
         state.map.without(left_out) if left_out else state.map.whole, current=current, latest=latest
     )
     share = state.model.geometry.revisit_prior
     if state.uses_later_contacts:
         view = view.with_incident_vertices(share, state.map.reach_m)
-    return now._replace(
+    return fresh._replace(
         proposals=tuple(
             kept
-            if now.inputs(contact) == before.inputs(contact)
+            if fresh.inputs(contact) == cached.inputs(contact)
             else propose_births(contact, state.known_map, view, share, frame)
-            for contact, kept in zip(CONTACT_MODELS, before.proposals, strict=True)
+            for contact, kept in zip(CONTACT_MODELS, cached.proposals, strict=True)
         )
     )
 
@@ -143,7 +143,7 @@ class ContactFilter:
 
     def update(self, tick: Tick, detail: Detail = Detail.FORMATION, tests_curvature: bool = True) -> Belief:
         """Update by a tick; the belief about it has this ``detail``."""
-        state = self.state if self.state.ticks else begun(self.state, tick)
+        state = self.state if self.state.ticks else set_origins(self.state, tick)
         window = advance_window(state.window, state.ticks, tick, state.model)
         rest = newest_rest(window, state.model.tick_s)
         if is_uninformative(state, tick, window, rest):  # in gaps, and at rest
@@ -151,7 +151,7 @@ class ContactFilter:
         else:
             change = predict_transitions(state, tick, window, rest)  # and births, by the map
             banks, weights = update_banks(state.banks, change, state.model, state.scales)  # fit, evidence
-            state = weighed(state, tick, change, banks, weights)  # HMM
+            state = update_state(state, tick, change, banks, weights)  # HMM
             state, belief = read_posterior(state, tick, detail, tests_curvature)  # and the map
         self.state, belief = with_rest(state, belief, rest.is_in_rest)
         return belief
@@ -182,15 +182,15 @@ class ContactFilter:
 
     def as_seen(self, tick: Tick) -> Tick:
         """A tick that was averaged for another filter, with the innovations of free motion by this noise."""
-        motion, own = with_excess(self.state.free_motion, tick, self.state.model)
+        motion, seen = with_excess(self.state.free_motion, tick, self.state.model)
         self.state = self.state._replace(free_motion=motion)
-        return own
+        return seen
 
 
 _BORN: Final = attrgetter("is_given")
 
 
-def begun(state: FilterState, tick: Tick) -> FilterState:
+def set_origins(state: FilterState, tick: Tick) -> FilterState:
     """The state before the first tick, in the coordinates of the ticks."""
     return state._replace(origins=tick.origins, map=state.map.at_origins(tick.origins))
 
@@ -245,7 +245,7 @@ def pass_tick(state: FilterState, tick: Tick, window: Window) -> tuple[FilterSta
     return passed, replace(state.belief, stamp_ns=tick.stamp_ns)
 
 
-def weighed(
+def update_state(
     state: FilterState, tick: Tick, change: TickInput, banks: Sequence[Bank], weights: TickWeights
 ) -> FilterState:
     """The state after an informative tick, with the updated banks and weights."""
@@ -324,9 +324,9 @@ def ticks_of(
 
 
 def forward(
-    ticks: Iterable[Tick], one: ContactFilter, detail: Detail = Detail.GEOMETRY
+    ticks: Iterable[Tick], filter_: ContactFilter, detail: Detail = Detail.GEOMETRY
 ) -> Iterator[FilteredTick]:
     """Update a filter by ticks; the beliefs have this ``detail``."""
     for tick in ticks:
-        belief = one.update(tick, detail)
-        yield FilteredTick(one.state, tick, belief)
+        belief = filter_.update(tick, detail)
+        yield FilteredTick(filter_.state, tick, belief)

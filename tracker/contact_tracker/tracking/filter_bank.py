@@ -82,9 +82,9 @@ def usual_period_s(stamp_ns: Sequence[int]) -> float:
     return _mean_near(rising, 0.5 * (rising[(count - 1) // 2] + rising[count // 2])) if count else 0.0
 
 
-def _mean_near(rising: Sequence[int], one: float) -> float:
+def _mean_near(rising: Sequence[int], period_ns: float) -> float:
     """Mean (s) of the rising periods (ns) within a factor of ``IRREGULAR`` of one."""
-    usual = rising[bisect_left(rising, one / IRREGULAR) : bisect_right(rising, one * IRREGULAR)]
+    usual = rising[bisect_left(rising, period_ns / IRREGULAR) : bisect_right(rising, period_ns * IRREGULAR)]
     return sum(usual) / len(usual) * 1e-9
 
 
@@ -112,7 +112,7 @@ def period_for_all_s(stamp_ns: Ints, model: Model) -> float:
         return apart + (1.0 - apart) * min(tick_s * model.transitions.leave_per_s, 1.0)
 
     rising = np.sort(periods).tolist()
-    return min((_mean_near(rising, float(one)) for one in local[middle]), key=lost)
+    return min((_mean_near(rising, float(period_ns)) for period_ns in local[middle]), key=lost)
 
 
 def with_ticks_for(model: Model, period_s: float) -> Model:
@@ -122,13 +122,13 @@ def with_ticks_for(model: Model, period_s: float) -> Model:
     return replace(model, tick_s=needed_s) if needed_s > TOLERANCE * model.tick_s else model
 
 
-def with_other_ticks(model: Model, now: Model, latest_ns: Sequence[int]) -> Model | None:
-    """``model`` with ticks for the rate of the latest poses; None if those of ``now`` suit it as well."""
+def with_other_ticks(model: Model, current: Model, latest_ns: Sequence[int]) -> Model | None:
+    """``model`` with ticks for the rate of the latest poses; None if those of ``current`` suit it as well."""
     if len(latest_ns) < RATE_POSES:
         return None
-    other = with_ticks_for(model, usual_period_s(latest_ns))
-    is_alike = 1.0 / CHANGED <= other.tick_s / now.tick_s <= CHANGED
-    return other if not is_alike and can_be_compared(other) else None
+    adapted = with_ticks_for(model, usual_period_s(latest_ns))
+    is_alike = 1.0 / CHANGED <= adapted.tick_s / current.tick_s <= CHANGED
+    return adapted if not is_alike and can_be_compared(adapted) else None
 
 
 def candidates(model: Model, poses: Poses) -> tuple[tuple[Model, float], ...]:
@@ -145,12 +145,12 @@ def candidates(model: Model, poses: Poses) -> tuple[tuple[Model, float], ...]:
     if not model.noise.estimated or not can_be_compared(model):
         return ((model, 0.0),)
     sigma = np.array(estimate_noise(poses))
-    known, ratio = np.isfinite(sigma).all() and sigma[0] > 0.0, USUAL_ROTATION_PER_POSITION
-    if known:
+    is_estimated, ratio = np.isfinite(sigma).all() and sigma[0] > 0.0, USUAL_ROTATION_PER_POSITION
+    if is_estimated:
         ratio = float(np.clip(sigma[1] / sigma[0], *ROTATION_PER_POSITION))
     span_s = (int(poses.stamp_ns[-1]) - int(poses.stamp_ns[0])) * 1e-9
     count = max(len(poses) * model.tick_s / max(span_s, model.tick_s), 1.0)
-    white = tick_variances(begin(*sigma) if known else begin(0.0, 0.0), np.array(count), model)
+    white = tick_variances(begin(*sigma) if is_estimated else begin(0.0, 0.0), np.array(count), model)
     noise, least = model.noise, float(white.prod()) ** 0.25
     larger = [
         replace(
@@ -169,9 +169,11 @@ def candidates(model: Model, poses: Poses) -> tuple[tuple[Model, float], ...]:
         if scale > white[0] ** 0.5
     ]
     chosen = [(noise, 0.0)]
-    chosen += [(one, LOG_PRIOR_STEP * i) for some in (smaller, larger) for i, one in enumerate(some, 1)]
-    chosen += [(one, LOG_PRIOR_WANDER) for one in correlated]
-    return tuple((replace(model, noise=one), log_prior) for one, log_prior in chosen)
+    chosen += [
+        (level, LOG_PRIOR_STEP * i) for levels in (smaller, larger) for i, level in enumerate(levels, 1)
+    ]
+    chosen += [(level, LOG_PRIOR_WANDER) for level in correlated]
+    return tuple((replace(model, noise=level), log_prior) for level, log_prior in chosen)
 
 
 DROP_AFTER_S: Final = 1.5
@@ -235,10 +237,10 @@ def are_compared(log_weight: Array, log_prior: Array, moved_s: float) -> Bools:
     if moved_s < DROP_AFTER_S:
         return np.ones(len(log_weight), np.bool_)
     scores = log_weight, log_weight - log_prior
-    best, best_by_evidence = (int(one.argmax()) for one in scores)
+    best, best_by_evidence = (int(score.argmax()) for score in scores)
     if moved_s >= LONGEST_S or (moved_s >= DECIDED_AFTER_S and best == best_by_evidence):
         return np.asarray(np.arange(len(log_weight)) == best_by_evidence, np.bool_)
-    return np.asarray(np.any([one > one.max() - MARGIN_NATS for one in scores], axis=0))
+    return np.asarray(np.any([score > score.max() - MARGIN_NATS for score in scores], axis=0))
 
 
 DOUBT: Final = 0.5
@@ -258,7 +260,7 @@ def mixture(beliefs: Sequence[Belief], log_weight: Array, known_map: Map = EMPTY
     weight = np.exp(log_weight - log_weight.max())
     weight /= weight.sum()
     probability = weight @ np.array([belief.probability for belief in beliefs])
-    label = max((one.contact for one in beliefs), key=lambda contact: probability[contact.column])
+    label = max((belief.contact for belief in beliefs), key=lambda contact: probability[contact.column])
     ahead = [state for state in STATES if probability[state.column] > probability[label.column]]
     probability = shared_with(probability, label, ahead)
     share = [
@@ -266,8 +268,8 @@ def mixture(beliefs: Sequence[Belief], log_weight: Array, known_map: Map = EMPTY
     ]
     number = max(range(len(beliefs)), key=lambda i: (share[i], i))
     source = beliefs[number]
-    others = {*source.inseparable, *ahead}
-    source = replace(source, inseparable=tuple(state for state in STATES if state in others))
+    alike = {*source.inseparable, *ahead}
+    source = replace(source, inseparable=tuple(state for state in STATES if state in alike))
     # as of the other trackers they may be rivals; only one of the trackers searches further contacts, and
     # only its label is limited
     probability = reported(probability, label, source.inseparable, known_map, is_open=source.is_open)
@@ -277,7 +279,7 @@ def mixture(beliefs: Sequence[Belief], log_weight: Array, known_map: Map = EMPTY
 def mixed_with_uniform(probability: Array, possible: tuple[Contact, ...] = CONTACTS) -> Array:
     """Posterior (..., 7) mixed with a uniform one over free motion and the ``possible`` contacts, while the
     poses or the map may be wrong."""
-    uniform = np.array([one in (*possible, Contact.FREE) for one in STATES]) / (1 + len(possible))
+    uniform = np.array([state in (*possible, Contact.FREE) for state in STATES]) / (1 + len(possible))
     return np.asarray((1.0 - DOUBT) * probability + DOUBT * uniform)
 
 
@@ -385,10 +387,10 @@ class FilterBank:
 
     def copied(self) -> Self:
         """A copy that is updated without a change of this one; what does not change in place is shared."""
-        other = type(self)(**vars(self))  # faster than ``copy``
-        other.filters = [*map(ContactFilter, map(attrgetter("state"), self.filters))]
-        other.grid = None if self.grid is None else TickGrid(**vars(self.grid))
-        return other
+        copy = type(self)(**vars(self))  # faster than ``copy``
+        copy.filters = [*map(ContactFilter, map(attrgetter("state"), self.filters))]
+        copy.grid = None if self.grid is None else TickGrid(**vars(self.grid))
+        return copy
 
     @property
     def is_decided(self) -> bool:
@@ -411,9 +413,9 @@ class FilterBank:
         rate_is_known = self.pending is None or len(self.pending) >= RATE_POSES
         if not rate_is_known or self.grid is None or not self.grid.goes_on(stamp_ns):
             return False
-        for one in self.filters:
-            if one.state.cached_proposals.map is not one.state.map:
-                one.prepare()
+        for filter_ in self.filters:
+            if filter_.state.cached_proposals.map is not filter_.state.map:
+                filter_.prepare()
         return True
 
     def add(self, poses: Poses, detail: Detail) -> list[Belief]:
@@ -453,22 +455,22 @@ class FilterBank:
 
     def _withheld(self) -> Iterator[Belief]:
         """The beliefs that the lag has withheld."""
-        for beliefs in zip(*(one.finish() for one in self.filters), strict=True):
+        for beliefs in zip(*(filter_.finish() for filter_ in self.filters), strict=True):
             yield mixture(beliefs, self.log_weight, self.known_map)
 
     def _add(self, poses: Poses, detail: Detail) -> list[Belief]:
         beliefs = list[Belief]()
         while self.pending is not None and len(poses):  # until all filters have started
-            many = len(self.pending)
-            enough = RATIO_POSES if many >= RATE_POSES else RATE_POSES if self.filters else FIRST_POSES
-            missing = max(enough - many, 1)
-            some, poses = poses[:missing], poses[missing:]
-            self.pending = Poses.join([self.pending, some])
+            count = len(self.pending)
+            enough = RATIO_POSES if count >= RATE_POSES else RATE_POSES if self.filters else FIRST_POSES
+            missing = max(enough - count, 1)
+            batch, poses = poses[:missing], poses[missing:]
+            self.pending = Poses.join([self.pending, batch])
             if self.grid is not None:
-                beliefs += self._update(self.grid.add(some), detail)
-            if len(some) == missing and enough == RATIO_POSES:
+                beliefs += self._update(self.grid.add(batch), detail)
+            if len(batch) == missing and enough == RATIO_POSES:
                 self._start_others(detail)
-            elif len(some) == missing:
+            elif len(batch) == missing:
                 beliefs += self._start_first(detail)
         if self.grid is not None and poses.stamp_ns.size and (ticks := self.grid.add(poses)):
             beliefs += self._update(ticks, detail)
@@ -477,7 +479,7 @@ class FilterBank:
     def _restart(self, model: Model, detail: Detail) -> list[Belief]:
         """Start again with other ticks, at the first pose of the current tick; the map is kept, and the
         beliefs within the lag are reported first."""
-        before = [*self._withheld()]
+        withheld = [*self._withheld()]
         assert self.best is not None
         assert self.grid is not None
         assert self.grid.origins is not None
@@ -493,7 +495,7 @@ class FilterBank:
             earlier_outliers=self.outliers,
         )
         vars(self).update(vars(again))
-        return [*before, *self._begin([model], detail)]
+        return [*withheld, *self._begin([model], detail)]
 
     def _start_first(self, detail: Detail) -> list[Belief]:
         """Start the filter of the model as given, with ticks for the rate so far; again from the first pose
@@ -505,7 +507,7 @@ class FilterBank:
             return []
         last = self.filters[0].reported if self.filters else None
         beliefs = self._begin([model], detail)
-        return beliefs if last is None else [one for one in beliefs if one.stamp_ns > last.stamp_ns]
+        return beliefs if last is None else [belief for belief in beliefs if belief.stamp_ns > last.stamp_ns]
 
     def _start_others(self, detail: Detail) -> None:
         """Choose the tracked point by the poses so far, and begin again with all filters."""
@@ -526,11 +528,11 @@ class FilterBank:
         """Begin with filters of these models at the first pending pose; the beliefs so far."""
         assert self.pending is not None
         first_ns, origins = int(self.pending.stamp_ns[0]), None if self.grid is None else self.grid.origins
-        self.filters = [ContactFilter.start(one, self.lag_s, self.known_map) for one in models]
+        self.filters = [ContactFilter.start(model, self.lag_s, self.known_map) for model in models]
         if self.map is not None and origins is not None:
-            self.grid = TickGrid.begun(models[0], first_ns, origins)
-            for one in self.filters:
-                one.state = one.state._replace(map=self.map)
+            self.grid = TickGrid.start(models[0], first_ns, origins)
+            for filter_ in self.filters:
+                filter_.state = filter_.state._replace(map=self.map)
         else:
             self.grid = TickGrid(models[0], self.body_m)
         self.moved_s, self.motion = 0.0, NO_MOTION
@@ -549,7 +551,7 @@ class FilterBank:
             if self.filters[0] is not first:  # which was dropped
                 assert self.grid is not None
                 first = self.filters[0]
-                ticks[number + 1 :] = [first.as_seen(one) for one in ticks[number + 1 :]]
+                ticks[number + 1 :] = [first.as_seen(later) for later in ticks[number + 1 :]]
                 self.grid.follow(first.state.model, first.state.free_motion)
         return beliefs
 
@@ -558,21 +560,21 @@ class FilterBank:
         self.motion = self.motion.then(tick)
         best, evidence = int(self.log_weight.argmax()), list[TickEvidence]()
         # only the best looks for further contacts and curvature
-        for number, one in enumerate(self.filters):
-            own = detail if number == best else min(detail, Detail.GEOMETRY)
-            seen = one.as_seen(tick) if number else tick
-            before = one.state
-            one.update(seen, own, number == best)
-            evidence.append(tick_evidence(before, one.state))
+        for number, filter_ in enumerate(self.filters):
+            filter_detail = detail if number == best else min(detail, Detail.GEOMETRY)
+            seen = filter_.as_seen(tick) if number else tick
+            before = filter_.state
+            filter_.update(seen, filter_detail, number == best)
+            evidence.append(tick_evidence(before, filter_.state))
         curved = self.filters[best].state.curved  # tested by one for all
-        for one in self.filters:
-            if one.state.label is Contact.FREE:
-                one.state = one.state._replace(curved=curved._replace(since=one.state.free_since))
+        for filter_ in self.filters:
+            if filter_.state.label is Contact.FREE:
+                filter_.state = filter_.state._replace(curved=curved._replace(since=filter_.state.free_since))
         evidence = self._weigh(evidence)
-        beliefs = [belief for belief in (one.reported for one in self.filters) if belief is not None]
+        beliefs = [belief for belief in (filter_.reported for filter_ in self.filters) if belief is not None]
         if not beliefs:  # all have the same lag
             return []
-        activity = np.array([one.activity for one in evidence])
+        activity = np.array([tick.activity for tick in evidence])
         log_weight = self.log_weight - (0.0 if self.motion.moves else REST_NATS) * activity
         return [mixture(beliefs, log_weight, self.known_map)]
 

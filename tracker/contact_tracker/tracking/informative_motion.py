@@ -98,14 +98,14 @@ def informative_motions(state: FilterState) -> tuple[InformativeMotion, ...]:
     motions, named = [], np.zeros((0, 6))
     for rival in belief.inseparable:
         pairs = ((label, rival), (rival, label))
-        candidates = [one for pair in pairs for one in _between(state, fits, pair, named)]
+        candidates = [motion for pair in pairs for motion in _between(state, fits, pair, named)]
         ahead_nats = float(min(lead_nats[rival.column], ambiguity.MOST_NATS))
         if ahead_nats > DECISIVE:
             candidates += _unused(state, fits, onset, (label, rival), named, ahead_nats)
-        for motion, twist in sorted(candidates, key=lambda one: -one[0].evidence_nats)[:1]:
+        for motion, twist in sorted(candidates, key=lambda candidate: -candidate[0].evidence_nats)[:1]:
             motions.append(motion)
             named = np.concatenate([named, [twist / np.linalg.norm(twist)]])
-    return tuple(sorted(motions, key=lambda one: -one.evidence_nats))
+    return tuple(sorted(motions, key=lambda motion: -motion.evidence_nats))
 
 
 class _Fit(NamedTuple):
@@ -143,12 +143,13 @@ def _fits(state: FilterState, onset: int, contacts: tuple[Contact, ...]) -> Iter
         row = rows[contact.column]
         if row is None:
             continue
-        one, beyond = bank.single(row), state.model.noise.extra_contact_variance[contact.column]
+        hypothesis, beyond = bank.single(row), state.model.noise.extra_contact_variance[contact.column]
         variance = state.window.with_error(beyond).usual_variance
-        covariance = information_spectrum(one, model, state.scales, variance).covariance
-        weight = per_metre(model.family, one.second_moment[0], one.row_weight[0], one.x[0])
+        covariance = information_spectrum(hypothesis, model, state.scales, variance).covariance
+        x, weight = hypothesis.x[0], hypothesis.row_weight[0]
+        weight = per_metre(model.family, hypothesis.second_moment[0], weight, x)
         noise = variance[0] / np.maximum(weight, np.finfo(float).tiny)
-        yield contact, _Fit(model, one.x[0], covariance, noise, perturbed_rows(one, model))
+        yield contact, _Fit(model, x, covariance, noise, perturbed_rows(hypothesis, model))
 
 
 def _between(
@@ -168,8 +169,8 @@ def _between(
         return
     root = np.linalg.cholesky(forbids.precision(zeta))
     twist = free @ np.linalg.svd(root.T @ jacobian @ free)[2][0]
-    both = (_reached(zeta, sign * _within_limits(twist), allows) for sign in (1.0, -1.0))
-    moved, twist = max(both, key=lambda one: _evidence(forbids, one[0]))
+    ends = (_reached(zeta, sign * _within_limits(twist), allows) for sign in (1.0, -1.0))
+    moved, twist = max(ends, key=lambda end: _evidence(forbids, end[0]))
     evidence_nats = _evidence(forbids, moved)
     if evidence_nats > DECISIVE:
         yield _described(state, zeta, twist, pair, evidence_nats), twist

@@ -21,7 +21,7 @@ from contact_tracker.tracking.belief import Segment
 from contact_tracker.tracking.contact_filter import ContactFilter
 from contact_tracker.tracking.offline_smoother import PassRecord, Segmenter, pieces
 from contact_tracker.tracking.segment_fit import without_short_gaps
-from contact_tracker.tracking.segmentation import Beliefs, Segmentation
+from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.tracking.transition_model import FREE
 
 MOST_PASSES: Final = 2
@@ -53,9 +53,12 @@ def with_map(
         yield from waiting
         return
     first = Segmentation.join(waiting)
-    found = _better_pass(record, executor) or first
-    found = _with_touches(found, first, record.pace, record.state.model.certainty.posterior_power)
-    yield replace(found, filtered=first.filtered, outliers=first.outliers)
+    power, segmentation = (
+        record.state.model.certainty.posterior_power,
+        _better_pass(record, executor) or first,
+    )
+    segmentation = _with_touches(segmentation, first, record.pace, power)
+    yield replace(segmentation, filtered=first.filtered, outliers=first.outliers)
 
 
 def _better_pass(first: PassRecord, executor: Executor | None) -> Segmentation | None:
@@ -68,20 +71,20 @@ def _better_pass(first: PassRecord, executor: Executor | None) -> Segmentation |
     best: Segmentation | None = None
     allowed = first.state.known_map.allowed
     best_evidence = first.log_evidence + log_prior_of_new(len(first.contacts)) + DECISIVE_NATS
-    before = first
+    previous = first
     for _ in range(MOST_PASSES):
         start = first.state.map
-        world = GrowingMap.learn(before.sightings, start.reach_m, len(first.contacts), start.prior)
-        after = PassRecord()
-        found = _pass(first, world, after, executor)
+        world = GrowingMap.learn(previous.sightings, start.reach_m, len(first.contacts), start.prior)
+        latest = PassRecord()
+        result = _pass(first, world, latest, executor)
         if not world.complexity:
-            found = _with_open_free(found, np.ones(len(found.beliefs), bool), lambda _: allowed)
-        evidence = after.log_evidence - world.complexity
+            result = _with_open_free(result, np.ones(len(result.beliefs), bool), lambda _: allowed)
+        evidence = latest.log_evidence - world.complexity
         if evidence <= best_evidence:
             break
-        is_settled = best is not None and _labels(best) == _labels(found)
-        best, best_evidence, before = found, evidence, after
-        first.best = after
+        is_settled = best is not None and _labels(best) == _labels(result)
+        best, best_evidence, previous = result, evidence, latest
+        first.best = latest
         if is_settled:
             break
     return best
@@ -99,7 +102,7 @@ def _pass(
     return Segmentation.join(list(pieces(first.ticks, start, Segmenter(executor, record=record))))
 
 
-def _with_touches(found: Segmentation, first: Segmentation, pace: float, power: float) -> Segmentation:
+def _with_touches(segmentation: Segmentation, first: Segmentation, pace: float, power: float) -> Segmentation:
     """The segmentation with free motion open to the most probable contact where the ``first`` pass, without a
     map, is not sure of it at the ``pace`` of the recording.
 
@@ -109,39 +112,40 @@ def _with_touches(found: Segmentation, first: Segmentation, pace: float, power: 
     probability = first.beliefs.probability
     odds = pace ** (2.0 * power) * probability[:, :FREE]
     is_open = odds.sum(axis=1) >= ambiguity.NOT_EXCLUDED * probability[:, FREE]
-    return _with_open_free(found, is_open, lambda rows: (STATES[int(odds[rows].sum(axis=0).argmax())],))
+    return _with_open_free(segmentation, is_open, lambda rows: (STATES[odds[rows].sum(axis=0).argmax()],))
 
 
 def _with_open_free(
-    found: Segmentation, is_open: NDArray[np.bool_], rivals: Callable[[slice], tuple[Contact, ...]]
+    segmentation: Segmentation, is_open: NDArray[np.bool_], rivals: Callable[[slice], tuple[Contact, ...]]
 ) -> Segmentation:
     """The segmentation with free motion open to ``rivals`` of each stretch of ticks that ``is_open`` (T,).
     Where these begin and end, segments are divided."""
-    known, rows = found.beliefs, found.beliefs.rows.copy()
-    segments = list[Segment]()
-    for one in found.segments:
-        first, end = rows["stamp_ns"].searchsorted([one.start_ns, one.end_ns + 1])
+    rows, segments = segmentation.beliefs.rows.copy(), list[Segment]()
+    for segment in segmentation.segments:
+        first, end = rows["stamp_ns"].searchsorted([segment.start_ns, segment.end_ns + 1])
         within = without_short_gaps(is_open[first:end])
-        if one.contact is not Contact.FREE or not within.any():
-            segments.append(one)
+        if segment.contact is not Contact.FREE or not within.any():
+            segments.append(segment)
             continue
         changes = first + np.flatnonzero(np.diff(within)) + 1
-        starts_ns = [one.start_ns, *(rows["stamp_ns"][changes - 1] + 1).tolist(), one.end_ns + 1]
+        starts_ns = [segment.start_ns, *(rows["stamp_ns"][changes - 1] + 1).tolist(), segment.end_ns + 1]
         parts = zip(pairwise([first, *changes, end]), pairwise(starts_ns), strict=True)
         for (begin, stop), (start_ns, next_ns) in parts:
-            part, others = rows[begin:stop], one.inseparable
+            part, inseparable = rows[begin:stop], segment.inseparable
             if within[begin - first]:
-                others = tuple(s for s in STATES if s in {*others, *rivals(slice(begin, stop))})
+                inseparable = tuple(s for s in STATES if s in {*inseparable, *rivals(slice(begin, stop))})
                 for row in part:
-                    row["probability"] = ambiguity.with_rivals(row["probability"], Contact.FREE, others)
-                part["inseparable"] = [state in others for state in STATES]
+                    row["probability"] = ambiguity.with_rivals(row["probability"], Contact.FREE, inseparable)
+                part["inseparable"] = [state in inseparable for state in STATES]
             p = float(part["probability"][:, FREE].mean())
             segments.append(
-                replace(one, start_ns=start_ns, end_ns=next_ns - 1, probability=p, inseparable=others)
+                replace(
+                    segment, start_ns=start_ns, end_ns=next_ns - 1, probability=p, inseparable=inseparable
+                )
             )
-    beliefs = Beliefs(rows, known.geometries, known.formations, known.joints)
-    return replace(found, segments=tuple(segments), beliefs=beliefs)
+    beliefs = replace(segmentation.beliefs, rows=rows)
+    return replace(segmentation, segments=tuple(segments), beliefs=beliefs)
 
 
-def _labels(found: Segmentation) -> list[tuple[str, int]]:
-    return [(one.contact.value, one.start_ns) for one in found.segments]
+def _labels(segmentation: Segmentation) -> list[tuple[str, int]]:
+    return [(segment.contact.value, segment.start_ns) for segment in segmentation.segments]

@@ -97,7 +97,7 @@ def segment(
 
 def pieces(
     ticks: Iterable[Tick],
-    one: ContactFilter,
+    filter_: ContactFilter,
     segmenter: "Segmenter",
     online: Detail = Detail.WEIGHTS,
     watch: Callable[[FilteredTick], None] | None = None,
@@ -108,7 +108,7 @@ def pieces(
     beliefs since then, which are ahead of the smoothed ones. The latter have the detail ``online``, and are
     left out with ``Detail.WEIGHTS``. The ``segmenter`` may use wrenches, or keep what a map is made of.
     """
-    for filtered in forward(ticks, one, online):
+    for filtered in forward(ticks, filter_, online):
         segmenter.note(filtered, online >= Detail.SHARED)
         if watch is not None:
             watch(filtered)
@@ -202,7 +202,9 @@ class PassRecord:
         self._count_changes(finished)
         if fit.contact is not Contact.FREE:
             self.contacts.append(fit.contact)
-        is_sure = any(one.probability >= MAP_INSERTION_PROBABILITY and not one.inseparable for one in parts)
+        is_sure = any(
+            part.probability >= MAP_INSERTION_PROBABILITY and not part.inseparable for part in parts
+        )
         if fit.estimate is not None and is_sure and not self.is_full:
             index, start_ns = finished.ticks.window.index, int(finished.rows["start_ns"][0])
             span = int(index[0]), int(index[-1]) + 1
@@ -332,8 +334,8 @@ class Segmenter:
         assert self._forward is not None
         for evidence, row in self._pending:
             if evidence is None:
-                for each in (self._forward, self._past, self._survivors):
-                    each.skip()
+                for recursion in (self._forward, self._past, self._survivors):
+                    recursion.skip()
             else:
                 alive, change = evidence
                 step = self._forward.advance(*alive, change)
@@ -385,16 +387,16 @@ class Segmenter:
                 return
             self._path.popleft()
             first, end = len(self._before), max(end - self._first, 0)
-            after = self._ticks.rows(0, min(end + beside, len(self._ticks)))
-            around = np.concatenate([self._before, after])
+            following = self._ticks.rows(0, min(end + beside, len(self._ticks)))
+            around = np.concatenate([self._before, following])
             resting = self._rests(self._first - first, around)
             count = end_at_rest(resting, first + end, beside) - first
             self._posterior.move_change(end, count)
             if count <= 0:  # the rest beside it is that of another segment
                 continue
             rows = _continued(self._ticks.take(count))
-            last = not len(self._ticks)
-            end_ns = int(rows["stamp_ns"][-1] if last else self._ticks.rows(0, 1)["start_ns"][0] - 1)
+            is_last = not len(self._ticks)
+            end_ns = int(rows["stamp_ns"][-1] if is_last else self._ticks.rows(0, 1)["start_ns"][0] - 1)
             posterior = self._posterior.take(count)["probability"]
             ticks = self._segment_ticks(state, rows)
             rests = without_short_gaps(resting[first : first + count])
@@ -435,34 +437,34 @@ class Segmenter:
         """The oldest ``count`` segments being fitted, and the online beliefs since the last piece."""
         finished = [self._finished.popleft() for _ in range(count)]
         if self._executor is None:
-            fits = fit_segments([one.ticks for one in finished])
+            fits = fit_segments([segment.ticks for segment in finished])
         else:
             fits = [fit for _ in range(count) for fit in self._fits.popleft().result()]
         fitted = joined_by_wrenches([*zip(finished, fits, strict=True)])
-        found = [one.with_fit(fit) for one, fit in fitted]
+        results = [segment.with_fit(fit) for segment, fit in fitted]
         if self._record is not None:
-            for (one, fit), (parts, _) in zip(fitted, found, strict=True):
-                self._record.note_segment(one, fit, parts)
+            for (segment, fit), (parts, _) in zip(fitted, results, strict=True):
+                self._record.note_segment(segment, fit, parts)
         online, self._online = [*self._filtered, Beliefs.of(self._online)], []
         self._filtered.clear()
         outliers, self._outliers = self._state.outliers.since(self._outliers), self._state.outliers
-        beliefs = Beliefs.join([of_one for _, of_one in found])
-        rows = tuple(row for rows, _ in found for row in rows)
+        beliefs = Beliefs.join([part for _, part in results])
+        rows = tuple(row for rows, _ in results for row in rows)
         return Segmentation(rows, beliefs, Beliefs.join(online), outliers)
 
 
-def end_at_rest(resting: NDArray[np.bool_], end: int, most: int) -> int:
+def end_at_rest(resting: NDArray[np.bool_], end: int, most_ticks: int) -> int:
     """The ``end`` of a segment, or the nearest end of a rest (n,) in which it is, or ``NOW_TICKS`` beside.
 
     Motion shows no change of contact within a rest, and too little of it no change just beside one. An end
-    that is more than ``most`` ticks from those of its rest stays.
+    that is more than ``most_ticks`` ticks from those of its rest stays.
     """
     edges = np.flatnonzero(np.diff(resting)) + 1
     if not edges.size or not 0 < end < len(resting):
         return end
     nearest = int(edges[np.abs(edges - end).argmin()])
     is_within = resting[end - 1 : end + 1].all()
-    return nearest if abs(nearest - end) <= (most if is_within else NOW_TICKS) else end
+    return nearest if abs(nearest - end) <= (most_ticks if is_within else NOW_TICKS) else end
 
 
 def _continued(rows: NDArray[np.void]) -> NDArray[np.void]:
@@ -504,17 +506,17 @@ class Columns:
             first, place = first + count, place + count
         return copy
 
-    def move_change(self, before: int, after: int) -> None:
-        """Move a change between rows ``before`` - 1 and ``before`` to that before row ``after``: the rows
+    def move_change(self, old: int, new: int) -> None:
+        """Move a change between rows ``old`` - 1 and ``old`` to that before row ``new``: the rows
         between are as the last one before it, or as the first one after it."""
-        first, end = sorted((max(before, 0), max(after, 0)))
-        row = before - 1 if after > before else before
+        first, end = sorted((max(old, 0), max(new, 0)))
+        row = old - 1 if new > old else old
         if first == end or not 0 <= row < len(self):
             return
         kept = self.rows(row, row + 1)[0]
         for place in range(first + self._start, min(end, len(self)) + self._start):
-            block, one = divmod(place, _BLOCK)
-            self._blocks[block][one] = kept
+            block, index = divmod(place, _BLOCK)
+            self._blocks[block][index] = kept
 
     def drop(self, count: int) -> None:
         """Drop the oldest rows."""
@@ -528,7 +530,7 @@ class Columns:
         """Remove and return the oldest rows."""
         taken = np.empty(count, self._dtype)
         for first in range(0, count, _BLOCK):  # in blocks, so that memory never doubles
-            some = min(_BLOCK, count - first)
-            taken[first : first + some] = self.rows(0, some)
-            self.drop(some)
+            length = min(_BLOCK, count - first)
+            taken[first : first + length] = self.rows(0, length)
+            self.drop(length)
         return taken

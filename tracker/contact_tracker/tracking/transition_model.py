@@ -40,17 +40,17 @@ certain by it alone (``ambiguity.others_at_rest``)."""
 
 def initial(transitions: Transitions) -> Array:
     """Probability (7,) of the state in which a recording begins: mean of the Dirichlet posterior."""
-    first = transitions.initial_f_f
-    others = (1.0 - first) / (len(STATES) - 1)
-    prior = np.array([first if state is Contact.FF else others for state in STATES])
+    p_faces = transitions.initial_f_f
+    p_other = (1.0 - p_faces) / (len(STATES) - 1)
+    prior = np.array([p_faces if state is Contact.FF else p_other for state in STATES])
     return _mixed(prior, np.array(transitions.counts.begins), transitions.prior_changes)
 
 
 def leave_per_s(transitions: Transitions) -> Array:
     """Rate (7,) at which each state is left while the object moves: mean of the gamma posterior."""
     weight, counts = transitions.prior_changes, transitions.counts
-    left = weight + np.array(counts.changes).sum(axis=1)
-    return np.asarray(left / (weight / transitions.leave_per_s + np.array(counts.moving_s)))
+    departures = weight + np.array(counts.changes).sum(axis=1)
+    return np.asarray(departures / (weight / transitions.leave_per_s + np.array(counts.moving_s)))
 
 
 def destinations(transitions: Transitions) -> Array:
