@@ -441,10 +441,8 @@ class ProximityEvidence(NamedTuple):
         known_rows = (kept & begins.are_both_known).nonzero()[0]
         if len(known_rows) > MOST_BIRTHS:
             kept[known_rows[log_share[known_rows].argsort(kind="stable")[:-MOST_BIRTHS]]] = False
-        posterior = log_share[kept]
-        return cls(
-            log_share, log_odds, gain, begins.pick(kept).sharing(posterior - hmm.log_sum_exp(posterior))
-        )
+        share = log_share[kept]
+        return cls(log_share, log_odds, gain, begins.pick(kept).sharing(share - hmm.log_sum_exp(share)))
 
 
 class _KnownPairs(NamedTuple):

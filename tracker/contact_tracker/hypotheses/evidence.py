@@ -175,25 +175,22 @@ def complexity(
     at: Array,
     anchors: Array,
     hessian: Array,
-    onset_information: Array,
+    onset: Array,
     predicted_share: Array,
     prior: Prior,
 ) -> Array:
     """Complexity (B,) in nats of fitted geometry: Laplace's volume ratio plus the cost under the prior.
 
-    Two kinds of information reduce it: ``onset_information`` (B, P, P) of the first tick, because a contact
-    that begins there touches there; and ``predicted_share`` (B, K), the share of each row's information
+    Two kinds of information reduce it: that of the ``onset`` tick (B, P, P), because a contact that begins
+    there touches there; and ``predicted_share`` (B, K), the share of each row's information
     ``hessian`` (B, K, P, P) that the prediction of free motion would have given. All are evaluated ``at`` (B,
     S), which is x (B, S) or near it.
     """
     tangent = family.tangent(at, anchors)
     along = np.swapaxes(tangent, -1, -2)
-    prior_information = along @ (prior.precision + np.diag(prior.flat)) @ tangent
-    prior_information = prior_information + np.einsum("bk,bkpq->bpq", predicted_share, hessian)
-    volume = (
-        np.linalg.slogdet(hessian.sum(axis=1) + prior_information)[1]
-        - np.linalg.slogdet(onset_information + prior_information)[1]
-    )
+    initial = along @ (prior.precision + np.diag(prior.flat)) @ tangent
+    initial = initial + np.einsum("bk,bkpq->bpq", predicted_share, hessian)
+    volume = np.linalg.slogdet(hessian.sum(axis=1) + initial)[1] - np.linalg.slogdet(onset + initial)[1]
     return np.asarray(0.5 * volume + prior.cost(x))
 
 

@@ -155,11 +155,11 @@ def _found(bank: Bank, rows: Index, model: ContactModel, scales: EvidenceParamet
     moments = bank.second_moment[rows]
     trace = moments.trace(axis1=1, axis2=2)[:, None, None]
     relaxed = model.family.starts(moments + RELAXATION_RIDGE * trace * np.eye(moments.shape[-1]))
-    prior_and_anchors, mean = prior_at_anchors(bank, model, scales), bank.prior_mean[rows]
+    priors, mean = prior_at_anchors(bank, model, scales), bank.prior_mean[rows]
     is_given = known_entries(model, mean, bank.prior_information[rows])
     x = np.concatenate([relaxed, drawn], axis=1)
     x = np.where(is_given[:, None], mean[:, None], x)
-    windows, of = (bank.second_moment, bank.row_weight, *prior_and_anchors), rows.repeat(x.shape[1])
+    windows, of = (bank.second_moment, bank.row_weight, *priors), rows.repeat(x.shape[1])
     x = _least(
         *gauss_newton.complete(model.family, *windows, x.reshape(len(of), -1), of), len(rows), FOLLOWED_STARTS
     )

@@ -355,7 +355,7 @@ class FittedContact:
 
     Parameters
     ----------
-    hypothesis : bank of the hypothesis alone.
+    bank : bank of the hypothesis alone.
     variance : (W, 2) noise of the ticks: position (m^2) and rotation (rad^2).
     rotation : (3, 3) of the body in the last tick.
     origins : of the bank's coordinates.
@@ -364,7 +364,7 @@ class FittedContact:
     information : as in ``observed_geometry``.
     """
 
-    hypothesis: Bank
+    bank: Bank
     contact: Contact
     scales: EvidenceParameters
     variance: Array
@@ -377,18 +377,12 @@ class FittedContact:
     @cached_property
     def geometry(self) -> ContactGeometry:
         """Its elements, with covariance and unobserved directions, in the user's frames."""
-        hypothesis, model, usual = (
-            self.hypothesis,
-            CONTACT_MODELS[self.contact.column],
-            linalg.median(self.variance),
-        )
-        geometry = observed_geometry(hypothesis, model, self.scales, usual, self.information, self.systematic)
-        if not np.isnan(hypothesis.line_anchor).all():  # other lines have their point near the body already
-            body_m = hypothesis.weighted_position_sum[0] / hypothesis.weight[0]
-            geometry = ContactGeometry(
-                by_foot(geometry.object, np.zeros(3)), by_foot(geometry.environment, body_m)
-            )
-        geometry = _in_users_frames(geometry, self.rotation, self.origins)
+        bank, model, usual = self.bank, CONTACT_MODELS[self.contact.column], linalg.median(self.variance)
+        local = observed_geometry(bank, model, self.scales, usual, self.information, self.systematic)
+        if not np.isnan(bank.line_anchor).all():  # other lines have their point near the body already
+            body_m = bank.weighted_position_sum[0] / bank.weight[0]
+            local = ContactGeometry(by_foot(local.object, np.zeros(3)), by_foot(local.environment, body_m))
+        geometry = _in_users_frames(local, self.rotation, self.origins)
         return geometry if self.pair is None else named(geometry, self.pair)
 
 
@@ -424,13 +418,11 @@ def _in_users_frames(geometry: ContactGeometry, rotation: Array, origins: Origin
 
     Of two faces motion shows the difference of the offsets only: the object's stays at the origin.
     """
-    body_element, world_element = geometry.object, shifted(geometry.environment, origins.world_m)
-    if isinstance(body_element, Plane) and isinstance(world_element, Plane):
-        swung_m = world_element.normal @ rotation @ origins.body_m
-        return ContactGeometry(
-            body_element, replace(world_element, offset_m=float(world_element.offset_m - swung_m))
-        )
-    return ContactGeometry(shifted(body_element, origins.body_m), world_element)
+    body, world = geometry.object, shifted(geometry.environment, origins.world_m)
+    if isinstance(body, Plane) and isinstance(world, Plane):
+        swung_m = world.normal @ rotation @ origins.body_m
+        return ContactGeometry(body, replace(world, offset_m=float(world.offset_m - swung_m)))
+    return ContactGeometry(shifted(body, origins.body_m), world)
 
 
 def element_estimate(

@@ -174,10 +174,8 @@ def refit_in_windows(
     for i, window in enumerate(windows):
         rows = np.flatnonzero(of == i)
         if len(rows):
-            prior_and_anchors = prior.pick(rows), anchors[rows]
-            evaluated = _with_evidence(
-                bank.pick(rows), model, window, scales, prior_and_anchors, fit.pick(rows)
-            )
+            priors = prior.pick(rows), anchors[rows]
+            evaluated = _with_evidence(bank.pick(rows), model, window, scales, priors, fit.pick(rows))
             bank = bank.replace_rows(rows, evaluated, np.arange(len(rows)))
     return bank
 
@@ -194,11 +192,9 @@ def refit_in_steps(
         rows = np.flatnonzero(steps != NOT_AT_ALL)
         refitted = refit_in_steps(bank.pick(rows), model, window, scales, steps[rows])
         return bank.replace_rows(rows, refitted, np.arange(len(rows)))
-    prior_and_anchors = prior_at_anchors(bank, model, scales)
-    fit = gauss_newton.minimise(
-        model.family, bank.second_moment, bank.row_weight, *prior_and_anchors, bank.x, steps
-    )
-    return _with_evidence(bank.replace_columns(x=fit.x), model, window, scales, prior_and_anchors, fit)
+    priors = prior_at_anchors(bank, model, scales)
+    fit = gauss_newton.minimise(model.family, bank.second_moment, bank.row_weight, *priors, bank.x, steps)
+    return _with_evidence(bank.replace_columns(x=fit.x), model, window, scales, priors, fit)
 
 
 def information(bank: Bank, model: ContactModel, scales: EvidenceParameters) -> Array:
@@ -206,10 +202,8 @@ def information(bank: Bank, model: ContactModel, scales: EvidenceParameters) -> 
 
     The linear coordinates are taken at their optimum.
     """
-    prior_and_anchors = prior_at_anchors(bank, model, scales)
-    return gauss_newton.data_information(
-        model.family, bank.second_moment, bank.row_weight, *prior_and_anchors, bank.x
-    )
+    priors = prior_at_anchors(bank, model, scales)
+    return gauss_newton.data_information(model.family, bank.second_moment, bank.row_weight, *priors, bank.x)
 
 
 def _with_evidence(
@@ -217,20 +211,18 @@ def _with_evidence(
     model: ContactModel,
     window: Window,
     scales: EvidenceParameters,
-    prior_and_anchors: tuple[Prior, Array],
+    priors: tuple[Prior, Array],
     fit: gauss_newton.Fit,
 ) -> Bank:
     """The bank with the evidence at x, which is that of the fit ``fit``."""
     sums = sum_evidence(model, bank.x, bank.onset, window, scales, bank.elements_known)
-    prior, anchors = prior_and_anchors
+    prior, anchors = priors
     first = bank.onset_row[:, :, None] * bank.onset_row[:, None]
-    onset_information = gauss_newton.information(
+    onset = gauss_newton.information(
         model.family, first, bank.row_weight, bank.second_moment, anchors, fit.at
     )
     predicted_share = _prior_predictive_share(bank, model, scales, sums)
-    cost = complexity(
-        model.family, bank.x, fit.at, anchors, fit.hessian, onset_information, predicted_share, prior
-    )
+    cost = complexity(model.family, bank.x, fit.at, anchors, fit.hessian, onset, predicted_share, prior)
     gain = sums.gain.sum(axis=1) + bank.gain_before_window
     count = np.maximum(sums.ticks, 1)
     return bank.replace_columns(

@@ -307,12 +307,10 @@ def kalman_prediction() -> "Callable[..., tuple[Array, Array]]":
 def _updated(prediction: _Prediction, innovation: Array, variance: Array) -> tuple[Array, Array]:
     """States (2, 3, 3) and covariance after measurements with this ``innovation`` (2, 3); the errors of the
     two vectors are independent."""
-    predicted_covariance = prediction.covariance
-    gain = predicted_covariance[:, ::3] / (predicted_covariance.diagonal()[::3] + variance)
-    remaining = _EYE_6 - gain @ _VALUE
-    covariance = (
-        remaining @ predicted_covariance @ remaining.T + (gain * variance) @ gain.T
-    )  # Joseph's form stays positive definite
+    prior = prediction.covariance
+    gain = prior[:, ::3] / (prior.diagonal()[::3] + variance)
+    kept = _EYE_6 - gain @ _VALUE
+    covariance = kept @ prior @ kept.T + (gain * variance) @ gain.T  # Joseph's form stays positive definite
     return prediction.x + gain.sum(axis=1).reshape(2, 3, 1) * innovation[:, None], covariance
 
 

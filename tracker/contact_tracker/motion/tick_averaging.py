@@ -275,19 +275,17 @@ class TickGrid:
             grid = TickGrid.start(self.model, int(poses.stamp_ns[0]), origins)
             vars(self).update(vars(grid))
         assert self.begin_ns is not None
-        waiting, closed = (
-            Poses.join((self.frames, poses)) if self.frames.stamp_ns.size else poses,
-            list[Tick](),
-        )
-        while not self.goes_on(int(waiting.stamp_ns.max())):
-            first_ns = int(waiting.stamp_ns[0])
+        closed = list[Tick]()
+        poses = Poses.join((self.frames, poses)) if self.frames.stamp_ns.size else poses
+        while not self.goes_on(int(poses.stamp_ns.max())):
+            first_ns = int(poses.stamp_ns[0])
             if not self.goes_on(first_ns):
                 closed += self._pass_to(first_ns, bool(closed) or self._has_closed_early)
                 continue
-            end = int((waiting.stamp_ns >= self.begin_ns + self.model.tick_ns).argmax())  # they stay closed
-            closed.append(self._close(waiting[:end]))
-            waiting = waiting[end:]
-        self.frames = waiting
+            end = int((poses.stamp_ns >= self.begin_ns + self.model.tick_ns).argmax())  # they stay closed
+            closed.append(self._close(poses[:end]))
+            poses = poses[end:]
+        self.frames = poses
         return closed
 
     def pass_time(self, until_ns: int) -> list[Tick]:

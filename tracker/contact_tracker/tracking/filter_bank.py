@@ -169,9 +169,8 @@ def candidates(model: Model, poses: Poses) -> tuple[tuple[Model, float], ...]:
         if scale > white[0] ** 0.5
     ]
     chosen = [(noise, 0.0)]
-    chosen += [
-        (level, LOG_PRIOR_STEP * i) for levels in (smaller, larger) for i, level in enumerate(levels, 1)
-    ]
+    for levels in (smaller, larger):
+        chosen += [(level, LOG_PRIOR_STEP * i) for i, level in enumerate(levels, 1)]
     chosen += [(level, LOG_PRIOR_WANDER) for level in correlated]
     return tuple((replace(model, noise=level), log_prior) for level, log_prior in chosen)
 

@@ -145,11 +145,10 @@ def _fits(state: FilterState, onset: int, contacts: tuple[Contact, ...]) -> Iter
             continue
         hypothesis, beyond = bank.single(row), state.model.noise.extra_contact_variance[contact.column]
         variance = state.window.with_error(beyond).usual_variance
-        covariance = information_spectrum(hypothesis, model, state.scales, variance).covariance
-        x, weight = hypothesis.x[0], hypothesis.row_weight[0]
-        weight = per_metre(model.family, hypothesis.second_moment[0], weight, x)
+        x, spectrum = hypothesis.x[0], information_spectrum(hypothesis, model, state.scales, variance)
+        weight = per_metre(model.family, hypothesis.second_moment[0], hypothesis.row_weight[0], x)
         noise = variance[0] / np.maximum(weight, np.finfo(float).tiny)
-        yield contact, _Fit(model, x, covariance, noise, perturbed_rows(hypothesis, model))
+        yield contact, _Fit(model, x, spectrum.covariance, noise, perturbed_rows(hypothesis, model))
 
 
 def _between(

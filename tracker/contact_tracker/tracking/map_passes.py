@@ -53,12 +53,9 @@ def with_map(
         yield from waiting
         return
     first = Segmentation.join(waiting)
-    power, segmentation = (
-        record.state.model.certainty.posterior_power,
-        _better_pass(record, executor) or first,
-    )
-    segmentation = _with_touches(segmentation, first, record.pace, power)
-    yield replace(segmentation, filtered=first.filtered, outliers=first.outliers)
+    result = _better_pass(record, executor) or first
+    result = _with_touches(result, first, record.pace, record.state.model.certainty.posterior_power)
+    yield replace(result, filtered=first.filtered, outliers=first.outliers)
 
 
 def _better_pass(first: PassRecord, executor: Executor | None) -> Segmentation | None:
@@ -131,17 +128,15 @@ def _with_open_free(
         starts_ns = [segment.start_ns, *(rows["stamp_ns"][changes - 1] + 1).tolist(), segment.end_ns + 1]
         parts = zip(pairwise([first, *changes, end]), pairwise(starts_ns), strict=True)
         for (begin, stop), (start_ns, next_ns) in parts:
-            part, inseparable = rows[begin:stop], segment.inseparable
+            part, alike = rows[begin:stop], segment.inseparable
             if within[begin - first]:
-                inseparable = tuple(s for s in STATES if s in {*inseparable, *rivals(slice(begin, stop))})
+                alike = tuple(s for s in STATES if s in {*alike, *rivals(slice(begin, stop))})
                 for row in part:
-                    row["probability"] = ambiguity.with_rivals(row["probability"], Contact.FREE, inseparable)
-                part["inseparable"] = [state in inseparable for state in STATES]
+                    row["probability"] = ambiguity.with_rivals(row["probability"], Contact.FREE, alike)
+                part["inseparable"] = [state in alike for state in STATES]
             p = float(part["probability"][:, FREE].mean())
             segments.append(
-                replace(
-                    segment, start_ns=start_ns, end_ns=next_ns - 1, probability=p, inseparable=inseparable
-                )
+                replace(segment, start_ns=start_ns, end_ns=next_ns - 1, probability=p, inseparable=alike)
             )
     beliefs = replace(segmentation.beliefs, rows=rows)
     return replace(segmentation, segments=tuple(segments), beliefs=beliefs)

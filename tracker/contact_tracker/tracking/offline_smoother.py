@@ -202,9 +202,7 @@ class PassRecord:
         self._count_changes(finished)
         if fit.contact is not Contact.FREE:
             self.contacts.append(fit.contact)
-        is_sure = any(
-            part.probability >= MAP_INSERTION_PROBABILITY and not part.inseparable for part in parts
-        )
+        is_sure = any(p.probability >= MAP_INSERTION_PROBABILITY and not p.inseparable for p in parts)
         if fit.estimate is not None and is_sure and not self.is_full:
             index, start_ns = finished.ticks.window.index, int(finished.rows["start_ns"][0])
             span = int(index[0]), int(index[-1]) + 1

@@ -242,16 +242,14 @@ class FinishedSegment(NamedTuple):
         curved = np.broadcast_to(fit.curved, len(beliefs))
         p_restricted, possible = np.maximum(fit.p_restricted, curved), known_map.allowed
         is_open, resting = (curved > 0.5) & (fit.share is None), np.zeros(len(beliefs), bool)
-        open_at_rest, flush = ambiguity.others_at_rest(contact, known_map), resting
-        if open_at_rest and fit.share is None:
+        at_rest, flush = ambiguity.others_at_rest(contact, known_map), resting
+        if at_rest and fit.share is None:
             resting = self.resting
             flush = self._flush(fit) & ~resting
             p_restricted[resting] = ambiguity.CHANGED_AT_REST
         columns = beliefs, self.posterior, p_restricted, resting, flush, is_open
         for belief, posterior, p, rests, lies, bends in zip(*columns, strict=True):
-            states = (
-                open_at_rest if rests else fit.with_flush if lies else possible if bends else fit.inseparable
-            )
+            states = at_rest if rests else fit.with_flush if lies else possible if bends else fit.inseparable
             how = states, known_map, float(p), fit.leaves_constraints_unnamed, fit.share
             belief["probability"] = ambiguity.reported(posterior, contact, *how)
             belief["inseparable"] = [state in states for state in STATES]
@@ -271,7 +269,7 @@ class FinishedSegment(NamedTuple):
                 contact,
                 float(beliefs["probability"][first:end, column].mean()),
                 fit.geometry,
-                open_at_rest if resting[first] else fit.with_flush if flush[first] else fit.inseparable,
+                at_rest if resting[first] else fit.with_flush if flush[first] else fit.inseparable,
                 _within(contacts, *self._span(first, end)),
                 None if resting[first] else fit.joint,
                 *at_contact(first, end),
@@ -369,13 +367,12 @@ def joined_by_wrenches(
     joined = list[tuple[FinishedSegment, SegmentFit]]()
     for segment, fit in fitted:
         if joined and _are_one_segment(joined[-1], (segment, fit)):
-            previous, previous_fit = joined[-1]
+            previous, earlier = joined[-1]
             lengths = len(previous.rows), len(segment.rows)
             curved = [
-                np.broadcast_to(curved, length)
-                for curved, length in zip((previous_fit.curved, fit.curved), lengths, strict=True)
+                np.broadcast_to(*part) for part in zip((earlier.curved, fit.curved), lengths, strict=True)
             ]
-            longer = fit if lengths[1] > lengths[0] else previous_fit
+            longer = fit if lengths[1] > lengths[0] else earlier
             joined[-1] = previous.followed_by(segment), replace(longer, curved=np.concatenate(curved))
         else:
             joined.append((segment, fit))
@@ -417,9 +414,8 @@ def _formations_of(
         return number, []
     is_present = np.array(
         [
-            (stamp_ns >= contact.start_ns)
-            & (stamp_ns <= (stamp_ns[-1] if contact.end_ns is None else contact.end_ns))
-            for _, contact in further
+            (stamp_ns >= c.start_ns) & (stamp_ns <= (stamp_ns[-1] if c.end_ns is None else c.end_ns))
+            for _, c in further
         ]
     )
     patterns, which = np.unique(is_present, axis=1, return_inverse=True)
