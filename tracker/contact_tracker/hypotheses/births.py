@@ -1,8 +1,8 @@
 """Births of hypotheses: which elements a new contact may assume, and their rows before any data.
 
-Elements are those that are known, those of the map, or new ones. A known vertex is hardly ever within a
-millimetre of a known table by chance. So the birth rate of a contact of known elements is multiplied by the
-likelihood ratio of the pose if they touch against if they may be anywhere (docs/theory.md, T29).
+Elements are known, in the map, or new. A known vertex is hardly ever within a millimetre of a known table
+by chance. So the birth rate of a contact of known elements is multiplied by the likelihood ratio of the pose
+with the elements in contact against the elements anywhere (docs/theory.md, T29).
 """
 
 from collections.abc import Sequence
@@ -109,7 +109,7 @@ def with_prior(
 ) -> BirthProposals:
     """One proposal for each of n priors on x.
 
-    Elements that are known by others than this motion (``elements_known``) cannot follow it.
+    Elements known from other sources than this motion (``elements_known``) cannot follow it.
     """
     empty, is_given = blank(model, 0), known_entries(model, prior.mean, prior.information)
     needs_search = np.asarray(
@@ -134,7 +134,7 @@ def with_prior(
 
 @lru_cache(maxsize=16)
 def uninformed_proposal(model: ContactModel) -> BirthProposals:
-    """A proposal of elements that nothing is known of."""
+    """The proposal of new elements, without a prior."""
     return make_proposals(model, [(None, None)], [0.0], [0], [False])
 
 
@@ -152,7 +152,7 @@ class Birth(NamedTuple):
     onset_ns: int
     """Time at which the tick began."""
     number: int
-    """Number of the first hypothesis; the others follow."""
+    """Number of the first hypothesis; the next ones have the next numbers."""
     log_birth_weight: float
     """Log weight of the contact's birth."""
     lag_history: Array
@@ -194,8 +194,8 @@ def joined(past: Array, of_new: Array, count: int, rows: Index) -> Array:
 
 
 class CachedProposals(NamedTuple):
-    """``proposals`` of each contact with what they were computed from: the map without the sightings
-    ``left_out``, the pair that touches already, the one of the last contact, and the frame."""
+    """The birth ``proposals`` of each contact, with their inputs: the map without the sightings ``left_out``,
+    the ``current`` pair in contact, the ``latest`` pair before it, and the frame."""
 
     map: GrowingMap
     left_out: tuple[int, ...]
@@ -205,8 +205,8 @@ class CachedProposals(NamedTuple):
     proposals: tuple[BirthProposals, ...]
 
     def inputs(self, model: ContactModel) -> tuple[object, ...]:
-        """Those on which the proposals of one contact depend: the pair that touches, if it is of its kinds,
-        and the place of the body, if edges or vertices of the surroundings may be given by it."""
+        """The inputs of the proposals of one contact: the current pair only if it has the contact's kinds of
+        elements, and the position of the body only if the surroundings' element is no face."""
         kinds = None if self.current is None else tuple(self.map.elements[key].kind for key in self.current)
         current = self.current if kinds == kinds_of(model) else None
         frame = None if self.frame is None else self.frame[: 2 if kinds_of(model)[1] == "f" else 3]
@@ -220,7 +220,7 @@ class TickInput(NamedTuple):
     proposals: tuple[BirthProposals, ...]
     """Per contact."""
     cached_proposals: CachedProposals
-    """The same before they are weighed, for reuse at the next tick."""
+    """The proposals before they are weighed, for the next tick."""
     onset: int
     """Index of the tick."""
     onset_ns: int
@@ -255,10 +255,10 @@ def propose_births(
 ) -> BirthProposals:
     """Proposals of a contact for the next tick. Their shares add up to one, unless there are none.
 
-    Where the ``known_map`` leaves both elements open, they may be of the map. The elements of the map were
-    estimated from the motion at other times, so all that is known of them is in the prior, and free motion is
-    as predictable as for a new contact. ``incident_share`` is the prior probability that they are those of
-    the last contact, or incident with these, where the contact needs elements of other kinds.
+    If ``known_map`` leaves both elements open, they may be elements of the learned map ``view``. These were
+    estimated from the motion at other times, so the prior contains all knowledge of them, and free motion is
+    as predictable as for a new contact. ``incident_share`` is the prior probability of the elements of the
+    last contact, or of elements incident with them if the contact needs other kinds.
     """
     assumed = named_pairs(known_map, model)
     if not assumed:
@@ -294,7 +294,7 @@ def propose_measured(model: ContactModel, known_map: Map, measured: Pair, frame:
     """Proposals of a contact with elements that were ``measured`` otherwise than by motion (object in the
     body frame, surroundings in the world frame), where the map does not give them.
 
-    Of a measured normal of the surroundings and the direction up, the more certain one counts.
+    Of a measured normal of the surroundings and a known direction up, only the more certain one counts.
     """
     body, world = (None if element is None else NamedElement("measured", element) for element in measured)
     if known_map.up is not None and world is not None and not _is_surer_than_up(world, known_map.up):
@@ -332,8 +332,8 @@ def named(geometry: ContactGeometry, pair: NamedPair) -> ContactGeometry:
 
 
 def _named(element: Element, map_element: NamedElement | None, faces: bool) -> Element:
-    """The element with its name. If both are ``faces``, motion does not show the offset: take the known
-    one."""
+    """The element with its name. If both are ``faces``, motion does not determine the offset, which is then
+    the map's."""
     if map_element is None:
         return canonical(element)
     if faces and isinstance(element, Plane) and isinstance(map_element.element, Plane):
@@ -405,10 +405,10 @@ def weigh_births(
 
 
 def share_with_faces(log_odds: Array, gain: Array, share: float) -> tuple[Array, Array]:
-    """The log odds (6,) and gains (6, 2) of ``weigh_births`` with what those of other contacts say of f-f.
+    """The log odds (6,) and gains (6, 2) of ``weigh_births``, with those of f-f raised by edges and vertices.
 
-    Where a known edge or vertex touches a known plane, so does a face that holds it and is not known yet,
-    with this prior ``share``. Without it, what stands on a new face would be what stands on an edge.
+    If a known edge or vertex touches a known plane, an unknown face that contains it also does, with this
+    prior ``share``. Otherwise an object on a new face would seem to stand on an edge.
     """
     likeliest = max(ON_A_PLANE, key=log_odds.__getitem__)
     shared = log_odds[likeliest] + np.log(share)
@@ -427,7 +427,7 @@ class ProximityEvidence(NamedTuple):
     log_odds: float
     """Log-likelihood ratio of touching by any proposal against being anywhere."""
     gain: Array
-    """(2,) part of it that one angle, and that the distance, contributes where it vanishes."""
+    """(2,) part of the log odds that a vanishing angle and a vanishing distance contribute."""
     proposals: BirthProposals
     """The proposals with their shares given the pose; negligible ones, and known pairs beyond
     ``MOST_BIRTHS``, are left out."""
@@ -449,7 +449,7 @@ class _KnownPairs(NamedTuple):
     """The proposals of one contact whose elements are both known: m of n."""
 
     is_known: NDArray[np.bool_]
-    """(n,) which they are."""
+    """(n,) which proposals these are."""
     x: Array
     """(m, S) their elements."""
     deviation: Array
@@ -473,7 +473,7 @@ def proximity_evidence(
 
 @lru_cache(maxsize=8 * len(CONTACT_MODELS))
 def _prior_alone(begins: BirthProposals) -> ProximityEvidence:
-    """The evidence where no pair is known, so that no pose says more than the prior."""
+    """The evidence without a known pair: the prior alone."""
     if not begins.count:
         return ProximityEvidence(np.zeros(0), _IMPOSSIBLE, np.zeros(2), begins)
     return ProximityEvidence.of(begins, begins.log_share.copy(), np.zeros(2))
@@ -505,7 +505,7 @@ def _spread(model: ContactModel, pairs: _KnownPairs, zeta: Array) -> Array:
 
 @lru_cache(maxsize=8 * len(CONTACT_MODELS))  # proposals are the same in many ticks and trackers
 def _known_pairs(model: ContactModel, begins: BirthProposals) -> _KnownPairs:
-    """What the evidence needs of the known pairs, apart from the pose."""
+    """The known pairs, with the terms of their evidence that do not depend on the pose."""
     is_known = begins.are_both_known
     rows = begins.rows.pick(is_known.nonzero()[0])
     # known lines have anchors of their own, and other elements need none
@@ -518,7 +518,7 @@ def _known_pairs(model: ContactModel, begins: BirthProposals) -> _KnownPairs:
 
 
 def prepare_weights(proposals: Sequence[BirthProposals]) -> None:
-    """Compute what does not depend on the pose in the weights of the proposals of all contacts."""
+    """Compute the terms of the weights of all proposals that do not depend on the pose."""
     for model, begins in zip(CONTACT_MODELS, proposals, strict=True):
         _known_pairs(model, begins)
 
@@ -552,10 +552,10 @@ def reweight_transitions(change: Array, stay: Array, log_odds: Array, gain: Arra
 
 
 def _shared_rows(before: Contact, after: Contact) -> tuple[int, int]:
-    """How many angles and distances both contacts constrain in common, elements contained in each other."""
+    """Number of angles and number of distances that both contacts constrain."""
     shared = max(state.codimension for state in STATES if before.contains(state) and after.contains(state))
     return max(shared - 1, 0), min(shared, 1)
 
 
 _SHARED_ROWS: Final = np.array([[_shared_rows(old, new) for new in CONTACTS] for old in STATES])
-"""(7, 6, 2)"""
+"""(7, 6, 2) ``_shared_rows`` of each state and each next contact."""

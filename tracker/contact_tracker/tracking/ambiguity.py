@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 SAME_SPAN: Final = 0.25
-"""Onsets that differ by this share of the contact's age count as the same span, as few old ones are kept."""
+"""Share of the contact's age by which onsets of the same span may differ, since few old ones are kept."""
 SAME_SPAN_TICKS: Final = 3
 RESTRICTED: Final = 0.12
 """Share of the contacts in which an object is moved in fewer directions than it could be."""
@@ -43,8 +43,8 @@ VARIED_S: Final = 0.7
 FIRST_CHOICE: Final = 2.0
 """Prior weight of the label among states that motion does not distinguish."""
 OPEN_AT_MOST: Final = 0.9
-"""Greatest probability of a label that does not explain all constraints that are kept, and of one beside
-which another state is not excluded."""
+"""Largest probability of a label that leaves constraints unexplained, or beside which another state is not
+excluded."""
 NOT_EXCLUDED: Final = 1.0 / OPEN_AT_MOST - 1.0
 """Least probability, relative to the label, of a state that the motion does not distinguish from it."""
 CHANGED_AT_REST: Final = 0.5
@@ -52,16 +52,16 @@ CHANGED_AT_REST: Final = 0.5
 truth (42 s everyday, 12 s pressed by a hand) the log-loss is 2.6 nats with 0.5 to 0.7, 2.8 with 0.12 and 3.2
 with 0, that is with the label of the motion beside it."""
 SHORT_OF_TIE: Final = 1.0 - 1e-9
-"""Share of the change that would make two states tie: with less the one ahead stays ahead."""
+"""Share of the change up to a tie of two states that is made, so that their order does not change."""
 LEAST_SHARE: Final = 1e-300
-"""Share of a state that wrenches rule out: above zero, as it still has a share in what is divided."""
+"""Share of a state that wrenches rule out: above zero, so that it still counts as indistinguishable."""
 CONTAINS: Final = np.array([[state.contains(part) for part in STATES] for state in STATES])
 """(7, 7) whether the state of the row contains that of the column."""
 FLUSH_S: Final = 1.0
-"""Time in which the face of a contact has turned if it is not flush with the other element's..."""
+"""Time in which a face that is not flush with the other element's face turns..."""
 FLUSH_RAD: Final = float(np.radians(0.3))
-"""... by more than this standard deviation, beyond that of the noise: faces that touch rock by as much. Both
-change probabilities, no label (docs/sensitivity.md)."""
+"""... by more than this standard deviation, beyond that of the noise: faces in contact rock by as much. Both
+constants change probabilities, but no label (docs/sensitivity.md)."""
 LEAST_MOTION_TICKS: Final = 10.0
 """With less motion in the window, a contact that is older than the window is compared by evidence alone, and
 free motion is not tested for one degree of freedom."""
@@ -232,11 +232,11 @@ def shared_with(probability: Array, label: Contact, rivals: Sequence[Contact]) -
 
 def with_rivals(probability: Array, label: Contact, rivals: tuple[Contact, ...]) -> Array:
     """Posterior (7,) in which the label is not certain beside the indistinguishable ``rivals``: it has at
-    most what is left of their probability if each has ``NOT_EXCLUDED`` times that of the label.
+    most its share of their total probability if each rival has ``NOT_EXCLUDED`` times the label's.
 
-    The posterior of the hypotheses prefers the label by what came before and by their prior as well, which
-    the motion has not shown. What the label has above its share goes to those below theirs. It is applied to
-    what is reported, not to what the tracker goes by (the map, further contacts).
+    In the posterior of the hypotheses the label is also ahead by its history and its prior, which the motion
+    has not shown. The excess of the label goes to the rivals below their share. Only the reported posterior
+    is changed, not the one that the map and the further contacts use.
     """
     if not rivals:
         return probability
@@ -311,9 +311,9 @@ def most_beside(rivals: int) -> float:
 
 @lru_cache(maxsize=64)
 def others_at_rest(label: Contact, known_map: Map) -> tuple[Contact, ...]:
-    """The states that a rest does not distinguish from the label: all that there may be.
+    """The states that a rest does not distinguish from the label: all possible ones.
 
-    None if elements of both sides are known, since then a single pose shows whether they touch.
+    Empty if elements of both sides are known, since then a single pose shows whether they touch.
     """
     if known_map.listed_object and known_map.listed_environment:
         return ()
@@ -361,8 +361,8 @@ def _until_overtaken(probability: Array, change: Array, ahead: int) -> float:
 def competing_evidence(banks: Sequence[Bank], label: Contact, onset: int, tick: int) -> CompetingEvidence:
     """How well each state explains the ticks since about ``onset``, against the label.
 
-    For each contact that of the most probable hypothesis of about that onset, against the label's evidence
-    from the same onset. -inf without one.
+    The evidence of a contact is that of its most probable hypothesis with about that onset, minus the label's
+    evidence from the same onset; -inf without a hypothesis.
     """
     if not compiled.in_use():
         return competing_evidence_reference(banks, label, onset, tick)

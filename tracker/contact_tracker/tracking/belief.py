@@ -56,7 +56,7 @@ class FurtherContact:
 
     @property
     def probability(self) -> float:
-        """That it is present beside the labelled contact: never above that of the latter."""
+        """Probability that it is present beside the labelled contact: never above the latter's."""
         return self.given_label * self.p_label
 
     def to_json(self) -> dict[str, Any]:
@@ -67,7 +67,7 @@ class FurtherContact:
 
 
 def beside(further: tuple[FurtherContact, ...], p_label: float) -> tuple[FurtherContact, ...]:
-    """The further contacts beside a label of this probability; the same object if they are that already."""
+    """The further contacts beside a label of this probability; the same object if nothing changes."""
     if all(contact.p_label == p_label for contact in further):
         return further
     return tuple(replace(contact, p_label=p_label) for contact in further)
@@ -80,7 +80,7 @@ def contact_json(
     geometry: ContactGeometry | None,
     inseparable: tuple[Contact, ...],
 ) -> dict[str, Any]:
-    """One of several contacts; it still holds if the span has no end."""
+    """The JSON object of one of several contacts; it still holds if the span has no end."""
     return {
         "contact": contact.value,
         "probability": float(probability),
@@ -108,7 +108,7 @@ class Belief:
     inseparable : states that the motion since the onset does not distinguish from ``contact``.
     p_restricted : probability that the object is intentionally moved in fewer directions than it could be.
     further : contacts beside the labelled one.
-    joint : in which the object moves, as found offline.
+    joint : the joint in which the object moves, as found offline.
     is_open : whether the motion keeps more constraints than those of the reported contacts, as found online.
     """
 
@@ -165,7 +165,7 @@ class Belief:
 
 
 def _label_json(result: "Belief | Segment") -> dict[str, Any]:
-    """What the JSON objects of a belief and of a segment have in common beside the contact."""
+    """The entries, except the contact, that the JSON objects of a belief and of a segment share."""
     return {
         "inseparable": [state.value for state in result.inseparable],
         "geometry": result.geometry.to_json() if result.geometry else {},

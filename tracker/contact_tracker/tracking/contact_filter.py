@@ -54,9 +54,9 @@ Index = NDArray[np.int64]
 def predict_transitions(
     state: FilterState, tick: Tick, window: Window, rest: NewestRest = NO_REST
 ) -> TickInput:
-    """The prediction for a ``tick``, the newest of the ``window``, by which ``state`` has not been updated.
+    """The prediction for a ``tick``, the newest of the ``window``, from the ``state`` after the tick before.
 
-    If it completes a ``rest``, the object has rested until now in the state: that counts once.
+    If it completes a ``rest``, the likelihood of the rest in each state counts, once per rest.
     """
     model = state.model
     cached = _proposals(state, Frame.around(state.origins, window.zeta[-1, T]))
@@ -102,7 +102,7 @@ def predict_transitions(
 
 
 def _proposals(state: FilterState, frame: Frame) -> CachedProposals:
-    """Birth proposals of each contact by the map as it is; those whose inputs are as before are kept."""
+    """Birth proposals of each contact by the present map; those with unchanged inputs are reused."""
     if state.uses_later_contacts:
         left_out, current = state.map.shown_after(state.ticks, state.model.tick_s), None
         latest = state.map.latest_before(state.ticks)
@@ -137,7 +137,7 @@ class ContactFilter:
     def start(cls, model: Model, lag_s: float = 0.0, known_map: Map = EMPTY_MAP) -> Self:
         """The filter before the first tick.
 
-        With ``lag_s``, beliefs to report are of that long ago, and use the data since then.
+        With ``lag_s``, reported beliefs are about the tick that long ago, and use the data since then.
         """
         return cls(start(model, lag_s, known_map))
 
@@ -181,7 +181,7 @@ class ContactFilter:
         return beliefs
 
     def as_seen(self, tick: Tick) -> Tick:
-        """A tick that was averaged for another filter, with the innovations of free motion by this noise."""
+        """A tick that was averaged for another filter, with the innovations by this filter's noise."""
         motion, seen = with_excess(self.state.free_motion, tick, self.state.model)
         self.state = self.state._replace(free_motion=motion)
         return seen
@@ -198,8 +198,8 @@ def set_origins(state: FilterState, tick: Tick) -> FilterState:
 def is_uninformative(state: FilterState, tick: Tick, window: Window, rest: NewestRest) -> bool:
     """Whether neither this tick nor the one before carries information: at rest, in a gap, or before the
     strength of motion is known. Births at such a tick can wait for the next informative one without changing
-    the posterior. With known elements every tick is informative, since it shows whether they touch, and with
-    those of the map each up to the one that completes a rest, except after a gap."""
+    the posterior. With known elements every tick is informative, since it shows whether they touch; with
+    elements of the map, every tick up to the one that completes a rest, except after a gap."""
     if state.belief is None or state.known_map.lists_elements or tick.innovation_excess != NO_EXCESS:
         return False
     if state.window.innovation_excess[-1].any() or rest.ends:
@@ -211,11 +211,11 @@ def is_uninformative(state: FilterState, tick: Tick, window: Window, rest: Newes
 
 
 def pass_tick(state: FilterState, tick: Tick, window: Window) -> tuple[FilterState, Belief]:
-    """Pass over an uninformative tick, after which the belief is that of before: it is appended to the window
-    only, and its exposure to change is deferred to the next informative tick."""
+    """Pass over an uninformative tick, which does not change the belief: it is only appended to the window,
+    and its exposure to change is deferred to the next informative tick."""
     assert state.belief is not None
     oldest, banks = state.window.expired_by(window), state.banks
-    if oldest.innovation_excess.any():  # of other ticks each term is zero, as no element is known
+    if oldest.innovation_excess.any():  # the terms of other ticks are zero, as no element is known
         errors = state.model.noise.extra_contact_variance
         banks = tuple(
             marginalise_expired_ticks(bank, contact, oldest.with_error(beyond), state.scales)

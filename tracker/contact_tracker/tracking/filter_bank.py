@@ -1,9 +1,9 @@
-"""Filters side by side that differ in the noise of a tick, weighed by their evidence: length of ticks,
-candidates of noise, the bank, and what is reported of it.
+"""A bank of filters that differ in the noise of a tick, weighed by their evidence: the length of ticks, the
+candidates of noise, the bank, and its report.
 
-The first has the model as given. The others start, from the first pose, once the ratio of the noise of
-position and orientation is estimated. After some motion those far behind are dropped, later all but the best
-(``are_compared``).
+The first filter has the given model. The others start, from the first pose, once the ratio of the noise of
+position and orientation is estimated. After some motion filters far behind are dropped, later all but the
+best (``are_compared``).
 """
 
 from bisect import bisect_left, bisect_right
@@ -40,7 +40,7 @@ CHANGED: Final = 2.0
 """The rate has changed if ticks for it are longer or shorter by more than this factor. Trackers then start
 again, which costs more than ticks with one pose or with some more than needed."""
 LASTING_NS: Final = 1_000_000_000
-"""Time for which a rate has to last before ticks follow it: shorter than that, poses are missing."""
+"""Time for which a new rate has to last before ticks follow it: for a shorter time poses may be missing."""
 TOLERANCE: Final = 1.05
 """Tolerance of the tick's length, for jitter of the periods."""
 TICKS_PER_WINDOW: Final = 10
@@ -89,10 +89,10 @@ def _mean_near(rising: Sequence[int], period_ns: float) -> float:
 
 
 def period_for_all_s(stamp_ns: Ints, model: Model) -> float:
-    """The usual period of that stretch of a recording whose ticks suit the whole best.
+    """The usual period of the stretch of a recording whose ticks lose the least of the whole.
 
-    Lost are the stretches whose poses are too far apart for these ticks, and the ticks in which the contact
-    changes, as often as the model has it.
+    Ticks lose the stretches whose poses are too far apart for them, and the ticks in which the contact
+    changes, at the rate of the model.
     """
     if len(stamp_ns) < 2:
         return 0.0
@@ -177,20 +177,20 @@ def candidates(model: Model, poses: Poses) -> tuple[tuple[Model, float], ...]:
 
 DROP_AFTER_S: Final = 1.5
 MARGIN_NATS: Final = 10.0
-"""After this much motion trackers this far behind the best are dropped. In 81 recordings (everyday, physics,
-shipped, 27 distorted) no dropped one would have been chosen in the end; with 7 nats labels until then are
-right for 0.001 less of the time. Sooner, filtered noise at rest would decide."""
+"""Filters this far behind the best are dropped after ``DROP_AFTER_S`` of motion. In 81 recordings (everyday,
+physics, shipped, 27 distorted) no dropped one would have been chosen in the end; with 7 nats labels until
+then are right for 0.001 less of the time. Sooner, filtered noise at rest would decide."""
 DECIDED_AFTER_S: Final = 10.0
-"""After this much motion the best tracker is chosen, if it is also the best by evidence alone."""
+"""After this much motion the best filter is chosen, if it is also the best by evidence alone."""
 LONGEST_S: Final = 30.0
-"""After this much motion the tracker with the largest evidence is chosen."""
+"""After this much motion the filter with the largest evidence is chosen."""
 _DISTANCES: Final = np.array([*(1.0 for _ in CONTACT_MODELS), 0.0])
 _ANGLES: Final = np.array([*(model.contact.codimension - 1.0 for model in CONTACT_MODELS), 0.0])
 """Number of constraints of each state (7,) on a distance and on angles."""
 
 
 class TickEvidence(NamedTuple):
-    """A tick as one tracker evaluates it: the ``gain`` of log evidence (nats), the ``posterior`` (7,) after
+    """A tick as one filter evaluates it: the ``gain`` of log evidence (nats), the ``posterior`` (7,) after
     it, the variances (2,) of free motion plus noise (m^2, rad^2), and the ``activity``."""
 
     gain: float
@@ -208,9 +208,9 @@ def tick_evidence(before: FilterState, after: FilterState) -> TickEvidence:
 
 
 def relative_evidence(ticks: Sequence[TickEvidence], motion: Motion) -> Array:
-    """Log evidence (K,) of one tick by K trackers, relative to the free motion of the first.
+    """Log evidence (K,) of one tick by K filters, relative to the free motion of the first.
 
-    A constraint gains log S / 2, where S is the variance of free motion along it. A tracker with larger noise
+    A constraint gains log S / 2, where S is the variance of free motion along it. A filter with larger noise
     has a smaller S, because it takes a part of the motion for noise; the difference is added here.
     """
     squared_lever_m2 = 2.0 * motion.body_radius_m**2
@@ -225,7 +225,7 @@ def relative_evidence(ticks: Sequence[TickEvidence], motion: Motion) -> Array:
 
 
 def are_compared(log_weight: Array, log_prior: Array, moved_s: float) -> Bools:
-    """Which of K trackers are kept after ``moved_s`` seconds of motion: those near the best, and from
+    """Which of K filters are kept after ``moved_s`` seconds of motion: those near the best, and from
     ``DECIDED_AFTER_S`` on the best alone.
 
     Parameters
@@ -247,11 +247,11 @@ DOUBT: Final = 0.5
 
 
 def mixture(beliefs: Sequence[Belief], log_weight: Array, known_map: Map = EMPTY_MAP) -> Belief:
-    """The belief of K trackers by their ``log_weight`` (K,): the mean posterior, and the label of a tracker
-    that is most probable in it. States that are more probable in the mean, but that no tracker names, are
+    """The belief of K filters by their ``log_weight`` (K,): the mean posterior, and the label of a filter
+    that is most probable in it. States that are more probable in the mean, but that no filter names, are
     indistinguishable from it and share their probability with it.
 
-    Onset, elements and alternatives are those of the most probable tracker with this label. ``known_map`` has
+    Onset, elements and alternatives are those of the most probable filter with this label. ``known_map`` has
     the contacts that can occur.
     """
     if len(beliefs) == 1:
@@ -269,8 +269,8 @@ def mixture(beliefs: Sequence[Belief], log_weight: Array, known_map: Map = EMPTY
     source = beliefs[number]
     alike = {*source.inseparable, *ahead}
     source = replace(source, inseparable=tuple(state for state in STATES if state in alike))
-    # as of the other trackers they may be rivals; only one of the trackers searches further contacts, and
-    # only its label is limited
+    # states of the other filters may be rivals; only one filter searches further contacts, and only its label
+    # is limited
     probability = reported(probability, label, source.inseparable, known_map, is_open=source.is_open)
     return replace(source, probability=probability)
 
@@ -291,7 +291,7 @@ DISPLACEMENT_RATIO: Final = 4.0
 """There is motion if the squared displacement over ``SPAN_TICKS`` ticks exceeds that of noise by this
 factor."""
 LASTING_TICKS: Final = 3
-"""Number of consecutive ticks in which it must; noise does so once, but seldom three times."""
+"""Number of consecutive ticks in which there must be motion; noise seldom looks like it three times."""
 
 
 def is_moving(lifted_poses: Array) -> bool:
@@ -354,17 +354,17 @@ class FilterBank:
     model, known_map, lag_s : as given; ticks of the filters may be longer.
     grid : averages poses into ticks for all filters; None before the second pose.
     filters : none before the second pose.
-    log_weight, log_prior : (K,) log weights of the filters, and the part of them that is no evidence.
+    log_weight, log_prior : (K,) log weights of the filters, and their prior part.
     pending : poses so far, until the other filters start with them; then None.
     moved_s : time for which the object has moved.
-    motion : that of the latest ticks.
+    motion : motion in the latest ticks.
     latest_ns : stamps of the latest poses, for the rate.
     period_s : the usual time between poses, if it is known in advance: then ticks do not change.
     body_m : (3,) point of the body that is tracked, in the body frame; by the first
         ``RATIO_POSES`` where the period is not known in advance.
-    map : that of before the rate has changed; None if it has not.
-    earlier_outliers : those from before.
-    changed_since_ns : time since which the rate is another one; None if it is not.
+    map : the map from before a change of the rate; None without a change.
+    earlier_outliers : outliers from before a change of the rate.
+    changed_since_ns : time since which the rate does not suit the ticks; None if it does.
     """
 
     model: Model
@@ -385,7 +385,7 @@ class FilterBank:
     changed_since_ns: int | None = None
 
     def copied(self) -> Self:
-        """A copy that is updated without a change of this one; what does not change in place is shared."""
+        """A copy that can be updated without changing this bank; immutable parts are shared."""
         copy = type(self)(**vars(self))  # faster than ``copy``
         copy.filters = [*map(ContactFilter, map(attrgetter("state"), self.filters))]
         copy.grid = None if self.grid is None else TickGrid(**vars(self.grid))
@@ -407,8 +407,8 @@ class FilterBank:
         return self.earlier_outliers.joined(self.filters[0].state.outliers if self.filters else NO_OUTLIERS)
 
     def waits(self, stamp_ns: int) -> bool:
-        """Whether a pose of this time is needed at the end of the tick only, not for the rate. Then work is
-        done for the next tick that its poses do not change."""
+        """Whether a pose of this time is needed at the end of the tick only, not for the rate. If so, the
+        part of the next tick's work that does not depend on its poses is done now."""
         rate_is_known = self.pending is None or len(self.pending) >= RATE_POSES
         if not rate_is_known or self.grid is None or not self.grid.goes_on(stamp_ns):
             return False
@@ -497,8 +497,8 @@ class FilterBank:
         return [*withheld, *self._begin([model], detail)]
 
     def _start_first(self, detail: Detail) -> list[Belief]:
-        """Start the filter of the model as given, with ticks for the rate so far; again from the first pose
-        where the ticks were others. Its beliefs after the last that was reported."""
+        """Start the filter of the given model, with ticks for the rate so far, from the first pose, unless
+        it has such ticks already. Returns its beliefs after the last reported one."""
         assert self.pending is not None
         period_s = usual_period_s(self.pending.stamp_ns.tolist()) if self.period_s is None else self.period_s
         model = with_ticks_for(self.model, period_s)
@@ -578,8 +578,8 @@ class FilterBank:
         return [mixture(beliefs, log_weight, self.known_map)]
 
     def _weigh(self, evidence: list[TickEvidence]) -> list[TickEvidence]:
-        """Weigh the filters by their evidence of a tick, if the object moves in it; returns that of those
-        that are kept."""
+        """Weigh the filters by their evidence of a tick, if the object moves in it; returns the evidence of
+        the filters that are kept."""
         if len(evidence) == 1 or not self.motion.moves:
             return evidence
         model = self.filters[0].state.model
@@ -596,8 +596,8 @@ class Report(NamedTuple):
     """The requested ``model`` and the one ``chosen``, whether the choice ``is_decided``; standard deviations
     (m, rad) of the ``noise`` of a pose, as estimated or given, of a ``tick``, with usually
     ``poses_per_tick``, and of ``lasting`` errors, correlated over ticks; the ``findings``. ``point_m``
-    (3,): point of the body that is tracked, to which these belong. ``is_cut_short``: more of the stream could
-    decide what is not decided. ``map_use``: how a learned map is used, in words."""
+    (3,): point of the body that is tracked, to which these belong. ``is_cut_short``: a longer stream could
+    decide the choice. ``map_use``: how a learned map is used, in words."""
 
     model: Model
     chosen: Model

@@ -1,8 +1,8 @@
-"""What to move next: small motions that would tell states apart which the motion so far does not.
+"""Suggested motions: small motions that would distinguish states that the motion so far does not.
 
 A motion that one contact allows and another forbids separates the two. Its expected evidence (docs/theory.md,
 T50; nats) is that of the residual it would leave in the fit of the other contact, against the noise of a tick
-and what is not known of that fit's geometry: 1/2 r' (G P G' + N)^-1 r, with the residuals r (K,) after the
+and the uncertainty of that fit's geometry: 1/2 r' (G P G' + N)^-1 r, with the residuals r (K,) after the
 motion, their slopes G (K, S) by the geometry, its covariance P (S, S) and the noise N. Where the label's
 evidence is ahead and a state is open only since the motion has not used all directions that the label leaves
 (T24), the motion is one that uses the direction that was used least; its evidence is the label's lead.
@@ -35,11 +35,11 @@ Array = NDArray[np.float64]
 
 TURN_RAD: Final = radians(15.0)
 """A motion is proposed up to this turn, or a shift as long as it turns ``LEVER_M``: small enough to be made
-by hand without leaving contact. With 5 deg v-f is not told from e-e (4 nats a move)."""
+by hand without leaving contact. With 5 deg v-f is not distinguished from e-e (4 nats a move)."""
 SHIFT_M: Final = TURN_RAD * LEVER_M
 SMALL: Final = 0.1
-"""Share of a turn beside a shift, and of a shift along the axis beside a turn in what is printed, below which
-it is left out."""
+"""A turn smaller than this share of the shift is left out; in the text also a shift smaller than this share
+of the turn."""
 PROJECTIONS: Final = 3
 """Newton steps by which a motion along the tangent is brought back into the contact that allows it."""
 
@@ -87,7 +87,7 @@ class InformativeMotion:
 
 def informative_motions(state: FilterState) -> tuple[InformativeMotion, ...]:
     """The most informative motion for each state that the motion does not distinguish from the label, across
-    the others, the most informative first; without those of which none would show anything more."""
+    the others, the most informative first; without states that no motion would distinguish."""
     belief = state.belief
     if belief is None or not belief.inseparable or not len(state.window):
         return ()
@@ -128,13 +128,13 @@ class _Fit(NamedTuple):
         return np.asarray(self.moves @ self.model.lifted(zeta) / np.repeat([LEVER_M, 1.0], 3))
 
     def precision(self, zeta: Array) -> Array:
-        """Inverse covariance (K, K) of the residuals at a pose, by noise and by what is not known."""
+        """Inverse covariance (K, K) of the residuals at a pose, by noise and the uncertainty of x."""
         slopes = self.model.family.rows_derivative(self.x) @ self.model.lifted(zeta)
         return np.asarray(np.linalg.inv(np.diag(self.variance) + slopes @ self.covariance @ slopes.T))
 
 
 def _fits(state: FilterState, onset: int, contacts: tuple[Contact, ...]) -> Iterator[tuple[Contact, _Fit]]:
-    """The fits of contacts since about an onset, as far as there are any."""
+    """The fits of contacts with about this onset, if there are any."""
     rows = ambiguity.best_since(state.banks, onset, state.ticks - 1)
     for contact in contacts:
         if contact is Contact.FREE:

@@ -1,6 +1,6 @@
-"""Passes over a recording with the map that the pass before has made, until it stands (docs/theory.md, T46).
+"""Passes over a recording with the map of the pass before, until it is settled (docs/theory.md, T46).
 
-A contact may touch elements that others have touched, at little cost, or new ones, at a price.
+A contact may touch elements of other contacts, at little cost, or new ones, at a price.
 """
 
 from collections.abc import Callable, Iterator
@@ -35,12 +35,13 @@ contacts they win by up to 32, and one of two that win by 30 or more is less oft
 def with_map(
     first_pass: Iterator[Segmentation], record: PassRecord, executor: Executor | None = None
 ) -> Iterator[Segmentation]:
-    """The whole recording as its first pass segments it, or a pass with its map, if that explains it better;
-    free motion is open where a touch is not excluded. Of a very long recording the first pass as it goes.
+    """The segmentation by the first pass, or by a pass with its map, if that explains the recording better;
+    free motion is open where a touch is not excluded. If the recording is very long, the first pass, piece by
+    piece.
 
     Parameters
     ----------
-    record : that to which the first pass is noted.
+    record : the record of the first pass.
     """
     waiting = list[Segmentation]()
     for piece in first_pass:
@@ -61,8 +62,8 @@ def with_map(
 def _better_pass(first: PassRecord, executor: Executor | None) -> Segmentation | None:
     """The last pass with a map that explains the recording better than the pass before; None without one.
 
-    In the first pass only sure contacts had a price, a small one. So that evidences compare, each of its
-    contacts pays that of new elements, and a map the complexity of what its contacts share.
+    In the first pass only certain contacts had a price, a small one. To make the evidence comparable, each of
+    its contacts pays the price of new elements, and a map the complexity of its shared elements.
     """
     assert first.state is not None
     best: Segmentation | None = None
@@ -103,8 +104,9 @@ def _with_touches(segmentation: Segmentation, first: Segmentation, pace: float, 
     """The segmentation with free motion open to the most probable contact where the ``first`` pass, without a
     map, is not sure of it at the ``pace`` of the recording.
 
-    By the price of new elements alone a map takes short contacts for free motion. A touch within free motion
-    is two changes, so that its odds follow the square of the pace; the posterior has the ``power``.
+    Because of the price of new elements, a pass with a map takes short contacts for free motion. A touch
+    within free motion is two changes, so its odds grow with the square of the pace; the posterior has the
+    ``power``.
     """
     probability = first.beliefs.probability
     odds = pace ** (2.0 * power) * probability[:, :FREE]

@@ -106,7 +106,7 @@ def pieces(
 
     Each piece holds the segments concluded since the piece before with their smoothed beliefs, and the online
     beliefs since then, which are ahead of the smoothed ones. The latter have the detail ``online``, and are
-    left out with ``Detail.WEIGHTS``. The ``segmenter`` may use wrenches, or keep what a map is made of.
+    left out with ``Detail.WEIGHTS``. The ``segmenter`` may use wrenches, or record the sightings for a map.
     """
     for filtered in forward(ticks, filter_, online):
         segmenter.note(filtered, online >= Detail.SHARED)
@@ -142,7 +142,7 @@ class _Gap(NamedTuple):
 
 
 MOST_TICKS: Final = 36_000
-"""Number of ticks up to which a recording is kept for a second pass, an hour of most: 1 kB each."""
+"""Largest number of ticks, 1 kB each, that are kept for a second pass: an hour with ticks of 0.1 s."""
 
 
 class PassRecord:
@@ -164,7 +164,7 @@ class PassRecord:
 
     @property
     def map(self) -> GrowingMap | None:
-        """The map of the best pass, or of a very long recording as it has grown; None without poses."""
+        """The map of the best pass, or the online map if the recording is too long; None without poses."""
         if self.state is None:
             return None
         start = self.state.map
@@ -184,7 +184,7 @@ class PassRecord:
         return 0.0 if self.state is None else self.state.log_evidence
 
     def note(self, state: FilterState, tick: Tick) -> None:
-        """Append a tick, one of those that lead to ``state``."""
+        """Append a tick, after which the filter has this ``state``."""
         self.state = state
         self.is_full = self._count == MOST_TICKS
         if self.is_full:
@@ -197,7 +197,7 @@ class PassRecord:
             self.ticks.append(tick)
 
     def note_segment(self, finished: FinishedSegment, fit: SegmentFit, parts: Sequence[Segment]) -> None:
-        """Append a segment with its moved and resting parts; only a sure one says something about its
+        """Append a segment with its moved and resting parts; only a certain segment is a sighting of its
         elements."""
         self._count_changes(finished)
         if fit.contact is not Contact.FREE:
@@ -317,7 +317,7 @@ class Segmenter:
         return self._next_piece(len(self._finished) if self._executor is None else fitted_before)
 
     def finish(self) -> Segmentation:
-        """The rest, at the end of the recording."""
+        """The remaining segments, at the end of the recording."""
         if self._forward is None:
             return Segmentation()
         frontier = self._extended_trellis()
@@ -452,9 +452,9 @@ class Segmenter:
 
 
 def end_at_rest(resting: NDArray[np.bool_], end: int, most_ticks: int) -> int:
-    """The ``end`` of a segment, or the nearest end of a rest (n,) in which it is, or ``NOW_TICKS`` beside.
+    """The ``end`` of a segment, moved to the nearest end of a rest that contains it or is ``NOW_TICKS`` away.
 
-    Motion shows no change of contact within a rest, and too little of it no change just beside one. An end
+    Within a rest, and in too little motion just beside one, no change of contact shows. An end
     that is more than ``most_ticks`` ticks from those of its rest stays.
     """
     edges = np.flatnonzero(np.diff(resting)) + 1
@@ -466,7 +466,7 @@ def end_at_rest(resting: NDArray[np.bool_], end: int, most_ticks: int) -> int:
 
 
 def _continued(rows: NDArray[np.void]) -> NDArray[np.void]:
-    """The ticks of a segment; where it begins in a gap, the pose there is that after the gap."""
+    """The ticks of a segment; those of a gap at its beginning have the pose after the gap."""
     first = int((rows["count"] > 0.0).argmax())
     rows["zeta"][:first] = rows["zeta"][first]
     return rows
@@ -505,8 +505,8 @@ class Columns:
         return copy
 
     def move_change(self, old: int, new: int) -> None:
-        """Move a change between rows ``old`` - 1 and ``old`` to that before row ``new``: the rows
-        between are as the last one before it, or as the first one after it."""
+        """Move the change between rows ``old`` - 1 and ``old`` to before row ``new``: the rows between become
+        copies of the last row before the change, or of the first row after it."""
         first, end = sorted((max(old, 0), max(new, 0)))
         row = old - 1 if new > old else old
         if first == end or not 0 <= row < len(self):

@@ -35,7 +35,7 @@ def read_posterior(
 ) -> tuple[FilterState, Belief]:
     """The belief after a tick, whose evidence is in ``state``; certain elements are added to the map.
 
-    Of filters side by side, one ``tests_curvature``: whether free motion is on a curved surface.
+    One filter of a bank ``tests_curvature``: whether free motion is on a curved surface.
     """
     probability = label_posterior(state)
     label = STATES[int(probability.argmax())]
@@ -104,8 +104,8 @@ def label_posterior(state: FilterState) -> Array:
 
 
 def state_shares(state: FilterState) -> Array:
-    """Shares (7,) of the states in their weight. The greatest that may agree with the motion by chance are
-    divided between them and the first that does not."""
+    """Shares (7,) of the states in their total weight. If the most probable states may agree with the motion
+    by chance, they divide their weight with the first state that does not."""
     weight = np.exp(state.log_state_weight - state.log_state_weight.max())
     by_chance = list[Contact]()
     for column in (-weight).argsort().tolist():
@@ -119,10 +119,9 @@ def state_shares(state: FilterState) -> Array:
 
 
 def may_agree_by_chance(state: FilterState, label: Contact) -> bool:
-    """Whether ``label`` is a contact of one constraint, between elements of which nothing else is known, in
-    which the motion has not used the five directions that it leaves: those of a new vertex and a new plane
-    can be chosen so that they agree with any smooth motion in few directions (T24). One that is older than
-    the window has lasted."""
+    """Whether ``label`` is a contact of one constraint between new elements, and the motion has not used the
+    five directions that it leaves: a new vertex and a new plane can be chosen such that they agree with any
+    smooth motion in few directions (T24). False for a contact that is older than the window."""
     if label.codimension != 1:
         return False
     row, onset, _ = state.best[label.column].tolist()
@@ -169,8 +168,8 @@ def open_beside(state: FilterState, belief: Belief) -> Belief:
 
 
 def with_rest(state: FilterState, belief: Belief, is_in_rest: bool) -> tuple[FilterState, Belief]:
-    """The state and the belief to report after a tick: an object at rest does not tell the label from other
-    states, and beside those that the motion leaves open it is not certain."""
+    """The state and the belief to report after a tick: a rest does not distinguish the label from
+    other states, and beside indistinguishable states the label is not certain."""
     open_at_rest = ambiguity.others_at_rest(belief.contact, state.known_map) if is_in_rest else ()
     if open_at_rest and belief.inseparable != open_at_rest:
         belief = replace(belief, inseparable=open_at_rest, p_restricted=ambiguity.CHANGED_AT_REST)
@@ -195,7 +194,7 @@ def label_fit(state: FilterState, label: Contact) -> FittedContact | None:
 
 
 def label_sighting(state: FilterState, label: Contact, stamp_ns: int) -> Sighting:
-    """What the best hypothesis of ``label``, a contact, says about its elements."""
+    """The estimate of the elements by the best hypothesis of ``label``, a contact."""
     bank, contact = state.banks[label.column], CONTACT_MODELS[label.column]
     row, onset, _ = state.best[label.column].tolist()
     hypothesis = bank.single(row)

@@ -1,4 +1,4 @@
-"""Fits of finished segments: their elements, and other contacts that fit."""
+"""Fits of finished segments: the touching elements, and the contacts that fit as well."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -47,9 +47,9 @@ from contact_tracker.wrenches.contact_evidence import WindowEvidence
 Array = NDArray[np.float64]
 
 LONGEST_TICKS: Final = 6000
-"""Most ticks of a segment that are fitted."""
+"""Largest number of ticks of a segment that are fitted."""
 PIECE_TICKS: Final = 60
-"""Length (ticks) of the pieces in which they are chosen by motion."""
+"""Length, in ticks, of the pieces of a longer segment; those with the most motion are fitted."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,8 +68,8 @@ class SegmentTicks:
 @dataclass(frozen=True, eq=False)
 class SegmentFit:
     """The fit of one segment, with fields as in ``Belief``. ``curved`` is the probability in each tick (n,),
-    or (1,) in all of them, that free motion is on a curved surface; ``share`` (7,) is that of each
-    indistinguishable contact in their probability, where wrenches have decided."""
+    or (1,) in all of them, that free motion is on a curved surface; ``share`` (7,) is the share of each
+    indistinguishable contact in their total probability, if wrenches have decided it."""
 
     contact: Contact
     geometry: ContactGeometry | None
@@ -80,7 +80,7 @@ class SegmentFit:
     formation: Formation = NO_FORMATION
     joint: Joint | None = None
     estimate: ElementEstimate | None = None
-    """What the fit says about both elements together; None without elements."""
+    """Joint estimate of both elements; None without elements."""
 
     @property
     def leaves_constraints_unnamed(self) -> bool:
@@ -90,7 +90,7 @@ class SegmentFit:
 
     @property
     def with_flush(self) -> tuple[Contact, ...]:
-        """The inseparable states where the motion is also that of f-f."""
+        """The inseparable states, with f-f, in ticks in which the face does not turn."""
         return tuple(state for state in STATES if state is Contact.FF or state in self.inseparable)
 
     @property
@@ -283,8 +283,8 @@ class FinishedSegment(NamedTuple):
     def _at_contact(
         self, contact: Contact, geometry: ContactGeometry | None
     ) -> Callable[[int, int], tuple[ContactMotion | None, TaskFrame | None]]:
-        """How the object moves at the touching point in a span of ticks, from those that have frames: the
-        pose of others is that of the last one; and the task frame in the middle of them."""
+        """A function of a span of ticks that returns the motion of the object at the touching point and the
+        task frame in the middle, both from the ticks with frames."""
         ticks, (world_m, body_m) = self.ticks, self.ticks.origins.reversed
         assert ticks.window.frames is not None
         kept = ticks.window.frames.astype(bool)
@@ -313,7 +313,7 @@ class FinishedSegment(NamedTuple):
         return within
 
     def _flush(self, fit: SegmentFit) -> NDArray[np.bool_]:
-        """In which ticks (n,) that do not rest the motion is also that of f-f."""
+        """The ticks (n,) in which f-f explains the motion as well."""
         ticks = self.ticks
         if fit.geometry is None or not ticks.known_map.allows(Contact.FF):
             return np.zeros(len(self.rows), bool)
@@ -347,7 +347,7 @@ class FinishedSegment(NamedTuple):
 
 
 def without_short_gaps(within: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """The ticks (n,) with those that lie between ends less than ``NOW_TICKS`` apart."""
+    """The ticks ``within`` (n,), with the gaps shorter than ``NOW_TICKS`` closed."""
     within = within.copy()
     edges = np.flatnonzero(np.diff(within, prepend=False, append=False))
     for first, end in pairwise([0, *edges, len(within)]):
@@ -394,7 +394,7 @@ def _are_one_segment(*neighbours: tuple[FinishedSegment, SegmentFit]) -> bool:
 
 
 def _within(further: Sequence[FurtherContact], start_ns: int, end_ns: int) -> tuple[FurtherContact, ...]:
-    """The parts of further contacts, whose ends are known, within a time."""
+    """The parts of further contacts from ``start_ns`` to ``end_ns`` (both included)."""
     spans = [(max(contact.start_ns, start_ns), min(contact.end_ns or end_ns, end_ns)) for contact in further]
     return tuple(
         replace(contact, start_ns=first_ns, end_ns=last_ns)
@@ -408,7 +408,7 @@ def _formations_of(
     stamp_ns: NDArray[np.int64],
     ranks: Ranks,
 ) -> tuple[NDArray[np.int64], list[tuple[FurtherContact, ...]]]:
-    """The further contacts of each tick, with the constraints of all: the number of a formation, or -1."""
+    """The number (n,) of each tick's formation, or -1, and the further contacts of each formation."""
     number = np.full(len(stamp_ns), -1)
     if not further:
         return number, []

@@ -26,7 +26,7 @@ handling 0 and 0.65 give 0.863 and 0.867 offline, 0.750 and 0.760 online; divide
 transitions, they give 0.006 less online."""
 PACE_SHAPE: Final = 1.3
 """Shape of the gamma prior, with mean one, on the pace of a recording: how much more often states end in it
-than by the model. Likeliest by the true changes of 47 recordings, whose paces are 0.34 to 11; their log
+than by the model. Most likely given the true changes of 47 recordings, whose paces are 0.34 to 11; their log
 likelihood is 97 nats higher than with one pace for all."""
 FREE: Final = Contact.FREE.column
 FACES: Final = Contact.FF.column
