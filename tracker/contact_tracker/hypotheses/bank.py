@@ -170,7 +170,7 @@ class Bank(Table):
     log_birth_weight : (H,) log weight at birth.
     protected_until : (H,) pruning by weight spares it until it has this many ``effective_ticks`` (thinning of
         old onsets does not). Set at birth if it may search, and extended when its likelihood drops.
-    prior_index : (H,) which known or remembered elements it assumes; 0: none.
+    prior_index : (H,) number of the known or learned elements that it assumes; 0: none.
     prior_mean, prior_information : (H, S), (H, S, S) the Gaussian prior on x that follows from them.
     line_anchor : (H, 6) points by which lines through a known point are parametrised; NaN: near the body.
     known_pair_index : (H,) index of the pair of elements of the map that it assumes.
@@ -245,25 +245,25 @@ class Bank(Table):
 
     @property
     def log_total_weight(self) -> float:
-        """Log of the sum of all weights; -inf without any hypothesis."""
+        """Log of the sum of all weights; -inf for an empty bank."""
         joint, top = self.log_weight, self.best
         return top + float(np.log(np.exp(joint - top).sum())) if len(self) else -np.inf
 
     @property
     def best_row(self) -> int:
-        """The row of the best hypothesis; -1 without any."""
+        """Row of the best hypothesis; -1 for an empty bank."""
         return int(self.log_weight.argmax()) if len(self) else -1
 
     @property
     def leader(self) -> tuple[int, int, int]:
-        """That row, the onset of the hypothesis, and the time of that (ns); -1 without any."""
+        """Row, onset tick and onset time (ns) of the best hypothesis; -1 for an empty bank."""
         if (row := self.best_row) < 0:
             return -1, -1, -1
         return row, int(self.onset[row]), int(self.onsets.onset_ns[self.onset_index[row]])
 
     @property
     def best(self) -> float:
-        """Log weight of the best hypothesis; -inf without any."""
+        """Log weight of the best hypothesis; -inf for an empty bank."""
         return float(self.log_weight.max()) if len(self) else -np.inf
 
     def single(self, row: int) -> "Bank":
@@ -284,7 +284,7 @@ class Bank(Table):
         return replace(self, onsets=self.onsets.replace_columns(**columns))
 
     def replace_rows(self, rows: Index, source: "Bank", which: Index) -> "Bank":
-        """A copy whose ``rows`` take geometry and evidence from the hypotheses ``which`` of ``source``."""
+        """A copy whose ``rows`` have the geometry and evidence of the hypotheses ``which`` of ``source``."""
         copy = self.copy()
         for name in FITTED_COLUMNS:
             copy.rows[name][rows] = source.rows[name][which]
@@ -298,13 +298,13 @@ FITTED_COLUMNS: Final = ("x", "row_weight", "log_likelihood", "rms")
 
 @lru_cache(maxsize=256)
 def blank(model: ContactModel, count: int, lag: int = 0) -> Bank:
-    """``count`` hypotheses without prior or data, each with an onset of its own, in ticks 0, 1, ..."""
+    """``count`` hypotheses without prior or data, with onsets in ticks 0, 1, ..."""
     family, row, of_onset = model.family, layout(Bank, model), layout(Onsets, model)
     onsets = Onsets(np.zeros((count, of_onset.itemsize // 8)), of_onset).replace_columns(
         onset=np.arange(count)
     )
     bank = Bank(np.zeros((count, row.itemsize // 8)), row, onsets, np.zeros((count, lag, len(STATES))))
-    # some directions; points at the body, which starts at the origin
+    # arbitrary directions; points at the body, which starts at the origin
     x = family.normalise((1.0 - family.SPREAD) * (1.0 + np.arange(family.SIZE) % 2), np.zeros(6))
     return bank.replace_columns(
         onset=onsets.onset, x=x, line_anchor=np.nan, row_weight=1.0, rms=1.0, needs_search=1

@@ -85,8 +85,7 @@ class TickWeights(NamedTuple):
     residual: Array
     """(6,) whitened residual of each contact."""
     best: Index
-    """(6, 3) of the best hypothesis of each bank its row, its onset, and the time of that (ns); -1 for an
-    empty one."""
+    """(6, 3) row, onset tick and onset time (ns) of the best hypothesis in each bank; -1 if it is empty."""
     live_hypotheses: LiveHypotheses
 
 
@@ -106,7 +105,7 @@ def update_banks(
     ----------
     banks : of each contact.
     tick_input : the tick.
-    parameters : have the margin, and the noise variance of each contact beyond that of the window.
+    parameters : the model, with the margin and the noise of each contact beyond that of the window.
     scales : parameters of the evidence.
     """
     if not compiled.in_use():
@@ -114,7 +113,7 @@ def update_banks(
     from contact_tracker.hypotheses.compiled import calls, kernels
 
     updated, window_before = list[Bank](), tick_input.window_before
-    # per contact the words kept, and of the old rows followed by the born ones the rows that these are
+    # per contact: the words kept, and their rows among the old rows followed by the births
     kept, kept_rows, weights = kernels.update(
         calls.models(scales.reach_m),
         [*map(_TABLES, banks)],

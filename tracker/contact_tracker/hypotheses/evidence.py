@@ -27,9 +27,9 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 SAME_FIT_RATIO: Final = 1.2
-"""A contact fits as well if its whitened residual is no more than this times the best's, or the noise."""
+"""A contact fits as well if its whitened residual is at most this times the best one's, or the noise."""
 DECISIVE: Final = log(20.0)
-"""Evidence (nats) that tells two contacts apart: twenty to one."""
+"""Evidence (nats) that distinguishes two contacts: twenty to one."""
 _I, _J = np.triu_indices(3)  # entries of a symmetric (3, 3) ...
 _OFTEN = np.where(_I == _J, 1.0, 2.0)  # ... and how often each counts
 
@@ -148,8 +148,8 @@ def _whitened(
 
 
 def residual_noise(measurement: Measurement, window: Window) -> Array:
-    """Noise variances (B, K, W) of residuals: of angles that of rotation; of distances that of position in
-    their direction plus that of rotation times the squared lever arm."""
+    """Noise variances (B, K, W) of residuals. An angle has that of rotation; a distance that of position in
+    its direction, plus that of rotation times the squared lever arm."""
     position, rotation = window.variance.T
     noise = np.empty_like(measurement.residual)
     noise[:, :-1], noise[:, -1] = rotation, position + rotation * measurement.lever_sq

@@ -39,7 +39,7 @@ class Prior:
         return cls(precision, information, 0.5 * np.einsum("bs,bs->b", information, mean), flat)
 
     def __add__(self, other: "Prior") -> "Prior":
-        """Both together; ``flat`` is that of the first."""
+        """The sum of both costs, with ``flat`` of the first."""
         return Prior(
             self.precision + other.precision,
             self.information + other.information,
@@ -103,8 +103,8 @@ def minimise(
     Parameters
     ----------
     moments : (W, C, C) sums of weighted ``zeta zeta^T`` over each window, in the family's columns.
-    row_weight : (W, K) precision of each residual, 1/rad^2 or 1/m^2; what the last row gives per metre of
-        distance is taken out here, at each x (``Family.scale_sq``).
+    row_weight : (W, K) precision of each residual, 1/rad^2 or 1/m^2; the scale of the last row per metre of
+        distance is divided out here, at each x (``Family.scale_sq``).
     prior : weak knowledge that keeps unobservable directions finite.
     anchors : (W, 6) where the body is in frames 1 and 2 (see ``contacts.family``).
     x : (B, S) starts.
@@ -223,7 +223,7 @@ def _normal_equations(
 ) -> tuple[Array, Array, Array, Array]:
     tangent, c = family.tangent(x, anchors), family.rows(x)
     along, derivative = np.swapaxes(tangent, -1, -2), family.rows_derivative(x)
-    # of the last row per metre: the scale changes with x as well
+    # the last row is per metre, and its scale changes with x as well
     derivative[:, -1] -= 0.5 * family.log_scale_sq_derivative(x, moments)[..., None] * c[:, -1, None, :]
     jacobian = along[:, None] @ derivative
     row_weight = per_metre(family, moments, row_weight, x)

@@ -1,7 +1,4 @@
-"""Which hypotheses stay, and where they look for better minima.
-
-Pruning by weight and age; search from many starts.
-"""
+"""Pruning of hypotheses by weight and age, and their search for better minima from many starts."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -83,7 +80,7 @@ def best_of(group: Index, joint: Array) -> Bools:
 
 
 AT_ONCE: Final = 16
-"""Number of hypotheses that are searched in one batch, each from up to 80 starts: limits the memory."""
+"""Number of hypotheses, each with up to 80 starts, that are searched in one batch: it limits the memory."""
 DRAWS: Final = 64
 """Number of sets of random directions, used in turn."""
 
@@ -122,7 +119,7 @@ def search(
         return bank
     drawn = np.broadcast_to(drawn, (len(rows), *drawn.shape[-2:]))
     blocks = [slice(first, first + AT_ONCE) for first in range(0, len(rows), AT_ONCE)]
-    x = np.concatenate([_found(bank, rows[block], model, scales, drawn[block]) for block in blocks])
+    x = np.concatenate([_search_rows(bank, rows[block], model, scales, drawn[block]) for block in blocks])
     starts = x.shape[1]
     of = rows.repeat(starts)
     candidates = bank.pick(of).replace_columns(x=x.reshape(-1, x.shape[-1]))
@@ -135,7 +132,7 @@ def search(
 
 
 def select_for_search(bank: Bank, model: ContactModel) -> Index:
-    """Rows that search: of each age the best without a prior, and the best with one."""
+    """Rows that search: for each age, the best hypothesis without a prior and the best with one."""
     age = np.minimum(bank.effective_ticks.astype(np.int64), len(IS_SEARCH_AGE) - 1)
     rows = (
         IS_SEARCH_AGE[age] & (bank.rms > FITTING_RMS) & bank.needs_search & is_competitive(bank, model)
@@ -146,7 +143,9 @@ def select_for_search(bank: Bank, model: ContactModel) -> Index:
     return np.asarray(rows[best_of(kind, bank.log_weight[rows])])
 
 
-def _found(bank: Bank, rows: Index, model: ContactModel, scales: EvidenceParameters, drawn: Array) -> Array:
+def _search_rows(
+    bank: Bank, rows: Index, model: ContactModel, scales: EvidenceParameters, drawn: Array
+) -> Array:
     """The best geometries (R, n, S) of ``rows``, independent of their present ones.
 
     Starts are the best among the solutions of the relaxed problem and the directions ``drawn`` (R, N, S).
@@ -160,17 +159,17 @@ def _found(bank: Bank, rows: Index, model: ContactModel, scales: EvidenceParamet
     x = np.concatenate([relaxed, drawn], axis=1)
     x = np.where(is_given[:, None], mean[:, None], x)
     windows, of = (bank.second_moment, bank.row_weight, *priors), rows.repeat(x.shape[1])
-    x = _least(
+    x = _cheapest(
         *gauss_newton.complete(model.family, *windows, x.reshape(len(of), -1), of), len(rows), FOLLOWED_STARTS
     )
     for steps, kept in ROUNDS:
         of = rows.repeat(x.shape[1])
         fit = gauss_newton.minimise(model.family, *windows, x.reshape(len(of), -1), steps, of=of)
-        x = _least(fit.x, fit.cost, len(rows), kept)
+        x = _cheapest(fit.x, fit.cost, len(rows), kept)
     return x
 
 
-def _least(x: Array, cost: Array, groups: int, count: int) -> Array:
+def _cheapest(x: Array, cost: Array, groups: int, count: int) -> Array:
     """The ``count`` x (B, S) of least cost in each group, ascending (groups, many, S)."""
     best = cost.reshape(groups, -1).argsort(axis=1, kind="stable")[:, :count]
     return np.asarray(x.reshape(groups, -1, x.shape[-1])[np.arange(groups)[:, None], best])

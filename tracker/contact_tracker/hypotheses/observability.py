@@ -220,7 +220,7 @@ def _ways(free: Element, reach_m: float) -> tuple[Unobserved, ...]:
 
 
 def _turns(axis: Array, covariance: Array) -> tuple[tuple[Unobserved, ...], Array]:
-    """Unobserved turns of a unit vector, and the covariance of the rest of the element given no turn."""
+    """Unobserved turns of a unit vector, and the covariance of the element's other part given no turn."""
     turned, remaining = covariance[:3, :3], covariance[3:, 3:]
     wide = _wide(turned, OPEN)
     if not wide.size:
@@ -254,7 +254,7 @@ def _unobserved(how: Literal["turns_about", "shifts_along"], axes: Array) -> tup
 MOST_TICKS: Final = 300
 """Number of ticks that represent a longer window."""
 SHARE_OF_REST: Final = 0.05
-"""Weight of a tick at rest, relative to one in motion, when these are chosen."""
+"""Weight of a tick at rest, relative to a tick in motion, in their choice."""
 LEAST_SHARE: Final = 1e-14
 """Eigenvalues below this share of the largest are rounding errors."""
 
@@ -322,8 +322,8 @@ def _inverse(symmetric: Array) -> Array:
 
 
 def representatives(window: Window) -> tuple[Window, Array]:
-    """All ticks of a window, or if it is long some of them, more of those in motion; and how many ticks (N,)
-    each stands for."""
+    """All ticks of a window, or a part of them if it is long, more of those in motion; and the number (N,) of
+    ticks that each stands for."""
     length = len(window)
     if length <= MOST_TICKS:
         return window, np.ones(length)
@@ -351,16 +351,16 @@ def _squared_distances(points: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class FittedContact:
-    """A hypothesis, from which its ``geometry`` is computed once that is asked for: of most ticks it is not.
+    """A hypothesis whose ``geometry`` is computed when it is first read; in most ticks it is not.
 
     Parameters
     ----------
     bank : bank of the hypothesis alone.
     variance : (W, 2) noise of the ticks: position (m^2) and rotation (rad^2).
     rotation : (3, 3) of the body in the last tick.
-    origins : of the bank's coordinates.
+    origins : origins of the bank's coordinates.
     systematic : covariance (S, S) of x by errors that are not noise.
-    pair : of the map, which it assumes; None without names.
+    pair : the pair of known elements that it assumes; None without names.
     information : as in ``observed_geometry``.
     """
 
@@ -397,9 +397,9 @@ def fitted_contact(
     information: Array | None = None,
     pair: NamedPair | None = None,
 ) -> FittedContact:
-    """Hypothesis ``row`` without the others.
+    """The fit of hypothesis ``row`` of a bank.
 
-    ``window`` has the ticks and their noise, ``errors`` are those that are not noise; the rest as in
+    ``window`` has the ticks and their noise, ``errors`` are the systematic ones; other arguments are as in
     ``FittedContact``.
     """
     hypothesis, systematic = bank.single(row), np.zeros(())
@@ -416,7 +416,7 @@ def fitted_contact(
 def _in_users_frames(geometry: ContactGeometry, rotation: Array, origins: Origins) -> ContactGeometry:
     """The elements in the frames of the body, which has this ``rotation`` (3, 3), and of the world.
 
-    Of two faces motion shows the difference of the offsets only: the object's stays at the origin.
+    Motion determines only the difference of the offsets of two faces: the object's stays at the origin.
     """
     body, world = geometry.object, shifted(geometry.environment, origins.world_m)
     if isinstance(body, Plane) and isinstance(world, Plane):
@@ -432,10 +432,10 @@ def element_estimate(
     window: Window,
     information: Array | None = None,
 ) -> ElementEstimate:
-    """What a fit, a ``bank`` of one, says about both its elements together; arguments as above.
+    """The joint estimate of both elements by the single hypothesis of a ``bank``; arguments as above.
 
-    Real elements are not exactly the same at the next touch, so the information is that of a little looser
-    elements.
+    Real elements are not exactly the same at the next touch, so the information is reduced to that of
+    elements which vary by ``LOOSE_M`` and ``LOOSE_RAD``.
     """
     spectrum = information_spectrum(bank, model, scales, window.usual_variance, information)
     back = np.linalg.inv(spectrum.directions)

@@ -47,7 +47,7 @@ def estimate_ar1(
 ) -> Ar1Noise:
     """Estimate the errors from the whitened residuals (K, W) of a fit, by expectation-maximisation.
 
-    Residuals are smaller than errors, because the fit absorbs what looks like geometry. How much it absorbs
+    Residuals are smaller than errors, because the fit absorbs errors that look like geometry. Their share
     follows from the ``jacobian`` (K, W, P) and the ``prior_information`` (P, P). With too few ticks the
     estimate stays near ``errors``.
     """
@@ -63,7 +63,7 @@ def estimate_ar1(
             np.einsum("k,kpq->pq", weight, new[:, :-1, :-1]) + prior_information
         )
         determined = eigenvalues > LEAST_SHARE * eigenvalues[-1]
-        # expected products of errors: those of the residuals plus those of what the fit may have absorbed
+        # expected products of errors: of the residuals plus of the errors that the fit may have absorbed
         taken = np.eye(len(eigenvalues) + 1)
         taken[:-1, :-1] = (eigenvectors[:, determined] / eigenvalues[determined]) @ eigenvectors[
             :, determined
@@ -77,7 +77,7 @@ def estimate_ar1(
 
 
 def whiten_ar1(rows: Array, correlation: Array, index: Index) -> Array:
-    """Innovations of rows (K, W, ...): what the tick before does not predict, scaled to the same variance."""
+    """Innovations of rows (K, W, ...) given the tick before, scaled to the same variance."""
     decay = correlation[:, None] ** np.diff(index)
     decay = decay.reshape(*decay.shape, *(1,) * (rows.ndim - 2))
     later = (rows[:, 1:] - decay * rows[:, :-1]) / np.sqrt(1.0 - decay**2)

@@ -48,7 +48,7 @@ def anchors_of(bank: Bank, model: ContactModel) -> Array:
 
 
 def prior_of(bank: Bank, model: ContactModel, anchors: Array, reach_m: float) -> Prior:
-    """Prior of each hypothesis: the weak prior, and that of its known elements."""
+    """Prior of each hypothesis: the weak prior plus the prior of its known elements."""
     weak = weak_prior(model.family, anchors, reach_m)
     if not bank.prior_index.any():
         return weak
@@ -90,8 +90,8 @@ def accumulate(
 
 
 def _products(model: ContactModel, new: Array, lifted: Array) -> Array:
-    """Products (..., C, C) of the innovations of lifted poses (..., C). In the column of the constant of e-e,
-    whose sine is no linear residual, stand the poses themselves."""
+    """Products (..., C, C) of the innovations of lifted poses (..., C). The column of the constant of e-e,
+    whose sine is no linear residual, has the poses themselves."""
     products = new[..., :, None] * new[..., None, :]
     if model.family.FORM.h < 0:
         products[..., -1, :] = products[..., :, -1] = lifted
@@ -99,7 +99,7 @@ def _products(model: ContactModel, new: Array, lifted: Array) -> Array:
 
 
 def accumulate_window(bank: Bank, model: ContactModel, window: Window, scales: EvidenceParameters) -> Bank:
-    """``accumulate`` over a whole window, with whose first tick all hypotheses of the bank begin."""
+    """``accumulate`` over a whole window, in whose first tick all hypotheses of the bank begin."""
     lifted, variance = model.lifted(window.zeta), window.variance[:, 0]
     motion = np.append(1.0, window.motion_ratio[1:])  # the onset is given
     weight = np.maximum(motion, REST_WEIGHT) / variance
@@ -214,7 +214,7 @@ def _with_evidence(
     priors: tuple[Prior, Array],
     fit: gauss_newton.Fit,
 ) -> Bank:
-    """The bank with the evidence at x, which is that of the fit ``fit``."""
+    """The bank with the evidence at x, the minimum of the ``fit``; ``priors`` as of ``prior_at_anchors``."""
     sums = sum_evidence(model, bank.x, bank.onset, window, scales, bank.elements_known)
     prior, anchors = priors
     first = bank.onset_row[:, :, None] * bank.onset_row[:, None]

@@ -1,14 +1,14 @@
 """Filter of excursions: poses that jump away from the motion and back, for example by swapped markers.
 
 A jump is a step much longer than usual, for the time that has passed since the last new pose. The poses
-after it are held. If the next step continues it, its velocity has changed, as in an impact, and all are
-passed on. If the poses jump back, the held ones were wrong and are dropped: back is where the jumps since
-add up to no more than a step, as of markers that are swapped, or where usual motion leads from the last
-pose, as of another body in the place of this one. If that has not happened for half a second, the object
-has moved, and all are passed on; after two seconds, if no hand accelerates an object so.
+after it are held. If the next step continues it, the velocity has changed, as in an impact, and all are
+passed on. If the poses jump back, the held ones were wrong and are dropped. They are back if the jumps add up
+to no more than a step, as with swapped markers, or if usual motion leads there from the last pose, as with
+another body in the place of this one. If they are not back after half a second, the object has moved, and all
+are passed on; after two seconds, if no hand could accelerate an object so.
 
-If they jump to one place and back all the time, two bodies take turns: all are passed on as well, for
-``inspection`` to see.
+If they jump to one place and back all the time, two bodies take turns: all are passed on as well, and
+``inspection`` reports it.
 """
 
 from collections import Counter, deque
@@ -26,7 +26,7 @@ JUMP: Final = 3.0
 """A jump is longer than this many usual steps."""
 USUAL_QUANTILE: Final = 0.9
 KNOWN_STEPS: Final = 10
-"""Fewer steps do not show yet what is usual."""
+"""Least number of steps that determine the usual step."""
 SHORT_NS: Final = 500_000_000
 LONGEST_NS: Final = 2_000_000_000
 """Longest excursion if its first step is no motion. Markers are hidden for up to 1.6 s at a time."""
@@ -36,7 +36,7 @@ MOST_JUMPS: Final = 3
 """This many jumps in a row are motion, unless they lead back."""
 VISITS: Final = 10
 VISITS_WITHIN: Final = 40
-"""Excursions to one place are those of another body if there are ``VISITS`` within so many poses."""
+"""Excursions to one place are those of another body if ``VISITS`` happen within this many poses."""
 SAME_PLACE: Final = 0.25
 """Largest movement of that place between two excursions, relative to the jump."""
 ARM_M: Final = 0.1
@@ -68,7 +68,7 @@ class ExcursionFilter:
         self._last_excursion: Pose | None = None
 
     def admit(self, pose: Pose, continues: bool, period_ns: int) -> Sequence[Pose]:
-        """The poses to go on with now: this one, none, or several that were held.
+        """The poses to pass on now: this one, none, or several that were held.
 
         Parameters
         ----------
@@ -115,7 +115,7 @@ class ExcursionFilter:
         return self._held[0].stamp_ns if self._held else None
 
     def _come_back(self, pose: Pose) -> Sequence[Pose]:
-        """The pose with which the motion goes on, and the held ones only where they are of another body."""
+        """Pass on the pose that continues the motion, and the held ones only if they are of another body."""
         self._note_visit()
         if len(self._visits) == VISITS and self._poses - self._visits[0] < VISITS_WITHIN:
             self._held.append(pose)
@@ -129,8 +129,8 @@ class ExcursionFilter:
         return (pose,)
 
     def _note_visit(self) -> None:
-        """Count the excursion, if it is to where the one before was. Turns in place are no other body: such
-        flips are frequent errors of vision."""
+        """Count the excursion, if it leads to the place of the one before. Turns in place are no other body:
+        such flips are frequent errors of vision."""
         assert self._last is not None
         if step_between(self._last, self._held[0]).distance_m <= NEAR_M:
             self._visits.clear()
@@ -179,7 +179,7 @@ class ExcursionFilter:
         return is_usual and _apart_m(self._last, pose) < _apart_m(self._held[-1], pose)
 
     def _continues_jump(self, pose: Pose, furthest: Step) -> bool:
-        """Whether the step to this pose continues the jump to the only held one, which then is none."""
+        """Whether the step to this pose continues the jump to the only held one, so that it was motion."""
         if len(self._held) != 1 or self._last is None:
             return False
         first, second = _way(self._last, self._held[0]), _way(self._held[0], pose)
@@ -228,7 +228,7 @@ class DefaultPoseFilter:
         self._arrivals: dict[Numbers, None] = {}
 
     def admit(self, pose: Pose, continues: bool) -> Sequence[Pose]:
-        """The poses to go on with now: this one, none, or several that were held.
+        """The poses to pass on now: this one, none, or several that were held.
 
         Parameters
         ----------
@@ -257,7 +257,7 @@ class DefaultPoseFilter:
         return self._held[0][0].stamp_ns if self._held else None
 
     def finish(self) -> Sequence[Pose]:
-        """The poses still held: no motion has come that would show them to be default poses."""
+        """The poses still held: no later motion has shown that they are default poses."""
         waiting = [pose for pose, _ in self._held]
         self._held, self._motion = [], 0
         for pose in waiting:
@@ -304,7 +304,7 @@ class DefaultPoseFilter:
         return is_repeated or _is_origin(pose, is_away, in_position)
 
     def _is_suspect(self, pose: Pose) -> bool:
-        """Whether it may be a default pose, while the motion is not known yet."""
+        """Whether a pose may be a default pose, while the motion is not known yet."""
         if pose.position_m != _ORIGIN:
             return False
         previous = self._held[-1][0] if self._held else self._kept[-1] if self._kept else pose

@@ -52,7 +52,7 @@ from contact_tracker.motion.excursions import DefaultPoseFilter, ExcursionFilter
 from contact_tracker.motion.poses import NO_OUTLIERS, Outliers, Pose, Poses, Step, step_between
 
 LONGEST_WAIT_NS: Final = 100_000_000
-"""Held poses delay what is said of their time by this much at most."""
+"""Longest time for which held poses delay the ticks."""
 GAP_NS: Final = 500_000_000
 GAP_PERIODS: Final = 10
 LEAD_PERIODS: Final = 5
@@ -61,7 +61,7 @@ FOLLOWERS: Final = 20
 SLOW_RUN_NS: Final = LONGEST_WAIT_NS
 SLOW_FOLLOWERS: Final = 2
 HELD: Final = 64
-"""Most poses that are held; random stamps never form a long run."""
+"""Largest number of held poses; random stamps never form a long run."""
 RESET_RUN: Final = 20
 PERIODS_KEPT: Final = 25
 AWAY_STEPS: Final = 4.0
@@ -117,11 +117,11 @@ class StampOrder:
 
     @property
     def shift_ns(self) -> int:
-        """What is added to stamps since the last reset of the clock."""
+        """Shift (ns) that is added to stamps since the last reset of the clock."""
         return self._offset_ns
 
     def admit(self, pose: Pose) -> Sequence[Ordered]:
-        """The poses to go on with now: this one, none, or several that were held."""
+        """The poses to pass on now: this one, none, or several that were held."""
         stamp_ns = pose.stamp_ns + self._offset_ns
         if abs(pose.stamp_ns) > RANGE_NS or abs(stamp_ns) > RANGE_NS:
             self._counts["out_of_range"] += 1
@@ -140,8 +140,7 @@ class StampOrder:
         return self._release(ended=False)
 
     def finish(self) -> Sequence[Ordered]:
-        """The held poses that others have followed, or all if there are no others, at the end of the
-        stream."""
+        """At the end of the stream, the held poses that later ones have confirmed; all if there are none."""
         return self._release(ended=True)
 
     def _release(self, ended: bool) -> Sequence[Ordered]:
@@ -274,7 +273,7 @@ RANGE_M: Final = 1e6
 MANY_BACKWARD: Final = 0.2
 """Share of poses out of order that single wrong stamps do not explain."""
 MOST_REPEATED: Final = 0.6
-"""Share of poses with the time of another from which on it is not that each is published twice."""
+"""Largest share of poses with the time of another pose where each is published twice."""
 
 
 _BACKWARD: Final = "sort them by time; if they are of several bodies, record each on a topic of its own"
@@ -298,8 +297,8 @@ def counts_text(counts: Mapping[str, int], outliers: Outliers = NO_OUTLIERS, ori
 
 
 def remarks_on(counts: Mapping[str, int], total: int) -> tuple[str, ...]:
-    """One line for each reason for which many of ``total`` poses were dropped, but not most of them, which is
-    ``remark_on_loss``; they are warnings."""
+    """Warnings, one line for each reason for which many of ``total`` poses were dropped; none if most were,
+    see ``remark_on_loss``."""
     if remark_on_loss(counts, total) is not None:
         return ()
     return tuple(filter(None, (_remark_on_times(counts, total), remark_on_excursions(counts))))
@@ -437,12 +436,11 @@ def require_valid(poses: Poses, after_ns: int | None) -> None:
 
 
 class Arrival(NamedTuple):
-    """What a measured pose brings: the ``poses`` to go on with now, none or those that were held until it
-    came.
+    """The effect of a measured pose: the ``poses`` to pass on now, possibly none, or poses held until then.
 
-    ``time_ns`` is the stamp up to which the stream has come, None before the first pose in order. No pose of
-    before ``next_ns`` is waited for any more, as held poses are for ``LONGEST_WAIT_NS`` only: ticks that end
-    by then are complete. It is later than ``time_ns`` by the usual period where none is held.
+    ``time_ns`` is the latest stamp of the stream, None before the first pose in order. No pose before
+    ``next_ns`` is awaited any more: ticks that end by then are complete. It is later than ``time_ns`` by the
+    usual period if no pose is held, and otherwise earlier by ``LONGEST_WAIT_NS`` at most.
     """
 
     poses: Sequence[Pose]
@@ -473,16 +471,16 @@ class PoseGate:
 
     @property
     def counts(self) -> Counter[str]:
-        """Counts by kind so far, which others add to."""
+        """Counts by kind so far; callers may add to them."""
         return self._counts
 
     @property
     def shift_ns(self) -> int:
-        """What is added to stamps since the last reset of the clock."""
+        """Shift (ns) that is added to stamps since the last reset of the clock."""
         return self._order.shift_ns
 
     def admit(self, pose: Pose) -> Sequence[Pose]:
-        """The poses to go on with now: this one, none, or several that were held until it came.
+        """The poses to pass on now: this one, none, or several that were held until it came.
 
         Parameters
         ----------

@@ -40,7 +40,7 @@ class ReadAs(NamedTuple):
     ----------
     frame_moves : whether they are in the frame of a body that moves. Then they look like inverse poses of
         that body, and are right.
-    table : what the columns of their table are.
+    table : meaning of the columns of their table.
     path : of the table; empty for one in memory.
     quaternion : names of the columns taken as qx, qy, qz and qw, if others can be given instead.
     has_angles : whether the names of columns say that rotations are angles.
@@ -53,7 +53,7 @@ class ReadAs(NamedTuple):
     has_angles: bool = False
 
     def command(self, **stated: Any) -> str:
-        """The command that reads the table with this stated as well, or instead."""
+        """The command that reads the table with these settings added or replaced."""
         return self.table.with_(reading_of(**stated)).command(self.path)
 
 
@@ -169,11 +169,11 @@ def batches(poses: Iterable[Pose] | Batched) -> Iterator[Poses]:
 
 NEAR_M: Final = 0.01
 NEAR_TURN: Final = 2.0 * sin(radians(3.0) / 2.0)
-"""A pose within both of the last one is near, whatever the motion."""
+"""A pose that is within both limits of the last one is near, whatever the motion."""
 
 
 STEPS_KEPT: Final = 25
-"""Number of steps that show what is usual."""
+"""Number of steps that determine the usual step."""
 
 
 class Step(NamedTuple):
@@ -234,7 +234,7 @@ class Outliers(NamedTuple):
 
     @classmethod
     def at(cls, stamp_ns: NDArray[np.int64]) -> Self:
-        """Those at these stamps (N,)."""
+        """The outliers at these stamps (N,)."""
         return cls(len(stamp_ns), tuple(stamp_ns[:MOST_TOLD].tolist()))
 
     def joined(self, later: "Outliers") -> "Outliers":
@@ -244,10 +244,10 @@ class Outliers(NamedTuple):
         return Outliers(self.total + later.total, (self.first_stamps_ns + later.first_stamps_ns)[:MOST_TOLD])
 
     def since(self, earlier: "Outliers") -> "Outliers":
-        """Those that have come since the ones ``earlier``."""
+        """The outliers after the ``earlier`` ones."""
         return Outliers(self.total - earlier.total, self.first_stamps_ns[len(earlier.first_stamps_ns) :])
 
 
 NO_OUTLIERS: Final = Outliers()
 MOST_TOLD: Final = 3
-"""Most outliers of which the time is told."""
+"""Largest number of outliers whose stamps are kept."""

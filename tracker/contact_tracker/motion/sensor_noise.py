@@ -97,7 +97,7 @@ class NoiseBuffer(NamedTuple):
     frame_count: int = 0
 
     def is_due(self, count: int) -> bool:
-        """Whether so many frames are enough for a new estimate."""
+        """Whether ``count`` frames are enough for a new estimate."""
         new, held = (count - ORDER + 1) // STRIDE, int(self.differences.shape[1])
         return new >= NEW_SHARE * min(held + new, MEMORY)
 
@@ -163,7 +163,7 @@ def independent_point(poses: Poses) -> Array:
 
     Parameters
     ----------
-    poses : consecutive ones, of which the first decide; of slow streams none does.
+    poses : consecutive poses, of which only the first count; in a slow stream none does.
     """
     if len(poses) <= ORDER or np.median(np.diff(poses.stamp_ns)) > SLOW_PERIOD_S * 1e9:
         return np.zeros(3)

@@ -47,8 +47,8 @@ class Tick:
     origins: Origins
     """Origins of the lifted poses in the world and in the body frame."""
     is_rest: bool = False
-    """Whether it is the rest of a tick that was closed early. It does not count for the strength of motion,
-    since it is not a whole tick away from its neighbours."""
+    """Whether it is the remainder of a tick that was closed early. It does not count for the strength of
+    motion, since it is not a whole tick away from its neighbours."""
 
 
 class StreamState(NamedTuple):
@@ -60,7 +60,7 @@ class StreamState(NamedTuple):
     free_motion: FreeMotion | None
     """None if the next tick does not follow the last one."""
     last_frames: Poses
-    """Those of the last tick, if there are any."""
+    """Frames of the last tick, if there are any."""
 
 
 def empty_tick(last: Tick, start_ns: int, stamp_ns: int, is_rest: bool = False) -> Tick:
@@ -220,8 +220,8 @@ LONGEST_GAP_S: Final = 5.0
 ORIGIN_M: Final = np.zeros(3)
 EMPTY_TICKS: Final = 1000
 EMPTY_PER_TICK: Final = 10
-"""Gaps are filled with so many empty ticks in any case, and with so many for each tick with frames: a small
-file can have thousands of gaps."""
+"""Gaps are filled with ``EMPTY_TICKS`` empty ticks in any case, and with this many more for each tick with
+frames: a small file can have thousands of gaps."""
 
 
 @dataclass(eq=False)
@@ -233,11 +233,11 @@ class TickGrid:
     model : has the length of a tick, and the noise of the filter whose free motion gates frames.
     body_m : (3,) point of the body that is tracked, in the body frame.
     begin_ns : when the current tick begins; ``frames`` are its poses so far.
-    origins : of the ticks' coordinates; like ``begin_ns`` None before the first pose.
-    number : of the current tick.
+    origins : origins of the ticks' coordinates; like ``begin_ns`` None before the first pose.
+    number : number of the current tick.
     last : the tick before it.
     stream : estimates of the stream.
-    empty : how many ticks before it were empty.
+    empty : number of empty ticks before it.
     """
 
     model: Model
@@ -332,7 +332,7 @@ class TickGrid:
 
     @property
     def _has_closed_early(self) -> bool:
-        """Whether the current tick is the rest of one that was closed early."""
+        """Whether the current tick is the remainder of a tick that was closed early."""
         return self.last is not None and self.begin_ns is not None and self.last.stamp_ns >= self.begin_ns
 
     def _pass_to(self, stamp_ns: int, is_closed: bool) -> list[Tick]:

@@ -22,10 +22,10 @@ Bools = NDArray[np.bool_]
 REST_S: Final = 1.0
 """Shortest time in one place that is a rest."""
 TREND: Final = 2.0
-"""Variance of the poses of a rest over half their mean squared step (von Neumann's ratio, inverted), at most:
-of ten ticks of white noise one in 700 exceeds it, and a steady motion has 18."""
+"""Largest variance of the poses of a rest over half their mean squared step (inverse of von Neumann's ratio):
+one in 700 spans of ten ticks of white noise exceeds it, and a steady motion has 18."""
 _POSE: Final = slice(T[-1] + 1)
-"""Where zeta has the rotation, and then the position."""
+"""Entries of zeta that are the rotation, and then the position."""
 _TURN: Final = len(R)
 """Number of entries of the rotation."""
 
@@ -148,7 +148,7 @@ class Window:
         return self.pick(slice(first, end), self.zeta[first - 1] if first else self.before)
 
     def since(self, onset: int) -> "Window":
-        """The ticks since number ``onset``; as the same object if they are asked for again."""
+        """The ticks since number ``onset``; as the same object in each call."""
         views: dict[int, Window] = vars(self).setdefault("_since", {})
         first = int(self.index.searchsorted(onset))
         if first not in views:
