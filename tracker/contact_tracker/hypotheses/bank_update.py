@@ -20,7 +20,7 @@ from contact_tracker.hypotheses.births import (
     BirthProposals,
     TickInput,
     add,
-    joined,
+    join_histories,
     uninformed_proposal,
 )
 from contact_tracker.hypotheses.evidence import EvidenceParameters, sum_evidence
@@ -68,7 +68,7 @@ class LiveHypotheses(NamedTuple):
             np.append(Bank.of_all(banks, "log_likelihood"), 0.0),
         )
 
-    def held(self, tick: int) -> Self:
+    def at_tick(self, tick: int) -> Self:
         """The same hypotheses in this tick, which carries no information."""
         onset = self.onset.copy()
         onset[-1] = tick
@@ -133,7 +133,9 @@ def update_banks(
     for column, (bank, (words, since), rows) in enumerate(zip(banks, kept, kept_rows, strict=True)):
         past = bank.lag_history
         if past.shape[1]:
-            past = joined(past, tick_input.lag_history[column], tick_input.proposals[column].count, rows)
+            past = join_histories(
+                past, tick_input.lag_history[column], tick_input.proposals[column].count, rows
+            )
         elif len(past) != len(rows):
             past = np.empty((len(rows), *past.shape[1:]))
         updated.append(Bank(words, bank.layout, Onsets(since, bank.onsets.layout), past))
@@ -231,7 +233,7 @@ def fit_windows(
     """
     births = [_start_bank(model, *inputs, scales) for inputs in zip(windows, proposals, strict=True)]
     of = np.arange(len(windows)).repeat([len(bank) for bank in births])
-    bank = refit_in_windows(_joined(births), of, model, windows, scales)
+    bank = refit_in_windows(_join_banks(births), of, model, windows, scales)
     rows = np.flatnonzero(bank.needs_search)
     turns = np.array([window.zeta[-1, R].reshape(3, 3) for window in windows]).reshape(-1, 3, 3)
     drawn = np.array([model.turned(directions(model, windows[i].index[-1]), turns[i]) for i in of[rows]])
@@ -260,7 +262,7 @@ def _start_bank(
     return accumulate_window(bank, model, window, scales) if len(bank) else bank
 
 
-def _joined(banks: Sequence[Bank]) -> Bank:
+def _join_banks(banks: Sequence[Bank]) -> Bank:
     """One bank from those of all windows."""
     onsets = np.concatenate([bank.onsets.words for bank in banks])
     return Bank(

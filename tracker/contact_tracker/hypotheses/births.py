@@ -170,7 +170,7 @@ def add(bank: Bank, model: ContactModel, birth: Birth) -> Bank:
     words = np.concatenate([bank.words, begins.rows.words])
     onsets = replace(bank.onsets, words=np.pad(bank.onsets.words, ((0, 1), (0, 0))))
     onsets.rows["onset"][-1], onsets.rows["onset_ns"][-1] = birth.onset, birth.onset_ns
-    past = joined(bank.lag_history, birth.lag_history, begins.count, np.arange(len(words)))
+    past = join_histories(bank.lag_history, birth.lag_history, begins.count, np.arange(len(words)))
     extended = Bank(words, bank.layout, onsets, past)
     new = Bank(words[old:], bank.layout, onsets, past[old:])
     if old:
@@ -185,7 +185,7 @@ def add(bank: Bank, model: ContactModel, birth: Birth) -> Bank:
     return extended
 
 
-def joined(past: Array, of_new: Array, count: int, rows: Index) -> Array:
+def join_histories(past: Array, of_new: Array, count: int, rows: Index) -> Array:
     """Lag histories (R, L, 7) of ``rows`` of: the old hypotheses, ``past`` (H, L, 7), then ``count`` new ones
     with the common history ``of_new`` (L, 7)."""
     if not past.shape[1]:
@@ -294,7 +294,7 @@ def propose_measured(model: ContactModel, known_map: Map, measured: Pair, frame:
     """Proposals of a contact with elements that were ``measured`` otherwise than by motion (object in the
     body frame, surroundings in the world frame), where the map does not give them.
 
-    Of a measured normal of the surroundings and a known direction up, only the more certain one counts.
+    If a normal of the surroundings is measured and the direction up is known, the more certain one counts.
     """
     body, world = (None if element is None else NamedElement("measured", element) for element in measured)
     if known_map.up is not None and world is not None and not _is_surer_than_up(world, known_map.up):
@@ -302,7 +302,7 @@ def propose_measured(model: ContactModel, known_map: Map, measured: Pair, frame:
     assumed = named_pairs(known_map, model)
     return make_proposals(
         model,
-        [_with(pair, body, world).pair(frame) for pair in assumed],
+        [_fill_open(pair, body, world).pair(frame) for pair in assumed],
         [pair.log_share for pair in assumed],
         range(len(assumed)),
         [pair.is_certain for pair in assumed],
@@ -317,21 +317,22 @@ def _is_surer_than_up(measured: NamedElement, up: Up) -> bool:
     return bool(np.trace(element.covariance[:3, :3]) < 2.0 * up.spread_rad**2)
 
 
-def _with(pair: NamedPair, object: NamedElement | None, environment: NamedElement | None) -> NamedPair:
+def _fill_open(pair: NamedPair, object: NamedElement | None, environment: NamedElement | None) -> NamedPair:
     """The ``pair`` with these elements where it leaves them open."""
     environment = pair.environment or environment
     return NamedPair(pair.object or object, environment, pair.log_share, None if environment else pair.up)
 
 
-def named(geometry: ContactGeometry, pair: NamedPair) -> ContactGeometry:
+def name_elements(geometry: ContactGeometry, pair: NamedPair) -> ContactGeometry:
     """The geometry of a hypothesis that assumes ``pair``, with the names in the map."""
     faces = isinstance(geometry.object, Plane) and isinstance(geometry.environment, Plane)
     return ContactGeometry(
-        _named(geometry.object, pair.object, faces), _named(geometry.environment, pair.environment, faces)
+        _name_element(geometry.object, pair.object, faces),
+        _name_element(geometry.environment, pair.environment, faces),
     )
 
 
-def _named(element: Element, map_element: NamedElement | None, faces: bool) -> Element:
+def _name_element(element: Element, map_element: NamedElement | None, faces: bool) -> Element:
     """The element with its name. If both are ``faces``, motion does not determine the offset, which is then
     the map's."""
     if map_element is None:
@@ -355,8 +356,8 @@ _HOPELESS: Final = -50.0
 _ROUNDING: Final = 1e-14
 """Eigenvalues below this share of the largest are rounding errors."""
 MOST_BIRTHS: Final = 100
-"""Most known pairs of one contact that begin in a tick, the most probable ones. A box of known size beside
-another has some 70 at most; without a limit hundreds of known edges, any two of which nearly cross, take
+"""Largest number of known pairs of one contact, the most probable, that begin in a tick. Two boxes of known
+size have some 70 at most; without a limit hundreds of known edges, any two of which nearly cross, take
 gigabytes."""
 FREE: Final = Contact.FREE.column
 FACES: Final = Contact.FF.column

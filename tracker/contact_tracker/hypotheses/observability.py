@@ -30,7 +30,7 @@ from contact_tracker.geometry.lifted_pose import R, T
 from contact_tracker.geometry.linalg import cross
 from contact_tracker.hypotheses import compiled, gauss_newton, refit
 from contact_tracker.hypotheses.bank import Bank
-from contact_tracker.hypotheses.births import named
+from contact_tracker.hypotheses.births import name_elements
 from contact_tracker.hypotheses.evidence import EvidenceParameters, weak_prior
 from contact_tracker.hypotheses.refit import anchors_of
 from contact_tracker.hypotheses.schedule import REST_WEIGHT
@@ -87,8 +87,8 @@ def observed_geometry(
         return geometry
     open_ = model.geometry(x, open_covariance, 0.0)
     return ContactGeometry(
-        replace(geometry.object, unobserved=_ways(open_.object, scales.reach_m)),
-        replace(geometry.environment, unobserved=_ways(open_.environment, scales.reach_m)),
+        replace(geometry.object, unobserved=_open_directions(open_.object, scales.reach_m)),
+        replace(geometry.environment, unobserved=_open_directions(open_.environment, scales.reach_m)),
     )
 
 
@@ -205,7 +205,7 @@ def perturbed_rows(hypothesis: Bank, model: ContactModel) -> Array:
     return np.asarray((model.family.rows(hypothesis.x[0]) @ model.moves).swapaxes(0, 1))
 
 
-def _ways(free: Element, reach_m: float) -> tuple[Unobserved, ...]:
+def _open_directions(free: Element, reach_m: float) -> tuple[Unobserved, ...]:
     """Unobserved turns and shifts of an element, given the covariance of the open directions alone."""
     covariance = np.zeros((6, 6)) if free.covariance is None else free.covariance
     match free:
@@ -383,7 +383,7 @@ class FittedContact:
             body_m = bank.weighted_position_sum[0] / bank.weight[0]
             local = ContactGeometry(by_foot(local.object, np.zeros(3)), by_foot(local.environment, body_m))
         geometry = _in_users_frames(local, self.rotation, self.origins)
-        return geometry if self.pair is None else named(geometry, self.pair)
+        return geometry if self.pair is None else name_elements(geometry, self.pair)
 
 
 def fitted_contact(

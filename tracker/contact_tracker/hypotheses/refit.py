@@ -124,8 +124,8 @@ def recover_fallen(
 ) -> Bank:
     """Refit hypotheses whose likelihood has dropped in this tick.
 
-    Those that were near the best (log weight ``was`` (H,)) take ``RECOVERY_STEPS`` more steps. Those that
-    still do not fit, and were within ``PROTECTION_NATS``, are protected from pruning
+    Hypotheses that were near the best (log weight ``was`` (H,)) take ``RECOVERY_STEPS`` more steps. If they
+    still do not fit, and were within ``PROTECTION_NATS``, they are protected from pruning
     (``Bank.protected_until``).
     """
     fallen = _fallen(bank, was, DEFER_NATS)

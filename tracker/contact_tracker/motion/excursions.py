@@ -182,13 +182,13 @@ class ExcursionFilter:
         """Whether the step to this pose continues the jump to the only held one, so that it was motion."""
         if len(self._held) != 1 or self._last is None:
             return False
-        first, second = _way(self._last, self._held[0]), _way(self._held[0], pose)
+        first, second = _displacement(self._last, self._held[0]), _displacement(self._held[0], pose)
         length, following = np.linalg.norm(first, axis=1), np.linalg.norm(second, axis=1)
         is_forward = (first * second).sum(axis=1) > 0.0
         return bool((is_forward & (JUMP * following >= length))[length > furthest].all())
 
 
-def _way(a: Pose, b: Pose) -> Array:
+def _displacement(a: Pose, b: Pose) -> Array:
     """(2, 3) the path from ``a`` to ``b``, and the turn as a rotation vector."""
     turn = rotation_vectors(between(np.array(a.quat_xyzw), np.array(b.quat_xyzw)))
     return np.array([np.subtract(b.position_m, a.position_m), turn])

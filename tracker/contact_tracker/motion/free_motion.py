@@ -103,9 +103,9 @@ class FreeMotion(NamedTuple):
     def excess(self, variance: Array, rest: Array, share: Array | float = 1.0) -> Array:
         """Variance per axis (2,) of the last tick's unpredictable motion beyond the noise ``variance`` (2,).
 
-        ``share`` (2,) is the part of a whole tick's motion that the tick covers. The variance is the geometric
-        mean over the axes of the motion, reduced by the autocorrelation of the errors: a constraint counts as
-        much as a typical axis, and only by its innovation (T18).
+        ``share`` (2,) is the part of a whole tick's motion in this tick. The variance is the geometric mean
+        over the axes of the motion, reduced by the autocorrelation of the errors: a constraint counts
+        like a typical axis, and only by its innovation (T18).
         """
         if not self.weight:
             return np.zeros(2)

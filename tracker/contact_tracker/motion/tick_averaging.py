@@ -184,23 +184,23 @@ def _plausible(
     everything = np.ones(count, bool)
     if motion is not None and free_motion.is_predictable(motion, int(frames.stamp_ns[0]), model.tick_s):
         at, facing = free_motion.predicted(motion, (frames.stamp_ns - motion.stamp_ns) / 1e9)
-        off, spread = _off(frames, at + origin_m, facing), motion.spread
+        deviation, spread = _deviations(frames, at + origin_m, facing), motion.spread
         if count >= 3:  # frames are compared with their neighbours, between which there is little motion
-            off = off - _local_median(off)
+            deviation = deviation - _local_median(deviation)
             spread = spread * ((min(NEIGHBOURS, count) - 1) / count) ** 2
         allowed_sq = sigma_sq + spread
     elif count >= NEIGHBOURS:
-        off = _off(frames, frames.position_m[0], frames.quat_xyzw[0])
-        step_sq = np.median(np.square(off[1:] - off[:-1]).reshape(-1, 2, 3).sum(axis=2), axis=0)
-        off, allowed_sq = off - _local_median(off), np.maximum(sigma_sq, step_sq)
+        deviation = _deviations(frames, frames.position_m[0], frames.quat_xyzw[0])
+        step_sq = np.median(np.square(deviation[1:] - deviation[:-1]).reshape(-1, 2, 3).sum(axis=2), axis=0)
+        deviation, allowed_sq = deviation - _local_median(deviation), np.maximum(sigma_sq, step_sq)
     else:
         return everything
-    distance_sq = (off * off).reshape(-1, 2, 3).sum(axis=2)
+    distance_sq = (deviation * deviation).reshape(-1, 2, 3).sum(axis=2)
     good = (distance_sq < model.noise.outlier_sigmas**2 * allowed_sq).all(axis=1)
     return np.asarray(good if good.any() else everything)
 
 
-def _off(frames: Poses, position_m: Array, quat_xyzw: Array) -> Array:
+def _deviations(frames: Poses, position_m: Array, quat_xyzw: Array) -> Array:
     """Differences (N, 6) of frames from one or N poses: position, and rotation vector in the body's axes."""
     turn = rotation_vectors(between(quat_xyzw, frames.quat_xyzw))
     return np.concatenate([frames.position_m - position_m, turn], axis=1)

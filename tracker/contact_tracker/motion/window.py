@@ -106,7 +106,7 @@ class Window:
         (a, b), (p, q) = self.innovation_excess[-1].tolist(), self.variance[-1].tolist()
         return float(max(a / (a + p), b / (b + q)))
 
-    def then(
+    def append(
         self,
         index: int,
         zeta: Array,
@@ -205,7 +205,7 @@ def advance_window(window: Window, number: int, tick: Tick, model: Model) -> Win
     assert window.frames is not None
     frames = np.append(window.frames, tick.count)[-round(model.search.window_s / model.tick_s) :]
     variance, uneven = tick_variances(tick.noise, frames, model), tick_anisotropy(tick.noise, frames, model)
-    return window.then(number, tick.zeta, np.array(tick.innovation_excess), variance, uneven, frames)
+    return window.append(number, tick.zeta, np.array(tick.innovation_excess), variance, uneven, frames)
 
 
 def _per_axis(apart: Array) -> Array:

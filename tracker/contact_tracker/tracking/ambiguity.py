@@ -50,7 +50,7 @@ NOT_EXCLUDED: Final = 1.0 / OPEN_AT_MOST - 1.0
 CHANGED_AT_REST: Final = 0.5
 """Probability that the contact has changed where the object came to rest: on 54 s of rests in recordings with
 truth (42 s everyday, 12 s pressed by a hand) the log-loss is 2.6 nats with 0.5 to 0.7, 2.8 with 0.12 and 3.2
-with 0, that is with the label of the motion beside it."""
+with 0, that is with the label of the motion next to it."""
 SHORT_OF_TIE: Final = 1.0 - 1e-9
 """Share of the change up to a tie of two states that is made, so that their order does not change."""
 LEAST_SHARE: Final = 1e-300
@@ -96,10 +96,10 @@ class Freedom(NamedTuple):
 def indistinguishable(label: Contact, rivals: CompetingEvidence, freedom: Freedom) -> tuple[Contact, ...]:
     """The other states that the motion does not distinguish from ``label`` (T23).
 
-    Those are the states whose evidence is at most ``DECISIVE`` below the label's. If the label's freedom is
-    underused, not moving in one more direction is no evidence: then also every state that fits the motion,
-    and every state that these contain. Motion of one degree of freedom may also be that of a hinge, a slider
-    or a screw: then all states.
+    These are the states whose evidence is at most ``DECISIVE`` below the label's. If the label's freedom is
+    underused, the lack of motion in one more direction is no evidence: then also all states that fit the
+    motion, and all states that these contain. Motion of one degree of freedom may be that of a hinge, a
+    slider or a screw: then all states.
     """
     if freedom.one_direction:
         return STATES[: label.column] + STATES[label.column + 1 :]
@@ -113,7 +113,7 @@ def indistinguishable(label: Contact, rivals: CompetingEvidence, freedom: Freedo
 def alike_in_formation(label: Contact, rivals: CompetingEvidence) -> tuple[Contact, ...]:
     """The other contacts that are indistinguishable from a label beside which further contacts are found.
 
-    These are the ones with as many constraints that fit as well. That the label has more evidence may only be
+    These have at least as many constraints and fit as well. The label may have more evidence only
     because its elements are less complex: a vertex that slides along two planes also keeps an edge on the
     line in which these meet.
     """
@@ -220,8 +220,8 @@ def redistribute(
 
 
 def shared_with(probability: Array, label: Contact, rivals: Sequence[Contact]) -> Array:
-    """Posterior (7,) in which the label divides its probability and that of the ``rivals`` among them, itself
-    with ``FIRST_CHOICE``."""
+    """Posterior (7,) in which the label and the ``rivals`` divide their total probability: equal shares, but
+    ``FIRST_CHOICE`` of them for the label."""
     if not rivals:
         return probability
     shared, alike = probability.copy(), [state.column for state in (label, *rivals)]
@@ -269,7 +269,7 @@ def decide_by_wrenches(
     Returns
     -------
     The most probable of them; those within ``DECISIVE`` of it; and the share (7,) of each in the probability
-    of all, None without others. The prior of the label is ``FIRST_CHOICE`` times that of others.
+    of all, None without rivals. The prior of the label is ``FIRST_CHOICE`` times a rival's.
     """
     if not rivals:
         return label, rivals, None
@@ -305,7 +305,7 @@ def reported(
 
 
 def most_beside(rivals: int) -> float:
-    """Greatest probability of one kind beside which so many ``rivals`` are not excluded."""
+    """Largest probability of a kind of contact, given the number of ``rivals`` that are not excluded."""
     return 1.0 / (1.0 + NOT_EXCLUDED * rivals)
 
 

@@ -66,7 +66,7 @@ class FurtherContact:
         )
 
 
-def beside(further: tuple[FurtherContact, ...], p_label: float) -> tuple[FurtherContact, ...]:
+def with_p_label(further: tuple[FurtherContact, ...], p_label: float) -> tuple[FurtherContact, ...]:
     """The further contacts beside a label of this probability; the same object if nothing changes."""
     if all(contact.p_label == p_label for contact in further):
         return further
@@ -127,7 +127,7 @@ class Belief:
     def __post_init__(self) -> None:
         if self.further:
             p_label = float(self.probability[self.contact.column])
-            object.__setattr__(self, "further", beside(self.further, p_label))
+            object.__setattr__(self, "further", with_p_label(self.further, p_label))
 
     @property
     def geometry(self) -> ContactGeometry | None:
@@ -211,7 +211,7 @@ class Segment:
     task_frame: TaskFrame | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "further", beside(self.further, self.probability))
+        object.__setattr__(self, "further", with_p_label(self.further, self.probability))
 
     @property
     def constraints(self) -> int:

@@ -43,7 +43,7 @@ from contact_tracker.tracking.transition_model import (
     FREE,
     REST_EXPOSURE,
     REST_LOG_LIKELIHOOD,
-    lifted,
+    lift_after_rest,
     tick_transitions,
 )
 
@@ -65,7 +65,7 @@ def predict_transitions(
     if state.known_map.lists_elements:  # known elements come into contact by any displacement, however smooth
         exposure = max(exposure, window.displacement_ratio)
     ordinary = tick_transitions(model, exposure)
-    transition, survival = lifted(ordinary) if rest.ends else ordinary
+    transition, survival = lift_after_rest(ordinary) if rest.ends else ordinary
     if state.knows_elements:
         beyond = model.noise.extra_contact_variance
         proposals, odds, gain = weigh_births(proposals, window, beyond, state.scales)
@@ -232,7 +232,7 @@ def pass_tick(state: FilterState, tick: Tick, window: Window) -> tuple[FilterSta
     passed = state._replace(
         window=window,
         banks=banks,
-        live_hypotheses=state.live_hypotheses.held(state.ticks),
+        live_hypotheses=state.live_hypotheses.at_tick(state.ticks),
         ticks=state.ticks + 1,
         next_hypothesis_id=state.next_hypothesis_id + 1,
         outliers=state.outliers.joined(tick.outliers),

@@ -3,7 +3,7 @@ candidates of noise, the bank, and its report.
 
 The first filter has the given model. The others start, from the first pose, once the ratio of the noise of
 position and orientation is estimated. After some motion filters far behind are dropped, later all but the
-best (``are_compared``).
+best (``are_kept``).
 """
 
 from bisect import bisect_left, bisect_right
@@ -224,7 +224,7 @@ def relative_evidence(ticks: Sequence[TickEvidence], motion: Motion) -> Array:
     return np.asarray(gain + 0.5 * motion.likelihood_exponent * difference)
 
 
-def are_compared(log_weight: Array, log_prior: Array, moved_s: float) -> Bools:
+def are_kept(log_weight: Array, log_prior: Array, moved_s: float) -> Bools:
     """Which of K filters are kept after ``moved_s`` seconds of motion: those near the best, and from
     ``DECIDED_AFTER_S`` on the best alone.
 
@@ -332,7 +332,7 @@ class LatestMotion(NamedTuple):
         """Whether the object rests."""
         return not self.moves and self.ticks_with_excess <= NOW_TICKS
 
-    def then(self, tick: Tick) -> "LatestMotion":
+    def append(self, tick: Tick) -> "LatestMotion":
         """The motion after one more tick."""
         if not tick.count:
             return LatestMotion(self.lifted_poses)
@@ -556,7 +556,7 @@ class FilterBank:
 
     def _update_all(self, tick: Tick, detail: Detail) -> list[Belief]:
         """Update all filters by a tick."""
-        self.motion = self.motion.then(tick)
+        self.motion = self.motion.append(tick)
         best, evidence = int(self.log_weight.argmax()), list[TickEvidence]()
         # only the best looks for further contacts and curvature
         for number, filter_ in enumerate(self.filters):
@@ -585,7 +585,7 @@ class FilterBank:
         model = self.filters[0].state.model
         log_weight = self.log_weight + relative_evidence(evidence, model.motion)
         self.moved_s += model.tick_s
-        kept = np.flatnonzero(are_compared(log_weight, self.log_prior, self.moved_s))
+        kept = np.flatnonzero(are_kept(log_weight, self.log_prior, self.moved_s))
         self.filters = [self.filters[i] for i in kept]
         self.log_weight = log_weight[kept] - log_weight.max()
         self.log_prior = self.log_prior[kept]

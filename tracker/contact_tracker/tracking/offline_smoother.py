@@ -104,7 +104,7 @@ def pieces(
 ) -> Iterator[Segmentation]:
     """The segmentation of a recording piece by piece and in bounded memory.
 
-    Each piece holds the segments concluded since the piece before with their smoothed beliefs, and the online
+    Each piece has the segments concluded since the piece before with their smoothed beliefs, and the online
     beliefs since then, which are ahead of the smoothed ones. The latter have the detail ``online``, and are
     left out with ``Detail.WEIGHTS``. The ``segmenter`` may use wrenches, or record the sightings for a map.
     """
@@ -454,8 +454,8 @@ class Segmenter:
 def end_at_rest(resting: NDArray[np.bool_], end: int, most_ticks: int) -> int:
     """The ``end`` of a segment, moved to the nearest end of a rest that contains it or is ``NOW_TICKS`` away.
 
-    Within a rest, and in too little motion just beside one, no change of contact shows. An end
-    that is more than ``most_ticks`` ticks from those of its rest stays.
+    Motion shows no change of contact within a rest, nor just beside one. An end that is more than
+    ``most_ticks`` from the ends of its rest stays.
     """
     edges = np.flatnonzero(np.diff(resting)) + 1
     if not edges.size or not 0 < end < len(resting):

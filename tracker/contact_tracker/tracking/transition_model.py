@@ -43,7 +43,7 @@ def initial(transitions: Transitions) -> Array:
     p_faces = transitions.initial_f_f
     p_other = (1.0 - p_faces) / (len(STATES) - 1)
     prior = np.array([p_faces if state is Contact.FF else p_other for state in STATES])
-    return _mixed(prior, np.array(transitions.counts.begins), transitions.prior_changes)
+    return _posterior_mean(prior, np.array(transitions.counts.begins), transitions.prior_changes)
 
 
 def leave_per_s(transitions: Transitions) -> Array:
@@ -68,7 +68,7 @@ def destinations(transitions: Transitions) -> Array:
             elif Contact.FREE in (a, b) or _adjacent(a, b):
                 lattice[i, j] = 1.0
     prior = lattice / lattice.sum(axis=1, keepdims=True)
-    return _mixed(prior, np.array(transitions.counts.changes), transitions.prior_changes)
+    return _posterior_mean(prior, np.array(transitions.counts.changes), transitions.prior_changes)
 
 
 def log_initial(model: Model) -> Array:
@@ -96,14 +96,14 @@ def tick_transitions(model: Model, exposure: float) -> TickTransitions:
     rate, log_split = _rates(model.transitions)
     stay = -rate * (model.tick_s * exposure)
     if exposure > 1.0:
-        return TickTransitions(_often(model, exposure, np.exp(stay)), stay)
+        return TickTransitions(_after_changes(model, exposure, np.exp(stay)), stay)
     # without any exposure nothing changes
     change = np.log(-np.expm1(stay))[:, None] + log_split if exposure else np.full_like(log_split, -np.inf)
     change[FREE, FREE] = stay[FREE]
     return TickTransitions(change, stay)
 
 
-def lifted(tick: TickTransitions) -> TickTransitions:
+def lift_after_rest(tick: TickTransitions) -> TickTransitions:
     """The log probabilities of a tick at the end of a rest: what stands on a face is mostly lifted."""
     change, stay = tick.log_transition.copy(), tick.log_survival.copy()
     change[FACES] += np.log1p(-LIFTED_AFTER_REST)
@@ -112,7 +112,7 @@ def lifted(tick: TickTransitions) -> TickTransitions:
     return TickTransitions(change, stay)
 
 
-def _often(model: Model, exposure: float, stay: Array) -> Array:
+def _after_changes(model: Model, exposure: float, stay: Array) -> Array:
     """Log probabilities (7, 7) of the state after any number of changes."""
     rate, log_split = _rates(model.transitions)
     generator = (rate * exposure * model.tick_s)[:, None] * (np.exp(log_split) - np.eye(len(STATES)))
@@ -132,7 +132,7 @@ def _rates(transitions: Transitions) -> tuple[Array, Array]:
     return rate, log_split
 
 
-def _mixed(prior: Array, counts: Array, weight: float) -> Array:
+def _posterior_mean(prior: Array, counts: Array, weight: float) -> Array:
     """Probabilities along the last axis from ``counts`` and a ``prior`` with the ``weight`` of this many
     counts."""
     return np.asarray((weight * prior + counts) / (weight + counts.sum(axis=-1, keepdims=True)))
