@@ -39,11 +39,6 @@ def within_far_margin(bank: Bank) -> Bools:
     return bank.log_weight >= -FAR_NATS
 
 
-def is_protected(bank: Bank) -> Bools:
-    """Which hypotheses (H,) are protected from pruning by weight."""
-    return bank.effective_ticks <= bank.protected_until
-
-
 def prune(bank: Bank, tick: int, best: float, margin: float) -> Bank:
     """Drop hypotheses more than ``margin`` nats behind ``best``, and thin onsets, the more the older they
     are.
@@ -51,7 +46,7 @@ def prune(bank: Bank, tick: int, best: float, margin: float) -> Bank:
     The log weights of the result are relative to ``best``.
     """
     joint = bank.log_weight
-    keep = (joint > best - margin) | is_protected(bank)
+    keep = (joint > best - margin) | (bank.effective_ticks <= bank.protected_until)
     old = bank.onset.searchsorted(tick + 1 - UNTHINNED_TICKS)  # they are in order
     if old > 1:
         age = tick + 1 - bank.onset[:old]
@@ -79,7 +74,7 @@ def best_of(group: Index, joint: Array) -> Bools:
     return best
 
 
-AT_ONCE: Final = 16
+BATCH: Final = 16
 """Number of hypotheses, each with up to 80 starts, that are searched in one batch: it limits the memory."""
 DRAWS: Final = 64
 """Number of sets of random directions, used in turn."""
@@ -88,16 +83,6 @@ DRAWS: Final = 64
 def is_due(model: ContactModel, tick: int) -> bool:
     """Whether the hypotheses of a contact search in this tick; contacts take turns."""
     return not (tick + model.contact.column) % SEARCH_INTERVAL
-
-
-def is_competitive(bank: Bank, model: ContactModel) -> Bools:
-    """Which hypotheses (H,) are near the best, or in burn-in."""
-    return within_far_margin(bank) | in_burn_in(bank, model)
-
-
-def in_burn_in(bank: Bank, model: ContactModel) -> Bools:
-    """Which hypotheses (H,) search whatever their weight: their minimum may not be found yet."""
-    return (bank.effective_ticks <= burn_in_ticks(model.needed)) & bank.needs_search
 
 
 def search(
@@ -118,7 +103,7 @@ def search(
     if not len(rows):
         return bank
     drawn = np.broadcast_to(drawn, (len(rows), *drawn.shape[-2:]))
-    blocks = [slice(first, first + AT_ONCE) for first in range(0, len(rows), AT_ONCE)]
+    blocks = [slice(first, first + BATCH) for first in range(0, len(rows), BATCH)]
     x = np.concatenate([_search_rows(bank, rows[block], model, scales, drawn[block]) for block in blocks])
     starts = x.shape[1]
     of = rows.repeat(starts)
@@ -134,9 +119,8 @@ def search(
 def select_for_search(bank: Bank, model: ContactModel) -> Index:
     """Rows that search: for each age, the best hypothesis without a prior and the best with one."""
     age = np.minimum(bank.effective_ticks.astype(np.int64), len(IS_SEARCH_AGE) - 1)
-    rows = (
-        IS_SEARCH_AGE[age] & (bank.rms > FITTING_RMS) & bank.needs_search & is_competitive(bank, model)
-    ).nonzero()[0]
+    searches = within_far_margin(bank) | (bank.effective_ticks <= burn_in_ticks(model.needed))
+    rows = (searches & IS_SEARCH_AGE[age] & (bank.rms > FITTING_RMS) & bank.needs_search).nonzero()[0]
     kind = 2 * SEARCH_AGES.searchsorted(bank.effective_ticks[rows], side="right") + (
         bank.prior_index[rows] > 0
     )

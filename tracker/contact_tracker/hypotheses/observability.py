@@ -42,11 +42,11 @@ from contact_tracker.states import Contact
 
 Array = NDArray[np.float64]
 
-SHOWN: Final = 10.0
+OBSERVED_RATIO: Final = 10.0
 """A direction is observed if the information of the window is this many times that of prior and noise."""
 NOISE_MARGIN: Final = 1.5
 """In a whole segment, information up to this many times that of prior and noise may be due to noise."""
-OPEN: Final = 0.1
+OPEN_SHARE: Final = 0.1
 """An unobserved direction is reported if the prior lets the element move by this share of a radian or of the
 reach."""
 
@@ -78,12 +78,12 @@ def observed_geometry(
         hypothesis, model, scales, variance, information
     )
     geometry = model.geometry(x, covariance + systematic, scales.reach_m)
-    unseen = eigenvectors[:, : eigenvalues.searchsorted(SHOWN)]
+    unseen = eigenvectors[:, : eigenvalues.searchsorted(OBSERVED_RATIO)]
     if not unseen.size:
         return geometry
     free = tangent @ unseen
     open_covariance = free @ linalg.solve(unseen.T @ prior @ unseen, free.T)
-    if open_covariance.diagonal() @ _in_lengths(model, scales.reach_m) <= OPEN**2:  # the usual case
+    if open_covariance.diagonal() @ _in_lengths(model, scales.reach_m) <= OPEN_SHARE**2:  # the usual case
         return geometry
     open_ = model.geometry(x, open_covariance, 0.0)
     return ContactGeometry(
@@ -222,7 +222,7 @@ def _open_directions(free: Element, reach_m: float) -> tuple[Unobserved, ...]:
 def _turns(axis: Array, covariance: Array) -> tuple[tuple[Unobserved, ...], Array]:
     """Unobserved turns of a unit vector, and the covariance of the element's other part given no turn."""
     turned, remaining = covariance[:3, :3], covariance[3:, 3:]
-    wide = _wide(turned, OPEN)
+    wide = _wide(turned, OPEN_SHARE)
     if not wide.size:
         return (), remaining
     turns = _unobserved("turns_about", cross(axis, wide.T))
@@ -232,7 +232,7 @@ def _turns(axis: Array, covariance: Array) -> tuple[tuple[Unobserved, ...], Arra
 
 
 def _shifts(covariance: Array, reach_m: float) -> tuple[Unobserved, ...]:
-    return _unobserved("shifts_along", _wide(covariance, OPEN * reach_m).T)
+    return _unobserved("shifts_along", _wide(covariance, OPEN_SHARE * reach_m).T)
 
 
 def _wide(covariance: Array, sd: float) -> Array:

@@ -37,7 +37,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
-NOT_AT_ALL: Final = -1
+NO_REFIT: Final = -1
 
 
 def anchors_of(bank: Bank, model: ContactModel) -> Array:
@@ -130,7 +130,7 @@ def recover_fallen(
     """
     fallen = _fallen(bank, was, DEFER_NATS)
     if fallen.any():
-        bank = refit_in_steps(bank, model, window, scales, np.where(fallen, RECOVERY_STEPS, NOT_AT_ALL))
+        bank = refit_in_steps(bank, model, window, scales, np.where(fallen, RECOVERY_STEPS, NO_REFIT))
     fallen = _fallen(bank, was, PROTECTION_NATS)
     if not fallen.any():
         return bank
@@ -153,7 +153,7 @@ def refit(
     """``refit_in_steps`` by the regular number of steps; rows that are ``unchanged`` (H,) are left alone."""
     steps = _steps_due(bank)
     if unchanged is not None:
-        steps[unchanged] = NOT_AT_ALL
+        steps[unchanged] = NO_REFIT
     return refit_in_steps(bank, model, window, scales, steps)
 
 
@@ -183,13 +183,13 @@ def refit_in_windows(
 def refit_in_steps(
     bank: Bank, model: ContactModel, window: Window, scales: EvidenceParameters, steps: Index
 ) -> Bank:
-    """Take ``steps`` (H,) Gauss-Newton steps and evaluate the evidence there; ``NOT_AT_ALL`` leaves a row
+    """Take ``steps`` (H,) Gauss-Newton steps and evaluate the evidence there; ``NO_REFIT`` leaves a row
     alone.
 
     The moments are in 1/m^2, the weights of rows are relative to that.
     """
-    if (steps == NOT_AT_ALL).any():
-        rows = np.flatnonzero(steps != NOT_AT_ALL)
+    if (steps == NO_REFIT).any():
+        rows = np.flatnonzero(steps != NO_REFIT)
         refitted = refit_in_steps(bank.pick(rows), model, window, scales, steps[rows])
         return bank.replace_rows(rows, refitted, np.arange(len(rows)))
     priors = prior_at_anchors(bank, model, scales)

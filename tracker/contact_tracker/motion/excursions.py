@@ -203,7 +203,7 @@ STEPS: Final = 10.0
 """A pose is away from the motion if it is farther than this many usual steps, and not near."""
 QUANTILE: Final = 0.95
 NEIGHBOURS: Final = 5
-HELD: Final = 2000
+MOST_HELD: Final = 2000
 _ARRIVALS_KEPT: Final = 256
 _ORIGIN: Final = (0.0, 0.0, 0.0)
 
@@ -249,7 +249,7 @@ class DefaultPoseFilter:
         if len(self._kept) + self._motion == NEIGHBOURS:
             self._judge_held()
             return self.finish()
-        return self.finish() if len(self._held) == HELD else ()
+        return self.finish() if len(self._held) == MOST_HELD else ()
 
     @property
     def held_since_ns(self) -> int | None:

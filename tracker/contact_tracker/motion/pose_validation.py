@@ -60,7 +60,7 @@ LEAD_PER_FOLLOWER_NS: Final = 100_000_000
 FOLLOWERS: Final = 20
 SLOW_RUN_NS: Final = LONGEST_WAIT_NS
 SLOW_FOLLOWERS: Final = 2
-HELD: Final = 64
+MOST_HELD: Final = 64
 """Largest number of held poses; random stamps never form a long run."""
 RESET_RUN: Final = 20
 PERIODS_KEPT: Final = 25
@@ -69,8 +69,8 @@ AWAY_STEPS: Final = 4.0
 calibration and noise explain."""
 AWAY_M: Final = 0.002
 AWAY_TURN: Final = 0.01
-LATEST: Final = 6
-FEWEST: Final = 3
+LATEST_POSES: Final = 6
+LEAST_POSES: Final = 3
 """Least number of poses with distinct stamps for the usual step, the median between the latest."""
 OTHER_NS: Final = 1
 """Delay with which a pose of another body is passed on, so that stamps increase."""
@@ -110,7 +110,7 @@ class StampOrder:
         self._offset_ns = 0
         self._backward: tuple[int, int, int] | None = None
         self._held: list[Pose] = []
-        self._latest: deque[Pose] = deque(maxlen=LATEST)
+        self._latest: deque[Pose] = deque(maxlen=LATEST_POSES)
         self._follows_other = False
         self._periods: deque[int] = deque(maxlen=PERIODS_KEPT)
         self._in_order: list[int] = []
@@ -149,7 +149,7 @@ class StampOrder:
         while self._held:
             stamps_ns = [pose.stamp_ns for pose in self._held]
             run = longest_run(stamps_ns, self.last_ns)
-            if len(self._held) < HELD and not self._is_confirmed([stamps_ns[i] for i in run]):
+            if len(self._held) < MOST_HELD and not self._is_confirmed([stamps_ns[i] for i in run]):
                 if not ended:
                     break
                 # one stamp contradicts all before it; at the start there is nothing to contradict
@@ -195,7 +195,7 @@ class StampOrder:
 
     def _is_away(self, pose: Pose) -> bool:
         """Whether this pose is farther from the last one than calibration, noise and usual steps explain."""
-        if len(self._latest) < FEWEST:
+        if len(self._latest) < LEAST_POSES:
             return False
         steps = [step_between(a, b) for a, b in pairwise(self._latest)]
         usual = Step(median(step.distance_m for step in steps), median(step.turn for step in steps))

@@ -52,7 +52,7 @@ LONGEST_SETTLING_TICKS: Final = SETTLING_TICKS + 1 + NOW_TICKS
 ROOM_BYTES: Final = 60_000_000
 """Size of the open part (an object at rest may keep hours open) above which its older half is reported with
 the posterior so far."""
-_FEW: Final = 256
+_BELIEF_BATCH: Final = 256
 _BATCH_TICKS: Final = 32
 """Ticks by which the trellis is extended at once; one by one takes twice as long."""
 
@@ -269,7 +269,7 @@ class Segmenter:
             self._extended_trellis()
         if is_reported:
             self._online.append(belief)
-        if len(self._online) == _FEW:  # objects are large
+        if len(self._online) == _BELIEF_BATCH:  # objects are large
             self._filtered.append(Beliefs.of(self._online))
             self._online.clear()
         self._state, self._newest = state, tick
