@@ -283,11 +283,11 @@ class Bank(Table):
         """A copy with some columns (O, ...) of the onsets replaced."""
         return replace(self, onsets=self.onsets.replace_columns(**columns))
 
-    def replace_rows(self, rows: Index, source: "Bank", which: Index) -> "Bank":
-        """A copy whose ``rows`` have the geometry and evidence of the hypotheses ``which`` of ``source``."""
+    def replace_rows(self, rows: Index, source: "Bank", source_rows: Index) -> "Bank":
+        """A copy whose ``rows`` have the geometry and evidence of the ``source_rows`` of ``source``."""
         copy = self.copy()
         for name in FITTED_COLUMNS:
-            copy.rows[name][rows] = source.rows[name][which]
+            copy.rows[name][rows] = source.rows[name][source_rows]
         return copy
 
 

@@ -184,9 +184,9 @@ def _update_contact(
     due = is_due(model, birth.onset)
     bank = add(bank, model, birth)
     unchanged = is_deferred(bank) & (not due)
-    was = bank.log_weight
+    old_weight = bank.log_weight
     bank = refit(accumulate(bank, model, window, scales, log_stay), model, window, scales, unchanged)
-    bank = recover_fallen(bank, was, model, window, scales)
+    bank = recover_fallen(bank, old_weight, model, window, scales)
     if not due or window.latest_motion_ratio <= REST_WEIGHT:
         return bank
     drawn = model.turned(directions(model, window.index[-1]), window.zeta[-1, R].reshape(3, 3))
@@ -232,20 +232,20 @@ def fit_windows(
     proposals : birth proposals of each window.
     """
     births = [_start_bank(model, *inputs, scales) for inputs in zip(windows, proposals, strict=True)]
-    of = np.arange(len(windows)).repeat([len(bank) for bank in births])
-    bank = refit_in_windows(_join_banks(births), of, model, windows, scales)
+    owner = np.arange(len(windows)).repeat([len(bank) for bank in births])
+    bank = refit_in_windows(_join_banks(births), owner, model, windows, scales)
     rows = np.flatnonzero(bank.needs_search)
     turns = np.array([window.zeta[-1, R].reshape(3, 3) for window in windows]).reshape(-1, 3, 3)
-    drawn = np.array([model.turned(directions(model, windows[i].index[-1]), turns[i]) for i in of[rows]])
+    drawn = np.array([model.turned(directions(model, windows[i].index[-1]), turns[i]) for i in owner[rows]])
     bank = search(
         bank,
         rows,
         model,
         scales,
         drawn,
-        lambda picked, row: refit_in_windows(picked, of[row], model, windows, scales),
+        lambda picked, row: refit_in_windows(picked, owner[row], model, windows, scales),
     )
-    rows_of_window = [np.flatnonzero(of == i) for i in range(len(windows))]
+    rows_of_window = [np.flatnonzero(owner == i) for i in range(len(windows))]
     return [
         bank.pick(rows[[bank.log_likelihood[rows].argmax()]]) if len(rows) else nothing
         for rows, nothing in zip(rows_of_window, births, strict=True)

@@ -381,7 +381,7 @@ def weigh_births(
 
         ticks = calls.ticks_of(window)
         limits = calls.birth_limits(ANY_DIRECTION, scales.reach_m, _HOPELESS, MOST_BIRTHS)
-    for column, (model, begins, beyond) in enumerate(
+    for column, (model, begins, variance) in enumerate(
         zip(CONTACT_MODELS, proposals, extra_variance, strict=True)
     ):
         pairs = _known_pairs(model, begins)
@@ -391,14 +391,14 @@ def weigh_births(
                 begins.rows.words,
                 *pairs,
                 ticks,
-                beyond,
+                variance,
                 limits,
             )
             past = begins.rows.lag_history[: len(kept)]
             rows = Bank(words, begins.rows.layout, begins.rows.onsets, past)
             weighed.append(BirthProposals(rows, begins.is_given[kept], begins.are_both_known[kept]))
             continue
-        newest = window.cut(-1).with_error(beyond) if len(pairs.x) else window
+        newest = window.cut(-1).with_error(variance) if len(pairs.x) else window
         evidence = proximity_evidence(model, begins, newest, scales) if len(pairs.x) else _prior_alone(begins)
         log_odds[column], gain[column] = evidence.log_odds, evidence.gain
         weighed.append(evidence.proposals)

@@ -60,12 +60,12 @@ class EvidenceParameters:
     def innovations(self, values: Array, before: Array | None = None) -> Array:
         """Innovations of values (W, ...) tick by tick (T34), given those (...) of the tick ``before`` the
         first."""
-        new = values * self.alone
+        innovation = values * self.alone
         if self.correlation:
-            new[1:] = values[1:] - self.correlation * values[:-1]
+            innovation[1:] = values[1:] - self.correlation * values[:-1]
             if before is not None:
-                new[0] = values[0] - self.correlation * before
-        return new
+                innovation[0] = values[0] - self.correlation * before
+        return innovation
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,16 +135,16 @@ def _whitened(
     ``onset`` (B,), they are only scaled to the same noise."""
     residual, correlation = measurement.residual, scales.correlation
     alone = residual * scales.alone
-    new = alone.copy()
-    new[:, :, 1:] = residual[:, :, 1:] - correlation * residual[:, :, :-1]
+    innovation = alone.copy()
+    innovation[:, :, 1:] = residual[:, :, 1:] - correlation * residual[:, :, :-1]
     if window.before is not None and len(window):
-        new[:, :, 0] = (
+        innovation[:, :, 0] = (
             residual[:, :, 0] - correlation * model.measure(x, window.before[None]).residual[:, :, 0]
         )
     if onset is not None:
         begins = (window.index == onset[:, None])[:, None]
-        new = np.where(begins, alone, new)
-    return measurement._replace(residual=new)
+        innovation = np.where(begins, alone, innovation)
+    return measurement._replace(residual=innovation)
 
 
 def residual_noise(measurement: Measurement, window: Window) -> Array:

@@ -147,8 +147,8 @@ def _refine_once(
         whitened, jacobian, tangent = _linearised(model, x, anchors, window)
         prior_information = tangent.T @ prior.precision[0] @ tangent
         errors = estimate_ar1(errors, whitened, jacobian, prior_information, window.index)
-    new = whiten_ar1(jacobian, errors.correlation, window.index)
-    information = np.einsum("ktp,k,ktq->pq", new, errors.weight, new)
+    innovation = whiten_ar1(jacobian, errors.correlation, window.index)
+    information = np.einsum("ktp,k,ktq->pq", innovation, errors.weight, innovation)
     lifted, position = model.lifted(window.zeta), window.variance[:, 0]
     # precision of an AR(1) error given both neighbours, relative to its marginal precision
     alone = (1.0 + errors.correlation**2) / (1.0 - errors.correlation**2)

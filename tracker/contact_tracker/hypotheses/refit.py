@@ -89,10 +89,10 @@ def accumulate(
     return bank.replace_columns(x=model.family.normalise(bank.x, anchors_of(bank, model)))
 
 
-def _products(model: ContactModel, new: Array, lifted: Array) -> Array:
+def _products(model: ContactModel, innovation: Array, lifted: Array) -> Array:
     """Products (..., C, C) of the innovations of lifted poses (..., C). The column of the constant of e-e,
     whose sine is no linear residual, has the poses themselves."""
-    products = new[..., :, None] * new[..., None, :]
+    products = innovation[..., :, None] * innovation[..., None, :]
     if model.family.FORM.h < 0:
         products[..., -1, :] = products[..., :, -1] = lifted
     return np.asarray(products)
@@ -103,10 +103,10 @@ def accumulate_window(bank: Bank, model: ContactModel, window: Window, scales: E
     lifted, variance = model.lifted(window.zeta), window.variance[:, 0]
     motion = np.append(1.0, window.motion_ratio[1:])  # the onset is given
     weight = np.maximum(motion, REST_WEIGHT) / variance
-    new = scales.innovations(lifted)
+    innovation = scales.innovations(lifted)
     bank = bank.replace_onset_columns(
-        onset_row=new[0] / np.sqrt(variance[0]),
-        second_moment=np.einsum("w,wcd->cd", weight, _products(model, new, lifted)),
+        onset_row=innovation[0] / np.sqrt(variance[0]),
+        second_moment=np.einsum("w,wcd->cd", weight, _products(model, innovation, lifted)),
         weighted_position_sum=weight @ window.zeta[:, 9:12],
         weight=weight.sum(),
         effective_ticks=motion.sum(),
@@ -120,27 +120,27 @@ def is_deferred(bank: Bank) -> Bools:
 
 
 def recover_fallen(
-    bank: Bank, was: Array, model: ContactModel, window: Window, scales: EvidenceParameters
+    bank: Bank, old_weight: Array, model: ContactModel, window: Window, scales: EvidenceParameters
 ) -> Bank:
     """Refit hypotheses whose likelihood has dropped in this tick.
 
-    Hypotheses that were near the best (log weight ``was`` (H,)) take ``RECOVERY_STEPS`` more steps. If they
-    still do not fit, and were within ``PROTECTION_NATS``, they are protected from pruning
+    Hypotheses that were near the best (log weight ``old_weight`` (H,)) take ``RECOVERY_STEPS`` more steps. If
+    they still do not fit, and were within ``PROTECTION_NATS``, they are protected from pruning
     (``Bank.protected_until``).
     """
-    fallen = _fallen(bank, was, DEFER_NATS)
+    fallen = _fallen(bank, old_weight, DEFER_NATS)
     if fallen.any():
         bank = refit_in_steps(bank, model, window, scales, np.where(fallen, RECOVERY_STEPS, NO_REFIT))
-    fallen = _fallen(bank, was, PROTECTION_NATS)
+    fallen = _fallen(bank, old_weight, PROTECTION_NATS)
     if not fallen.any():
         return bank
     until = np.maximum(bank.protected_until, bank.effective_ticks + PROTECTION_TICKS)
     return bank.replace_columns(protected_until=np.where(fallen, until, bank.protected_until))
 
 
-def _fallen(bank: Bank, was: Array, nats: float) -> Bools:
+def _fallen(bank: Bank, old_weight: Array, nats: float) -> Bools:
     """Which hypotheses (H,) were within ``nats`` of the best, lost ``DROP_NATS`` and do not fit any more."""
-    return (was >= -nats) & (bank.log_weight < was - DROP_NATS) & (bank.rms > FITTING_RMS)
+    return (old_weight >= -nats) & (bank.log_weight < old_weight - DROP_NATS) & (bank.rms > FITTING_RMS)
 
 
 def refit(
@@ -163,16 +163,16 @@ def _steps_due(bank: Bank) -> Index:
 
 
 def refit_in_windows(
-    bank: Bank, of: Index, model: ContactModel, windows: Sequence[Window], scales: EvidenceParameters
+    bank: Bank, owner: Index, model: ContactModel, windows: Sequence[Window], scales: EvidenceParameters
 ) -> Bank:
-    """``refit`` with a window per hypothesis: ``of`` (H,) is its index in ``windows``, ascending."""
+    """``refit`` with a window per hypothesis: ``owner`` (H,) is its index in ``windows``, ascending."""
     prior, anchors = prior_at_anchors(bank, model, scales)
     fit = gauss_newton.minimise(
         model.family, bank.second_moment, bank.row_weight, prior, anchors, bank.x, _steps_due(bank)
     )
     bank = bank.replace_columns(x=fit.x)
     for i, window in enumerate(windows):
-        rows = np.flatnonzero(of == i)
+        rows = np.flatnonzero(owner == i)
         if len(rows):
             priors = prior.pick(rows), anchors[rows]
             evaluated = _with_evidence(bank.pick(rows), model, window, scales, priors, fit.pick(rows))

@@ -84,19 +84,19 @@ def _average_tick(
     if not new.all():
         frames = frames[new] if new.any() else frames[:1]
     sigma_sq = np.array([noise.sigma_position_m, noise.sigma_rotation_rad]) ** 2
-    good = _plausible(frames, stream.free_motion, origins.world_m, sigma_sq, model)
+    plausible = _plausible(frames, stream.free_motion, origins.world_m, sigma_sq, model)
     outliers, used = NO_OUTLIERS, frames
-    if not good.all():
-        outliers, used = Outliers.at(frames.stamp_ns[~good]), frames[good]
+    if not plausible.all():
+        outliers, used = Outliers.at(frames.stamp_ns[~plausible]), frames[plausible]
     buffer, estimate = stream.noise_buffer, noise
     if model.noise.estimated:
         prior = model.noise.sigma_position_m, model.noise.sigma_rotation_rad
         # outliers do not count as noise, unless most frames are outliers
-        typical = used if 2 * outliers.total < good.size else frames
+        typical = used if 2 * outliers.total < plausible.size else frames
         buffer, estimate = sensor_noise.advance(buffer, estimate, typical, prior)
     zeta = mean_lift(used.rotation, used.position_m - origins.world_m)
     mean_ns = int(used.stamp_ns[0]) + round(float((used.stamp_ns - used.stamp_ns[0]).mean()))
-    counts, stamps_ns = (good.size - outliers.total, outliers), (start_ns, stamp_ns, mean_ns)
+    counts, stamps_ns = (plausible.size - outliers.total, outliers), (start_ns, stamp_ns, mean_ns)
     tick = Tick(*stamps_ns, zeta, *counts, NO_EXCESS, estimate, origins, is_rest)
     motion, tick = with_excess(stream.free_motion, tick, model)
     return stream._replace(noise=estimate, noise_buffer=buffer, free_motion=motion), tick
@@ -162,9 +162,9 @@ def tick_anisotropy(estimate: NoiseEstimate, count: Array, model: Model) -> Arra
     """Anisotropic part (W, 3, 3), in m^2 and the world's axes, of the covariance of the mean position of
     ticks with ``count`` (W,) frames: the covariance minus its mean over the axes."""
     covariance = estimate.position_m2
-    beyond = covariance - _EYE * (covariance.trace() / 3.0)
+    anisotropic = covariance - _EYE * (covariance.trace() / 3.0)
     share = model.noise.estimate_share**2 / np.maximum(count, 1.0)
-    return np.asarray(np.dot(share[:, None], beyond.reshape(1, 9))).reshape(-1, 3, 3)
+    return np.asarray(np.dot(share[:, None], anisotropic.reshape(1, 9))).reshape(-1, 3, 3)
 
 
 def _plausible(
@@ -196,8 +196,8 @@ def _plausible(
     else:
         return everything
     distance_sq = (deviation * deviation).reshape(-1, 2, 3).sum(axis=2)
-    good = (distance_sq < model.noise.outlier_sigmas**2 * allowed_sq).all(axis=1)
-    return np.asarray(good if good.any() else everything)
+    plausible = (distance_sq < model.noise.outlier_sigmas**2 * allowed_sq).all(axis=1)
+    return np.asarray(plausible if plausible.any() else everything)
 
 
 def _deviations(frames: Poses, position_m: Array, quat_xyzw: Array) -> Array:

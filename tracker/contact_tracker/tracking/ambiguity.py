@@ -171,14 +171,14 @@ def at_most(
 
     For motion that keeps more constraints than the reported contacts (docs/theory.md, section 18).
     """
-    beyond = float(probability[label.column]) - limit
+    excess = float(probability[label.column]) - limit
     columns = [contact.column for contact in possible if contact is not label]
-    if beyond <= 0.0 or not columns:
+    if excess <= 0.0 or not columns:
         return probability
     share = np.zeros(len(STATES))
     share[columns] = 1.0
-    change = beyond * share / share.sum()
-    change[label.column] = -beyond
+    change = excess * share / share.sum()
+    change[label.column] = -excess
     return np.asarray(probability + change)
 
 
@@ -242,17 +242,17 @@ def with_rivals(probability: Array, label: Contact, rivals: tuple[Contact, ...])
         return probability
     values, alike = probability.tolist(), sorted(state.column for state in (label, *rivals))
     label_p, total = values[label.column], sum(values[column] for column in alike)
-    least = total / (1.0 + NOT_EXCLUDED * len(rivals))
+    largest = total / (1.0 + NOT_EXCLUDED * len(rivals))
     # it stays ahead of the states that are behind it
     behind = max((p for column, p in enumerate(values) if column not in alike and p <= label_p), default=0.0)
-    beyond = SHORT_OF_TIE * (label_p - max(least, behind))
-    missing = [max(NOT_EXCLUDED * least - values[rival.column], 0.0) for rival in rivals]
-    if beyond <= 0.0 or not any(missing):
+    excess = SHORT_OF_TIE * (label_p - max(largest, behind))
+    missing = [max(NOT_EXCLUDED * largest - values[rival.column], 0.0) for rival in rivals]
+    if excess <= 0.0 or not any(missing):
         return probability
     adjusted = probability.copy()
     for rival, shortfall in zip(rivals, missing, strict=True):
-        adjusted[rival.column] += beyond * shortfall / sum(missing)
-    adjusted[label.column] = label_p - beyond
+        adjusted[rival.column] += excess * shortfall / sum(missing)
+    adjusted[label.column] = label_p - excess
     return adjusted
 
 

@@ -67,8 +67,8 @@ def predict_transitions(
     ordinary = tick_transitions(model, exposure)
     transition, survival = lift_after_rest(ordinary) if rest.ends else ordinary
     if state.knows_elements:
-        beyond = model.noise.extra_contact_variance
-        proposals, odds, gain = weigh_births(proposals, window, beyond, state.scales)
+        extra_variance = model.noise.extra_contact_variance
+        proposals, odds, gain = weigh_births(proposals, window, extra_variance, state.scales)
         if not state.known_map.lists_elements:
             odds, gain = share_with_faces(odds, gain, model.geometry.revisit_prior)
         log_odds[:-1] = odds
@@ -218,8 +218,8 @@ def pass_tick(state: FilterState, tick: Tick, window: Window) -> tuple[FilterSta
     if oldest.innovation_excess.any():  # the terms of other ticks are zero, as no element is known
         errors = state.model.noise.extra_contact_variance
         banks = tuple(
-            marginalise_expired_ticks(bank, contact, oldest.with_error(beyond), state.scales)
-            for bank, contact, beyond in zip(banks, CONTACT_MODELS, errors, strict=True)
+            marginalise_expired_ticks(bank, contact, oldest.with_error(variance), state.scales)
+            for bank, contact, variance in zip(banks, CONTACT_MODELS, errors, strict=True)
         )
     change, birth_weight = state.log_transition, state.log_birth_weight
     if state.hazard_exposure:  # the tick before was informative

@@ -97,8 +97,8 @@ def period_for_all_s(stamp_ns: Ints, model: Model) -> float:
     if len(stamp_ns) < 2:
         return 0.0
     periods = np.diff(stamp_ns)
-    beside = np.concatenate([periods[:1], periods, periods[-1:]])
-    local = np.minimum(periods, np.minimum(beside[:-2], beside[2:]))  # not those of gaps
+    padded = np.concatenate([periods[:1], periods, periods[-1:]])
+    local = np.minimum(periods, np.minimum(padded[:-2], padded[2:]))  # not those of gaps
     order = np.argsort(local)
     passed = periods[order].cumsum()
     middle = order[np.searchsorted(passed, (QUANTILES * passed[-1]).astype(np.int64))]
@@ -151,7 +151,7 @@ def candidates(model: Model, poses: Poses) -> tuple[tuple[Model, float], ...]:
     span_s = (int(poses.stamp_ns[-1]) - int(poses.stamp_ns[0])) * 1e-9
     count = max(len(poses) * model.tick_s / max(span_s, model.tick_s), 1.0)
     white = tick_variances(begin(*sigma) if is_estimated else begin(0.0, 0.0), np.array(count), model)
-    noise, least = model.noise, float(white.prod()) ** 0.25
+    noise, least_scale = model.noise, float(white.prod()) ** 0.25
     larger = [
         replace(
             noise,
@@ -159,7 +159,7 @@ def candidates(model: Model, poses: Poses) -> tuple[tuple[Model, float], ...]:
             floor_rotation_rad=max(scale * sqrt(ratio), noise.floor_rotation_rad),
         )
         for scale in NOISE_SCALES
-        if scale > LEAST_FACTOR * least
+        if scale > LEAST_FACTOR * least_scale
     ]
     is_slow = span_s > SLOW_PERIOD_S * (len(poses) - 1)
     smaller = [replace(noise, estimate_share=share) for share in SHARES if is_slow]
@@ -168,11 +168,11 @@ def candidates(model: Model, poses: Poses) -> tuple[tuple[Model, float], ...]:
         for scale in WANDER_M
         if scale > white[0] ** 0.5
     ]
-    chosen = [(noise, 0.0)]
+    variants = [(noise, 0.0)]
     for levels in (smaller, larger):
-        chosen += [(level, LOG_PRIOR_STEP * i) for i, level in enumerate(levels, 1)]
-    chosen += [(level, LOG_PRIOR_WANDER) for level in correlated]
-    return tuple((replace(model, noise=level), log_prior) for level, log_prior in chosen)
+        variants += [(level, LOG_PRIOR_STEP * i) for i, level in enumerate(levels, 1)]
+    variants += [(level, LOG_PRIOR_WANDER) for level in correlated]
+    return tuple((replace(model, noise=level), log_prior) for level, log_prior in variants)
 
 
 DROP_AFTER_S: Final = 1.5
@@ -513,12 +513,12 @@ class FilterBank:
         assert self.pending is not None
         if self.period_s is None and self.map is None:
             self.body_m = independent_point(self.pending)
-        chosen = candidates(self.filters[0].state.model, self.pending.of_point(self.body_m))
-        self.log_weight = self.log_prior = np.array([log_prior for _, log_prior in chosen])
+        variants = candidates(self.filters[0].state.model, self.pending.of_point(self.body_m))
+        self.log_weight = self.log_prior = np.array([log_prior for _, log_prior in variants])
         assert self.grid is not None
         begin_ns = self.grid.begin_ns
         assert begin_ns is not None
-        self._begin([model for model, _ in chosen], detail)  # the beliefs were reported already
+        self._begin([model for model, _ in variants], detail)  # the beliefs were reported already
         for _ in range(2):  # also of ticks that were closed early, or empty
             self._update(self.grid.pass_time(begin_ns), detail)
         self.pending = None

@@ -377,18 +377,18 @@ class Segmenter:
     def _begin_fits(self, final: bool) -> None:
         """Fit the segments whose posterior is decided, to some ticks after them, in which a rest may go on;
         free motion at the end may continue unless ``final``."""
-        beside = 2 * rest_ticks(self._state.model.tick_s)
-        decided = len(self._posterior) - (0 if final else beside)
+        margin = 2 * rest_ticks(self._state.model.tick_s)
+        decided = len(self._posterior) - (0 if final else margin)
         while self._path and self._path[0][2] - self._first <= decided:
             state, _, end = self._path[0]
             if state == FREE and len(self._path) == 1 and not final:
                 return
             self._path.popleft()
             first, end = len(self._before), max(end - self._first, 0)
-            following = self._ticks.rows(0, min(end + beside, len(self._ticks)))
+            following = self._ticks.rows(0, min(end + margin, len(self._ticks)))
             around = np.concatenate([self._before, following])
             resting = self._rests(self._first - first, around)
-            count = end_at_rest(resting, first + end, beside) - first
+            count = end_at_rest(resting, first + end, margin) - first
             self._posterior.move_change(end, count)
             if count <= 0:  # the rest beside it is that of another segment
                 continue
@@ -401,7 +401,7 @@ class Segmenter:
             self._finished.append(FinishedSegment(state, rows, end_ns, posterior, ticks, rests))
             if self._executor is not None:
                 self._fits.append(self._executor.submit(fit_segments, [ticks]))
-            self._first, self._before = self._first + count, around[: first + count][-beside:]
+            self._first, self._before = self._first + count, around[: first + count][-margin:]
             decided -= count
 
     def _rests(self, first: int, rows: NDArray[np.void]) -> NDArray[np.bool_]:

@@ -83,10 +83,10 @@ def lagged_belief(state: FilterState, row: int) -> Belief:
     without_geometry = Belief(stamp_ns, contact, probability, stamp_ns, None, past.residual)
     source = agreeing[0] if agreeing else without_geometry
     # further contacts of the latest belief in which all of them had begun: their constraints are counted
-    begun = (b.further for b in agreeing if all(contact.start_ns <= stamp_ns for contact in b.further))
-    further = max(begun, key=len, default=())
-    how = source.inseparable, state.known_map, source.p_restricted, source.is_open
-    probability = ambiguity.reported(probability, contact, *how)
+    complete = (b.further for b in agreeing if all(contact.start_ns <= stamp_ns for contact in b.further))
+    further = max(complete, key=len, default=())
+    args = source.inseparable, state.known_map, source.p_restricted, source.is_open
+    probability = ambiguity.reported(probability, contact, *args)
     return replace(
         source,
         stamp_ns=stamp_ns,
@@ -174,8 +174,9 @@ def with_rest(state: FilterState, belief: Belief, is_in_rest: bool) -> tuple[Fil
     if open_at_rest and belief.inseparable != open_at_rest:
         belief = replace(belief, inseparable=open_at_rest, p_restricted=ambiguity.CHANGED_AT_REST)
     if belief.inseparable or belief.is_open:
-        how = belief.inseparable, state.known_map, belief.p_restricted, belief.is_open
-        belief = replace(belief, probability=ambiguity.reported(label_posterior(state), belief.contact, *how))
+        args = belief.inseparable, state.known_map, belief.p_restricted, belief.is_open
+        probability = ambiguity.reported(label_posterior(state), belief.contact, *args)
+        belief = replace(belief, probability=probability)
     length = state.lag_history.shape[1]
     recent = (*state.recent, belief)[-length:] if length else ()
     return state._replace(recent=recent, belief=belief), belief

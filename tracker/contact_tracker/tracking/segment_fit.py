@@ -250,8 +250,8 @@ class FinishedSegment(NamedTuple):
         columns = beliefs, self.posterior, p_restricted, resting, flush, is_open
         for belief, posterior, p, rests, lies, bends in zip(*columns, strict=True):
             states = at_rest if rests else fit.with_flush if lies else possible if bends else fit.inseparable
-            how = states, known_map, float(p), fit.leaves_constraints_unnamed, fit.share
-            belief["probability"] = ambiguity.reported(posterior, contact, *how)
+            args = states, known_map, float(p), fit.leaves_constraints_unnamed, fit.share
+            belief["probability"] = ambiguity.reported(posterior, contact, *args)
             belief["inseparable"] = [state in states for state in STATES]
         beliefs["stamp_ns"], beliefs["onset_ns"] = self.rows["stamp_ns"], self.rows["start_ns"][0]
         beliefs["contact"], beliefs["residual"] = column, self.rows["residual"]
@@ -418,13 +418,13 @@ def _formations_of(
             for _, c in further
         ]
     )
-    patterns, which = np.unique(is_present, axis=1, return_inverse=True)
+    patterns, pattern_index = np.unique(is_present, axis=1, return_inverse=True)
     formations = []
     for pattern in patterns.T:
         present = [contact for contact, is_there in zip(further, pattern, strict=True) if is_there]
         numbers = frozenset(number for number, _ in present)
         rank = max((rank for subset, rank in ranks if subset <= numbers), default=0)
         formations.append(tuple(replace(contact, constraints=rank) for _, contact in present))
-    number[:] = which
+    number[:] = pattern_index
     number[~is_present.any(axis=0)] = -1
     return number, formations
