@@ -263,7 +263,7 @@ def _start_bank(
 
 
 def _join_banks(banks: Sequence[Bank]) -> Bank:
-    """One bank from those of all windows."""
+    """One bank of the hypotheses of all windows."""
     onsets = np.concatenate([bank.onsets.words for bank in banks])
     return Bank(
         np.concatenate([bank.words for bank in banks]),

@@ -538,7 +538,7 @@ def _deviations(information: Array) -> Array:
 def reweight_transitions(change: Array, stay: Array, log_odds: Array, gain: Array) -> tuple[Array, Array]:
     """Log rates of change (7, 7) and of staying (7,), given the pose.
 
-    ``log_odds`` (6,) and ``gain`` (6, 2) are those of ``weigh_births``.
+    ``log_odds`` (6,) and ``gain`` (6, 2) are from ``weigh_births``.
 
     Constraints that the old and the new state share carry no new evidence. Each row together with its stay
     keeps its sum, so that leaving a state and coming back gains nothing.

@@ -43,9 +43,9 @@ from contact_tracker.states import Contact
 Array = NDArray[np.float64]
 
 OBSERVED_RATIO: Final = 10.0
-"""A direction is observed if the information of the window is this many times that of prior and noise."""
+"""A direction is observed if the window has this many times the information of prior and noise."""
 NOISE_MARGIN: Final = 1.5
-"""In a whole segment, information up to this many times that of prior and noise may be due to noise."""
+"""In a whole segment, up to this many times the information of prior and noise may be due to noise."""
 OPEN_SHARE: Final = 0.1
 """An unobserved direction is reported if the prior lets the element move by this share of a radian or of the
 reach."""
@@ -102,7 +102,7 @@ class InformationSpectrum(NamedTuple):
     prior: Array
     """(P, P) prior precision along the tangent."""
     values: Array
-    """(P,) generalised eigenvalues, ascending: information of the motion over that of prior and noise."""
+    """(P,) generalised eigenvalues, ascending: ratio of the information of the motion to prior and noise."""
     directions: Array
     """(P, P) their eigenvectors, columns along the tangent."""
 

@@ -212,7 +212,7 @@ def advance(
     the mean time of its frames.
 
     Ticks need not be ``tick_s`` apart, since frames may be missing. Errors are scaled to a prediction over
-    ``tick_s``; the excess is that of the time that has passed.
+    ``tick_s``; the excess is for the time that has passed.
     """
     elapsed_s = round((stamp_ns - state.stamp_ns) * 1e-9, 4)
     orientation = nearest(rotation)

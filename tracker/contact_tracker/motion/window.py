@@ -243,7 +243,7 @@ def newest_rest(window: Window, tick_s: float) -> NewestRest:
 def at_rest(window: Window, tick_s: float) -> Bools:
     """Which ticks (W,) belong to a rest: within ``REST_S`` their poses scatter like noise about their mean.
 
-    The excess of single ticks does not show it: noise has some now and then, and steady motion has none. An
+    The excess of single ticks does not decide it: noise has some now and then, and steady motion has none. An
     object that only vibrates rests, too: from tick to tick its poses scatter without a trend, up to as much
     as single poses do by noise. A tick without frames belongs to a rest if it lies within one.
     """

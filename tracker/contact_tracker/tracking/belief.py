@@ -109,7 +109,7 @@ class Belief:
     p_restricted : probability that the object is intentionally moved in fewer directions than it could be.
     further : contacts beside the labelled one.
     joint : the joint in which the object moves, as found offline.
-    is_open : whether the motion keeps more constraints than those of the reported contacts, as found online.
+    is_open : whether the motion keeps more constraints than the reported contacts have, as found online.
     """
 
     stamp_ns: int
@@ -180,7 +180,7 @@ def _label_json(result: "Belief | Segment") -> dict[str, Any]:
 
 class SegmentPart(NamedTuple):
     """A part of a segment, from ``start_ns`` to ``end_ns`` (both included), with constant ``further``
-    contacts. ``geometries`` are those of all contacts, as far as known."""
+    contacts. ``geometries`` are the known ones of all contacts."""
 
     start_ns: int
     end_ns: int

@@ -45,7 +45,7 @@ TOLERANCE: Final = 1.05
 """Tolerance of the tick's length, for jitter of the periods."""
 TICKS_PER_WINDOW: Final = 10
 IRREGULAR: Final = 2.0
-"""Periods longer than the median by more than this factor are gaps; shorter ones are those of two bodies."""
+"""Periods longer than the median by more than this factor are gaps; much shorter ones are of two bodies."""
 QUANTILES: Final = np.arange(0.1, 1.0, 0.2)
 """Quantiles of the period, over time, by which the rates of a recording are found."""
 NOISE_SCALES: Final = (1.75e-4, 3.5e-4, 7e-4, 1.4e-3, 2.8e-3)
@@ -123,7 +123,7 @@ def with_ticks_for(model: Model, period_s: float) -> Model:
 
 
 def with_other_ticks(model: Model, current: Model, latest_ns: Sequence[int]) -> Model | None:
-    """``model`` with ticks for the rate of the latest poses; None if those of ``current`` suit it as well."""
+    """``model`` with ticks for the rate of the latest poses; None if the ``current`` ticks suit it as well."""
     if len(latest_ns) < RATE_POSES:
         return None
     adapted = with_ticks_for(model, usual_period_s(latest_ns))
@@ -351,7 +351,7 @@ class FilterBank:
 
     Parameters
     ----------
-    model, known_map, lag_s : as given; ticks of the filters may be longer.
+    model, known_map, lag_s : the requested ones; ticks of the filters may be longer.
     grid : averages poses into ticks for all filters; None before the second pose.
     filters : none before the second pose.
     log_weight, log_prior : (K,) log weights of the filters, and their prior part.
@@ -393,7 +393,7 @@ class FilterBank:
 
     @property
     def is_decided(self) -> bool:
-        """Whether one filter is left, and none is to start."""
+        """Whether one filter remains, and no other will start."""
         return self.pending is None and len(self.filters) == 1
 
     @property
@@ -538,7 +538,7 @@ class FilterBank:
         return self._update(self.grid.add(self.pending), detail)
 
     def _update(self, ticks: list[Tick], detail: Detail) -> list[Belief]:
-        """Update the filters by ticks; those that are dropped are left out of later ticks."""
+        """Update the filters by ticks; dropped filters are left out of later ticks."""
         beliefs = list[Belief]()
         for number, tick in enumerate(ticks):
             first = self.filters[0]

@@ -353,8 +353,8 @@ class Segmenter:
             self._posterior.append((row,))
 
     def _whole_gaps(self, certain: int) -> int:
-        """At most ``certain`` of the oldest open ticks, so that those of a gap are reported together with the
-        ticks before and after, from which their posterior is interpolated."""
+        """At most ``certain`` of the oldest open ticks, so that the ticks of a gap are reported with the ticks
+        before and after, from which their posterior is interpolated."""
         end = self._past.first + certain
         for number, gap in self._gaps.items():
             if number - gap.length <= end <= number:
@@ -362,7 +362,7 @@ class Segmenter:
         return max(end - self._past.first, 0)
 
     def _append_decided(self, segments: Iterable[hmm.PathSegment]) -> None:
-        """Append decided path segments; those of free motion, one for each tick, are joined."""
+        """Append decided path segments; segments of free motion, one for each tick, are joined."""
         for state, onset, end in segments:
             if self._path and state == self._path[-1][0] == FREE:
                 onset = self._path.pop()[1]

@@ -361,8 +361,8 @@ def joined_by_wrenches(
 ) -> list[tuple[FinishedSegment, SegmentFit]]:
     """Segments with their fits, after merging equal neighbours.
 
-    If wrenches have decided the contact of a segment, it may be that of its neighbour, with the same
-    elements: these become one segment, with the elements of the longer part.
+    If wrenches have decided the contact of a segment, its neighbour may have the same contact and
+    elements: both become one segment, with the elements of the longer part.
     """
     joined = list[tuple[FinishedSegment, SegmentFit]]()
     for segment, fit in fitted:

@@ -97,7 +97,7 @@ class FilterState(NamedTuple):
     formation: FormationState = EMPTY_FORMATION
     """Search for further contacts."""
     uses_later_contacts: bool = False
-    """Whether the map is that of the whole recording, which an earlier pass has made."""
+    """Whether the map is one of the whole recording, from an earlier pass."""
 
     @property
     def log_evidence(self) -> float:
