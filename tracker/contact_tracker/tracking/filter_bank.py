@@ -123,7 +123,7 @@ def with_ticks_for(model: Model, period_s: float) -> Model:
 
 
 def with_other_ticks(model: Model, current: Model, latest_ns: Sequence[int]) -> Model | None:
-    """``model`` with ticks for the rate of the latest poses; None if the ``current`` ticks suit it as well."""
+    """``model`` with ticks for the rate of the latest poses; None if the ``current`` ticks suit as well."""
     if len(latest_ns) < RATE_POSES:
         return None
     adapted = with_ticks_for(model, usual_period_s(latest_ns))

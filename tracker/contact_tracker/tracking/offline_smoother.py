@@ -353,7 +353,7 @@ class Segmenter:
             self._posterior.append((row,))
 
     def _whole_gaps(self, certain: int) -> int:
-        """At most ``certain`` of the oldest open ticks, so that the ticks of a gap are reported with the ticks
+        """At most ``certain`` of the oldest open ticks, so that the ticks of a gap are reported with those
         before and after, from which their posterior is interpolated."""
         end = self._past.first + certain
         for number, gap in self._gaps.items():
