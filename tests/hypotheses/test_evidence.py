@@ -57,7 +57,7 @@ def test_a_window_that_grows_tick_by_tick_is_the_one_of_all_ticks(seed, most):
     for row in range(len(seen)):
         rows = slice(max(row + 1 - most, 0), row + 1)
         variance = seen.variance[rows] * (row + 1)  # of all ticks anew
-        grown = grown.then(row, seen.zeta[row], seen.innovation_excess[row], variance, uneven[rows])
+        grown = grown.append(row, seen.zeta[row], seen.innovation_excess[row], variance, uneven[rows])
         known = replace(seen, variance=seen.variance * (row + 1), position_anisotropy=uneven).cut(
             rows.start, rows.stop
         )

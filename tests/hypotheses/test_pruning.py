@@ -171,7 +171,7 @@ def test_batches_of_a_search_make_no_difference(monkeypatch: pytest.MonkeyPatch)
     assert begins.count == 12
     found = []
     for at_once in (1, 5, 12, 100):
-        monkeypatch.setattr(global_search, "AT_ONCE", at_once)
+        monkeypatch.setattr(global_search, "BATCH", at_once)
         found.append(fit_window(model, window, scales_of(load_model()), begins))
     for other in found[1:]:
         np.testing.assert_allclose(other.x, found[0].x, rtol=1e-9, atol=1e-9)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from contact_tracker.motion.excursions import HELD, NEIGHBOURS
+from contact_tracker.motion.excursions import MOST_HELD, NEIGHBOURS
 from contact_tracker.motion.pose_validation import PoseGate
 from contact_tracker.motion.poses import Pose, Poses
 from mcap_logs import smooth_poses
@@ -194,9 +194,9 @@ def test_only_possible_default_poses_are_held() -> None:
 
 def test_the_wait_is_bounded() -> None:
     gate = PoseGate()
-    passed = np.cumsum([len(gate.admit(p)) for p in motion(np.zeros((HELD + 100, 3)))])
-    assert passed[HELD - 2] == 0
-    assert passed[HELD:].tolist() == list(range(HELD + 1, HELD + 101))
+    passed = np.cumsum([len(gate.admit(p)) for p in motion(np.zeros((MOST_HELD + 100, 3)))])
+    assert passed[MOST_HELD - 2] == 0
+    assert passed[MOST_HELD:].tolist() == list(range(MOST_HELD + 1, MOST_HELD + 101))
 
 
 def test_after_a_gap_the_motion_may_be_anywhere() -> None:

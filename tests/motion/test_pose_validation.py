@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from contact_tracker.motion.pose_validation import FOLLOWERS, HELD, NORM_TOLERANCE, RESET_RUN, PoseGate
+from contact_tracker.motion.pose_validation import FOLLOWERS, MOST_HELD, NORM_TOLERANCE, RESET_RUN, PoseGate
 from contact_tracker.motion.poses import Pose
 from smooth_motion import pass_through
 
@@ -164,9 +164,9 @@ def test_the_number_of_held_poses_is_bounded() -> None:
     gate = PoseGate()
     for p in regular(30):
         gate.admit(p)
-    for i in range(5 * HELD):
+    for i in range(5 * MOST_HELD):
         gate.admit(pose(10**12 - i * 10**9, 0.0))
-        assert len(gate._order._held) <= HELD
+        assert len(gate._order._held) <= MOST_HELD
 
 
 # --- whatever comes in -------------------------------------------------------------------------------------

@@ -105,7 +105,7 @@ def test_memory_is_bounded_and_the_noise_may_change():
     for state, _ in estimates(both, 10, (5e-4, 4e-3)):
         assert state.differences.shape[1] <= sensor_noise.MEMORY
         assert (
-            state.many
+            state.frame_count
             <= sensor_noise.NEW_SHARE * sensor_noise.MEMORY * sensor_noise.STRIDE + 10 + sensor_noise.ORDER
         )
     *_, estimate = streamed(both, 10, (5e-4, 4e-3))

@@ -352,7 +352,7 @@ def test_an_object_that_rests_through_a_gap_is_known_to_rest():
 
 
 def test_noise_of_means_falls_with_their_frames_to_the_floor():
-    noise = TickGrid.begun(MODEL, 0, Origins.zero()).stream.noise
+    noise = TickGrid.start(MODEL, 0, Origins.zero()).stream.noise
     position, rotation = tick_variances(noise, np.array([0.0, 1.0, 100.0, 1e12]), MODEL).T
     floor = MODEL.noise.floor_position_m**2
     assert position[0] == position[1] == pytest.approx(MODEL.noise.sigma_position_m**2 + floor)

@@ -29,7 +29,7 @@ from contact_tracker.tracking.filter_bank import (
     RATIO_POSES,
     SPAN_TICKS,
     TickEvidence,
-    are_compared,
+    are_kept,
     candidates,
     is_moving,
     mixed_with_uniform,
@@ -376,10 +376,10 @@ def test_the_prior_has_an_effect_in_the_first_seconds_only() -> None:
         (12.0, [True, True, False]),
         (30.0, [True, False, False]),
     ):
-        assert are_compared(log_weight, log_prior, moved_s).tolist() == expected
+        assert are_kept(log_weight, log_prior, moved_s).tolist() == expected
     more_evidence = log_weight + np.array([8.0, 0.0, 0.0])  # 13 nats against it: both agree
-    assert are_compared(more_evidence, log_prior, 9.0).tolist() == [True, True, False]
-    assert are_compared(more_evidence, log_prior, 10.0).tolist() == [True, False, False]
+    assert are_kept(more_evidence, log_prior, 9.0).tolist() == [True, True, False]
+    assert are_kept(more_evidence, log_prior, 10.0).tolist() == [True, False, False]
 
 
 @needs_kernels

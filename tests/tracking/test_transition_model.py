@@ -20,7 +20,7 @@ from contact_tracker.tracking.transition_model import (
     destinations,
     initial,
     leave_per_s,
-    lifted,
+    lift_after_rest,
     log_initial,
     tick_transitions,
 )
@@ -167,7 +167,7 @@ def test_after_a_long_rest_states_may_have_changed_more_than_once(exposed):
 @pytest.mark.parametrize("name", preset_names())
 def test_what_stands_is_mostly_lifted_and_what_is_held_is_not_let_go(name):
     ordinary = tick_transitions(load_model(name), 0.1)
-    at_end = lifted(ordinary)
+    at_end = lift_after_rest(ordinary)
     gained = np.exp(at_end.log_transition) - np.exp(ordinary.log_transition)
     stays = np.exp(at_end.log_survival - ordinary.log_survival)
     np.testing.assert_allclose(stays, [1.0 - LIFTED_AFTER_REST, *[1.0] * 6], atol=1e-12)

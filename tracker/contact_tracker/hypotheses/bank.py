@@ -30,9 +30,9 @@ def _upper(side: int) -> tuple[Index, Index]:
 @cache
 def entries(side: int) -> Index:
     """Index (side, side) of each entry of a symmetric matrix in its stored form."""
-    where, kept = np.zeros((side, side), np.int64), _upper(side)
-    where[kept] = np.arange(len(kept[0]))
-    return np.maximum(where, where.T)
+    index, upper = np.zeros((side, side), np.int64), _upper(side)
+    index[upper] = np.arange(len(upper[0]))
+    return np.maximum(index, index.T)
 
 
 class Column(Generic[Entry]):
@@ -106,10 +106,10 @@ class Table:
 
     def replace_columns(self, **columns: NDArray[Any] | float) -> Self:
         """A copy with some columns replaced."""
-        other = self.copy()
+        copy = self.copy()
         for name, column in columns.items():
-            other.rows[name] = vars(type(self))[name].kept(column)
-        return other
+            copy.rows[name] = vars(type(self))[name].kept(column)
+        return copy
 
     def copy(self) -> Self:
         """A copy with its own memory. It may be written to as long as no column has been read."""
@@ -170,7 +170,7 @@ class Bank(Table):
     log_birth_weight : (H,) log weight at birth.
     protected_until : (H,) pruning by weight spares it until it has this many ``effective_ticks`` (thinning of
         old onsets does not). Set at birth if it may search, and extended when its likelihood drops.
-    prior_index : (H,) which known or remembered elements it assumes; 0: none.
+    prior_index : (H,) number of the known or learned elements that it assumes; 0: none.
     prior_mean, prior_information : (H, S), (H, S, S) the Gaussian prior on x that follows from them.
     line_anchor : (H, 6) points by which lines through a known point are parametrised; NaN: near the body.
     known_pair_index : (H,) index of the pair of elements of the map that it assumes.
@@ -245,34 +245,34 @@ class Bank(Table):
 
     @property
     def log_total_weight(self) -> float:
-        """Log of the sum of all weights; -inf without any hypothesis."""
+        """Log of the sum of all weights; -inf for an empty bank."""
         joint, top = self.log_weight, self.best
         return top + float(np.log(np.exp(joint - top).sum())) if len(self) else -np.inf
 
     @property
     def best_row(self) -> int:
-        """The row of the best hypothesis; -1 without any."""
+        """Row of the best hypothesis; -1 for an empty bank."""
         return int(self.log_weight.argmax()) if len(self) else -1
 
     @property
     def leader(self) -> tuple[int, int, int]:
-        """That row, the onset of the hypothesis, and the time of that (ns); -1 without any."""
+        """Row, onset tick and onset time (ns) of the best hypothesis; -1 for an empty bank."""
         if (row := self.best_row) < 0:
             return -1, -1, -1
         return row, int(self.onset[row]), int(self.onsets.onset_ns[self.onset_index[row]])
 
     @property
     def best(self) -> float:
-        """Log weight of the best hypothesis; -inf without any."""
+        """Log weight of the best hypothesis; -inf for an empty bank."""
         return float(self.log_weight.max()) if len(self) else -np.inf
 
     def single(self, row: int) -> "Bank":
-        """A copy of one hypothesis, with its onset, that keeps no others in memory."""
-        since = self.onsets.rows["onset"].searchsorted(self.rows["onset"][row])
-        own = Onsets(self.onsets.words[since : since + 1].copy(), self.onsets.layout)
-        one = Bank(self.words[row : row + 1].copy(), self.layout, own, self.lag_history[row : row + 1].copy())
-        vars(one)["onset_index"] = _FIRST
-        return one
+        """A copy of one hypothesis with its onset; it keeps no other hypothesis in memory."""
+        rows, since = slice(row, row + 1), self.onsets.rows["onset"].searchsorted(self.rows["onset"][row])
+        onsets = Onsets(self.onsets.words[since : since + 1].copy(), self.onsets.layout)
+        bank = Bank(self.words[rows].copy(), self.layout, onsets, self.lag_history[rows].copy())
+        vars(bank)["onset_index"] = _FIRST
+        return bank
 
     def pick(self, rows: Index) -> "Bank":
         """The hypotheses in ``rows``, which need not be in order."""
@@ -283,12 +283,12 @@ class Bank(Table):
         """A copy with some columns (O, ...) of the onsets replaced."""
         return replace(self, onsets=self.onsets.replace_columns(**columns))
 
-    def replace_rows(self, rows: Index, found: "Bank", which: Index) -> "Bank":
-        """A copy whose ``rows`` take geometry and evidence from the hypotheses ``which`` of ``found``."""
-        other = self.copy()
+    def replace_rows(self, rows: Index, source: "Bank", source_rows: Index) -> "Bank":
+        """A copy whose ``rows`` have the geometry and evidence of the ``source_rows`` of ``source``."""
+        copy = self.copy()
         for name in FITTED_COLUMNS:
-            other.rows[name][rows] = found.rows[name][which]
-        return other
+            copy.rows[name][rows] = source.rows[name][source_rows]
+        return copy
 
 
 _FIRST: Final = np.zeros(1, np.int64)
@@ -298,13 +298,13 @@ FITTED_COLUMNS: Final = ("x", "row_weight", "log_likelihood", "rms")
 
 @lru_cache(maxsize=256)
 def blank(model: ContactModel, count: int, lag: int = 0) -> Bank:
-    """``count`` hypotheses without prior or data, each with an onset of its own, in ticks 0, 1, ..."""
+    """``count`` hypotheses without prior or data, with onsets in ticks 0, 1, ..."""
     family, row, of_onset = model.family, layout(Bank, model), layout(Onsets, model)
     onsets = Onsets(np.zeros((count, of_onset.itemsize // 8)), of_onset).replace_columns(
         onset=np.arange(count)
     )
     bank = Bank(np.zeros((count, row.itemsize // 8)), row, onsets, np.zeros((count, lag, len(STATES))))
-    # some directions; points at the body, which starts at the origin
+    # arbitrary directions; points at the body, which starts at the origin
     x = family.normalise((1.0 - family.SPREAD) * (1.0 + np.arange(family.SIZE) % 2), np.zeros(6))
     return bank.replace_columns(
         onset=onsets.onset, x=x, line_anchor=np.nan, row_weight=1.0, rms=1.0, needs_search=1

@@ -20,7 +20,7 @@ from contact_tracker.hypotheses.births import (
     BirthProposals,
     TickInput,
     add,
-    joined,
+    join_histories,
     uninformed_proposal,
 )
 from contact_tracker.hypotheses.evidence import EvidenceParameters, sum_evidence
@@ -60,18 +60,18 @@ class LiveHypotheses(NamedTuple):
     log_likelihood: Array
 
     @classmethod
-    def of(cls, banks: Sequence[Bank], now: int) -> Self:
-        """The hypotheses of ``banks``, and free motion in the tick ``now``."""
+    def of(cls, banks: Sequence[Bank], tick: int) -> Self:
+        """The hypotheses of ``banks``, and free motion in this tick."""
         return cls(
             np.arange(len(banks) + 1).repeat([*map(len, banks), 1]),
-            np.append(Bank.of_all(banks, "onset"), now),
+            np.append(Bank.of_all(banks, "onset"), tick),
             np.append(Bank.of_all(banks, "log_likelihood"), 0.0),
         )
 
-    def held(self, now: int) -> Self:
-        """The same hypotheses in the tick ``now``, which carries no information."""
+    def at_tick(self, tick: int) -> Self:
+        """The same hypotheses in this tick, which carries no information."""
         onset = self.onset.copy()
-        onset[-1] = now
+        onset[-1] = tick
         return self._replace(onset=onset)
 
 
@@ -85,8 +85,7 @@ class TickWeights(NamedTuple):
     residual: Array
     """(6,) whitened residual of each contact."""
     best: Index
-    """(6, 3) of the best hypothesis of each bank its row, its onset, and the time of that (ns); -1 for an
-    empty one."""
+    """(6, 3) row, onset tick and onset time (ns) of the best hypothesis in each bank; -1 if it is empty."""
     live_hypotheses: LiveHypotheses
 
 
@@ -106,16 +105,16 @@ def update_banks(
     ----------
     banks : of each contact.
     tick_input : the tick.
-    parameters : have the margin, and the noise variance of each contact beyond that of the window.
+    parameters : the model, with the margin and the noise of each contact beyond that of the window.
     scales : parameters of the evidence.
     """
     if not compiled.in_use():
         return update_reference(banks, tick_input, parameters, scales)
     from contact_tracker.hypotheses.compiled import calls, kernels
 
-    left, before = list[Bank](), tick_input.before
-    # per contact the words kept, and of the old rows followed by the born ones the rows that these are
-    kept, kept_rows, weighed = kernels.update(
+    updated, window_before = list[Bank](), tick_input.window_before
+    # per contact: the words kept, and their rows among the old rows followed by the births
+    kept, kept_rows, weights = kernels.update(
         calls.models(scales.reach_m),
         [*map(_TABLES, banks)],
         [*map(_BIRTHS, tick_input.proposals)],
@@ -125,7 +124,7 @@ def update_banks(
         tick_input.number,
         tick_input.log_birth_weight,
         calls.ticks_of(tick_input.window),
-        calls.ticks_of(before) if before.index.size else None,
+        calls.ticks_of(window_before) if window_before.index.size else None,
         tick_input.log_survival,
         parameters.noise.extra_contact_variance,
         calls.weights_of(scales),
@@ -134,11 +133,13 @@ def update_banks(
     for column, (bank, (words, since), rows) in enumerate(zip(banks, kept, kept_rows, strict=True)):
         past = bank.lag_history
         if past.shape[1]:
-            past = joined(past, tick_input.lag_history[column], tick_input.proposals[column].count, rows)
+            past = join_histories(
+                past, tick_input.lag_history[column], tick_input.proposals[column].count, rows
+            )
         elif len(past) != len(rows):
             past = np.empty((len(rows), *past.shape[1:]))
-        left.append(Bank(words, bank.layout, Onsets(since, bank.onsets.layout), past))
-    return left, TickWeights(*weighed[:-1], LiveHypotheses(*weighed[-1]))
+        updated.append(Bank(words, bank.layout, Onsets(since, bank.onsets.layout), past))
+    return updated, TickWeights(*weights[:-1], LiveHypotheses(*weights[-1]))
 
 
 def update_reference(
@@ -148,26 +149,26 @@ def update_reference(
     scales: EvidenceParameters,
 ) -> tuple[list[Bank], TickWeights]:
     """``update_banks`` in numpy: the reference of the compiled kernels."""
-    now, window, extra_variance = tick_input.onset, tick_input.window, parameters.noise.extra_contact_variance
-    updated, oldest = [], tick_input.before.expired_by(window)
+    window, extra_variance = tick_input.window, parameters.noise.extra_contact_variance
+    tick, updated, oldest = tick_input.onset, list[Bank](), tick_input.window_before.expired_by(window)
     for column, (bank, model) in enumerate(zip(banks, CONTACT_MODELS, strict=True)):
         settled = marginalise_expired_ticks(bank, model, oldest.with_error(extra_variance[column]), scales)
-        own, log_stay = window.with_error(extra_variance[column]), float(tick_input.log_survival[column])
-        updated.append(_update_contact(settled, model, tick_input.birth(column), own, scales, log_stay))
+        noisier, log_stay = window.with_error(extra_variance[column]), float(tick_input.log_survival[column])
+        updated.append(_update_contact(settled, model, tick_input.birth(column), noisier, scales, log_stay))
     free = float(tick_input.log_birth_weight[-1])
     best = max(free, *(bank.best for bank in updated))
     kept = [
-        prune(bank, now, best, parameters.search.margin_nats if is_due(model, now) else np.inf)
+        prune(bank, tick, best, parameters.search.margin_nats if is_due(model, tick) else np.inf)
         for bank, model in zip(updated, CONTACT_MODELS, strict=True)
     ]
-    weighed = TickWeights(
+    weights = TickWeights(
         tick_input.log_birth_weight,
         np.array([*(bank.log_total_weight for bank in kept), free - best]),
         np.array([residual(bank) for bank in kept]),
         np.array([bank.leader for bank in kept]),
-        LiveHypotheses.of(kept, now),
+        LiveHypotheses.of(kept, tick),
     )
-    return kept, weighed
+    return kept, weights
 
 
 def _update_contact(
@@ -183,14 +184,14 @@ def _update_contact(
     due = is_due(model, birth.onset)
     bank = add(bank, model, birth)
     unchanged = is_deferred(bank) & (not due)
-    was = bank.log_weight
+    old_weight = bank.log_weight
     bank = refit(accumulate(bank, model, window, scales, log_stay), model, window, scales, unchanged)
-    bank = recover_fallen(bank, was, model, window, scales)
+    bank = recover_fallen(bank, old_weight, model, window, scales)
     if not due or window.latest_motion_ratio <= REST_WEIGHT:
         return bank
     drawn = model.turned(directions(model, window.index[-1]), window.zeta[-1, R].reshape(3, 3))
     rows = select_for_search(bank, model)
-    return search(bank, rows, model, scales, drawn, lambda some, _: refit(some, model, window, scales))
+    return search(bank, rows, model, scales, drawn, lambda starts, _: refit(starts, model, window, scales))
 
 
 def marginalise_expired_ticks(
@@ -213,8 +214,8 @@ def fit_window(
 
     It is the best of the ``proposals``, if given; the bank is empty if there are none.
     """
-    given = uninformed_proposal(model) if proposals is None else proposals
-    return fit_windows(model, [window], scales, [given])[0]
+    proposals = uninformed_proposal(model) if proposals is None else proposals
+    return fit_windows(model, [window], scales, [proposals])[0]
 
 
 def fit_windows(
@@ -230,28 +231,28 @@ def fit_windows(
     windows : in order of time; no two begin with the same tick.
     proposals : birth proposals of each window.
     """
-    births = [_begun(model, *one, scales) for one in zip(windows, proposals, strict=True)]
-    of = np.arange(len(windows)).repeat([len(bank) for bank in births])
-    bank = refit_in_windows(_joined(births), of, model, windows, scales)
+    births = [_start_bank(model, *inputs, scales) for inputs in zip(windows, proposals, strict=True)]
+    owner = np.arange(len(windows)).repeat([len(bank) for bank in births])
+    bank = refit_in_windows(_join_banks(births), owner, model, windows, scales)
     rows = np.flatnonzero(bank.needs_search)
     turns = np.array([window.zeta[-1, R].reshape(3, 3) for window in windows]).reshape(-1, 3, 3)
-    drawn = np.array([model.turned(directions(model, windows[i].index[-1]), turns[i]) for i in of[rows]])
+    drawn = np.array([model.turned(directions(model, windows[i].index[-1]), turns[i]) for i in owner[rows]])
     bank = search(
         bank,
         rows,
         model,
         scales,
         drawn,
-        lambda some, row: refit_in_windows(some, of[row], model, windows, scales),
+        lambda picked, row: refit_in_windows(picked, owner[row], model, windows, scales),
     )
-    own = [np.flatnonzero(of == i) for i in range(len(windows))]
+    rows_of_window = [np.flatnonzero(owner == i) for i in range(len(windows))]
     return [
         bank.pick(rows[[bank.log_likelihood[rows].argmax()]]) if len(rows) else nothing
-        for rows, nothing in zip(own, births, strict=True)
+        for rows, nothing in zip(rows_of_window, births, strict=True)
     ]
 
 
-def _begun(
+def _start_bank(
     model: ContactModel, window: Window, proposals: BirthProposals, scales: EvidenceParameters
 ) -> Bank:
     """A bank of all proposals, with the ticks of the window accumulated."""
@@ -261,8 +262,8 @@ def _begun(
     return accumulate_window(bank, model, window, scales) if len(bank) else bank
 
 
-def _joined(banks: Sequence[Bank]) -> Bank:
-    """One bank from those of all windows."""
+def _join_banks(banks: Sequence[Bank]) -> Bank:
+    """One bank of the hypotheses of all windows."""
     onsets = np.concatenate([bank.onsets.words for bank in banks])
     return Bank(
         np.concatenate([bank.words for bank in banks]),

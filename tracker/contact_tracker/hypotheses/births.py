@@ -1,8 +1,8 @@
 """Births of hypotheses: which elements a new contact may assume, and their rows before any data.
 
-Elements are those that are known, those of the map, or new ones. A known vertex is hardly ever within a
-millimetre of a known table by chance. So the birth rate of a contact of known elements is multiplied by the
-likelihood ratio of the pose if they touch against if they may be anywhere (docs/theory.md, T29).
+Elements are known, in the map, or new. A known vertex is hardly ever within a millimetre of a known table
+by chance. So the birth rate of a contact of known elements is multiplied by the likelihood ratio of the pose
+with the elements in contact against the elements anywhere (docs/theory.md, T29).
 """
 
 from collections.abc import Sequence
@@ -93,10 +93,10 @@ def make_proposals(
     Proposals whose directions the prior leaves open may search, and are protected from pruning during
     burn-in. The other parameters are columns of ``Bank``; by default elements are known as far as both are.
     """
-    both = np.array(are_both_known, bool)
-    known = both if elements_known is None else np.array(elements_known, bool)
+    both_known = np.array(are_both_known, bool)
+    fixed = both_known if elements_known is None else np.array(elements_known, bool)
     prior = pair_priors(model, pairs, cross)
-    return with_prior(model, prior, np.array(log_share), np.array(known_pair_index), both, known)
+    return with_prior(model, prior, np.array(log_share), np.array(known_pair_index), both_known, fixed)
 
 
 def with_prior(
@@ -109,15 +109,15 @@ def with_prior(
 ) -> BirthProposals:
     """One proposal for each of n priors on x.
 
-    Elements that are known by others than this motion (``elements_known``) cannot follow it.
+    Elements known from other sources than this motion (``elements_known``) cannot follow it.
     """
-    none, given = blank(model, 0), known_entries(model, prior.mean, prior.information)
+    empty, is_given = blank(model, 0), known_entries(model, prior.mean, prior.information)
     needs_search = np.asarray(
-        ~given[:, directions(model.family.FORM)].all(axis=1)
+        ~is_given[:, directions(model.family.FORM)].all(axis=1)
     )  # the rest is a linear problem
     is_informed = prior.information.any(axis=(1, 2))
-    rows = blank(model, len(given)).replace_columns(
-        prior_index=np.where(is_informed, 1 + np.arange(len(given)), 0),
+    rows = blank(model, len(is_given)).replace_columns(
+        prior_index=np.where(is_informed, 1 + np.arange(len(is_given)), 0),
         known_pair_index=known_pair_index,
         elements_known=np.array(elements_known, np.int64),
         needs_search=needs_search,
@@ -129,12 +129,12 @@ def with_prior(
         log_likelihood=log_share,
         onset=0,
     )
-    return BirthProposals(replace(rows, onsets=none.onsets), given, are_both_known)
+    return BirthProposals(replace(rows, onsets=empty.onsets), is_given, are_both_known)
 
 
 @lru_cache(maxsize=16)
 def uninformed_proposal(model: ContactModel) -> BirthProposals:
-    """A proposal of elements that nothing is known of."""
+    """The proposal of new elements, without a prior."""
     return make_proposals(model, [(None, None)], [0.0], [0], [False])
 
 
@@ -152,7 +152,7 @@ class Birth(NamedTuple):
     onset_ns: int
     """Time at which the tick began."""
     number: int
-    """Number of the first hypothesis; the others follow."""
+    """Number of the first hypothesis; the next ones have the next numbers."""
     log_birth_weight: float
     """Log weight of the contact's birth."""
     lag_history: Array
@@ -166,36 +166,36 @@ def add(bank: Bank, model: ContactModel, birth: Birth) -> Bank:
     begins, old = birth.proposals, len(bank)
     if not begins.count:
         return bank
-    given = begins.is_given
+    is_given = begins.is_given
     words = np.concatenate([bank.words, begins.rows.words])
     onsets = replace(bank.onsets, words=np.pad(bank.onsets.words, ((0, 1), (0, 0))))
     onsets.rows["onset"][-1], onsets.rows["onset_ns"][-1] = birth.onset, birth.onset_ns
-    past = joined(bank.lag_history, birth.lag_history, begins.count, np.arange(len(words)))
-    both = Bank(words, bank.layout, onsets, past)
+    past = join_histories(bank.lag_history, birth.lag_history, begins.count, np.arange(len(words)))
+    extended = Bank(words, bank.layout, onsets, past)
     new = Bank(words[old:], bank.layout, onsets, past[old:])
     if old:
         best = bank.best_row
         x, new.rows["row_weight"][:] = bank.x[best], bank.row_weight[best]
     else:
         x = model.turned(new.rows["x"], birth.turn)
-    new.rows["x"][:] = model.faced(np.where(given, begins.rows.prior_mean, x), given, birth.turn)
+    new.rows["x"][:] = model.faced(np.where(is_given, begins.rows.prior_mean, x), is_given, birth.turn)
     new.rows["onset"][:] = birth.onset
     new.rows["number"][:] = birth.number + np.arange(begins.count)
     new.rows["log_birth_weight"][:] = birth.log_birth_weight
-    return both
+    return extended
 
 
-def joined(past: Array, of_new: Array, many: int, rows: Index) -> Array:
-    """Lag histories (R, L, 7) of ``rows`` of: the old hypotheses, ``past`` (H, L, 7), then ``many`` new ones
+def join_histories(past: Array, of_new: Array, count: int, rows: Index) -> Array:
+    """Lag histories (R, L, 7) of ``rows`` of: the old hypotheses, ``past`` (H, L, 7), then ``count`` new ones
     with the common history ``of_new`` (L, 7)."""
     if not past.shape[1]:
         return np.empty((len(rows), *past.shape[1:]))
-    return np.concatenate([past, of_new[None].repeat(many, axis=0)])[rows]
+    return np.concatenate([past, of_new[None].repeat(count, axis=0)])[rows]
 
 
 class CachedProposals(NamedTuple):
-    """``proposals`` of each contact with what they were computed from: the map without the sightings
-    ``left_out``, the pair that touches already, the one of the last contact, and the frame."""
+    """The birth ``proposals`` of each contact, with their inputs: the map without the sightings ``left_out``,
+    the ``current`` pair in contact, the ``latest`` pair before it, and the frame."""
 
     map: GrowingMap
     left_out: tuple[int, ...]
@@ -205,8 +205,8 @@ class CachedProposals(NamedTuple):
     proposals: tuple[BirthProposals, ...]
 
     def inputs(self, model: ContactModel) -> tuple[object, ...]:
-        """Those on which the proposals of one contact depend: the pair that touches, if it is of its kinds,
-        and the place of the body, if edges or vertices of the surroundings may be given by it."""
+        """The inputs of the proposals of one contact: the current pair only if it has the contact's kinds of
+        elements, and the position of the body only if the surroundings' element is no face."""
         kinds = None if self.current is None else tuple(self.map.elements[key].kind for key in self.current)
         current = self.current if kinds == kinds_of(model) else None
         frame = None if self.frame is None else self.frame[: 2 if kinds_of(model)[1] == "f" else 3]
@@ -220,7 +220,7 @@ class TickInput(NamedTuple):
     proposals: tuple[BirthProposals, ...]
     """Per contact."""
     cached_proposals: CachedProposals
-    """The same before they are weighed, for reuse at the next tick."""
+    """The proposals before they are weighed, for the next tick."""
     onset: int
     """Index of the tick."""
     onset_ns: int
@@ -231,7 +231,7 @@ class TickInput(NamedTuple):
     """(7, L, 7) per state: probabilities of the states before."""
     window: Window
     """The latest ticks, this one included."""
-    before: Window
+    window_before: Window
     """The window before this tick."""
     hazard_exposure: float
     """Exposure to change, in ticks of motion."""
@@ -245,9 +245,9 @@ class TickInput(NamedTuple):
     def birth(self, column: int) -> Birth:
         """The births of one contact."""
         number = self.number + sum(begins.count for begins in self.proposals[:column])
-        own = float(self.log_birth_weight[column]), self.lag_history[column]
-        turn = self.window.zeta[-1, R].reshape(3, 3)
-        return Birth(self.proposals[column], self.onset, self.onset_ns, number, *own, turn)
+        weight, turn = float(self.log_birth_weight[column]), self.window.zeta[-1, R].reshape(3, 3)
+        times = self.onset, self.onset_ns
+        return Birth(self.proposals[column], *times, number, weight, self.lag_history[column], turn)
 
 
 def propose_births(
@@ -255,35 +255,35 @@ def propose_births(
 ) -> BirthProposals:
     """Proposals of a contact for the next tick. Their shares add up to one, unless there are none.
 
-    Where the ``known_map`` leaves both elements open, they may be of the map. The elements of the map were
-    estimated from the motion at other times, so all that is known of them is in the prior, and free motion is
-    as predictable as for a new contact. ``incident_share`` is the prior probability that they are those of
-    the last contact, or incident with these, where the contact needs elements of other kinds.
+    If ``known_map`` leaves both elements open, they may be elements of the learned map ``view``. These were
+    estimated from the motion at other times, so the prior contains all knowledge of them, and free motion is
+    as predictable as for a new contact. ``incident_share`` is the prior probability of the elements of the
+    last contact, or of elements incident with them if the contact needs other kinds.
     """
-    known = named_pairs(known_map, model)
-    if not known:
+    assumed = named_pairs(known_map, model)
+    if not assumed:
         return uninformed_proposal(model).pick(np.zeros(0, np.int64))
-    pairs, near_m = [one.pair(frame) for one in known], np.array(frame.near_m)
-    log_share, number = [one.log_share for one in known], list(range(len(known)))
-    is_certain = [one.is_certain for one in known]
-    first = next((i for i, one in enumerate(known) if one.object is None and one.environment is None), None)
-    if view is None or first is None:
+    pairs, near_m = [pair.pair(frame) for pair in assumed], np.array(frame.near_m)
+    log_share, number = [pair.log_share for pair in assumed], list(range(len(assumed)))
+    is_certain = [pair.is_certain for pair in assumed]
+    unknown = next((i for i, pair in enumerate(assumed) if pair.object is pair.environment is None), None)
+    if view is None or unknown is None:
         return make_proposals(model, pairs, log_share, number, is_certain)
-    whole, beside = log_share[first], view.incident_pair(model, near_m)
-    if beside is not None and incident_share:
-        pairs.append(beside)
+    log_unknown, incident = log_share[unknown], view.incident_pair(model, near_m)
+    if incident is not None and incident_share:
+        pairs.append(incident)
         is_certain.append(False)
-        log_share.append(whole + np.log(incident_share))
-        whole += np.log1p(-incident_share)
+        log_share.append(log_unknown + np.log(incident_share))
+        log_unknown += np.log1p(-incident_share)
     log_p_new, learned = learned_pairs(view, model, near_m)
-    log_share[first] = whole + log_p_new
+    log_share[unknown] = log_unknown + log_p_new
     independent = np.zeros((len(pairs), *learned.cross.shape[1:]))
     pairs += learned.pairs
     return make_proposals(
         model,
         pairs,
-        log_share + (whole + learned.log_share).tolist(),
-        number + [first] * (len(pairs) - len(known)),
+        log_share + (log_unknown + learned.log_share).tolist(),
+        number + [unknown] * (len(pairs) - len(assumed)),
         is_certain + learned.are_both_known.tolist(),
         is_certain + [False] * len(learned.pairs),
         np.concatenate([independent, learned.cross]),
@@ -294,18 +294,18 @@ def propose_measured(model: ContactModel, known_map: Map, measured: Pair, frame:
     """Proposals of a contact with elements that were ``measured`` otherwise than by motion (object in the
     body frame, surroundings in the world frame), where the map does not give them.
 
-    Of a measured normal of the surroundings and the direction up, the more certain one counts.
+    If a normal of the surroundings is measured and the direction up is known, the more certain one counts.
     """
-    ours, theirs = (None if one is None else NamedElement("measured", one) for one in measured)
-    if known_map.up is not None and theirs is not None and not _is_surer_than_up(theirs, known_map.up):
-        theirs = None
-    known = named_pairs(known_map, model)
+    body, world = (None if element is None else NamedElement("measured", element) for element in measured)
+    if known_map.up is not None and world is not None and not _is_surer_than_up(world, known_map.up):
+        world = None
+    assumed = named_pairs(known_map, model)
     return make_proposals(
         model,
-        [_with(one, ours, theirs).pair(frame) for one in known],
-        [one.log_share for one in known],
-        range(len(known)),
-        [one.is_certain for one in known],
+        [_fill_open(pair, body, world).pair(frame) for pair in assumed],
+        [pair.log_share for pair in assumed],
+        range(len(assumed)),
+        [pair.is_certain for pair in assumed],
     )
 
 
@@ -317,35 +317,36 @@ def _is_surer_than_up(measured: NamedElement, up: Up) -> bool:
     return bool(np.trace(element.covariance[:3, :3]) < 2.0 * up.spread_rad**2)
 
 
-def _with(known: NamedPair, object: NamedElement | None, environment: NamedElement | None) -> NamedPair:
-    """``known`` with these elements where it leaves them open."""
-    theirs = known.environment or environment
-    return NamedPair(known.object or object, theirs, known.log_share, None if theirs else known.up)
+def _fill_open(pair: NamedPair, object: NamedElement | None, environment: NamedElement | None) -> NamedPair:
+    """The ``pair`` with these elements where it leaves them open."""
+    environment = pair.environment or environment
+    return NamedPair(pair.object or object, environment, pair.log_share, None if environment else pair.up)
 
 
-def named(geometry: ContactGeometry, known: NamedPair) -> ContactGeometry:
-    """The geometry of a hypothesis that assumes ``known``, with the names in the map."""
+def name_elements(geometry: ContactGeometry, pair: NamedPair) -> ContactGeometry:
+    """The geometry of a hypothesis that assumes ``pair``, with the names in the map."""
     faces = isinstance(geometry.object, Plane) and isinstance(geometry.environment, Plane)
     return ContactGeometry(
-        _named(geometry.object, known.object, faces), _named(geometry.environment, known.environment, faces)
+        _name_element(geometry.object, pair.object, faces),
+        _name_element(geometry.environment, pair.environment, faces),
     )
 
 
-def _named(element: Element, known: NamedElement | None, faces: bool) -> Element:
-    """The element with its name. If both are ``faces``, motion does not show the offset: take the known
-    one."""
-    if known is None:
+def _name_element(element: Element, map_element: NamedElement | None, faces: bool) -> Element:
+    """The element with its name. If both are ``faces``, motion does not determine the offset, which is then
+    the map's."""
+    if map_element is None:
         return canonical(element)
-    if faces and isinstance(element, Plane) and isinstance(known.element, Plane):
+    if faces and isinstance(element, Plane) and isinstance(map_element.element, Plane):
         assert element.covariance is not None
-        assert known.element.covariance is not None
+        assert map_element.element.covariance is not None
         covariance = np.zeros((4, 4))
         covariance[:3, :3] = element.covariance[:3, :3]
-        covariance[3, 3] = known.element.covariance[3, 3]
-        side = 1.0 if element.normal @ known.element.normal > 0 else -1.0
-        normal, offset_m = side * element.normal, known.element.offset_m
-        return Plane(normal, offset_m, covariance, element.unobserved, known.name)
-    return replace(element, name=known.name)
+        covariance[3, 3] = map_element.element.covariance[3, 3]
+        side = 1.0 if element.normal @ map_element.element.normal > 0 else -1.0
+        normal, offset_m = side * element.normal, map_element.element.offset_m
+        return Plane(normal, offset_m, covariance, element.unobserved, map_element.name)
+    return replace(element, name=map_element.name)
 
 
 ANY_DIRECTION: Final = 1.0 / 3.0
@@ -355,12 +356,12 @@ _HOPELESS: Final = -50.0
 _ROUNDING: Final = 1e-14
 """Eigenvalues below this share of the largest are rounding errors."""
 MOST_BIRTHS: Final = 100
-"""Most known pairs of one contact that begin in a tick, the most probable ones. A box of known size beside
-another has some 70 at most; without a limit hundreds of known edges, any two of which nearly cross, take
+"""Largest number of known pairs of one contact, the most probable, that begin in a tick. Two boxes of known
+size have some 70 at most; without a limit hundreds of known edges, any two of which nearly cross, take
 gigabytes."""
 FREE: Final = Contact.FREE.column
 FACES: Final = Contact.FF.column
-ON_A_PLANE: Final = tuple(one.column for one in (Contact.EF, Contact.FE, Contact.VF, Contact.FV))
+ON_A_PLANE: Final = tuple(contact.column for contact in (Contact.EF, Contact.FE, Contact.VF, Contact.FV))
 
 
 def weigh_births(
@@ -380,7 +381,7 @@ def weigh_births(
 
         ticks = calls.ticks_of(window)
         limits = calls.birth_limits(ANY_DIRECTION, scales.reach_m, _HOPELESS, MOST_BIRTHS)
-    for column, (model, begins, beyond) in enumerate(
+    for column, (model, begins, variance) in enumerate(
         zip(CONTACT_MODELS, proposals, extra_variance, strict=True)
     ):
         pairs = _known_pairs(model, begins)
@@ -390,32 +391,32 @@ def weigh_births(
                 begins.rows.words,
                 *pairs,
                 ticks,
-                beyond,
+                variance,
                 limits,
             )
             past = begins.rows.lag_history[: len(kept)]
             rows = Bank(words, begins.rows.layout, begins.rows.onsets, past)
             weighed.append(BirthProposals(rows, begins.is_given[kept], begins.are_both_known[kept]))
             continue
-        newest = window.cut(-1).with_error(beyond) if len(pairs.x) else window
-        own = proximity_evidence(model, begins, newest, scales) if len(pairs.x) else _prior_alone(begins)
-        log_odds[column], gain[column] = own.log_odds, own.gain
-        weighed.append(own.proposals)
+        newest = window.cut(-1).with_error(variance) if len(pairs.x) else window
+        evidence = proximity_evidence(model, begins, newest, scales) if len(pairs.x) else _prior_alone(begins)
+        log_odds[column], gain[column] = evidence.log_odds, evidence.gain
+        weighed.append(evidence.proposals)
     return tuple(weighed), log_odds, gain
 
 
 def share_with_faces(log_odds: Array, gain: Array, share: float) -> tuple[Array, Array]:
-    """The log odds (6,) and gains (6, 2) of ``weigh_births`` with what those of other contacts say of f-f.
+    """The log odds (6,) and gains (6, 2) of ``weigh_births``, with those of f-f raised by edges and vertices.
 
-    Where a known edge or vertex touches a known plane, so does a face that holds it and is not known yet,
-    with this prior ``share``. Without it, what stands on a new face would be what stands on an edge.
+    If a known edge or vertex touches a known plane, an unknown face that contains it also does, with this
+    prior ``share``. Otherwise an object on a new face would seem to stand on an edge.
     """
-    most = max(ON_A_PLANE, key=log_odds.__getitem__)
-    shared = log_odds[most] + np.log(share)
+    likeliest = max(ON_A_PLANE, key=log_odds.__getitem__)
+    shared = log_odds[likeliest] + np.log(share)
     if shared <= log_odds[FACES] or log_odds[FACES] <= _IMPOSSIBLE:
         return log_odds, gain
     log_odds, gain = log_odds.copy(), gain.copy()
-    log_odds[FACES], gain[FACES] = shared, gain[most]
+    log_odds[FACES], gain[FACES] = shared, gain[likeliest]
     return log_odds, gain
 
 
@@ -427,7 +428,7 @@ class ProximityEvidence(NamedTuple):
     log_odds: float
     """Log-likelihood ratio of touching by any proposal against being anywhere."""
     gain: Array
-    """(2,) part of it that one angle, and that the distance, contributes where it vanishes."""
+    """(2,) part of the log odds that a vanishing angle and a vanishing distance contribute."""
     proposals: BirthProposals
     """The proposals with their shares given the pose; negligible ones, and known pairs beyond
     ``MOST_BIRTHS``, are left out."""
@@ -438,18 +439,18 @@ class ProximityEvidence(NamedTuple):
         log_odds = float(hmm.log_sum_exp(log_share))
         log_share = log_share - log_odds
         kept = log_share > _HOPELESS
-        known = (kept & begins.are_both_known).nonzero()[0]
-        if len(known) > MOST_BIRTHS:
-            kept[known[log_share[known].argsort(kind="stable")[:-MOST_BIRTHS]]] = False
-        own = log_share[kept]
-        return cls(log_share, log_odds, gain, begins.pick(kept).sharing(own - hmm.log_sum_exp(own)))
+        known_rows = (kept & begins.are_both_known).nonzero()[0]
+        if len(known_rows) > MOST_BIRTHS:
+            kept[known_rows[log_share[known_rows].argsort(kind="stable")[:-MOST_BIRTHS]]] = False
+        share = log_share[kept]
+        return cls(log_share, log_odds, gain, begins.pick(kept).sharing(share - hmm.log_sum_exp(share)))
 
 
 class _KnownPairs(NamedTuple):
     """The proposals of one contact whose elements are both known: m of n."""
 
     is_known: NDArray[np.bool_]
-    """(n,) which they are."""
+    """(n,) which proposals these are."""
     x: Array
     """(m, S) their elements."""
     deviation: Array
@@ -473,7 +474,7 @@ def proximity_evidence(
 
 @lru_cache(maxsize=8 * len(CONTACT_MODELS))
 def _prior_alone(begins: BirthProposals) -> ProximityEvidence:
-    """The evidence where no pair is known, so that no pose says more than the prior."""
+    """The evidence without a known pair: the prior alone."""
     if not begins.count:
         return ProximityEvidence(np.zeros(0), _IMPOSSIBLE, np.zeros(2), begins)
     return ProximityEvidence.of(begins, begins.log_share.copy(), np.zeros(2))
@@ -505,7 +506,7 @@ def _spread(model: ContactModel, pairs: _KnownPairs, zeta: Array) -> Array:
 
 @lru_cache(maxsize=8 * len(CONTACT_MODELS))  # proposals are the same in many ticks and trackers
 def _known_pairs(model: ContactModel, begins: BirthProposals) -> _KnownPairs:
-    """What the evidence needs of the known pairs, apart from the pose."""
+    """The known pairs, with the terms of their evidence that do not depend on the pose."""
     is_known = begins.are_both_known
     rows = begins.rows.pick(is_known.nonzero()[0])
     # known lines have anchors of their own, and other elements need none
@@ -518,7 +519,7 @@ def _known_pairs(model: ContactModel, begins: BirthProposals) -> _KnownPairs:
 
 
 def prepare_weights(proposals: Sequence[BirthProposals]) -> None:
-    """Compute what does not depend on the pose in the weights of the proposals of all contacts."""
+    """Compute the terms of the weights of all proposals that do not depend on the pose."""
     for model, begins in zip(CONTACT_MODELS, proposals, strict=True):
         _known_pairs(model, begins)
 
@@ -526,36 +527,36 @@ def prepare_weights(proposals: Sequence[BirthProposals]) -> None:
 def _deviations(information: Array) -> Array:
     """Independent changes (m, P, P), a row each, by one standard deviation of parameters with this
     information (m, P, P)."""
-    known = information.diagonal(axis1=1, axis2=2)
-    scale = 1.0 / np.sqrt(np.maximum(known, _ROUNDING * known.max(axis=1, keepdims=True, initial=0.0)))
+    diagonal = information.diagonal(axis1=1, axis2=2)
+    scale = 1.0 / np.sqrt(np.maximum(diagonal, _ROUNDING * diagonal.max(axis=1, keepdims=True, initial=0.0)))
     even = scale[:, :, None] * information * scale[:, None]
     values, axes = np.linalg.eigh(0.5 * (even + even.swapaxes(1, 2)))
     values = np.maximum(values, _ROUNDING * values[:, -1:])
     return np.asarray((axes / np.sqrt(values)[:, None]).swapaxes(1, 2) * scale[:, None])
 
 
-def reweight_transitions(change: Array, stay: Array, log_odds: Array, shown: Array) -> tuple[Array, Array]:
+def reweight_transitions(change: Array, stay: Array, log_odds: Array, gain: Array) -> tuple[Array, Array]:
     """Log rates of change (7, 7) and of staying (7,), given the pose.
 
-    ``log_odds`` (6,) and the gains ``shown`` (6, 2) are those of ``weigh_births``.
+    ``log_odds`` (6,) and ``gain`` (6, 2) are from ``weigh_births``.
 
     Constraints that the old and the new state share carry no new evidence. Each row together with its stay
     keeps its sum, so that leaving a state and coming back gains nothing.
     """
     moved = change.copy()
-    moved[:, : len(log_odds)] += log_odds - (_SHARED_ROWS * shown).sum(axis=-1)
+    moved[:, : len(log_odds)] += log_odds - (_SHARED_ROWS * gain).sum(axis=-1)
     kept = stay.copy()
     kept[FREE] = -np.inf  # free stays by the matrix
-    before = np.logaddexp(np.logaddexp.reduce(change, axis=1), kept)
-    after = np.logaddexp(np.logaddexp.reduce(moved, axis=1), kept)
-    return moved - (after - before)[:, None], stay - (after - before)
+    old_sum = np.logaddexp(np.logaddexp.reduce(change, axis=1), kept)
+    new_sum = np.logaddexp(np.logaddexp.reduce(moved, axis=1), kept)
+    return moved - (new_sum - old_sum)[:, None], stay - (new_sum - old_sum)
 
 
 def _shared_rows(before: Contact, after: Contact) -> tuple[int, int]:
-    """How many angles and distances both contacts constrain in common, elements contained in each other."""
+    """Number of angles and number of distances that both contacts constrain."""
     shared = max(state.codimension for state in STATES if before.contains(state) and after.contains(state))
     return max(shared - 1, 0), min(shared, 1)
 
 
-_SHARED_ROWS: Final = np.array([[_shared_rows(one, other) for other in CONTACTS] for one in STATES])
-"""(7, 6, 2)"""
+_SHARED_ROWS: Final = np.array([[_shared_rows(old, new) for new in CONTACTS] for old in STATES])
+"""(7, 6, 2) ``_shared_rows`` of each state and each next contact."""

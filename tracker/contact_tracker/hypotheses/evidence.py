@@ -27,9 +27,9 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 SAME_FIT_RATIO: Final = 1.2
-"""A contact fits as well if its whitened residual is no more than this times the best's, or the noise."""
+"""A contact fits as well if its whitened residual is at most this times the best one's, or the noise."""
 DECISIVE: Final = log(20.0)
-"""Evidence (nats) that tells two contacts apart: twenty to one."""
+"""Evidence (nats) that distinguishes two contacts: twenty to one."""
 _I, _J = np.triu_indices(3)  # entries of a symmetric (3, 3) ...
 _OFTEN = np.where(_I == _J, 1.0, 2.0)  # ... and how often each counts
 
@@ -60,12 +60,12 @@ class EvidenceParameters:
     def innovations(self, values: Array, before: Array | None = None) -> Array:
         """Innovations of values (W, ...) tick by tick (T34), given those (...) of the tick ``before`` the
         first."""
-        new = values * self.alone
+        innovation = values * self.alone
         if self.correlation:
-            new[1:] = values[1:] - self.correlation * values[:-1]
+            innovation[1:] = values[1:] - self.correlation * values[:-1]
             if before is not None:
-                new[0] = values[0] - self.correlation * before
-        return new
+                innovation[0] = values[0] - self.correlation * before
+        return innovation
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,9 +101,9 @@ def log_ratio(
         measurement = _whitened(model, x, measurement, window, scales, onset)
     noise = residual_noise(measurement, window)
     excess = np.empty_like(noise)
-    known = np.zeros(len(x), bool) if certain is None else certain
+    is_certain = np.zeros(len(x), bool) if certain is None else certain
     for rows, free in zip(
-        (~known, known), (window.innovation_excess, window.displacement_variance), strict=True
+        (~is_certain, is_certain), (window.innovation_excess, window.displacement_variance), strict=True
     ):
         free_position, free_rotation = free.T
         excess[rows, :-1] = free_rotation
@@ -135,29 +135,29 @@ def _whitened(
     ``onset`` (B,), they are only scaled to the same noise."""
     residual, correlation = measurement.residual, scales.correlation
     alone = residual * scales.alone
-    new = alone.copy()
-    new[:, :, 1:] = residual[:, :, 1:] - correlation * residual[:, :, :-1]
+    innovation = alone.copy()
+    innovation[:, :, 1:] = residual[:, :, 1:] - correlation * residual[:, :, :-1]
     if window.before is not None and len(window):
-        new[:, :, 0] = (
+        innovation[:, :, 0] = (
             residual[:, :, 0] - correlation * model.measure(x, window.before[None]).residual[:, :, 0]
         )
     if onset is not None:
         begins = (window.index == onset[:, None])[:, None]
-        new = np.where(begins, alone, new)
-    return measurement._replace(residual=new)
+        innovation = np.where(begins, alone, innovation)
+    return measurement._replace(residual=innovation)
 
 
 def residual_noise(measurement: Measurement, window: Window) -> Array:
-    """Noise variances (B, K, W) of residuals: of angles that of rotation; of distances that of position in
-    their direction plus that of rotation times the squared lever arm."""
+    """Noise variances (B, K, W) of residuals. An angle has that of rotation; a distance that of position in
+    its direction, plus that of rotation times the squared lever arm."""
     position, rotation = window.variance.T
     noise = np.empty_like(measurement.residual)
     noise[:, :-1], noise[:, -1] = rotation, position + rotation * measurement.lever_sq
     if window.position_anisotropy is not None:
         square = measurement.along[..., _I] * measurement.along[..., _J]
         uneven = window.position_anisotropy[:, _I, _J] * _OFTEN
-        same = square.shape[1] == 1
-        noise[:, -1] += square[:, 0] @ uneven.T if same else np.einsum("btk,tk->bt", square, uneven)
+        is_shared = square.shape[1] == 1
+        noise[:, -1] += square[:, 0] @ uneven.T if is_shared else np.einsum("btk,tk->bt", square, uneven)
     return noise
 
 
@@ -175,22 +175,22 @@ def complexity(
     at: Array,
     anchors: Array,
     hessian: Array,
-    given: Array,
+    onset: Array,
     predicted_share: Array,
     prior: Prior,
 ) -> Array:
     """Complexity (B,) in nats of fitted geometry: Laplace's volume ratio plus the cost under the prior.
 
-    Two kinds of information reduce it: ``given`` (B, P, P), that of the first tick, because a contact that
-    begins there touches there; and ``predicted_share`` (B, K), the share of each row's information
+    Two kinds of information reduce it: that of the ``onset`` tick (B, P, P), because a contact that begins
+    there touches there; and ``predicted_share`` (B, K), the share of each row's information
     ``hessian`` (B, K, P, P) that the prediction of free motion would have given. All are evaluated ``at`` (B,
     S), which is x (B, S) or near it.
     """
     tangent = family.tangent(at, anchors)
     along = np.swapaxes(tangent, -1, -2)
-    before = along @ (prior.precision + np.diag(prior.flat)) @ tangent
-    before = before + np.einsum("bk,bkpq->bpq", predicted_share, hessian)
-    volume = np.linalg.slogdet(hessian.sum(axis=1) + before)[1] - np.linalg.slogdet(given + before)[1]
+    initial = along @ (prior.precision + np.diag(prior.flat)) @ tangent
+    initial = initial + np.einsum("bk,bkpq->bpq", predicted_share, hessian)
+    volume = np.linalg.slogdet(hessian.sum(axis=1) + initial)[1] - np.linalg.slogdet(onset + initial)[1]
     return np.asarray(0.5 * volume + prior.cost(x))
 
 
@@ -208,7 +208,7 @@ class EvidenceSums:
     """(B,) squared residuals over their noise variance."""
     ticks: Index
     """(B,) number of ticks."""
-    after: Index
+    ticks_after_onset: Index
     """(B,) number of ticks without the onset."""
 
 
@@ -222,13 +222,13 @@ def sum_evidence(
 ) -> EvidenceSums:
     """Sum ``log_ratio`` and its parts for hypotheses x (B, S) with ``onset`` (B,)."""
     ratio = log_ratio(model, x, window, scales, certain, onset)
-    mine, after = window.index >= onset[:, None], window.index > onset[:, None]
+    since_onset, after_onset = window.index >= onset[:, None], window.index > onset[:, None]
     relative = ratio.row_weight * window.variance[:, :1]  # moments are weighted by one over this variance
     return EvidenceSums(
-        np.where(after, ratio.log_ratio, 0.0).sum(axis=1),
-        np.where(after[..., None], ratio.gain, 0.0).sum(axis=1),
-        np.where(mine[..., None], relative, 0.0).sum(axis=1),
-        np.where(mine[..., None], ratio.chi_sq, 0.0).sum(axis=(1, 2)),
-        mine.sum(axis=1),
-        after.sum(axis=1),
+        np.where(after_onset, ratio.log_ratio, 0.0).sum(axis=1),
+        np.where(after_onset[..., None], ratio.gain, 0.0).sum(axis=1),
+        np.where(since_onset[..., None], relative, 0.0).sum(axis=1),
+        np.where(since_onset[..., None], ratio.chi_sq, 0.0).sum(axis=(1, 2)),
+        since_onset.sum(axis=1),
+        after_onset.sum(axis=1),
     )

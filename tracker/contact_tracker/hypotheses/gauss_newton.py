@@ -39,7 +39,7 @@ class Prior:
         return cls(precision, information, 0.5 * np.einsum("bs,bs->b", information, mean), flat)
 
     def __add__(self, other: "Prior") -> "Prior":
-        """Both together; ``flat`` is that of the first."""
+        """The sum of both costs, with ``flat`` of the first."""
         return Prior(
             self.precision + other.precision,
             self.information + other.information,
@@ -103,8 +103,8 @@ def minimise(
     Parameters
     ----------
     moments : (W, C, C) sums of weighted ``zeta zeta^T`` over each window, in the family's columns.
-    row_weight : (W, K) precision of each residual, 1/rad^2 or 1/m^2; what the last row gives per metre of
-        distance is taken out here, at each x (``Family.scale_sq``).
+    row_weight : (W, K) precision of each residual, 1/rad^2 or 1/m^2; the scale of the last row per metre of
+        distance is divided out here, at each x (``Family.scale_sq``).
     prior : weak knowledge that keeps unobservable directions finite.
     anchors : (W, 6) where the body is in frames 1 and 2 (see ``contacts.family``).
     x : (B, S) starts.
@@ -117,7 +117,7 @@ def minimise(
     Fit with x (B, S), cost (B,) in nats, hessian (B, K, P, P) of the data alone by row, at (B, S), and
     converged (B,).
     """
-    left = np.broadcast_to(np.asarray(iterations, np.int64), len(x)).copy()
+    steps_left = np.broadcast_to(np.asarray(iterations, np.int64), len(x)).copy()
     of = np.arange(len(x)) if of is None else of
     moments, row_weight, prior, anchors = moments[of], row_weight[of], prior.pick(of), anchors[of]
     damping = np.full(len(x), FIRST_DAMPING)
@@ -131,19 +131,19 @@ def minimise(
     while True:
         step = _step(family, gradient[rows], hessian[rows], prior_precision[rows], damping[rows])
         converged[rows] = np.abs(dot(gradient[rows], step)) < tolerance
-        go_on = ~converged[rows] & (left[rows] > 0)
+        go_on = ~converged[rows] & (steps_left[rows] > 0)
         rows, step = rows[go_on], step[go_on]
         if not len(rows):
             return Fit(x, cost_now, hessian, at, converged)
-        left[rows] -= 1
-        these = moments[rows], row_weight[rows], prior.pick(rows)
+        steps_left[rows] -= 1
+        moving = moments[rows], row_weight[rows], prior.pick(rows)
         moved = x[rows] + (tangent[rows] @ step[..., None])[..., 0]
-        proposal, proposed_cost = complete(family, *these, anchors[rows], moved)
+        proposal, proposed_cost = complete(family, *moving, anchors[rows], moved)
         better = proposed_cost < cost_now[rows]
         damping[rows] = adapted(damping[rows], better)
         won = rows[better]
         x[won], cost_now[won] = proposal[better], proposed_cost[better]
-        won = won[left[won] > 0]
+        won = won[steps_left[won] > 0]
         if len(won):
             at[won] = x[won]
             tangent[won], gradient[won], hessian[won], prior_precision[won] = _normal_equations(
@@ -202,8 +202,8 @@ def complete(
     np.einsum("bll->bl", normal)[...] += LEAST_SHARE * trace + LEAST_CURVATURE
     shift = -np.linalg.solve(normal, pull[..., None])
     x = bare + (np.swapaxes(along, -1, -2) @ shift)[..., 0]
-    one = np.concatenate([np.ones((len(x), 1, 1)), shift], axis=1)
-    squares = (np.swapaxes(one, 1, 2) @ gram @ one)[:, 0, 0]
+    coefficients = np.concatenate([np.ones((len(x), 1, 1)), shift], axis=1)
+    squares = (np.swapaxes(coefficients, 1, 2) @ gram @ coefficients)[:, 0, 0]
     return x, 0.5 * squares + prior.cost(x)
 
 
@@ -223,7 +223,7 @@ def _normal_equations(
 ) -> tuple[Array, Array, Array, Array]:
     tangent, c = family.tangent(x, anchors), family.rows(x)
     along, derivative = np.swapaxes(tangent, -1, -2), family.rows_derivative(x)
-    # of the last row per metre: the scale changes with x as well
+    # the last row is per metre, and its scale changes with x as well
     derivative[:, -1] -= 0.5 * family.log_scale_sq_derivative(x, moments)[..., None] * c[:, -1, None, :]
     jacobian = along[:, None] @ derivative
     row_weight = per_metre(family, moments, row_weight, x)

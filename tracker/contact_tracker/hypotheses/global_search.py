@@ -1,7 +1,4 @@
-"""Which hypotheses stay, and where they look for better minima.
-
-Pruning by weight and age; search from many starts.
-"""
+"""Pruning of hypotheses by weight and age, and their search for better minima from many starts."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -42,22 +39,17 @@ def within_far_margin(bank: Bank) -> Bools:
     return bank.log_weight >= -FAR_NATS
 
 
-def is_protected(bank: Bank) -> Bools:
-    """Which hypotheses (H,) are protected from pruning by weight."""
-    return bank.effective_ticks <= bank.protected_until
-
-
-def prune(bank: Bank, now: int, best: float, margin: float) -> Bank:
+def prune(bank: Bank, tick: int, best: float, margin: float) -> Bank:
     """Drop hypotheses more than ``margin`` nats behind ``best``, and thin onsets, the more the older they
     are.
 
     The log weights of the result are relative to ``best``.
     """
     joint = bank.log_weight
-    keep = (joint > best - margin) | is_protected(bank)
-    old = bank.onset.searchsorted(now + 1 - UNTHINNED_TICKS)  # they are in order
+    keep = (joint > best - margin) | (bank.effective_ticks <= bank.protected_until)
+    old = bank.onset.searchsorted(tick + 1 - UNTHINNED_TICKS)  # they are in order
     if old > 1:
-        age = now + 1 - bank.onset[:old]
+        age = tick + 1 - bank.onset[:old]
         span = 2 ** (np.floor(np.log2(age / UNTHINNED_TICKS)) + 1).astype(np.int64)
         keep[:old] &= best_of(bank.onset[:old] // span + (span << 40), joint[:old])
     bank = bank.pick(keep.nonzero()[0])
@@ -82,8 +74,8 @@ def best_of(group: Index, joint: Array) -> Bools:
     return best
 
 
-AT_ONCE: Final = 16
-"""Number of hypotheses that are searched in one batch, each from up to 80 starts: limits the memory."""
+BATCH: Final = 16
+"""Number of hypotheses, each with up to 80 starts, that are searched in one batch: it limits the memory."""
 DRAWS: Final = 64
 """Number of sets of random directions, used in turn."""
 
@@ -91,16 +83,6 @@ DRAWS: Final = 64
 def is_due(model: ContactModel, tick: int) -> bool:
     """Whether the hypotheses of a contact search in this tick; contacts take turns."""
     return not (tick + model.contact.column) % SEARCH_INTERVAL
-
-
-def is_competitive(bank: Bank, model: ContactModel) -> Bools:
-    """Which hypotheses (H,) are near the best, or in burn-in."""
-    return within_far_margin(bank) | in_burn_in(bank, model)
-
-
-def in_burn_in(bank: Bank, model: ContactModel) -> Bools:
-    """Which hypotheses (H,) search whatever their weight: their minimum may not be found yet."""
-    return (bank.effective_ticks <= burn_in_ticks(model.needed)) & bank.needs_search
 
 
 def search(
@@ -121,32 +103,33 @@ def search(
     if not len(rows):
         return bank
     drawn = np.broadcast_to(drawn, (len(rows), *drawn.shape[-2:]))
-    blocks = [slice(first, first + AT_ONCE) for first in range(0, len(rows), AT_ONCE)]
-    x = np.concatenate([_found(bank, rows[block], model, scales, drawn[block]) for block in blocks])
-    many = x.shape[1]
-    of = rows.repeat(many)
-    found = bank.pick(of).replace_columns(x=x.reshape(-1, x.shape[-1]))
+    blocks = [slice(first, first + BATCH) for first in range(0, len(rows), BATCH)]
+    x = np.concatenate([_search_rows(bank, rows[block], model, scales, drawn[block]) for block in blocks])
+    starts = x.shape[1]
+    of = rows.repeat(starts)
+    candidates = bank.pick(of).replace_columns(x=x.reshape(-1, x.shape[-1]))
     for _ in range(SEARCH_REFITS):
-        found = evaluate(found, of)
-    log_likelihood = found.log_likelihood.reshape(-1, many)
-    best = log_likelihood.argmax(axis=1) + many * np.arange(len(rows))
+        candidates = evaluate(candidates, of)
+    log_likelihood = candidates.log_likelihood.reshape(-1, starts)
+    best = log_likelihood.argmax(axis=1) + starts * np.arange(len(rows))
     improved = np.flatnonzero(log_likelihood.max(axis=1) > bank.log_likelihood[rows])
-    return bank.replace_rows(rows[improved], found, best[improved])
+    return bank.replace_rows(rows[improved], candidates, best[improved])
 
 
 def select_for_search(bank: Bank, model: ContactModel) -> Index:
-    """Rows that search: of each age the best without a prior, and the best with one."""
+    """Rows that search: for each age, the best hypothesis without a prior and the best with one."""
     age = np.minimum(bank.effective_ticks.astype(np.int64), len(IS_SEARCH_AGE) - 1)
-    rows = (
-        IS_SEARCH_AGE[age] & (bank.rms > FITTING_RMS) & bank.needs_search & is_competitive(bank, model)
-    ).nonzero()[0]
+    searches = within_far_margin(bank) | (bank.effective_ticks <= burn_in_ticks(model.needed))
+    rows = (searches & IS_SEARCH_AGE[age] & (bank.rms > FITTING_RMS) & bank.needs_search).nonzero()[0]
     kind = 2 * SEARCH_AGES.searchsorted(bank.effective_ticks[rows], side="right") + (
         bank.prior_index[rows] > 0
     )
     return np.asarray(rows[best_of(kind, bank.log_weight[rows])])
 
 
-def _found(bank: Bank, rows: Index, model: ContactModel, scales: EvidenceParameters, drawn: Array) -> Array:
+def _search_rows(
+    bank: Bank, rows: Index, model: ContactModel, scales: EvidenceParameters, drawn: Array
+) -> Array:
     """The best geometries (R, n, S) of ``rows``, independent of their present ones.
 
     Starts are the best among the solutions of the relaxed problem and the directions ``drawn`` (R, N, S).
@@ -155,24 +138,24 @@ def _found(bank: Bank, rows: Index, model: ContactModel, scales: EvidenceParamet
     moments = bank.second_moment[rows]
     trace = moments.trace(axis1=1, axis2=2)[:, None, None]
     relaxed = model.family.starts(moments + RELAXATION_RIDGE * trace * np.eye(moments.shape[-1]))
-    known, mean = prior_at_anchors(bank, model, scales), bank.prior_mean[rows]
+    priors, mean = prior_at_anchors(bank, model, scales), bank.prior_mean[rows]
     is_given = known_entries(model, mean, bank.prior_information[rows])
     x = np.concatenate([relaxed, drawn], axis=1)
     x = np.where(is_given[:, None], mean[:, None], x)
-    windows, of = (bank.second_moment, bank.row_weight, *known), rows.repeat(x.shape[1])
-    x = _least(
+    windows, of = (bank.second_moment, bank.row_weight, *priors), rows.repeat(x.shape[1])
+    x = _cheapest(
         *gauss_newton.complete(model.family, *windows, x.reshape(len(of), -1), of), len(rows), FOLLOWED_STARTS
     )
     for steps, kept in ROUNDS:
         of = rows.repeat(x.shape[1])
-        found = gauss_newton.minimise(model.family, *windows, x.reshape(len(of), -1), steps, of=of)
-        x = _least(found.x, found.cost, len(rows), kept)
+        fit = gauss_newton.minimise(model.family, *windows, x.reshape(len(of), -1), steps, of=of)
+        x = _cheapest(fit.x, fit.cost, len(rows), kept)
     return x
 
 
-def _least(x: Array, cost: Array, groups: int, many: int) -> Array:
-    """The ``many`` x (B, S) of least cost in each group, ascending (groups, many, S)."""
-    best = cost.reshape(groups, -1).argsort(axis=1, kind="stable")[:, :many]
+def _cheapest(x: Array, cost: Array, groups: int, count: int) -> Array:
+    """The ``count`` x (B, S) of least cost in each group, ascending (groups, many, S)."""
+    best = cost.reshape(groups, -1).argsort(axis=1, kind="stable")[:, :count]
     return np.asarray(x.reshape(groups, -1, x.shape[-1])[np.arange(groups)[:, None], best])
 
 

@@ -30,7 +30,7 @@ from contact_tracker.geometry.lifted_pose import R, T
 from contact_tracker.geometry.linalg import cross
 from contact_tracker.hypotheses import compiled, gauss_newton, refit
 from contact_tracker.hypotheses.bank import Bank
-from contact_tracker.hypotheses.births import named
+from contact_tracker.hypotheses.births import name_elements
 from contact_tracker.hypotheses.evidence import EvidenceParameters, weak_prior
 from contact_tracker.hypotheses.refit import anchors_of
 from contact_tracker.hypotheses.schedule import REST_WEIGHT
@@ -42,17 +42,17 @@ from contact_tracker.states import Contact
 
 Array = NDArray[np.float64]
 
-SHOWN: Final = 10.0
-"""A direction is observed if the information of the window is this many times that of prior and noise."""
+OBSERVED_RATIO: Final = 10.0
+"""A direction is observed if the window has this many times the information of prior and noise."""
 NOISE_MARGIN: Final = 1.5
-"""In a whole segment, information up to this many times that of prior and noise may be due to noise."""
-OPEN: Final = 0.1
+"""In a whole segment, up to this many times the information of prior and noise may be due to noise."""
+OPEN_SHARE: Final = 0.1
 """An unobserved direction is reported if the prior lets the element move by this share of a radian or of the
 reach."""
 
 
 def observed_geometry(
-    one: Bank,
+    hypothesis: Bank,
     model: ContactModel,
     scales: EvidenceParameters,
     variance: Array,
@@ -63,7 +63,7 @@ def observed_geometry(
 
     Parameters
     ----------
-    one : bank of one hypothesis.
+    hypothesis : bank of one hypothesis.
     variance : (2,) noise of a tick: position (m^2) and rotation (rad^2).
     information : (P, P) of the ticks on x, for a bank with moments of the poses; by default that of the
         running fit, whose moments hold innovations.
@@ -73,22 +73,22 @@ def observed_geometry(
     -------
     ContactGeometry in the frames of the bank.
     """
-    x = one.x[0].copy()  # the elements have views of it
+    x = hypothesis.x[0].copy()  # the elements have views of it
     covariance, tangent, prior, eigenvalues, eigenvectors = information_spectrum(
-        one, model, scales, variance, information
+        hypothesis, model, scales, variance, information
     )
-    found = model.geometry(x, covariance + systematic, scales.reach_m)
-    left = eigenvectors[:, : eigenvalues.searchsorted(SHOWN)]
-    if not left.size:
-        return found
-    free = tangent @ left
-    open_covariance = free @ linalg.solve(left.T @ prior @ left, free.T)
-    if open_covariance.diagonal() @ _in_lengths(model, scales.reach_m) <= OPEN**2:  # the usual case
-        return found
+    geometry = model.geometry(x, covariance + systematic, scales.reach_m)
+    unseen = eigenvectors[:, : eigenvalues.searchsorted(OBSERVED_RATIO)]
+    if not unseen.size:
+        return geometry
+    free = tangent @ unseen
+    open_covariance = free @ linalg.solve(unseen.T @ prior @ unseen, free.T)
+    if open_covariance.diagonal() @ _in_lengths(model, scales.reach_m) <= OPEN_SHARE**2:  # the usual case
+        return geometry
     open_ = model.geometry(x, open_covariance, 0.0)
     return ContactGeometry(
-        replace(found.object, unobserved=_ways(open_.object, scales.reach_m)),
-        replace(found.environment, unobserved=_ways(open_.environment, scales.reach_m)),
+        replace(geometry.object, unobserved=_open_directions(open_.object, scales.reach_m)),
+        replace(geometry.environment, unobserved=_open_directions(open_.environment, scales.reach_m)),
     )
 
 
@@ -102,13 +102,13 @@ class InformationSpectrum(NamedTuple):
     prior: Array
     """(P, P) prior precision along the tangent."""
     values: Array
-    """(P,) generalised eigenvalues, ascending: information of the motion over that of prior and noise."""
+    """(P,) generalised eigenvalues, ascending: ratio of the information of the motion to prior and noise."""
     directions: Array
     """(P, P) their eigenvectors, columns along the tangent."""
 
 
 def information_spectrum(
-    one: Bank,
+    hypothesis: Bank,
     model: ContactModel,
     scales: EvidenceParameters,
     variance: Array,
@@ -118,43 +118,43 @@ def information_spectrum(
     noise_margin = NOISE_MARGIN
     if information is None:  # with correlated errors the moments hold innovations, in which most of a
         noise_margin, variance = 1.0, variance / (1.0 - scales.correlation) ** 2  # constant pose cancels
-    tangent, shown, prior, noise = information_terms(one, model, scales, variance)
-    shown = shown if information is None else information
-    eigenvalues, eigenvectors = linalg.eigenvectors(shown, prior + noise)
+    tangent, seen, prior, noise = information_terms(hypothesis, model, scales, variance)
+    seen = seen if information is None else information
+    eigenvalues, eigenvectors = linalg.eigenvectors(seen, prior + noise)
     covariance = tangent @ posterior_covariance(eigenvalues, eigenvectors, prior, noise_margin) @ tangent.T
     return InformationSpectrum(covariance, tangent, prior, eigenvalues, eigenvectors)
 
 
 def information_terms(
-    one: Bank, model: ContactModel, scales: EvidenceParameters, variance: Array
+    hypothesis: Bank, model: ContactModel, scales: EvidenceParameters, variance: Array
 ) -> tuple[Array, Array, Array, Array]:
     """Tangent (S, P) of a single hypothesis, and information (P, P) along it: of the ticks by the moments, of
     the prior, and of noise alone. ``variance`` (2,) as in ``observed_geometry``."""
     if not compiled.in_use():
-        return information_terms_reference(one, model, scales, variance)
+        return information_terms_reference(hypothesis, model, scales, variance)
     from contact_tracker.hypotheses.compiled import calls
 
     return calls.information_terms(
-        calls.model_of(model, scales.reach_m), one.words, one.onsets.words, variance
+        calls.model_of(model, scales.reach_m), hypothesis.words, hypothesis.onsets.words, variance
     )
 
 
 def information_terms_reference(
-    one: Bank, model: ContactModel, scales: EvidenceParameters, variance: Array
+    hypothesis: Bank, model: ContactModel, scales: EvidenceParameters, variance: Array
 ) -> tuple[Array, Array, Array, Array]:
     """``information_terms`` in numpy: the reference of the compiled kernel."""
-    tangent = model.family.tangent(one.x[0], anchors_of(one, model)[0])
+    tangent = model.family.tangent(hypothesis.x[0], anchors_of(hypothesis, model)[0])
     return (
         tangent,
-        refit.information(one, model, scales)[0],
-        prior_along(one, model, tangent, scales.reach_m),
-        noise_information(one, model, tangent, variance),
+        refit.information(hypothesis, model, scales)[0],
+        prior_along(hypothesis, model, tangent, scales.reach_m),
+        noise_information(hypothesis, model, tangent, variance),
     )
 
 
-def prior_along(one: Bank, model: ContactModel, tangent: Array, reach_m: float) -> Array:
+def prior_along(hypothesis: Bank, model: ContactModel, tangent: Array, reach_m: float) -> Array:
     """Precision (P, P) of the prior of a single hypothesis along ``tangent`` (S, P)."""
-    return np.asarray(tangent.T @ (_vague(model, reach_m) + one.prior_information[0]) @ tangent)
+    return np.asarray(tangent.T @ (_vague(model, reach_m) + hypothesis.prior_information[0]) @ tangent)
 
 
 @cache
@@ -185,12 +185,12 @@ def posterior_covariance(values: Array, directions: Array, prior: Array, noise_m
     return np.asarray(scaled @ linalg.solve(precision * (scale[:, None] * scale), scaled.T))
 
 
-def noise_information(one: Bank, model: ContactModel, tangent: Array, variance: Array) -> Array:
+def noise_information(hypothesis: Bank, model: ContactModel, tangent: Array, variance: Array) -> Array:
     """Information (P, P) along ``tangent`` (S, P) that the noise of the poses alone would add in the
     window."""
-    family, moments, x = model.family, one.second_moment[0], one.x[0]
+    family, moments, x = model.family, hypothesis.second_moment[0], hypothesis.x[0]
     size, rows, columns, free = family.SIZE, family.ROWS, len(family.COLUMNS), tangent.shape[1]
-    precision = gauss_newton.per_metre(family, moments, one.row_weight[0], x)
+    precision = gauss_newton.per_metre(family, moments, hypothesis.row_weight[0], x)
     slopes = tangent.T @ family.rows_derivative(x).swapaxes(0, 1).reshape(size, -1)
     # change of each row when a pose is perturbed by one sigma in each direction
     off = (slopes.reshape(free * rows, columns) @ model.moves).swapaxes(0, 1).reshape(free, rows, 6, columns)
@@ -199,13 +199,13 @@ def noise_information(one: Bank, model: ContactModel, tangent: Array, variance: 
     return np.asarray(jitter.reshape(free, -1) @ off.reshape(free, -1).T)
 
 
-def perturbed_rows(one: Bank, model: ContactModel) -> Array:
+def perturbed_rows(hypothesis: Bank, model: ContactModel) -> Array:
     """Coefficients (K, 6, C) of the change of each residual of a single hypothesis by small turns about the
     body's axes and shifts along the world's."""
-    return np.asarray((model.family.rows(one.x[0]) @ model.moves).swapaxes(0, 1))
+    return np.asarray((model.family.rows(hypothesis.x[0]) @ model.moves).swapaxes(0, 1))
 
 
-def _ways(free: Element, reach_m: float) -> tuple[Unobserved, ...]:
+def _open_directions(free: Element, reach_m: float) -> tuple[Unobserved, ...]:
     """Unobserved turns and shifts of an element, given the covariance of the open directions alone."""
     covariance = np.zeros((6, 6)) if free.covariance is None else free.covariance
     match free:
@@ -220,19 +220,19 @@ def _ways(free: Element, reach_m: float) -> tuple[Unobserved, ...]:
 
 
 def _turns(axis: Array, covariance: Array) -> tuple[tuple[Unobserved, ...], Array]:
-    """Unobserved turns of a unit vector, and the covariance of the rest of the element given no turn."""
-    turned, rest = covariance[:3, :3], covariance[3:, 3:]
-    wide = _wide(turned, OPEN)
+    """Unobserved turns of a unit vector, and the covariance of the element's other part given no turn."""
+    turned, remaining = covariance[:3, :3], covariance[3:, 3:]
+    wide = _wide(turned, OPEN_SHARE)
     if not wide.size:
-        return (), rest
+        return (), remaining
     turns = _unobserved("turns_about", cross(axis, wide.T))
     with_turn = covariance[3:, :3] @ wide
     explained = with_turn @ linalg.solve(wide.T @ turned @ wide, with_turn.T)
-    return turns, rest - explained
+    return turns, remaining - explained
 
 
 def _shifts(covariance: Array, reach_m: float) -> tuple[Unobserved, ...]:
-    return _unobserved("shifts_along", _wide(covariance, OPEN * reach_m).T)
+    return _unobserved("shifts_along", _wide(covariance, OPEN_SHARE * reach_m).T)
 
 
 def _wide(covariance: Array, sd: float) -> Array:
@@ -254,13 +254,13 @@ def _unobserved(how: Literal["turns_about", "shifts_along"], axes: Array) -> tup
 MOST_TICKS: Final = 300
 """Number of ticks that represent a longer window."""
 SHARE_OF_REST: Final = 0.05
-"""Weight of a tick at rest, relative to one in motion, when these are chosen."""
+"""Weight of a tick at rest, relative to a tick in motion, in their choice."""
 LEAST_SHARE: Final = 1e-14
 """Eigenvalues below this share of the largest are rounding errors."""
 
 
 def systematic_covariance(
-    one: Bank,
+    hypothesis: Bank,
     model: ContactModel,
     window: Window,
     reach_m: float,
@@ -273,21 +273,21 @@ def systematic_covariance(
 
     Parameters
     ----------
-    one : bank of one hypothesis.
+    hypothesis : bank of one hypothesis.
     is_refined : whether each tick counts by its noise alone; else also by its motion.
     """
-    ticks, count = representatives(window.cut(int(np.searchsorted(window.index, one.onset[0])), None))
-    x, family, lifted = one.x[0], model.family, model.lifted(ticks.zeta)
-    tangent = family.tangent(x, anchors_of(one, model)[0])
+    ticks, count = representatives(window.cut(int(np.searchsorted(window.index, hypothesis.onset[0])), None))
+    x, family, lifted = hypothesis.x[0], model.family, model.lifted(ticks.zeta)
+    tangent = family.tangent(x, anchors_of(hypothesis, model)[0])
     weight = count / ticks.variance[:, 0]
     if not is_refined:
         weight *= np.maximum(ticks.motion_ratio, REST_WEIGHT)
-    precision = gauss_newton.per_metre(family, one.second_moment[0], one.row_weight[0], x)
+    precision = gauss_newton.per_metre(family, hypothesis.second_moment[0], hypothesis.row_weight[0], x)
     slopes = np.einsum("sp,ksc,tc->pkt", tangent, family.rows_derivative(x), lifted)
     weighted = slopes * precision[:, None] * weight
     information = np.einsum("pkt,qkt->pq", weighted, slopes)
-    by_error = np.einsum("pkt,kdt->dpt", weighted, perturbed_rows(one, model) @ lifted.T)
-    prior = prior_along(one, model, tangent, reach_m)
+    by_error = np.einsum("pkt,kdt->dpt", weighted, perturbed_rows(hypothesis, model) @ lifted.T)
+    prior = prior_along(hypothesis, model, tangent, reach_m)
     return np.asarray(
         tangent @ added_covariance(information, prior, by_error, ticks.zeta, errors) @ tangent.T
     )
@@ -311,8 +311,8 @@ def added_covariance(
     units = np.outer(scale, scale)
     information, prior, spread = information * units, prior * units, spread * units
     # the errors lower the information of the ticks, not that of the prior
-    left = information @ _inverse(information + spread) @ information
-    return np.asarray((_inverse(left + prior) - _inverse(information + prior)) * units)
+    data = information @ _inverse(information + spread) @ information
+    return np.asarray((_inverse(data + prior) - _inverse(information + prior)) * units)
 
 
 def _inverse(symmetric: Array) -> Array:
@@ -322,16 +322,16 @@ def _inverse(symmetric: Array) -> Array:
 
 
 def representatives(window: Window) -> tuple[Window, Array]:
-    """All ticks of a window, or if it is long some of them, more of those in motion; and how many ticks (N,)
-    each stands for."""
+    """All ticks of a window, or a part of them if it is long, more of those in motion; and the number (N,) of
+    ticks that each stands for."""
     length = len(window)
     if length <= MOST_TICKS:
         return window, np.ones(length)
     passed = np.cumsum(window.motion_ratio + SHARE_OF_REST)
     cuts = np.unique(np.searchsorted(passed, np.linspace(0.0, passed[-1], MOST_TICKS + 1)[1:-1]))
     first, end = np.append(0, cuts), np.append(cuts, length)
-    some = end > first
-    first, end = first[some], end[some]
+    filled = end > first
+    first, end = first[filled], end[filled]
     return window.pick((first + end) // 2, window.before), (end - first).astype(float)
 
 
@@ -351,20 +351,20 @@ def _squared_distances(points: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class FittedContact:
-    """A hypothesis, from which its ``geometry`` is computed once that is asked for: of most ticks it is not.
+    """A hypothesis whose ``geometry`` is computed when it is first read; in most ticks it is not.
 
     Parameters
     ----------
-    one : bank of the hypothesis alone.
+    bank : bank of the hypothesis alone.
     variance : (W, 2) noise of the ticks: position (m^2) and rotation (rad^2).
     rotation : (3, 3) of the body in the last tick.
-    origins : of the bank's coordinates.
+    origins : origins of the bank's coordinates.
     systematic : covariance (S, S) of x by errors that are not noise.
-    pair : of the map, which it assumes; None without names.
+    pair : the pair of known elements that it assumes; None without names.
     information : as in ``observed_geometry``.
     """
 
-    one: Bank
+    bank: Bank
     contact: Contact
     scales: EvidenceParameters
     variance: Array
@@ -377,13 +377,13 @@ class FittedContact:
     @cached_property
     def geometry(self) -> ContactGeometry:
         """Its elements, with covariance and unobserved directions, in the user's frames."""
-        one, model, usual = self.one, CONTACT_MODELS[self.contact.column], linalg.median(self.variance)
-        found = observed_geometry(one, model, self.scales, usual, self.information, self.systematic)
-        if not np.isnan(one.line_anchor).all():  # other lines have their point near the body already
-            body_m = one.weighted_position_sum[0] / one.weight[0]
-            found = ContactGeometry(by_foot(found.object, np.zeros(3)), by_foot(found.environment, body_m))
-        found = _in_users_frames(found, self.rotation, self.origins)
-        return found if self.pair is None else named(found, self.pair)
+        bank, model, usual = self.bank, CONTACT_MODELS[self.contact.column], linalg.median(self.variance)
+        local = observed_geometry(bank, model, self.scales, usual, self.information, self.systematic)
+        if not np.isnan(bank.line_anchor).all():  # other lines have their point near the body already
+            body_m = bank.weighted_position_sum[0] / bank.weight[0]
+            local = ContactGeometry(by_foot(local.object, np.zeros(3)), by_foot(local.environment, body_m))
+        geometry = _in_users_frames(local, self.rotation, self.origins)
+        return geometry if self.pair is None else name_elements(geometry, self.pair)
 
 
 def fitted_contact(
@@ -397,32 +397,32 @@ def fitted_contact(
     information: Array | None = None,
     pair: NamedPair | None = None,
 ) -> FittedContact:
-    """Hypothesis ``row`` without the others.
+    """The fit of hypothesis ``row`` of a bank.
 
-    ``window`` has the ticks and their noise, ``errors`` are those that are not noise; the rest as in
+    ``window`` has the ticks and their noise, ``errors`` are the systematic ones; other arguments are as in
     ``FittedContact``.
     """
-    one, systematic = bank.single(row), np.zeros(())
+    hypothesis, systematic = bank.single(row), np.zeros(())
     if errors.are_given:
         systematic = systematic_covariance(
-            one, model, window, scales.reach_m, errors, is_refined=information is not None
+            hypothesis, model, window, scales.reach_m, errors, is_refined=information is not None
         )
     turn = window.zeta[-1, R].reshape(3, 3)
     return FittedContact(
-        one, model.contact, scales, window.variance, turn, origins, systematic, pair, information
+        hypothesis, model.contact, scales, window.variance, turn, origins, systematic, pair, information
     )
 
 
-def _in_users_frames(found: ContactGeometry, rotation: Array, origins: Origins) -> ContactGeometry:
+def _in_users_frames(geometry: ContactGeometry, rotation: Array, origins: Origins) -> ContactGeometry:
     """The elements in the frames of the body, which has this ``rotation`` (3, 3), and of the world.
 
-    Of two faces motion shows the difference of the offsets only: the object's stays at the origin.
+    Motion determines only the difference of the offsets of two faces: the object's stays at the origin.
     """
-    ours, theirs = found.object, shifted(found.environment, origins.world_m)
-    if isinstance(ours, Plane) and isinstance(theirs, Plane):
-        swung_m = theirs.normal @ rotation @ origins.body_m
-        return ContactGeometry(ours, replace(theirs, offset_m=float(theirs.offset_m - swung_m)))
-    return ContactGeometry(shifted(ours, origins.body_m), theirs)
+    body, world = geometry.object, shifted(geometry.environment, origins.world_m)
+    if isinstance(body, Plane) and isinstance(world, Plane):
+        swung_m = world.normal @ rotation @ origins.body_m
+        return ContactGeometry(body, replace(world, offset_m=float(world.offset_m - swung_m)))
+    return ContactGeometry(shifted(body, origins.body_m), world)
 
 
 def element_estimate(
@@ -432,22 +432,22 @@ def element_estimate(
     window: Window,
     information: Array | None = None,
 ) -> ElementEstimate:
-    """What a fit, a ``bank`` of one, says about both its elements together; arguments as above.
+    """The joint estimate of both elements by the single hypothesis of a ``bank``; arguments as above.
 
-    Real elements are not exactly the same at the next touch, so the information is that of a little looser
-    elements.
+    Real elements are not exactly the same at the next touch, so the information is reduced to that of
+    elements which vary by ``LOOSE_M`` and ``LOOSE_RAD``.
     """
     spectrum = information_spectrum(bank, model, scales, window.usual_variance, information)
     back = np.linalg.inv(spectrum.directions)
-    shown = back.T @ (np.maximum(spectrum.values - NOISE_MARGIN, 0.0)[:, None] * back)
+    seen = back.T @ (np.maximum(spectrum.values - NOISE_MARGIN, 0.0)[:, None] * back)
     variance = np.full(model.family.SIZE, LOOSE_M**2)
     variance[directions(model.family.FORM)] = LOOSE_RAD**2
     onto = np.linalg.pinv(spectrum.tangent)
     loose = np.linalg.cholesky((onto * variance) @ onto.T)
-    values, axes = np.linalg.eigh(loose.T @ shown @ loose)
+    values, axes = np.linalg.eigh(loose.T @ seen @ loose)
     values = np.maximum(values, 0.0)
     along = np.linalg.solve(loose.T, axes)
-    shown = (along * (values / (1.0 + values))) @ along.T
+    seen = (along * (values / (1.0 + values))) @ along.T
     rotation = window.zeta[len(window) // 2, R].reshape(3, 3)
     anchors = anchors_of(bank, model)[0]
-    return ElementEstimate(model.contact, bank.x[0], spectrum.tangent, shown, anchors, rotation)
+    return ElementEstimate(model.contact, bank.x[0], spectrum.tangent, seen, anchors, rotation)

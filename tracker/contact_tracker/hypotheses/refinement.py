@@ -47,7 +47,7 @@ def estimate_ar1(
 ) -> Ar1Noise:
     """Estimate the errors from the whitened residuals (K, W) of a fit, by expectation-maximisation.
 
-    Residuals are smaller than errors, because the fit absorbs what looks like geometry. How much it absorbs
+    Residuals are smaller than errors, because the fit absorbs errors that look like geometry. Their share
     follows from the ``jacobian`` (K, W, P) and the ``prior_information`` (P, P). With too few ticks the
     estimate stays near ``errors``.
     """
@@ -63,7 +63,7 @@ def estimate_ar1(
             np.einsum("k,kpq->pq", weight, new[:, :-1, :-1]) + prior_information
         )
         determined = eigenvalues > LEAST_SHARE * eigenvalues[-1]
-        # expected products of errors: those of the residuals plus those of what the fit may have absorbed
+        # expected products of errors: of the residuals plus of the errors that the fit may have absorbed
         taken = np.eye(len(eigenvalues) + 1)
         taken[:-1, :-1] = (eigenvectors[:, determined] / eigenvalues[determined]) @ eigenvectors[
             :, determined
@@ -77,10 +77,10 @@ def estimate_ar1(
 
 
 def whiten_ar1(rows: Array, correlation: Array, index: Index) -> Array:
-    """Innovations of rows (K, W, ...): what the tick before does not predict, scaled to the same variance."""
-    left = correlation[:, None] ** np.diff(index)
-    left = left.reshape(*left.shape, *(1,) * (rows.ndim - 2))
-    later = (rows[:, 1:] - left * rows[:, :-1]) / np.sqrt(1.0 - left**2)
+    """Innovations of rows (K, W, ...) given the tick before, scaled to the same variance."""
+    decay = correlation[:, None] ** np.diff(index)
+    decay = decay.reshape(*decay.shape, *(1,) * (rows.ndim - 2))
+    later = (rows[:, 1:] - decay * rows[:, :-1]) / np.sqrt(1.0 - decay**2)
     return np.concatenate([rows[:, :1], later], axis=1)
 
 
@@ -147,8 +147,8 @@ def _refine_once(
         whitened, jacobian, tangent = _linearised(model, x, anchors, window)
         prior_information = tangent.T @ prior.precision[0] @ tangent
         errors = estimate_ar1(errors, whitened, jacobian, prior_information, window.index)
-    new = whiten_ar1(jacobian, errors.correlation, window.index)
-    information = np.einsum("ktp,k,ktq->pq", new, errors.weight, new)
+    innovation = whiten_ar1(jacobian, errors.correlation, window.index)
+    information = np.einsum("ktp,k,ktq->pq", innovation, errors.weight, innovation)
     lifted, position = model.lifted(window.zeta), window.variance[:, 0]
     # precision of an AR(1) error given both neighbours, relative to its marginal precision
     alone = (1.0 + errors.correlation**2) / (1.0 - errors.correlation**2)
@@ -198,17 +198,17 @@ def _maximise(
         equations = _equations(model, x, errors, anchors, window, reach_m)
         return equations.cost + float(prior.cost(x)[0]), equations
 
-    damping, (now, near) = np.array(FIRST_DAMPING), new(x)
+    damping, (cost, current) = np.array(FIRST_DAMPING), new(x)
     for _ in range(STEPS):
-        gradient = near.gradient + near.tangent @ prior.gradient(x)[0]
-        curvature = near.curvature + near.tangent @ prior.precision[0] @ near.tangent.T
+        gradient = current.gradient + current.tangent @ prior.gradient(x)[0]
+        curvature = current.curvature + current.tangent @ prior.precision[0] @ current.tangent.T
         curvature.flat[:: len(curvature) + 1] += damping * curvature.diagonal() + LEAST_CURVATURE
         step = -linalg.solve(curvature, gradient[:, None])[:, 0]
-        proposal = model.family.normalise(x + step @ near.tangent, anchors)
-        there = new(proposal)  # its cost alone would take nearly as long
-        damping = adapted(damping, there[0] < now)
-        if there[0] < now:
-            x, (now, near) = proposal, there
+        proposal = model.family.normalise(x + step @ current.tangent, anchors)
+        trial = new(proposal)  # its cost alone would take nearly as long
+        damping = adapted(damping, trial[0] < cost)
+        if trial[0] < cost:
+            x, (cost, current) = proposal, trial
         if abs(gradient @ step) < TOLERANCE_NATS:
             break
     return x

@@ -37,7 +37,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
-NOT_AT_ALL: Final = -1
+NO_REFIT: Final = -1
 
 
 def anchors_of(bank: Bank, model: ContactModel) -> Array:
@@ -48,7 +48,7 @@ def anchors_of(bank: Bank, model: ContactModel) -> Array:
 
 
 def prior_of(bank: Bank, model: ContactModel, anchors: Array, reach_m: float) -> Prior:
-    """Prior of each hypothesis: the weak prior, and that of its known elements."""
+    """Prior of each hypothesis: the weak prior plus the prior of its known elements."""
     weak = weak_prior(model.family, anchors, reach_m)
     if not bank.prior_index.any():
         return weak
@@ -68,16 +68,16 @@ def accumulate(
 
     ``log_stay`` is the log probability that the state did not change in it.
     """
-    zeta, activity, now = window.zeta[-1], float(window.motion_ratio[-1]), window.index[-1]
+    zeta, activity, tick = window.zeta[-1], float(window.motion_ratio[-1]), window.index[-1]
     lifted, sigma_m = model.lifted(zeta), float(np.sqrt(window.variance[-1, 0]))
-    before, alone = window.before_newest, lifted * scales.alone
-    new = alone if before is None else lifted - scales.correlation * model.lifted(before)
+    previous, alone = window.before_newest, lifted * scales.alone
+    new = alone if previous is None else lifted - scales.correlation * model.lifted(previous)
     onsets = bank.onsets
-    begins = onsets.onset == now
+    begins = onsets.onset == tick
     weight = np.where(begins, 1.0, max(activity, REST_WEIGHT)) / sigma_m**2
     products = np.where(begins[:, None, None], _products(model, alone, lifted), _products(model, new, lifted))
     bank = bank.replace_columns(
-        log_prior=bank.log_prior + np.where(bank.onset == now, 0.0, log_stay)
+        log_prior=bank.log_prior + np.where(bank.onset == tick, 0.0, log_stay)
     ).replace_onset_columns(
         onset_row=np.where(begins[:, None], alone / sigma_m, onsets.onset_row),
         second_moment=onsets.second_moment + weight[:, None, None] * products,
@@ -89,24 +89,24 @@ def accumulate(
     return bank.replace_columns(x=model.family.normalise(bank.x, anchors_of(bank, model)))
 
 
-def _products(model: ContactModel, new: Array, lifted: Array) -> Array:
-    """Products (..., C, C) of the innovations of lifted poses (..., C). In the column of the constant of e-e,
-    whose sine is no linear residual, stand the poses themselves."""
-    products = new[..., :, None] * new[..., None, :]
+def _products(model: ContactModel, innovation: Array, lifted: Array) -> Array:
+    """Products (..., C, C) of the innovations of lifted poses (..., C). The column of the constant of e-e,
+    whose sine is no linear residual, has the poses themselves."""
+    products = innovation[..., :, None] * innovation[..., None, :]
     if model.family.FORM.h < 0:
         products[..., -1, :] = products[..., :, -1] = lifted
     return np.asarray(products)
 
 
 def accumulate_window(bank: Bank, model: ContactModel, window: Window, scales: EvidenceParameters) -> Bank:
-    """``accumulate`` over a whole window, with whose first tick all hypotheses of the bank begin."""
+    """``accumulate`` over a whole window, in whose first tick all hypotheses of the bank begin."""
     lifted, variance = model.lifted(window.zeta), window.variance[:, 0]
     motion = np.append(1.0, window.motion_ratio[1:])  # the onset is given
     weight = np.maximum(motion, REST_WEIGHT) / variance
-    new = scales.innovations(lifted)
+    innovation = scales.innovations(lifted)
     bank = bank.replace_onset_columns(
-        onset_row=new[0] / np.sqrt(variance[0]),
-        second_moment=np.einsum("w,wcd->cd", weight, _products(model, new, lifted)),
+        onset_row=innovation[0] / np.sqrt(variance[0]),
+        second_moment=np.einsum("w,wcd->cd", weight, _products(model, innovation, lifted)),
         weighted_position_sum=weight @ window.zeta[:, 9:12],
         weight=weight.sum(),
         effective_ticks=motion.sum(),
@@ -120,27 +120,27 @@ def is_deferred(bank: Bank) -> Bools:
 
 
 def recover_fallen(
-    bank: Bank, was: Array, model: ContactModel, window: Window, scales: EvidenceParameters
+    bank: Bank, old_weight: Array, model: ContactModel, window: Window, scales: EvidenceParameters
 ) -> Bank:
     """Refit hypotheses whose likelihood has dropped in this tick.
 
-    Those that were near the best (log weight ``was`` (H,)) take ``RECOVERY_STEPS`` more steps. Those that
-    still do not fit, and were within ``PROTECTION_NATS``, are protected from pruning
+    Hypotheses that were near the best (log weight ``old_weight`` (H,)) take ``RECOVERY_STEPS`` more steps. If
+    they still do not fit, and were within ``PROTECTION_NATS``, they are protected from pruning
     (``Bank.protected_until``).
     """
-    fallen = _fallen(bank, was, DEFER_NATS)
+    fallen = _fallen(bank, old_weight, DEFER_NATS)
     if fallen.any():
-        bank = refit_in_steps(bank, model, window, scales, np.where(fallen, RECOVERY_STEPS, NOT_AT_ALL))
-    fallen = _fallen(bank, was, PROTECTION_NATS)
+        bank = refit_in_steps(bank, model, window, scales, np.where(fallen, RECOVERY_STEPS, NO_REFIT))
+    fallen = _fallen(bank, old_weight, PROTECTION_NATS)
     if not fallen.any():
         return bank
     until = np.maximum(bank.protected_until, bank.effective_ticks + PROTECTION_TICKS)
     return bank.replace_columns(protected_until=np.where(fallen, until, bank.protected_until))
 
 
-def _fallen(bank: Bank, was: Array, nats: float) -> Bools:
+def _fallen(bank: Bank, old_weight: Array, nats: float) -> Bools:
     """Which hypotheses (H,) were within ``nats`` of the best, lost ``DROP_NATS`` and do not fit any more."""
-    return (was >= -nats) & (bank.log_weight < was - DROP_NATS) & (bank.rms > FITTING_RMS)
+    return (old_weight >= -nats) & (bank.log_weight < old_weight - DROP_NATS) & (bank.rms > FITTING_RMS)
 
 
 def refit(
@@ -153,7 +153,7 @@ def refit(
     """``refit_in_steps`` by the regular number of steps; rows that are ``unchanged`` (H,) are left alone."""
     steps = _steps_due(bank)
     if unchanged is not None:
-        steps[unchanged] = NOT_AT_ALL
+        steps[unchanged] = NO_REFIT
     return refit_in_steps(bank, model, window, scales, steps)
 
 
@@ -163,38 +163,38 @@ def _steps_due(bank: Bank) -> Index:
 
 
 def refit_in_windows(
-    bank: Bank, of: Index, model: ContactModel, windows: Sequence[Window], scales: EvidenceParameters
+    bank: Bank, owner: Index, model: ContactModel, windows: Sequence[Window], scales: EvidenceParameters
 ) -> Bank:
-    """``refit`` with a window per hypothesis: ``of`` (H,) is its index in ``windows``, ascending."""
+    """``refit`` with a window per hypothesis: ``owner`` (H,) is its index in ``windows``, ascending."""
     prior, anchors = prior_at_anchors(bank, model, scales)
-    found = gauss_newton.minimise(
+    fit = gauss_newton.minimise(
         model.family, bank.second_moment, bank.row_weight, prior, anchors, bank.x, _steps_due(bank)
     )
-    bank = bank.replace_columns(x=found.x)
+    bank = bank.replace_columns(x=fit.x)
     for i, window in enumerate(windows):
-        rows = np.flatnonzero(of == i)
+        rows = np.flatnonzero(owner == i)
         if len(rows):
-            own = prior.pick(rows), anchors[rows]
-            weighed = _with_evidence(bank.pick(rows), model, window, scales, own, found.pick(rows))
-            bank = bank.replace_rows(rows, weighed, np.arange(len(rows)))
+            priors = prior.pick(rows), anchors[rows]
+            evaluated = _with_evidence(bank.pick(rows), model, window, scales, priors, fit.pick(rows))
+            bank = bank.replace_rows(rows, evaluated, np.arange(len(rows)))
     return bank
 
 
 def refit_in_steps(
     bank: Bank, model: ContactModel, window: Window, scales: EvidenceParameters, steps: Index
 ) -> Bank:
-    """Take ``steps`` (H,) Gauss-Newton steps and evaluate the evidence there; ``NOT_AT_ALL`` leaves a row
+    """Take ``steps`` (H,) Gauss-Newton steps and evaluate the evidence there; ``NO_REFIT`` leaves a row
     alone.
 
     The moments are in 1/m^2, the weights of rows are relative to that.
     """
-    if (steps == NOT_AT_ALL).any():
-        rows = np.flatnonzero(steps != NOT_AT_ALL)
-        learned = refit_in_steps(bank.pick(rows), model, window, scales, steps[rows])
-        return bank.replace_rows(rows, learned, np.arange(len(rows)))
-    known = prior_at_anchors(bank, model, scales)
-    found = gauss_newton.minimise(model.family, bank.second_moment, bank.row_weight, *known, bank.x, steps)
-    return _with_evidence(bank.replace_columns(x=found.x), model, window, scales, known, found)
+    if (steps == NO_REFIT).any():
+        rows = np.flatnonzero(steps != NO_REFIT)
+        refitted = refit_in_steps(bank.pick(rows), model, window, scales, steps[rows])
+        return bank.replace_rows(rows, refitted, np.arange(len(rows)))
+    priors = prior_at_anchors(bank, model, scales)
+    fit = gauss_newton.minimise(model.family, bank.second_moment, bank.row_weight, *priors, bank.x, steps)
+    return _with_evidence(bank.replace_columns(x=fit.x), model, window, scales, priors, fit)
 
 
 def information(bank: Bank, model: ContactModel, scales: EvidenceParameters) -> Array:
@@ -202,8 +202,8 @@ def information(bank: Bank, model: ContactModel, scales: EvidenceParameters) -> 
 
     The linear coordinates are taken at their optimum.
     """
-    known = prior_at_anchors(bank, model, scales)
-    return gauss_newton.data_information(model.family, bank.second_moment, bank.row_weight, *known, bank.x)
+    priors = prior_at_anchors(bank, model, scales)
+    return gauss_newton.data_information(model.family, bank.second_moment, bank.row_weight, *priors, bank.x)
 
 
 def _with_evidence(
@@ -211,18 +211,18 @@ def _with_evidence(
     model: ContactModel,
     window: Window,
     scales: EvidenceParameters,
-    known: tuple[Prior, Array],
-    found: gauss_newton.Fit,
+    priors: tuple[Prior, Array],
+    fit: gauss_newton.Fit,
 ) -> Bank:
-    """The bank with the evidence at x, which is that of the fit ``found``."""
+    """The bank with the evidence at x, the minimum of the ``fit``; ``priors`` as of ``prior_at_anchors``."""
     sums = sum_evidence(model, bank.x, bank.onset, window, scales, bank.elements_known)
-    prior, anchors = known
+    prior, anchors = priors
     first = bank.onset_row[:, :, None] * bank.onset_row[:, None]
-    given = gauss_newton.information(
-        model.family, first, bank.row_weight, bank.second_moment, anchors, found.at
+    onset = gauss_newton.information(
+        model.family, first, bank.row_weight, bank.second_moment, anchors, fit.at
     )
     predicted_share = _prior_predictive_share(bank, model, scales, sums)
-    cost = complexity(model.family, bank.x, found.at, anchors, found.hessian, given, predicted_share, prior)
+    cost = complexity(model.family, bank.x, fit.at, anchors, fit.hessian, onset, predicted_share, prior)
     gain = sums.gain.sum(axis=1) + bank.gain_before_window
     count = np.maximum(sums.ticks, 1)
     return bank.replace_columns(
@@ -239,5 +239,5 @@ def _prior_predictive_share(
 ) -> Array:
     """Share (H, K) of each row's information that the free-motion prediction would have given (T19)."""
     ticks = np.maximum(bank.effective_ticks, 1.0)[:, None]
-    mean_gain = sums.gain / np.maximum(sums.after, 1)[:, None]
+    mean_gain = sums.gain / np.maximum(sums.ticks_after_onset, 1)[:, None]
     return np.asarray(scales.prior_predictive_share * model.needed / ticks * np.exp(-2.0 * mean_gain))

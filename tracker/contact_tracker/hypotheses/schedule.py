@@ -7,11 +7,11 @@ import numpy as np
 REFINE_STEPS: Final = 1
 FIRST_TICKS: Final = 6.0
 FIRST_STEPS: Final = 3
-"""Gauss-Newton steps in each of the first ticks with motion, in which the estimate changes most."""
+"""Gauss-Newton steps in each of the ``FIRST_TICKS`` with motion, in which the estimate changes most."""
 REST_WEIGHT: Final = 1e-7
 """Weight of a tick without motion. It keeps the position determined and carries almost no information."""
 DEFER_NATS: Final = 10.0
-"""Hypotheses further behind the best only accumulate moments; they are refitted when a search is due."""
+"""A hypothesis further behind the best only accumulates moments; it is refitted when a search is due."""
 FAR_NATS: Final = 14.0
 """Hypotheses further behind the best do not search after burn-in, and do not count as evidence for their
 contact."""
@@ -41,7 +41,7 @@ RELAXATION_RIDGE: Final = 1e-12
 FOLLOWED_STARTS: Final = 7
 """How many starts of a search are followed: those with the lowest cost before the first step."""
 ROUNDS: Final = ((2, 3), (3, 2))
-"""Rounds of a search: (steps, how many of the best go on)."""
+"""Rounds of a search: (steps, number of the best starts that go on)."""
 SEARCH_REFITS: Final = 1
 """How often a search repeats its fit with row weights estimated from the geometry found."""
 FITTING_RMS: Final = 1.2

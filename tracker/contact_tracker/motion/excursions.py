@@ -1,14 +1,14 @@
 """Filter of excursions: poses that jump away from the motion and back, for example by swapped markers.
 
 A jump is a step much longer than usual, for the time that has passed since the last new pose. The poses
-after it are held. If the next step continues it, its velocity has changed, as in an impact, and all are
-passed on. If the poses jump back, the held ones were wrong and are dropped: back is where the jumps since
-add up to no more than a step, as of markers that are swapped, or where usual motion leads from the last
-pose, as of another body in the place of this one. If that has not happened for half a second, the object
-has moved, and all are passed on; after two seconds, if no hand accelerates an object so.
+after it are held. If the next step continues it, the velocity has changed, as in an impact, and all are
+passed on. If the poses jump back, the held ones were wrong and are dropped. They are back if the jumps add up
+to no more than a step, as with swapped markers, or if usual motion leads there from the last pose, as with
+another body in the place of this one. If they are not back after half a second, the object has moved, and all
+are passed on; after two seconds, if no hand could accelerate an object so.
 
-If they jump to one place and back all the time, two bodies take turns: all are passed on as well, for
-``inspection`` to see.
+If they jump to one place and back all the time, two bodies take turns: all are passed on as well, and
+``inspection`` reports it.
 """
 
 from collections import Counter, deque
@@ -26,7 +26,7 @@ JUMP: Final = 3.0
 """A jump is longer than this many usual steps."""
 USUAL_QUANTILE: Final = 0.9
 KNOWN_STEPS: Final = 10
-"""Fewer steps do not show yet what is usual."""
+"""Least number of steps that determine the usual step."""
 SHORT_NS: Final = 500_000_000
 LONGEST_NS: Final = 2_000_000_000
 """Longest excursion if its first step is no motion. Markers are hidden for up to 1.6 s at a time."""
@@ -36,7 +36,7 @@ MOST_JUMPS: Final = 3
 """This many jumps in a row are motion, unless they lead back."""
 VISITS: Final = 10
 VISITS_WITHIN: Final = 40
-"""Excursions to one place are those of another body if there are ``VISITS`` within so many poses."""
+"""Excursions to one place are those of another body if ``VISITS`` happen within this many poses."""
 SAME_PLACE: Final = 0.25
 """Largest movement of that place between two excursions, relative to the jump."""
 ARM_M: Final = 0.1
@@ -68,7 +68,7 @@ class ExcursionFilter:
         self._last_excursion: Pose | None = None
 
     def admit(self, pose: Pose, continues: bool, period_ns: int) -> Sequence[Pose]:
-        """The poses to go on with now: this one, none, or several that were held.
+        """The poses to pass on now: this one, none, or several that were held.
 
         Parameters
         ----------
@@ -76,19 +76,19 @@ class ExcursionFilter:
         period_ns : the usual time between poses.
         """
         self._poses += 1
-        before = self._held[-1] if self._held else self._last
+        previous = self._held[-1] if self._held else self._last
         elapsed_ns = pose.stamp_ns - self._new_ns
-        if before is None or pose[1:] != before[1:]:
+        if previous is None or pose[1:] != previous[1:]:
             self._new_ns = pose.stamp_ns
         if not continues:
             released = self.finish()
             self._steps.clear()
             self._last = pose
             return (*released, pose)
-        if before is None:
+        if previous is None:
             self._last = pose
             return (pose,)
-        step = step_between(before, pose)
+        step = step_between(previous, pose)
         if step.distance_m <= NEAR_M and step.turn <= NEAR_TURN and not self._held:  # as usual: no jump
             return self._pass_on(pose, step)
         furthest, periods = self._furthest(), max(elapsed_ns / max(period_ns, 1), 1.0)
@@ -97,10 +97,10 @@ class ExcursionFilter:
             if not is_jump:
                 return self._pass_on(pose, step)
             self._shift_m, self._turn, self._in_a_row = np.zeros(3), _UNTURNED, 0
-            is_motion = _apart_m(before, pose) <= max(NEAR_M, FAR_M_PER_S2 * (1e-9 * elapsed_ns) ** 2)
-            self._until_ns = before.stamp_ns + (SHORT_NS if is_motion else LONGEST_NS)
+            is_motion = _apart_m(previous, pose) <= max(NEAR_M, FAR_M_PER_S2 * (1e-9 * elapsed_ns) ** 2)
+            self._until_ns = previous.stamp_ns + (SHORT_NS if is_motion else LONGEST_NS)
         if is_jump:
-            self._add_jump(before, pose)
+            self._add_jump(previous, pose)
             if self._has_returned(pose, furthest):
                 return self._come_back(pose)
         is_motion = self._continues_jump(pose, furthest)
@@ -115,7 +115,7 @@ class ExcursionFilter:
         return self._held[0].stamp_ns if self._held else None
 
     def _come_back(self, pose: Pose) -> Sequence[Pose]:
-        """The pose with which the motion goes on, and the held ones only where they are of another body."""
+        """Pass on the pose that continues the motion, and the held ones only if they are of another body."""
         self._note_visit()
         if len(self._visits) == VISITS and self._poses - self._visits[0] < VISITS_WITHIN:
             self._held.append(pose)
@@ -129,14 +129,14 @@ class ExcursionFilter:
         return (pose,)
 
     def _note_visit(self) -> None:
-        """Count the excursion, if it is to where the one before was. Turns in place are no other body: such
-        flips are frequent errors of vision."""
+        """Count the excursion, if it leads to the place of the one before. Turns in place are no other body:
+        such flips are frequent errors of vision."""
         assert self._last is not None
         if step_between(self._last, self._held[0]).distance_m <= NEAR_M:
             self._visits.clear()
             return
-        same_m, before = SAME_PLACE * _apart_m(self._last, self._held[0]), self._last_excursion
-        if before is None or _apart_m(before, self._held[0]) > same_m:
+        same_m, previous = SAME_PLACE * _apart_m(self._last, self._held[0]), self._last_excursion
+        if previous is None or _apart_m(previous, self._held[0]) > same_m:
             self._visits.clear()
         self._visits.append(self._poses)
         self._last_excursion = self._held[-1]
@@ -179,16 +179,16 @@ class ExcursionFilter:
         return is_usual and _apart_m(self._last, pose) < _apart_m(self._held[-1], pose)
 
     def _continues_jump(self, pose: Pose, furthest: Step) -> bool:
-        """Whether the step to this pose continues the jump to the only held one, which then is none."""
+        """Whether the step to this pose continues the jump to the only held one, so that it was motion."""
         if len(self._held) != 1 or self._last is None:
             return False
-        first, second = _way(self._last, self._held[0]), _way(self._held[0], pose)
+        first, second = _displacement(self._last, self._held[0]), _displacement(self._held[0], pose)
         length, following = np.linalg.norm(first, axis=1), np.linalg.norm(second, axis=1)
         is_forward = (first * second).sum(axis=1) > 0.0
         return bool((is_forward & (JUMP * following >= length))[length > furthest].all())
 
 
-def _way(a: Pose, b: Pose) -> Array:
+def _displacement(a: Pose, b: Pose) -> Array:
     """(2, 3) the path from ``a`` to ``b``, and the turn as a rotation vector."""
     turn = rotation_vectors(between(np.array(a.quat_xyzw), np.array(b.quat_xyzw)))
     return np.array([np.subtract(b.position_m, a.position_m), turn])
@@ -203,7 +203,7 @@ STEPS: Final = 10.0
 """A pose is away from the motion if it is farther than this many usual steps, and not near."""
 QUANTILE: Final = 0.95
 NEIGHBOURS: Final = 5
-HELD: Final = 2000
+MOST_HELD: Final = 2000
 _ARRIVALS_KEPT: Final = 256
 _ORIGIN: Final = (0.0, 0.0, 0.0)
 
@@ -228,7 +228,7 @@ class DefaultPoseFilter:
         self._arrivals: dict[Numbers, None] = {}
 
     def admit(self, pose: Pose, continues: bool) -> Sequence[Pose]:
-        """The poses to go on with now: this one, none, or several that were held.
+        """The poses to pass on now: this one, none, or several that were held.
 
         Parameters
         ----------
@@ -249,7 +249,7 @@ class DefaultPoseFilter:
         if len(self._kept) + self._motion == NEIGHBOURS:
             self._judge_held()
             return self.finish()
-        return self.finish() if len(self._held) == HELD else ()
+        return self.finish() if len(self._held) == MOST_HELD else ()
 
     @property
     def held_since_ns(self) -> int | None:
@@ -257,7 +257,7 @@ class DefaultPoseFilter:
         return self._held[0][0].stamp_ns if self._held else None
 
     def finish(self) -> Sequence[Pose]:
-        """The poses still held: no motion has come that would show them to be default poses."""
+        """The poses still held: no later motion has shown that they are default poses."""
         waiting = [pose for pose, _ in self._held]
         self._held, self._motion = [], 0
         for pose in waiting:
@@ -296,19 +296,19 @@ class DefaultPoseFilter:
         is_away, in_position = _is_away(pose, motion, self._steps)
         if not is_away:
             return False
-        known = pose[1:] in self._arrivals
+        is_repeated = pose[1:] in self._arrivals
         self._arrivals.pop(pose[1:], None)
         self._arrivals[pose[1:]] = None  # as the latest
         if len(self._arrivals) > _ARRIVALS_KEPT:
             del self._arrivals[next(iter(self._arrivals))]
-        return known or _is_origin(pose, is_away, in_position)
+        return is_repeated or _is_origin(pose, is_away, in_position)
 
     def _is_suspect(self, pose: Pose) -> bool:
-        """Whether it may be a default pose, while the motion is not known yet."""
+        """Whether a pose may be a default pose, while the motion is not known yet."""
         if pose.position_m != _ORIGIN:
             return False
-        before = self._held[-1][0] if self._held else self._kept[-1] if self._kept else pose
-        turns_there = before.position_m == _ORIGIN and before.quat_xyzw != pose.quat_xyzw
+        previous = self._held[-1][0] if self._held else self._kept[-1] if self._kept else pose
+        turns_there = previous.position_m == _ORIGIN and previous.quat_xyzw != pose.quat_xyzw
         return _is_unturned(pose) or not turns_there
 
     def _judge_held(self) -> None:
@@ -328,7 +328,7 @@ class DefaultPoseFilter:
 def _is_away(pose: Pose, motion: Sequence[Pose], steps: Collection[Step]) -> tuple[bool, bool]:
     """Whether a pose is away from all poses of the motion: at all, and by its position alone."""
     reach_m, reach_turn = reach(steps, STEPS, QUANTILE)
-    between = [step_between(other, pose) for other in motion]
+    between = [step_between(near, pose) for near in motion]
     return (
         all(step.distance_m > reach_m or step.turn > reach_turn for step in between),
         all(step.distance_m > reach_m for step in between),

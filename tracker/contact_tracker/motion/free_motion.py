@@ -103,14 +103,14 @@ class FreeMotion(NamedTuple):
     def excess(self, variance: Array, rest: Array, share: Array | float = 1.0) -> Array:
         """Variance per axis (2,) of the last tick's unpredictable motion beyond the noise ``variance`` (2,).
 
-        ``share`` (2,) is that of a whole tick which the tick covers. The variance is the geometric mean over
-        the axes of the motion, reduced by the autocorrelation of the errors: a constraint counts as much as a
-        typical axis, and only by its innovation (T18).
+        ``share`` (2,) is the part of a whole tick's motion in this tick. The variance is the geometric mean
+        over the axes of the motion, reduced by the autocorrelation of the errors: a constraint counts
+        like a typical axis, and only by its innovation (T18).
         """
         if not self.weight:
             return np.zeros(2)
-        now = LOG_BIAS * np.exp(np.minimum(*self.latest.sum(axis=0).T) / len(self.latest))
-        beyond = np.maximum(np.minimum(self.spread, now) - REST_VARIANCE_RATIO * rest, 0.0)
+        recent = LOG_BIAS * np.exp(np.minimum(*self.latest.sum(axis=0).T) / len(self.latest))
+        beyond = np.maximum(np.minimum(self.spread, recent) - REST_VARIANCE_RATIO * rest, 0.0)
         moving = beyond / variance * share
         axes = np.linalg.det(_EYE + (3.0 * moving)[:, None, None] * self.shape)
         correlation = np.maximum(self.autocorrelation, 0.0)
@@ -194,8 +194,8 @@ def transition(elapsed_s: float) -> Transition:
     rate = np.array([[1.0, elapsed_s, elapsed_s**2 / 2], [0.0, 1.0, elapsed_s], [0.0, 0.0, 1.0]])
     grown = np.array([elapsed_s**2 / 2, elapsed_s, 1.0])  # effect of a unit impulse of jerk on the states
     jerk = np.asarray(np.outer(grown, grown) * elapsed_s / _POWERS_OF_JERK, float)
-    both = np.eye(2)
-    return Transition(np.kron(both, rate), np.kron(both, jerk))
+    vectors = np.eye(2)
+    return Transition(np.kron(vectors, rate), np.kron(vectors, jerk))
 
 
 def advance(
@@ -212,7 +212,7 @@ def advance(
     the mean time of its frames.
 
     Ticks need not be ``tick_s`` apart, since frames may be missing. Errors are scaled to a prediction over
-    ``tick_s``; the excess is that of the time that has passed.
+    ``tick_s``; the excess is for the time that has passed.
     """
     elapsed_s = round((stamp_ns - state.stamp_ns) * 1e-9, 4)
     orientation = nearest(rotation)
@@ -280,16 +280,16 @@ def _predict(state: FreeMotion, variance: Array, elapsed_s: float, tick_s: float
     x, carried = predict(state.x.reshape(6, 3), state.covariance, F=tick.matrix)
     # errors that the filter's own uncertainty explains are no jerk, else the estimate would feed back on
     # itself
-    known = carried.diagonal()[::3]
-    unexplained = np.maximum(state.spread - variance - known, 0.0) if state.weight else variance
+    explained = carried.diagonal()[::3]
+    unexplained = np.maximum(state.spread - variance - explained, 0.0) if state.weight else variance
     jerk = unexplained * (JERK_SHARE / tick.jerk_covariance[0, 0])
-    whole = carried + tick.jerk_covariance * jerk.repeat(3)
+    covariance_of_tick = carried + tick.jerk_covariance * jerk.repeat(3)
     if abs(elapsed_s - tick_s) < SAME_S:
-        return _Prediction(x.reshape(2, 3, 3), whole, _WHOLE, _UNIT)
+        return _Prediction(x.reshape(2, 3, 3), covariance_of_tick, _WHOLE, _UNIT)
     passed = transition(elapsed_s)
     x, covariance = predict(state.x.reshape(6, 3), state.covariance, F=passed.matrix)
     covariance = covariance + passed.jerk_covariance * jerk.repeat(3)
-    of_tick, of_time = whole.diagonal()[::3], covariance.diagonal()[::3]
+    of_tick, of_time = covariance_of_tick.diagonal()[::3], covariance.diagonal()[::3]
     stays = min(tick_s / elapsed_s, 1.0) ** 2  # the error of "it stays" grows with the distance moved
     per_tick = np.array([(of_tick + variance) / (of_time + variance), [stays, stays]]).T
     return _Prediction(x.reshape(2, 3, 3), covariance, per_tick, of_time / of_tick)
@@ -297,7 +297,7 @@ def _predict(state: FreeMotion, variance: Array, elapsed_s: float, tick_s: float
 
 @cache
 def kalman_prediction() -> "Callable[..., tuple[Array, Array]]":
-    """The library's function; its import takes longer than many ticks."""
+    """The prediction of ``filterpy``, whose import takes longer than many ticks."""
     from filterpy.kalman import predict
 
     function: Callable[..., tuple[Array, Array]] = predict
@@ -307,10 +307,10 @@ def kalman_prediction() -> "Callable[..., tuple[Array, Array]]":
 def _updated(prediction: _Prediction, innovation: Array, variance: Array) -> tuple[Array, Array]:
     """States (2, 3, 3) and covariance after measurements with this ``innovation`` (2, 3); the errors of the
     two vectors are independent."""
-    before = prediction.covariance
-    gain = before[:, ::3] / (before.diagonal()[::3] + variance)
-    left = _EYE_6 - gain @ _VALUE
-    covariance = left @ before @ left.T + (gain * variance) @ gain.T  # Joseph's form stays positive definite
+    prior = prediction.covariance
+    gain = prior[:, ::3] / (prior.diagonal()[::3] + variance)
+    kept = _EYE_6 - gain @ _VALUE
+    covariance = kept @ prior @ kept.T + (gain * variance) @ gain.T  # Joseph's form stays positive definite
     return prediction.x + gain.sum(axis=1).reshape(2, 3, 1) * innovation[:, None], covariance
 
 

@@ -52,7 +52,7 @@ from contact_tracker.motion.excursions import DefaultPoseFilter, ExcursionFilter
 from contact_tracker.motion.poses import NO_OUTLIERS, Outliers, Pose, Poses, Step, step_between
 
 LONGEST_WAIT_NS: Final = 100_000_000
-"""Held poses delay what is said of their time by this much at most."""
+"""Longest time for which held poses delay the ticks."""
 GAP_NS: Final = 500_000_000
 GAP_PERIODS: Final = 10
 LEAD_PERIODS: Final = 5
@@ -60,8 +60,8 @@ LEAD_PER_FOLLOWER_NS: Final = 100_000_000
 FOLLOWERS: Final = 20
 SLOW_RUN_NS: Final = LONGEST_WAIT_NS
 SLOW_FOLLOWERS: Final = 2
-HELD: Final = 64
-"""Most poses that are held; random stamps never form a long run."""
+MOST_HELD: Final = 64
+"""Largest number of held poses; random stamps never form a long run."""
 RESET_RUN: Final = 20
 PERIODS_KEPT: Final = 25
 AWAY_STEPS: Final = 4.0
@@ -69,8 +69,8 @@ AWAY_STEPS: Final = 4.0
 calibration and noise explain."""
 AWAY_M: Final = 0.002
 AWAY_TURN: Final = 0.01
-LATEST: Final = 6
-FEWEST: Final = 3
+LATEST_POSES: Final = 6
+LEAST_POSES: Final = 3
 """Least number of poses with distinct stamps for the usual step, the median between the latest."""
 OTHER_NS: Final = 1
 """Delay with which a pose of another body is passed on, so that stamps increase."""
@@ -110,18 +110,18 @@ class StampOrder:
         self._offset_ns = 0
         self._backward: tuple[int, int, int] | None = None
         self._held: list[Pose] = []
-        self._latest: deque[Pose] = deque(maxlen=LATEST)
+        self._latest: deque[Pose] = deque(maxlen=LATEST_POSES)
         self._follows_other = False
         self._periods: deque[int] = deque(maxlen=PERIODS_KEPT)
         self._in_order: list[int] = []
 
     @property
     def shift_ns(self) -> int:
-        """What is added to stamps since the last reset of the clock."""
+        """Shift (ns) that is added to stamps since the last reset of the clock."""
         return self._offset_ns
 
     def admit(self, pose: Pose) -> Sequence[Ordered]:
-        """The poses to go on with now: this one, none, or several that were held."""
+        """The poses to pass on now: this one, none, or several that were held."""
         stamp_ns = pose.stamp_ns + self._offset_ns
         if abs(pose.stamp_ns) > RANGE_NS or abs(stamp_ns) > RANGE_NS:
             self._counts["out_of_range"] += 1
@@ -140,8 +140,7 @@ class StampOrder:
         return self._release(ended=False)
 
     def finish(self) -> Sequence[Ordered]:
-        """The held poses that others have followed, or all if there are no others, at the end of the
-        stream."""
+        """At the end of the stream, the held poses that later ones have confirmed; all if there are none."""
         return self._release(ended=True)
 
     def _release(self, ended: bool) -> Sequence[Ordered]:
@@ -150,7 +149,7 @@ class StampOrder:
         while self._held:
             stamps_ns = [pose.stamp_ns for pose in self._held]
             run = longest_run(stamps_ns, self.last_ns)
-            if len(self._held) < HELD and not self._is_confirmed([stamps_ns[i] for i in run]):
+            if len(self._held) < MOST_HELD and not self._is_confirmed([stamps_ns[i] for i in run]):
                 if not ended:
                     break
                 # one stamp contradicts all before it; at the start there is nothing to contradict
@@ -196,7 +195,7 @@ class StampOrder:
 
     def _is_away(self, pose: Pose) -> bool:
         """Whether this pose is farther from the last one than calibration, noise and usual steps explain."""
-        if len(self._latest) < FEWEST:
+        if len(self._latest) < LEAST_POSES:
             return False
         steps = [step_between(a, b) for a, b in pairwise(self._latest)]
         usual = Step(median(step.distance_m for step in steps), median(step.turn for step in steps))
@@ -255,16 +254,16 @@ def longest_run(stamps: Sequence[int], after: int | None) -> list[int]:
         return list(range(len(stamps)))
     runs = list[tuple[int, int, int]]()  # best run ending with each: length, first stamp, predecessor
     for i, stamp in enumerate(stamps):
-        before = [j for j in range(i) if stamps[j] < stamp]
-        j = max(before, key=lambda j: runs[j][:2], default=-1)
-        runs.append((runs[j][0] + 1, runs[j][1], j) if before else (1, stamp, -1))
-    last = max(
+        predecessors = [j for j in range(i) if stamps[j] < stamp]
+        j = max(predecessors, key=lambda j: runs[j][:2], default=-1)
+        runs.append((runs[j][0] + 1, runs[j][1], j) if predecessors else (1, stamp, -1))
+    end = max(
         range(len(stamps)),
         key=lambda i: (runs[i][0], (runs[i][1] if after is None else after) - stamps[i]),
     )
-    indices = [last]
-    while (last := runs[last][2]) >= 0:
-        indices.append(last)
+    indices = [end]
+    while (end := runs[end][2]) >= 0:
+        indices.append(end)
     return indices[::-1]
 
 
@@ -274,7 +273,7 @@ RANGE_M: Final = 1e6
 MANY_BACKWARD: Final = 0.2
 """Share of poses out of order that single wrong stamps do not explain."""
 MOST_REPEATED: Final = 0.6
-"""Share of poses with the time of another from which on it is not that each is published twice."""
+"""Largest share of poses with the time of another pose where each is published twice."""
 
 
 _BACKWARD: Final = "sort them by time; if they are of several bodies, record each on a topic of its own"
@@ -284,7 +283,7 @@ _ADVICE: Final = "take PoseGate, or gate, of contact_tracker.motion.pose_validat
 def gate(poses: Iterable[Pose], counts: Counter[str] | None = None) -> Poses:
     """The poses of a whole recording that pass the gate; ``counts`` counts those dropped or repaired."""
     passed = PoseGate(counts)
-    parts = [passed.admit_all(some) for some in (poses.batches() if isinstance(poses, Poses) else [poses])]
+    parts = [passed.admit_all(batch) for batch in (poses.batches() if isinstance(poses, Poses) else [poses])]
     return Poses.join([*parts, Poses.collect(passed.finish())])
 
 
@@ -292,14 +291,14 @@ def counts_text(counts: Mapping[str, int], outliers: Outliers = NO_OUTLIERS, ori
     """``gap 1, outlier 9 (at 1.25, 3.10, 7.00 s, ...)``: numbers by kind, and the times of the first
     ``outliers`` in seconds after ``origin_ns``."""
     at_s = ", ".join(f"{1e-9 * (stamp_ns - origin_ns):.2f}" for stamp_ns in outliers.first_stamps_ns)
-    more = ", ..." if outliers.total > len(outliers.first_stamps_ns) else ""
-    places = {"outlier": f" (at {at_s} s{more})"} if at_s else {}
+    dots = ", ..." if outliers.total > len(outliers.first_stamps_ns) else ""
+    places = {"outlier": f" (at {at_s} s{dots})"} if at_s else {}
     return ", ".join(f"{kind} {count}{places.get(kind, '')}" for kind, count in counts.items() if count)
 
 
 def remarks_on(counts: Mapping[str, int], total: int) -> tuple[str, ...]:
-    """One line for each reason for which many of ``total`` poses were dropped, but not most of them, which is
-    ``remark_on_loss``; they are warnings."""
+    """Warnings, one line for each reason for which many of ``total`` poses were dropped; none if most were,
+    see ``remark_on_loss``."""
     if remark_on_loss(counts, total) is not None:
         return ()
     return tuple(filter(None, (_remark_on_times(counts, total), remark_on_excursions(counts))))
@@ -340,12 +339,12 @@ def remark_on_loss(
     total += lost["undecodable"]
     if lost["repeated_stamp"] <= MOST_REPEATED * total:
         total -= lost.pop("repeated_stamp")
-    many = sum(lost.values())
-    if 2 * many <= total:
+    dropped = sum(lost.values())
+    if 2 * dropped <= total:
         return None
     kind = max(lost, key=lambda kind: lost[kind])
     cause = _CAUSES[kind] if kind in _CAUSES else _cause_of_norm(refused_xyzw)
-    return f"{many} of {total} poses are left out, {lost[kind]} of them as {kind}: {cause}"
+    return f"{dropped} of {total} poses are left out, {lost[kind]} of them as {kind}: {cause}"
 
 
 def _cause_of_norm(quat_xyzw: Sequence[float] | None) -> str:
@@ -353,16 +352,16 @@ def _cause_of_norm(quat_xyzw: Sequence[float] | None) -> str:
     if quat_xyzw is None:
         return "the norm of quaternions is 1"
     norm = sqrt(sum(part * part for part in quat_xyzw))
-    shown = f"the norm of ({' '.join(f'{part:.6g}' for part in quat_xyzw)}) is {norm:.6g}, not 1"
+    norm_text = f"the norm of ({' '.join(f'{part:.6g}' for part in quat_xyzw)}) is {norm:.6g}, not 1"
     w = quat_xyzw[3]
     twice = next((name for name, part in zip("xyz", quat_xyzw, strict=False) if part == w != 0.0), None)
     if norm == 0.0:
         return "the quaternions are zero: is the orientation recorded?"
     if twice is not None:
-        return f"{shown}, and w equals {twice}: is one column taken for both?"
+        return f"{norm_text}, and w equals {twice}: is one column taken for both?"
     if norm > 2.0 and all(map(float.is_integer, map(float, quat_xyzw))):
-        return f"{shown}: if these are integers that stand for fractions, divide them by their scale"
-    return f"{shown}: are they the four parts of one quaternion?"
+        return f"{norm_text}: if these are integers that stand for fractions, divide them by their scale"
+    return f"{norm_text}: are they the four parts of one quaternion?"
 
 
 def first_refused(quat_xyzw: NDArray[np.float64]) -> Sequence[float] | None:
@@ -374,12 +373,12 @@ def first_refused(quat_xyzw: NDArray[np.float64]) -> Sequence[float] | None:
 
 def remark_on_excursions(counts: Mapping[str, int]) -> str | None:
     """One line if there are long excursions."""
-    many = counts.get("long_excursion", 0)
-    if not many:
+    count = counts.get("long_excursion", 0)
+    if not count:
         return None
     return (
         "the poses jump to another place, for half a second or more, and back as no motion does "
-        f"(stretches: {many}, poses left out: {counts.get('excursion', 0)}): another body or marker in the "
+        f"(stretches: {count}, poses left out: {counts.get('excursion', 0)}): another body or marker in the "
         "place of this one? give each a topic, frame or name of its own"
     )
 
@@ -437,12 +436,11 @@ def require_valid(poses: Poses, after_ns: int | None) -> None:
 
 
 class Arrival(NamedTuple):
-    """What a measured pose brings: the ``poses`` to go on with now, none or those that were held until it
-    came.
+    """The effect of a measured pose: the ``poses`` to pass on now, possibly none, or poses held until then.
 
-    ``time_ns`` is the stamp up to which the stream has come, None before the first pose in order. No pose of
-    before ``next_ns`` is waited for any more, as held poses are for ``LONGEST_WAIT_NS`` only: ticks that end
-    by then are complete. It is later than ``time_ns`` by the usual period where none is held.
+    ``time_ns`` is the latest stamp of the stream, None before the first pose in order. No pose before
+    ``next_ns`` is awaited any more: ticks that end by then are complete. It is later than ``time_ns`` by the
+    usual period if no pose is held, and otherwise earlier by ``LONGEST_WAIT_NS`` at most.
     """
 
     poses: Sequence[Pose]
@@ -473,16 +471,16 @@ class PoseGate:
 
     @property
     def counts(self) -> Counter[str]:
-        """Counts by kind so far, which others add to."""
+        """Counts by kind so far; callers may add to them."""
         return self._counts
 
     @property
     def shift_ns(self) -> int:
-        """What is added to stamps since the last reset of the clock."""
+        """Shift (ns) that is added to stamps since the last reset of the clock."""
         return self._order.shift_ns
 
     def admit(self, pose: Pose) -> Sequence[Pose]:
-        """The poses to go on with now: this one, none, or several that were held until it came.
+        """The poses to pass on now: this one, none, or several that were held until it came.
 
         Parameters
         ----------
@@ -504,7 +502,7 @@ class PoseGate:
             return Arrival(poses, None, None)
         if poses and poses[-1].stamp_ns == time_ns:
             return Arrival(poses, time_ns, time_ns + self._order.period_ns)
-        held = [one.held_since_ns for one in (self._defaults, self._excursions)]
+        held = [filter_.held_since_ns for filter_ in (self._defaults, self._excursions)]
         since_ns = min((stamp_ns for stamp_ns in held if stamp_ns is not None), default=time_ns)
         return Arrival(poses, time_ns, max(since_ns, time_ns - LONGEST_WAIT_NS))
 

@@ -40,7 +40,7 @@ class ReadAs(NamedTuple):
     ----------
     frame_moves : whether they are in the frame of a body that moves. Then they look like inverse poses of
         that body, and are right.
-    table : what the columns of their table are.
+    table : meaning of the columns of their table.
     path : of the table; empty for one in memory.
     quaternion : names of the columns taken as qx, qy, qz and qw, if others can be given instead.
     has_angles : whether the names of columns say that rotations are angles.
@@ -53,7 +53,7 @@ class ReadAs(NamedTuple):
     has_angles: bool = False
 
     def command(self, **stated: Any) -> str:
-        """The command that reads the table with this stated as well, or instead."""
+        """The command that reads the table with these settings added or replaced."""
         return self.table.with_(reading_of(**stated)).command(self.path)
 
 
@@ -123,16 +123,16 @@ class Poses:
         """Batches of a few seconds."""
         return (self[first : first + BATCH] for first in range(0, len(self), BATCH))
 
-    def differ_from(self, before: "Poses") -> NDArray[np.bool_]:
+    def differ_from(self, previous: "Poses") -> NDArray[np.bool_]:
         """(N,) whether each pose differs, in a bit, from the one before it; the first from the last of
-        ``before``, if there is one."""
+        ``previous``, if there is one."""
         differs = np.ones(self.stamp_ns.size, np.bool_)
         differs[1:] = (self.position_m[1:] != self.position_m[:-1]).any(axis=1)
-        if before.stamp_ns.size:
-            differs[0] = (self.position_m[0] != before.position_m[-1]).any()
+        if previous.stamp_ns.size:
+            differs[0] = (self.position_m[0] != previous.position_m[-1]).any()
         if not differs.all():
             differs[1:] |= (self.quat_xyzw[1:] != self.quat_xyzw[:-1]).any(axis=1)
-            differs[0] |= not before.stamp_ns.size or (self.quat_xyzw[0] != before.quat_xyzw[-1]).any()
+            differs[0] |= not previous.stamp_ns.size or (self.quat_xyzw[0] != previous.quat_xyzw[-1]).any()
         return differs
 
     @property
@@ -169,11 +169,11 @@ def batches(poses: Iterable[Pose] | Batched) -> Iterator[Poses]:
 
 NEAR_M: Final = 0.01
 NEAR_TURN: Final = 2.0 * sin(radians(3.0) / 2.0)
-"""A pose within both of the last one is near, whatever the motion."""
+"""A pose that is within both limits of the last one is near, whatever the motion."""
 
 
 STEPS_KEPT: Final = 25
-"""Number of steps that show what is usual."""
+"""Number of steps that determine the usual step."""
 
 
 class Step(NamedTuple):
@@ -214,15 +214,15 @@ def real_number(value: Any) -> float:
 
 def real_numbers(values: ArrayLike) -> NDArray[np.float64]:
     """Numbers as floats, masked and absent ones as NaN; raises as ``real_number``."""
-    given: np.ma.MaskedArray[Any, Any] = np.ma.asanyarray(values)
-    if given.dtype.kind == "O":
-        hidden = np.ma.getmaskarray(given).flat
-        pairs = zip(np.ma.getdata(given).flat, hidden, strict=True)
-        floats = [nan if hides or one is None else real_number(one) for one, hides in pairs]
-        return np.array(floats, float).reshape(given.shape)
-    if given.dtype.kind not in "iuf":
-        raise TypeError(f"{given.dtype} is no type of real numbers")
-    return np.asarray(np.ma.filled(given.astype(float), nan))
+    numbers: np.ma.MaskedArray[Any, Any] = np.ma.asanyarray(values)
+    if numbers.dtype.kind == "O":
+        hidden = np.ma.getmaskarray(numbers).flat
+        pairs = zip(np.ma.getdata(numbers).flat, hidden, strict=True)
+        floats = [nan if hides or value is None else real_number(value) for value, hides in pairs]
+        return np.array(floats, float).reshape(numbers.shape)
+    if numbers.dtype.kind not in "iuf":
+        raise TypeError(f"{numbers.dtype} is no type of real numbers")
+    return np.asarray(np.ma.filled(numbers.astype(float), nan))
 
 
 class Outliers(NamedTuple):
@@ -234,7 +234,7 @@ class Outliers(NamedTuple):
 
     @classmethod
     def at(cls, stamp_ns: NDArray[np.int64]) -> Self:
-        """Those at these stamps (N,)."""
+        """The outliers at these stamps (N,)."""
         return cls(len(stamp_ns), tuple(stamp_ns[:MOST_TOLD].tolist()))
 
     def joined(self, later: "Outliers") -> "Outliers":
@@ -243,11 +243,11 @@ class Outliers(NamedTuple):
             return self
         return Outliers(self.total + later.total, (self.first_stamps_ns + later.first_stamps_ns)[:MOST_TOLD])
 
-    def since(self, before: "Outliers") -> "Outliers":
-        """Those that have come since the ones ``before``."""
-        return Outliers(self.total - before.total, self.first_stamps_ns[len(before.first_stamps_ns) :])
+    def since(self, earlier: "Outliers") -> "Outliers":
+        """The outliers after the ``earlier`` ones."""
+        return Outliers(self.total - earlier.total, self.first_stamps_ns[len(earlier.first_stamps_ns) :])
 
 
 NO_OUTLIERS: Final = Outliers()
 MOST_TOLD: Final = 3
-"""Most outliers of which the time is told."""
+"""Largest number of outliers whose stamps are kept."""

@@ -89,17 +89,17 @@ class NoiseBuffer(NamedTuple):
 
     ``differences`` (15, n) are every second third difference of the last frames, scaled to the noise of a
     frame: of the origin's position in the body's axes at the time (m), of the orientation in the body's axes
-    (rad), and the rotation ``R`` then. ``frames`` are those since the last estimate, ``many`` of them.
+    (rad), and the rotation ``R`` then. ``frames`` are those since the last estimate, ``frame_count`` of them.
     """
 
     differences: Array
     frames: tuple[Poses, ...] = ()
-    many: int = 0
+    frame_count: int = 0
 
-    def is_due(self, many: int) -> bool:
-        """Whether so many frames are enough for a new estimate."""
-        new, known = (many - ORDER + 1) // STRIDE, int(self.differences.shape[1])
-        return new >= NEW_SHARE * min(known + new, MEMORY)
+    def is_due(self, count: int) -> bool:
+        """Whether ``count`` frames are enough for a new estimate."""
+        new, held = (count - ORDER + 1) // STRIDE, int(self.differences.shape[1])
+        return new >= NEW_SHARE * min(held + new, MEMORY)
 
 
 EMPTY_BUFFER: Final = NoiseBuffer(np.zeros((15, 0)))
@@ -118,16 +118,16 @@ def advance(
 
     Repeated poses carry no information on the noise, and are left out.
     """
-    parts, many = (*buffer.frames, frames), buffer.many + frames.stamp_ns.size
-    if not buffer.is_due(many):
-        return NoiseBuffer(buffer.differences, parts, many), estimate
+    parts, count = (*buffer.frames, frames), buffer.frame_count + frames.stamp_ns.size
+    if not buffer.is_due(count):
+        return NoiseBuffer(buffer.differences, parts, count), estimate
     joined = Poses.join(parts).fresh
-    many = joined.stamp_ns.size
-    if not buffer.is_due(many):
-        return NoiseBuffer(buffer.differences, (joined,), many), estimate
+    count = joined.stamp_ns.size
+    if not buffer.is_due(count):
+        return NoiseBuffer(buffer.differences, (joined,), count), estimate
     differences = np.concatenate([buffer.differences, _third_differences(joined)], axis=1)[:, -MEMORY:]
-    left = joined[max((many - ORDER + 1) // STRIDE, 0) * STRIDE :]
-    return NoiseBuffer(differences, (left,), left.stamp_ns.size), _estimate(estimate, differences, prior)
+    unused = joined[max((count - ORDER + 1) // STRIDE, 0) * STRIDE :]
+    return NoiseBuffer(differences, (unused,), unused.stamp_ns.size), _estimate(estimate, differences, prior)
 
 
 def _estimate(estimate: NoiseEstimate, differences: Array, prior: tuple[float, float]) -> NoiseEstimate:
@@ -139,8 +139,8 @@ def _estimate(estimate: NoiseEstimate, differences: Array, prior: tuple[float, f
     shape = _shape(differences[:6] / deviation.repeat(3)[:, None], estimate.shape)
     centre_m = _centre(shape, deviation[0] / deviation[1], differences.shape[1])
     at_centre = np.einsum("ijn,jn->in", turn, across - cross_matrix(centre_m) @ about)
-    both = np.array([estimate.position_m2, estimate.rotation_rad2])
-    covariance = _covariance(np.array([at_centre, about]), np.array(prior), both)
+    start = np.array([estimate.position_m2, estimate.rotation_rad2])
+    covariance = _covariance(np.array([at_centre, about]), np.array(prior), start)
     return NoiseEstimate(covariance[0], covariance[1], centre_m, shape)
 
 
@@ -163,7 +163,7 @@ def independent_point(poses: Poses) -> Array:
 
     Parameters
     ----------
-    poses : consecutive ones, of which the first decide; of slow streams none does.
+    poses : consecutive poses, of which only the first count; in a slow stream none does.
     """
     if len(poses) <= ORDER or np.median(np.diff(poses.stamp_ns)) > SLOW_PERIOD_S * 1e9:
         return np.zeros(3)
@@ -207,9 +207,9 @@ def _centre(shape: Array, lever_m: float, count: int) -> Array:
     ``count`` differences.
     """
     swing = shape[:3, 3:] @ np.linalg.inv(shape[3:, 3:])
-    left = np.trace(shape[:3, :3] - swing @ shape[3:, :3])
+    unexplained = np.trace(shape[:3, :3] - swing @ shape[3:, :3])
     centre = np.array([swing[2, 1] - swing[1, 2], swing[0, 2] - swing[2, 0], swing[1, 0] - swing[0, 1]])
-    doubt_sq = left / np.trace(shape[3:, 3:]) * lever_m**2 / count
+    doubt_sq = unexplained / np.trace(shape[3:, 3:]) * lever_m**2 / count
     return np.asarray(centre * (0.5 * lever_m / (1.0 + doubt_sq / SPREAD_M**2)))
 
 
@@ -233,8 +233,8 @@ def _shape(rows: Array, start: Array, steps: int = 1) -> Array:
         length_sq = _distance_sq(rows, shape)
         weight = np.divide(1.0, length_sq, out=np.zeros_like(length_sq), where=length_sq > TINY)
         scatter = (rows * weight[..., None, :]) @ rows.swapaxes(-1, -2)
-        whole = scatter.trace(axis1=-2, axis2=-1)[..., None, None]
-        shape = scatter * (size * count / np.maximum(whole, TINY)) + ball
+        trace = scatter.trace(axis1=-2, axis2=-1)[..., None, None]
+        shape = scatter * (size * count / np.maximum(trace, TINY)) + ball
     return np.asarray(shape * (size / shape.trace(axis1=-2, axis2=-1)[..., None, None]))
 
 

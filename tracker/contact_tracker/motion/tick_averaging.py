@@ -47,8 +47,8 @@ class Tick:
     origins: Origins
     """Origins of the lifted poses in the world and in the body frame."""
     is_rest: bool = False
-    """Whether it is the rest of a tick that was closed early. It does not count for the strength of motion,
-    since it is not a whole tick away from its neighbours."""
+    """Whether it is the remainder of a tick that was closed early. It does not count for the strength of
+    motion, since it is not a whole tick away from its neighbours."""
 
 
 class StreamState(NamedTuple):
@@ -60,7 +60,7 @@ class StreamState(NamedTuple):
     free_motion: FreeMotion | None
     """None if the next tick does not follow the last one."""
     last_frames: Poses
-    """Those of the last tick, if there are any."""
+    """Frames of the last tick, if there are any."""
 
 
 def empty_tick(last: Tick, start_ns: int, stamp_ns: int, is_rest: bool = False) -> Tick:
@@ -80,23 +80,23 @@ def _average_tick(
     stream: StreamState, frames: Poses, new: NDArray[np.bool_], origins: Origins, model: Model, is_rest: bool
 ) -> tuple[StreamState, Tick]:
     """One tick from its frames that are ``new``; without any, from the repeated pose."""
-    start_ns, stamp_ns, before = int(frames.stamp_ns[0]), int(frames.stamp_ns[-1]), stream.noise
+    start_ns, stamp_ns, noise = int(frames.stamp_ns[0]), int(frames.stamp_ns[-1]), stream.noise
     if not new.all():
         frames = frames[new] if new.any() else frames[:1]
-    sigma_sq = np.array([before.sigma_position_m, before.sigma_rotation_rad]) ** 2
-    good = _plausible(frames, stream.free_motion, origins.world_m, sigma_sq, model)
-    outliers, some = NO_OUTLIERS, frames
-    if not good.all():
-        outliers, some = Outliers.at(frames.stamp_ns[~good]), frames[good]
-    buffer, estimate = stream.noise_buffer, before
+    sigma_sq = np.array([noise.sigma_position_m, noise.sigma_rotation_rad]) ** 2
+    plausible = _plausible(frames, stream.free_motion, origins.world_m, sigma_sq, model)
+    outliers, used = NO_OUTLIERS, frames
+    if not plausible.all():
+        outliers, used = Outliers.at(frames.stamp_ns[~plausible]), frames[plausible]
+    buffer, estimate = stream.noise_buffer, noise
     if model.noise.estimated:
         prior = model.noise.sigma_position_m, model.noise.sigma_rotation_rad
         # outliers do not count as noise, unless most frames are outliers
-        typical = some if 2 * outliers.total < good.size else frames
+        typical = used if 2 * outliers.total < plausible.size else frames
         buffer, estimate = sensor_noise.advance(buffer, estimate, typical, prior)
-    zeta = mean_lift(some.rotation, some.position_m - origins.world_m)
-    mean_ns = int(some.stamp_ns[0]) + round(float((some.stamp_ns - some.stamp_ns[0]).mean()))
-    counts, stamps_ns = (good.size - outliers.total, outliers), (start_ns, stamp_ns, mean_ns)
+    zeta = mean_lift(used.rotation, used.position_m - origins.world_m)
+    mean_ns = int(used.stamp_ns[0]) + round(float((used.stamp_ns - used.stamp_ns[0]).mean()))
+    counts, stamps_ns = (plausible.size - outliers.total, outliers), (start_ns, stamp_ns, mean_ns)
     tick = Tick(*stamps_ns, zeta, *counts, NO_EXCESS, estimate, origins, is_rest)
     motion, tick = with_excess(stream.free_motion, tick, model)
     return stream._replace(noise=estimate, noise_buffer=buffer, free_motion=motion), tick
@@ -162,9 +162,9 @@ def tick_anisotropy(estimate: NoiseEstimate, count: Array, model: Model) -> Arra
     """Anisotropic part (W, 3, 3), in m^2 and the world's axes, of the covariance of the mean position of
     ticks with ``count`` (W,) frames: the covariance minus its mean over the axes."""
     covariance = estimate.position_m2
-    beyond = covariance - _EYE * (covariance.trace() / 3.0)
+    anisotropic = covariance - _EYE * (covariance.trace() / 3.0)
     share = model.noise.estimate_share**2 / np.maximum(count, 1.0)
-    return np.asarray(np.dot(share[:, None], beyond.reshape(1, 9))).reshape(-1, 3, 3)
+    return np.asarray(np.dot(share[:, None], anisotropic.reshape(1, 9))).reshape(-1, 3, 3)
 
 
 def _plausible(
@@ -184,23 +184,23 @@ def _plausible(
     everything = np.ones(count, bool)
     if motion is not None and free_motion.is_predictable(motion, int(frames.stamp_ns[0]), model.tick_s):
         at, facing = free_motion.predicted(motion, (frames.stamp_ns - motion.stamp_ns) / 1e9)
-        off, spread = _off(frames, at + origin_m, facing), motion.spread
+        deviation, spread = _deviations(frames, at + origin_m, facing), motion.spread
         if count >= 3:  # frames are compared with their neighbours, between which there is little motion
-            off = off - _local_median(off)
+            deviation = deviation - _local_median(deviation)
             spread = spread * ((min(NEIGHBOURS, count) - 1) / count) ** 2
         allowed_sq = sigma_sq + spread
     elif count >= NEIGHBOURS:
-        off = _off(frames, frames.position_m[0], frames.quat_xyzw[0])
-        step_sq = np.median(np.square(off[1:] - off[:-1]).reshape(-1, 2, 3).sum(axis=2), axis=0)
-        off, allowed_sq = off - _local_median(off), np.maximum(sigma_sq, step_sq)
+        deviation = _deviations(frames, frames.position_m[0], frames.quat_xyzw[0])
+        step_sq = np.median(np.square(deviation[1:] - deviation[:-1]).reshape(-1, 2, 3).sum(axis=2), axis=0)
+        deviation, allowed_sq = deviation - _local_median(deviation), np.maximum(sigma_sq, step_sq)
     else:
         return everything
-    distance_sq = (off * off).reshape(-1, 2, 3).sum(axis=2)
-    good = (distance_sq < model.noise.outlier_sigmas**2 * allowed_sq).all(axis=1)
-    return np.asarray(good if good.any() else everything)
+    distance_sq = (deviation * deviation).reshape(-1, 2, 3).sum(axis=2)
+    plausible = (distance_sq < model.noise.outlier_sigmas**2 * allowed_sq).all(axis=1)
+    return np.asarray(plausible if plausible.any() else everything)
 
 
-def _off(frames: Poses, position_m: Array, quat_xyzw: Array) -> Array:
+def _deviations(frames: Poses, position_m: Array, quat_xyzw: Array) -> Array:
     """Differences (N, 6) of frames from one or N poses: position, and rotation vector in the body's axes."""
     turn = rotation_vectors(between(quat_xyzw, frames.quat_xyzw))
     return np.concatenate([frames.position_m - position_m, turn], axis=1)
@@ -220,8 +220,8 @@ LONGEST_GAP_S: Final = 5.0
 ORIGIN_M: Final = np.zeros(3)
 EMPTY_TICKS: Final = 1000
 EMPTY_PER_TICK: Final = 10
-"""Gaps are filled with so many empty ticks in any case, and with so many for each tick with frames: a small
-file can have thousands of gaps."""
+"""Gaps are filled with ``EMPTY_TICKS`` empty ticks in any case, and with this many more for each tick with
+frames: a small file can have thousands of gaps."""
 
 
 @dataclass(eq=False)
@@ -233,11 +233,11 @@ class TickGrid:
     model : has the length of a tick, and the noise of the filter whose free motion gates frames.
     body_m : (3,) point of the body that is tracked, in the body frame.
     begin_ns : when the current tick begins; ``frames`` are its poses so far.
-    origins : of the ticks' coordinates; like ``begin_ns`` None before the first pose.
-    number : of the current tick.
+    origins : origins of the ticks' coordinates; like ``begin_ns`` None before the first pose.
+    number : number of the current tick.
     last : the tick before it.
     stream : estimates of the stream.
-    empty : how many ticks before it were empty.
+    empty : number of empty ticks before it.
     """
 
     model: Model
@@ -251,7 +251,7 @@ class TickGrid:
     empty: int = 0
 
     @classmethod
-    def begun(cls, model: Model, begin_ns: int, origins: Origins) -> "TickGrid":
+    def start(cls, model: Model, begin_ns: int, origins: Origins) -> "TickGrid":
         """A grid that begins at this time, with these origins of its coordinates."""
         estimate = sensor_noise.begin(model.noise.sigma_position_m, model.noise.sigma_rotation_rad)
         learnt = StreamState(estimate, sensor_noise.EMPTY_BUFFER, None, NO_POSES)
@@ -272,19 +272,20 @@ class TickGrid:
         """Add one pose or more; returns the ticks that they close, several after a gap."""
         if self.begin_ns is None:
             origins = Origins(poses[:1].of_point(self.body_m).position_m[0].copy(), self.body_m)
-            begun = TickGrid.begun(self.model, int(poses.stamp_ns[0]), origins)
-            vars(self).update(vars(begun))
+            grid = TickGrid.start(self.model, int(poses.stamp_ns[0]), origins)
+            vars(self).update(vars(grid))
         assert self.begin_ns is not None
-        left, closed = Poses.join((self.frames, poses)) if self.frames.stamp_ns.size else poses, list[Tick]()
-        while not self.goes_on(int(left.stamp_ns.max())):
-            first_ns = int(left.stamp_ns[0])
+        closed = list[Tick]()
+        poses = Poses.join((self.frames, poses)) if self.frames.stamp_ns.size else poses
+        while not self.goes_on(int(poses.stamp_ns.max())):
+            first_ns = int(poses.stamp_ns[0])
             if not self.goes_on(first_ns):
                 closed += self._pass_to(first_ns, bool(closed) or self._has_closed_early)
                 continue
-            end = int((left.stamp_ns >= self.begin_ns + self.model.tick_ns).argmax())  # they stay closed
-            closed.append(self._close(left[:end]))
-            left = left[end:]
-        self.frames = left
+            end = int((poses.stamp_ns >= self.begin_ns + self.model.tick_ns).argmax())  # they stay closed
+            closed.append(self._close(poses[:end]))
+            poses = poses[end:]
+        self.frames = poses
         return closed
 
     def pass_time(self, until_ns: int) -> list[Tick]:
@@ -331,17 +332,17 @@ class TickGrid:
 
     @property
     def _has_closed_early(self) -> bool:
-        """Whether the current tick is the rest of one that was closed early."""
+        """Whether the current tick is the remainder of a tick that was closed early."""
         return self.last is not None and self.begin_ns is not None and self.last.stamp_ns >= self.begin_ns
 
     def _pass_to(self, stamp_ns: int, is_closed: bool) -> list[Tick]:
         """Go to the tick of this time, with empty ticks for a gap of the stream; ``is_closed`` says whether
         the current one is."""
         assert self.begin_ns is not None
-        before, step_ns = self.number - (not is_closed), self.model.tick_ns
+        last_number, step_ns = self.number - (not is_closed), self.model.tick_ns
         number = self.number + (stamp_ns - self.begin_ns) // step_ns
-        missed = max(min(number - before, int(LONGEST_GAP_S / self.model.tick_s)) - 1, 0)
-        missed = min(missed, max(EMPTY_TICKS + EMPTY_PER_TICK * (before - self.empty) - self.empty, 0))
+        missed = max(min(number - last_number, int(LONGEST_GAP_S / self.model.tick_s)) - 1, 0)
+        missed = min(missed, max(EMPTY_TICKS + EMPTY_PER_TICK * (last_number - self.empty) - self.empty, 0))
         empty = list[Tick]()
         if missed:
             assert self.last is not None
@@ -349,7 +350,7 @@ class TickGrid:
             empty = [empty_tick(self.last, stamp, stamp) for stamp in stamps]
             self.last = empty[-1]
         begin_ns = self.begin_ns + (number - self.number) * step_ns
-        if number - before - 1 > missed:  # skip the rest of a long gap
-            number, begin_ns = before + 1 + missed, stamp_ns
+        if number - last_number - 1 > missed:  # skip the rest of a long gap
+            number, begin_ns = last_number + 1 + missed, stamp_ns
         self.begin_ns, self.number, self.empty = begin_ns, number, self.empty + missed
         return empty

@@ -22,10 +22,10 @@ Bools = NDArray[np.bool_]
 REST_S: Final = 1.0
 """Shortest time in one place that is a rest."""
 TREND: Final = 2.0
-"""Variance of the poses of a rest over half their mean squared step (von Neumann's ratio, inverted), at most:
-of ten ticks of white noise one in 700 exceeds it, and a steady motion has 18."""
+"""Largest variance of the poses of a rest over half their mean squared step (inverse of von Neumann's ratio):
+one in 700 spans of ten ticks of white noise exceeds it, and a steady motion has 18."""
 _POSE: Final = slice(T[-1] + 1)
-"""Where zeta has the rotation, and then the position."""
+"""Entries of zeta that are the rotation, and then the position."""
 _TURN: Final = len(R)
 """Number of entries of the rotation."""
 
@@ -106,7 +106,7 @@ class Window:
         (a, b), (p, q) = self.innovation_excess[-1].tolist(), self.variance[-1].tolist()
         return float(max(a / (a + p), b / (b + q)))
 
-    def then(
+    def append(
         self,
         index: int,
         zeta: Array,
@@ -138,9 +138,9 @@ class Window:
         )
         return moved_on
 
-    def expired_by(self, after: "Window") -> "Window":
-        """The oldest tick, if it is not in the window ``after`` any more, a tick later."""
-        return self.cut(0, max(self.index.size + 1 - after.index.size, 0))
+    def expired_by(self, later: "Window") -> "Window":
+        """The oldest tick, if it is not in the window ``later`` any more, a tick later."""
+        return self.cut(0, max(self.index.size + 1 - later.index.size, 0))
 
     def cut(self, first: int, end: int | None = None) -> "Window":
         """The ticks in rows ``first`` to ``end``."""
@@ -148,12 +148,12 @@ class Window:
         return self.pick(slice(first, end), self.zeta[first - 1] if first else self.before)
 
     def since(self, onset: int) -> "Window":
-        """The ticks since number ``onset``; as the same object if they are asked for again."""
-        known: dict[int, Window] = vars(self).setdefault("_since", {})
+        """The ticks since number ``onset``; as the same object in each call."""
+        views: dict[int, Window] = vars(self).setdefault("_since", {})
         first = int(self.index.searchsorted(onset))
-        if first not in known:
-            known[first] = self.pick(slice(first, None))
-        return known[first]
+        if first not in views:
+            views[first] = self.pick(slice(first, None))
+        return views[first]
 
     def pick(self, rows: slice | NDArray[np.generic], before: Array | None = None) -> "Window":
         """A window of some ticks, with ``before`` as the tick before the first."""
@@ -178,7 +178,7 @@ class Window:
     @classmethod
     def join(cls, parts: Sequence["Window"]) -> "Window":
         """Concatenate windows."""
-        known = any(p.position_anisotropy is not None for p in parts)
+        is_uneven = any(p.position_anisotropy is not None for p in parts)
         uneven = [
             np.zeros((len(p), 3, 3)) if p.position_anisotropy is None else p.position_anisotropy
             for p in parts
@@ -189,7 +189,7 @@ class Window:
             np.concatenate([p.zeta for p in parts]),
             np.concatenate([p.variance for p in parts]),
             np.concatenate([p.innovation_excess for p in parts]),
-            np.concatenate(uneven) if known else None,
+            np.concatenate(uneven) if is_uneven else None,
             parts[0].before,
             np.concatenate(frames) if len(frames) == len(parts) else None,
         )
@@ -205,7 +205,7 @@ def advance_window(window: Window, number: int, tick: Tick, model: Model) -> Win
     assert window.frames is not None
     frames = np.append(window.frames, tick.count)[-round(model.search.window_s / model.tick_s) :]
     variance, uneven = tick_variances(tick.noise, frames, model), tick_anisotropy(tick.noise, frames, model)
-    return window.then(number, tick.zeta, np.array(tick.innovation_excess), variance, uneven, frames)
+    return window.append(number, tick.zeta, np.array(tick.innovation_excess), variance, uneven, frames)
 
 
 def _per_axis(apart: Array) -> Array:
@@ -243,7 +243,7 @@ def newest_rest(window: Window, tick_s: float) -> NewestRest:
 def at_rest(window: Window, tick_s: float) -> Bools:
     """Which ticks (W,) belong to a rest: within ``REST_S`` their poses scatter like noise about their mean.
 
-    The excess of single ticks does not show it: noise has some now and then, and steady motion has none. An
+    The excess of single ticks does not decide it: noise has some now and then, and steady motion has none. An
     object that only vibrates rests, too: from tick to tick its poses scatter without a trend, up to as much
     as single poses do by noise. A tick without frames belongs to a rest if it lies within one.
     """

@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 SAME_SPAN: Final = 0.25
-"""Onsets that differ by this share of the contact's age count as the same span, as few old ones are kept."""
+"""Share of the contact's age by which onsets of the same span may differ, since few old ones are kept."""
 SAME_SPAN_TICKS: Final = 3
 RESTRICTED: Final = 0.12
 """Share of the contacts in which an object is moved in fewer directions than it could be."""
@@ -43,25 +43,25 @@ VARIED_S: Final = 0.7
 FIRST_CHOICE: Final = 2.0
 """Prior weight of the label among states that motion does not distinguish."""
 OPEN_AT_MOST: Final = 0.9
-"""Greatest probability of a label that does not explain all constraints that are kept, and of one beside
-which another state is not excluded."""
+"""Largest probability of a label that leaves constraints unexplained, or beside which another state is not
+excluded."""
 NOT_EXCLUDED: Final = 1.0 / OPEN_AT_MOST - 1.0
 """Least probability, relative to the label, of a state that the motion does not distinguish from it."""
 CHANGED_AT_REST: Final = 0.5
 """Probability that the contact has changed where the object came to rest: on 54 s of rests in recordings with
 truth (42 s everyday, 12 s pressed by a hand) the log-loss is 2.6 nats with 0.5 to 0.7, 2.8 with 0.12 and 3.2
-with 0, that is with the label of the motion beside it."""
+with 0, that is with the label of the motion next to it."""
 SHORT_OF_TIE: Final = 1.0 - 1e-9
-"""Share of the change that would make two states tie: with less the one ahead stays ahead."""
+"""Share of the change up to a tie of two states that is made, so that their order does not change."""
 LEAST_SHARE: Final = 1e-300
-"""Share of a state that wrenches rule out: above zero, as it still has a share in what is divided."""
-CONTAINS: Final = np.array([[one.contains(other) for other in STATES] for one in STATES])
+"""Share of a state that wrenches rule out: above zero, so that it still counts as indistinguishable."""
+CONTAINS: Final = np.array([[state.contains(part) for part in STATES] for state in STATES])
 """(7, 7) whether the state of the row contains that of the column."""
 FLUSH_S: Final = 1.0
-"""Time in which the face of a contact has turned if it is not flush with the other element's..."""
+"""Time in which a face that is not flush with the other element's face turns..."""
 FLUSH_RAD: Final = float(np.radians(0.3))
-"""... by more than this standard deviation, beyond that of the noise: faces that touch rock by as much. Both
-change probabilities, no label (docs/sensitivity.md)."""
+"""... by more than this standard deviation, beyond that of the noise: faces in contact rock by as much. Both
+constants change probabilities, but no label (docs/sensitivity.md)."""
 LEAST_MOTION_TICKS: Final = 10.0
 """With less motion in the window, a contact that is older than the window is compared by evidence alone, and
 free motion is not tested for one degree of freedom."""
@@ -96,10 +96,10 @@ class Freedom(NamedTuple):
 def indistinguishable(label: Contact, rivals: CompetingEvidence, freedom: Freedom) -> tuple[Contact, ...]:
     """The other states that the motion does not distinguish from ``label`` (T23).
 
-    Those are the states whose evidence is at most ``DECISIVE`` below the label's. If the label's freedom is
-    underused, not moving in one more direction is no evidence: then also every state that fits the motion,
-    and every state that these contain. Motion of one degree of freedom may also be that of a hinge, a slider
-    or a screw: then all states.
+    These are the states whose evidence is at most ``DECISIVE`` below the label's. If the label's freedom is
+    underused, the lack of motion in one more direction is no evidence: then also all states that fit the
+    motion, and all states that these contain. Motion of one degree of freedom may be that of a hinge, a
+    slider or a screw: then all states.
     """
     if freedom.one_direction:
         return STATES[: label.column] + STATES[label.column + 1 :]
@@ -113,7 +113,7 @@ def indistinguishable(label: Contact, rivals: CompetingEvidence, freedom: Freedo
 def alike_in_formation(label: Contact, rivals: CompetingEvidence) -> tuple[Contact, ...]:
     """The other contacts that are indistinguishable from a label beside which further contacts are found.
 
-    These are the ones with as many constraints that fit as well. That the label has more evidence may only be
+    These have at least as many constraints and fit as well. The label may have more evidence only
     because its elements are less complex: a vertex that slides along two planes also keeps an edge on the
     line in which these meet.
     """
@@ -142,8 +142,8 @@ def freedom_of(label: Contact, window: Window, onset: int) -> Freedom:
     is_short = moved_ticks < LEAST_MOTION_TICKS
     if is_short and onset < window.index[0]:
         return Freedom(False, False, moved_ticks)
-    one = used == 1 and not (label is Contact.FREE and is_short)
-    return Freedom(used < DIRECTIONS - label.codimension, one, moved_ticks)
+    in_one_direction = used == 1 and not (label is Contact.FREE and is_short)
+    return Freedom(used < DIRECTIONS - label.codimension, in_one_direction, moved_ticks)
 
 
 def tempered(probability: Array, exponent: float) -> Array:
@@ -163,22 +163,22 @@ def p_restricted(underused: bool, moved_s: float) -> float:
 def at_most(
     probability: Array,
     label: Contact,
-    most: float = OPEN_AT_MOST,
+    limit: float = OPEN_AT_MOST,
     possible: tuple[Contact, ...] = CONTACTS,
 ) -> Array:
-    """Posterior (7,) in which the label has at most ``most``; the rest is distributed equally among the
+    """Posterior (7,) in which the label has at most ``limit``; the rest is distributed equally among the
     other ``possible`` contacts, if there are any.
 
     For motion that keeps more constraints than the reported contacts (docs/theory.md, section 18).
     """
-    beyond = float(probability[label.column]) - most
-    others = [contact.column for contact in possible if contact is not label]
-    if beyond <= 0.0 or not others:
+    excess = float(probability[label.column]) - limit
+    columns = [contact.column for contact in possible if contact is not label]
+    if excess <= 0.0 or not columns:
         return probability
     share = np.zeros(len(STATES))
-    share[others] = 1.0
-    change = beyond * share / share.sum()
-    change[label.column] = -beyond
+    share[columns] = 1.0
+    change = excess * share / share.sum()
+    change[label.column] = -excess
     return np.asarray(probability + change)
 
 
@@ -191,11 +191,11 @@ def p_curved(log_evidence: float) -> float:
 def redistribute(
     probability: Array,
     label: Contact,
-    others: tuple[Contact, ...],
+    rivals: tuple[Contact, ...],
     p_restricted: float,
     possible: tuple[Contact, ...] = CONTACTS,
 ) -> Array:
-    """Posterior (7,) in which the label and the indistinguishable ``others`` share probability.
+    """Posterior (7,) in which the label and the indistinguishable ``rivals`` share probability.
 
     The most probable contact among them gives to all the others, in proportion to the probability
     ``p_restricted`` that the restriction of the motion is on purpose (T30). That contact is the label itself,
@@ -203,9 +203,9 @@ def redistribute(
     consistent with it. The most probable state stays the most probable one, and the sum stays 1.
     """
     is_free = label is Contact.FREE
-    if not others or (is_free and not set(possible) <= set(others)):
+    if not rivals or (is_free and not set(possible) <= set(rivals)):
         return probability
-    alike = [state.column for state in (label, *others)]
+    alike = [state.column for state in (label, *rivals)]
     contacts = [label.column] if is_free else [c for c in alike if c != Contact.FREE.column]
     giver = max(contacts, key=lambda c: (probability[c], c == alike[0]))
     share = np.zeros(len(STATES))
@@ -215,51 +215,51 @@ def redistribute(
     share[giver] -= 1.0
     change = probability[giver] * share
     # as far as the giver, and the most probable state, stay ahead of those that are behind them
-    most = min(_until_overtaken(probability, change, ahead) for ahead in (giver, int(probability.argmax())))
-    return np.asarray(probability + min(p_restricted, SHORT_OF_TIE * most) * change)
+    limit = min(_until_overtaken(probability, change, ahead) for ahead in (giver, int(probability.argmax())))
+    return np.asarray(probability + min(p_restricted, SHORT_OF_TIE * limit) * change)
 
 
-def shared_with(probability: Array, label: Contact, others: Sequence[Contact]) -> Array:
-    """Posterior (7,) in which the label divides its probability and that of the ``others`` among them, itself
-    with ``FIRST_CHOICE``."""
-    if not others:
+def shared_with(probability: Array, label: Contact, rivals: Sequence[Contact]) -> Array:
+    """Posterior (7,) in which the label and the ``rivals`` divide their total probability: equal shares, but
+    ``FIRST_CHOICE`` of them for the label."""
+    if not rivals:
         return probability
-    shared, alike = probability.copy(), [state.column for state in (label, *others)]
-    shared[alike] = probability[alike].sum() / (FIRST_CHOICE + len(others))
+    shared, alike = probability.copy(), [state.column for state in (label, *rivals)]
+    shared[alike] = probability[alike].sum() / (FIRST_CHOICE + len(rivals))
     shared[label.column] *= FIRST_CHOICE
     return shared
 
 
-def with_rivals(probability: Array, label: Contact, others: tuple[Contact, ...]) -> Array:
-    """Posterior (7,) in which the label is not certain beside the indistinguishable ``others``: it has at
-    most what is left of their probability if each has ``NOT_EXCLUDED`` times that of the label.
+def with_rivals(probability: Array, label: Contact, rivals: tuple[Contact, ...]) -> Array:
+    """Posterior (7,) in which the label is not certain beside the indistinguishable ``rivals``: it has at
+    most its share of their total probability if each rival has ``NOT_EXCLUDED`` times the label's.
 
-    The posterior of the hypotheses prefers the label by what came before and by their prior as well, which
-    the motion has not shown. What the label has above its share goes to those below theirs. It is applied to
-    what is reported, not to what the tracker goes by (the map, further contacts).
+    In the posterior of the hypotheses the label is also ahead by its history and its prior, which the motion
+    has not shown. The excess of the label goes to the rivals below their share. Only the reported posterior
+    is changed, not the one that the map and the further contacts use.
     """
-    if not others:
+    if not rivals:
         return probability
-    before, alike = probability.tolist(), sorted(state.column for state in (label, *others))
-    own, total = before[label.column], sum(before[column] for column in alike)
-    least = total / (1.0 + NOT_EXCLUDED * len(others))
+    values, alike = probability.tolist(), sorted(state.column for state in (label, *rivals))
+    label_p, total = values[label.column], sum(values[column] for column in alike)
+    largest = total / (1.0 + NOT_EXCLUDED * len(rivals))
     # it stays ahead of the states that are behind it
-    behind = max((p for column, p in enumerate(before) if column not in alike and p <= own), default=0.0)
-    beyond = SHORT_OF_TIE * (own - max(least, behind))
-    missing = [max(NOT_EXCLUDED * least - before[other.column], 0.0) for other in others]
-    if beyond <= 0.0 or not any(missing):
+    behind = max((p for column, p in enumerate(values) if column not in alike and p <= label_p), default=0.0)
+    excess = SHORT_OF_TIE * (label_p - max(largest, behind))
+    missing = [max(NOT_EXCLUDED * largest - values[rival.column], 0.0) for rival in rivals]
+    if excess <= 0.0 or not any(missing):
         return probability
-    given = probability.copy()
-    for other, one in zip(others, missing, strict=True):
-        given[other.column] += beyond * one / sum(missing)
-    given[label.column] = own - beyond
-    return given
+    adjusted = probability.copy()
+    for rival, shortfall in zip(rivals, missing, strict=True):
+        adjusted[rival.column] += excess * shortfall / sum(missing)
+    adjusted[label.column] = label_p - excess
+    return adjusted
 
 
 def decide_by_wrenches(
-    label: Contact, others: tuple[Contact, ...], evidence: Array
+    label: Contact, rivals: tuple[Contact, ...], evidence: Array
 ) -> tuple[Contact, tuple[Contact, ...], Array | None]:
-    """Decide by measured wrenches between a ``label`` and the ``others`` that motion does not distinguish
+    """Decide by measured wrenches between a ``label`` and the ``rivals`` that motion does not distinguish
     from it (T41).
 
     Parameters
@@ -269,51 +269,51 @@ def decide_by_wrenches(
     Returns
     -------
     The most probable of them; those within ``DECISIVE`` of it; and the share (7,) of each in the probability
-    of all, None without others. The prior of the label is ``FIRST_CHOICE`` times that of others.
+    of all, None without rivals. The prior of the label is ``FIRST_CHOICE`` times a rival's.
     """
-    if not others:
-        return label, others, None
-    alike = np.array([state.column for state in (label, *others)])
+    if not rivals:
+        return label, rivals, None
+    alike = np.array([state.column for state in (label, *rivals)])
     weight = evidence[alike] + np.where(alike == label.column, np.log(FIRST_CHOICE), 0.0)
     weight -= weight.max()
     share = np.zeros(len(STATES))
     share[alike] = np.maximum(np.exp(weight) / np.exp(weight).sum(), LEAST_SHARE)
     best = STATES[int(alike[weight.argmax()])]
-    open_ones = {int(column) for column in alike[weight > -DECISIVE]}
-    rest = tuple(state for state in STATES if state.column in open_ones and state is not best)
-    return best, rest, share
+    open_columns = {int(column) for column in alike[weight > -DECISIVE]}
+    undecided = tuple(state for state in STATES if state.column in open_columns and state is not best)
+    return best, undecided, share
 
 
 def reported(
     probability: Array,
     label: Contact,
-    others: tuple[Contact, ...],
+    rivals: tuple[Contact, ...],
     known_map: Map,
     p_restricted: float = 0.0,
     is_open: bool = False,
     share: Array | None = None,
 ) -> Array:
-    """The posterior (7,) to report, from that of the hypotheses: shared with the indistinguishable ``others``
+    """The posterior (7,) to report, from that of the hypotheses: shared with the indistinguishable ``rivals``
     (by wrenches, where they have decided a ``share``), and limited where constraints are left unnamed."""
     if share is None:
-        probability = redistribute(probability, label, others, p_restricted, known_map.allowed)
+        probability = redistribute(probability, label, rivals, p_restricted, known_map.allowed)
     else:
         alike = share > 0.0  # states that wrenches decide between divide their total probability
         probability = np.where(alike, probability[alike].sum() * share, probability)
-    probability = with_rivals(probability, label, others)
+    probability = with_rivals(probability, label, rivals)
     return at_most(probability, label, possible=known_map.possible) if is_open else probability
 
 
 def most_beside(rivals: int) -> float:
-    """Greatest probability of one kind beside which so many ``rivals`` are not excluded."""
+    """Largest probability of a kind of contact, given the number of ``rivals`` that are not excluded."""
     return 1.0 / (1.0 + NOT_EXCLUDED * rivals)
 
 
 @lru_cache(maxsize=64)
 def others_at_rest(label: Contact, known_map: Map) -> tuple[Contact, ...]:
-    """The states that a rest does not distinguish from the label: all that there may be.
+    """The states that a rest does not distinguish from the label: all possible ones.
 
-    None if elements of both sides are known, since then a single pose shows whether they touch.
+    Empty if elements of both sides are known, since then a single pose shows whether they touch.
     """
     if known_map.listed_object and known_map.listed_environment:
         return ()
@@ -358,27 +358,27 @@ def _until_overtaken(probability: Array, change: Array, ahead: int) -> float:
     return float(min([1.0, *shares]))
 
 
-def competing_evidence(banks: Sequence[Bank], label: Contact, onset: int, now: int) -> CompetingEvidence:
+def competing_evidence(banks: Sequence[Bank], label: Contact, onset: int, tick: int) -> CompetingEvidence:
     """How well each state explains the ticks since about ``onset``, against the label.
 
-    For each contact that of the most probable hypothesis of about that onset, against the label's evidence
-    from the same onset. -inf without one.
+    The evidence of a contact is that of its most probable hypothesis with about that onset, minus the label's
+    evidence from the same onset; -inf without a hypothesis.
     """
     if not compiled.in_use():
-        return competing_evidence_reference(banks, label, onset, now)
+        return competing_evidence_reference(banks, label, onset, tick)
     from contact_tracker.hypotheses.compiled import calls
 
-    words, slack = [*map(_WORDS, banks)], same_span(now - onset)
+    words, slack = [*map(_WORDS, banks)], same_span(tick - onset)
     return CompetingEvidence(*calls.competing_evidence(calls.models(1.0), words, label.column, onset, slack))
 
 
 def competing_evidence_reference(
-    banks: Sequence[Bank], label: Contact, onset: int, now: int
+    banks: Sequence[Bank], label: Contact, onset: int, tick: int
 ) -> CompetingEvidence:
     """``competing_evidence`` in numpy: the reference of the compiled kernel."""
     evidence, rms = np.full(len(STATES), -np.inf), np.full(len(STATES), np.inf)
     since = np.full(len(STATES), onset)
-    for column, row in enumerate(best_since(banks, onset, now)):
+    for column, row in enumerate(best_since(banks, onset, tick)):
         if row is not None:
             best = banks[column].rows[row]
             evidence[column], rms[column], since[column] = best["log_likelihood"], best["rms"], best["onset"]
@@ -389,17 +389,17 @@ def competing_evidence_reference(
     return CompetingEvidence(evidence, rms)
 
 
-def best_since(banks: Sequence[Bank], onset: int, now: int) -> list[int | None]:
+def best_since(banks: Sequence[Bank], onset: int, tick: int) -> list[int | None]:
     """The rows of the most probable hypotheses of the contacts that have begun at about ``onset``; None
     without one."""
-    slack, found = same_span(now - onset), list[int | None]()
+    slack, best_rows = same_span(tick - onset), list[int | None]()
     for bank in banks:
         rows = bank.rows
-        first, end = rows["onset"].searchsorted([onset - slack, onset + slack + 1])  # they are in order
-        some = rows[first:end]
-        best = (some["log_birth_weight"] + some["log_likelihood"]).argmax() if first < end else None
-        found.append(None if best is None else int(first + best))
-    return found
+        begin, end = rows["onset"].searchsorted([onset - slack, onset + slack + 1])  # they are in order
+        near = rows[begin:end]
+        best = (near["log_birth_weight"] + near["log_likelihood"]).argmax() if begin < end else None
+        best_rows.append(None if best is None else int(begin + best))
+    return best_rows
 
 
 def same_span(age_ticks: int) -> int:
@@ -427,11 +427,11 @@ RETEST_GROWTH: Final = 1.5
 
 
 class CurvedMotion(NamedTuple):
-    """The last test of free motion since tick ``since``: ``after`` this many ticks, with the ``probability``
-    of a curved surface."""
+    """The last test of the free motion that began in tick ``since``, at its ``age`` in ticks, with the
+    ``probability`` of a curved surface."""
 
     since: int
-    after: int
+    age: int
     probability: float
 
 
@@ -442,13 +442,13 @@ def update_curved_motion(
     before: CurvedMotion, window: Window, since: int, scales: EvidenceParameters, known_map: Map
 ) -> CurvedMotion:
     """The estimate after another tick of free motion since tick ``since``; ``window`` are the last ticks."""
-    known = before if before.since == since else CurvedMotion(since, 0, 0.0)
+    current = before if before.since == since else CurvedMotion(since, 0, 0.0)
     age = int(window.index[-1]) + 1 - since
-    if age < max(LEAST_TICKS, RETEST_GROWTH * known.after):
-        return known
+    if age < max(LEAST_TICKS, RETEST_GROWTH * current.age):
+        return current
     first = max(int(window.index.searchsorted(since)), len(window) - SPAN_TICKS)
-    last = window.cut(first, None)
-    probability = p_curved(curved_evidence(last, scales)) if _is_testable(last, known_map) else 0.0
+    span = window.cut(first, None)
+    probability = p_curved(curved_evidence(span, scales)) if _is_testable(span, known_map) else 0.0
     return CurvedMotion(since, age, probability)
 
 
@@ -459,17 +459,17 @@ def curved_probabilities(window: Window, scales: EvidenceParameters, known_map: 
     """
     pieces = np.array_split(np.arange(len(window)), max(len(window) // SPAN_TICKS, 1))
     windows = [window.cut(int(rows[0]), int(rows[-1]) + 1) for rows in pieces if len(rows)]
-    fits = [fit_curved(one, scales) if _is_testable(one, known_map) else None for one in windows]
+    fits = [fit_curved(part, scales) if _is_testable(part, known_map) else None for part in windows]
     best = max((fit for fit in fits if fit is not None), key=lambda fit: fit.log_evidence, default=None)
-    found = np.zeros(len(window))
-    for rows, one, fit in zip(pieces, windows, fits, strict=False):
+    probability = np.zeros(len(window))
+    for rows, part, fit in zip(pieces, windows, fits, strict=False):
         if fit is None or best is None:
             continue
         evidence = fit.log_evidence
         if p_curved(evidence) <= 0.5 < p_curved(best.log_evidence):
-            evidence = max(evidence, fit_curved(one, scales, best).log_evidence)
-        found[rows] = p_curved(evidence)
-    return found
+            evidence = max(evidence, fit_curved(part, scales, best).log_evidence)
+        probability[rows] = p_curved(evidence)
+    return probability
 
 
 def is_mostly_curved(probability: Array) -> bool:

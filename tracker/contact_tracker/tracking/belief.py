@@ -56,7 +56,7 @@ class FurtherContact:
 
     @property
     def probability(self) -> float:
-        """That it is present beside the labelled contact: never above that of the latter."""
+        """Probability that it is present beside the labelled contact: never above the latter's."""
         return self.given_label * self.p_label
 
     def to_json(self) -> dict[str, Any]:
@@ -66,11 +66,11 @@ class FurtherContact:
         )
 
 
-def beside(further: tuple[FurtherContact, ...], p_label: float) -> tuple[FurtherContact, ...]:
-    """The further contacts beside a label of this probability; the same object if they are that already."""
-    if all(one.p_label == p_label for one in further):
+def with_p_label(further: tuple[FurtherContact, ...], p_label: float) -> tuple[FurtherContact, ...]:
+    """The further contacts beside a label of this probability; the same object if nothing changes."""
+    if all(contact.p_label == p_label for contact in further):
         return further
-    return tuple(replace(one, p_label=p_label) for one in further)
+    return tuple(replace(contact, p_label=p_label) for contact in further)
 
 
 def contact_json(
@@ -80,7 +80,7 @@ def contact_json(
     geometry: ContactGeometry | None,
     inseparable: tuple[Contact, ...],
 ) -> dict[str, Any]:
-    """One of several contacts; it still holds if the span has no end."""
+    """The JSON object of one of several contacts; it still holds if the span has no end."""
     return {
         "contact": contact.value,
         "probability": float(probability),
@@ -108,8 +108,8 @@ class Belief:
     inseparable : states that the motion since the onset does not distinguish from ``contact``.
     p_restricted : probability that the object is intentionally moved in fewer directions than it could be.
     further : contacts beside the labelled one.
-    joint : in which the object moves, as found offline.
-    is_open : whether the motion keeps more constraints than those of the reported contacts, as found online.
+    joint : the joint in which the object moves, as found offline.
+    is_open : whether the motion keeps more constraints than the reported contacts have, as found online.
     """
 
     stamp_ns: int
@@ -127,7 +127,7 @@ class Belief:
     def __post_init__(self) -> None:
         if self.further:
             p_label = float(self.probability[self.contact.column])
-            object.__setattr__(self, "further", beside(self.further, p_label))
+            object.__setattr__(self, "further", with_p_label(self.further, p_label))
 
     @property
     def geometry(self) -> ContactGeometry | None:
@@ -146,7 +146,7 @@ class Belief:
             return []
         probability, span = self.probability[self.contact.column], (self.onset_ns, None)
         first = contact_json(self.contact, probability, span, self.geometry, self.inseparable)
-        return [first, *(one.to_json() for one in self.further)]
+        return [first, *(contact.to_json() for contact in self.further)]
 
     @property
     def touching(self) -> tuple[str | None, str | None]:
@@ -164,23 +164,23 @@ class Belief:
         }
 
 
-def _label_json(one: "Belief | Segment") -> dict[str, Any]:
-    """What the JSON objects of a belief and of a segment have in common beside the contact."""
+def _label_json(result: "Belief | Segment") -> dict[str, Any]:
+    """The entries, except the contact, that the JSON objects of a belief and of a segment share."""
     return {
-        "inseparable": [state.value for state in one.inseparable],
-        "geometry": one.geometry.to_json() if one.geometry else {},
-        "contacts": one.contacts_json,
-        "constraints": one.constraints,
-        "joint": one.joint.to_json() if one.joint else {},
-        "inseparable_names": " ".join(one.inseparable),
-        "object": flat(one.geometry.object if one.geometry else None),
-        "environment": flat(one.geometry.environment if one.geometry else None),
+        "inseparable": [state.value for state in result.inseparable],
+        "geometry": result.geometry.to_json() if result.geometry else {},
+        "contacts": result.contacts_json,
+        "constraints": result.constraints,
+        "joint": result.joint.to_json() if result.joint else {},
+        "inseparable_names": " ".join(result.inseparable),
+        "object": flat(result.geometry.object if result.geometry else None),
+        "environment": flat(result.geometry.environment if result.geometry else None),
     }
 
 
 class SegmentPart(NamedTuple):
     """A part of a segment, from ``start_ns`` to ``end_ns`` (both included), with constant ``further``
-    contacts. ``geometries`` are those of all contacts, as far as known."""
+    contacts. ``geometries`` are the known ones of all contacts."""
 
     start_ns: int
     end_ns: int
@@ -211,12 +211,12 @@ class Segment:
     task_frame: TaskFrame | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "further", beside(self.further, self.probability))
+        object.__setattr__(self, "further", with_p_label(self.further, self.probability))
 
     @property
     def constraints(self) -> int:
         """Largest number of independent constraints of the contacts that hold at a time."""
-        return max((one.constraints for one in self.further), default=self.contact.codimension)
+        return max((contact.constraints for contact in self.further), default=self.contact.codimension)
 
     @property
     def contacts_json(self) -> list[dict[str, Any]]:
@@ -225,22 +225,22 @@ class Segment:
             return []
         span = self.start_ns, self.end_ns
         first = contact_json(self.contact, self.probability, span, self.geometry, self.inseparable)
-        return [first, *(one.to_json() for one in self.further)]
+        return [first, *(contact.to_json() for contact in self.further)]
 
     @property
     def parts(self) -> list["SegmentPart"]:
         """The parts of the segment between changes of its further contacts."""
-        spans = [(one.start_ns, self.end_ns if one.end_ns is None else one.end_ns) for one in self.further]
+        spans = [(c.start_ns, self.end_ns if c.end_ns is None else c.end_ns) for c in self.further]
         cuts = {self.start_ns, *(start_ns for start_ns, _ in spans), *(end_ns + 1 for _, end_ns in spans)}
         starts = sorted(cut for cut in cuts if self.start_ns <= cut <= self.end_ns)
         parts = []
         for start_ns, after_ns in zip(starts, [*starts[1:], self.end_ns + 1], strict=True):
             holding = tuple(
-                one
-                for one, (joins_ns, leaves_ns) in zip(self.further, spans, strict=True)
+                contact
+                for contact, (joins_ns, leaves_ns) in zip(self.further, spans, strict=True)
                 if joins_ns <= start_ns <= leaves_ns
             )
-            geometries = (*filter(None, [self.geometry]), *(one.geometry for one in holding))
+            geometries = (*filter(None, [self.geometry]), *(contact.geometry for contact in holding))
             parts.append(SegmentPart(start_ns, after_ns - 1, holding, geometries))
         return parts
 

@@ -43,7 +43,7 @@ from contact_tracker.tracking.transition_model import (
     FREE,
     REST_EXPOSURE,
     REST_LOG_LIKELIHOOD,
-    lifted,
+    lift_after_rest,
     tick_transitions,
 )
 
@@ -54,9 +54,9 @@ Index = NDArray[np.int64]
 def predict_transitions(
     state: FilterState, tick: Tick, window: Window, rest: NewestRest = NO_REST
 ) -> TickInput:
-    """The prediction for a ``tick``, the newest of the ``window``, by which ``state`` has not been updated.
+    """The prediction for a ``tick``, the newest of the ``window``, from the ``state`` after the tick before.
 
-    If it completes a ``rest``, the object has rested until now in the state: that counts once.
+    If it completes a ``rest``, the likelihood of the rest in each state counts, once per rest.
     """
     model = state.model
     cached = _proposals(state, Frame.around(state.origins, window.zeta[-1, T]))
@@ -65,10 +65,10 @@ def predict_transitions(
     if state.known_map.lists_elements:  # known elements come into contact by any displacement, however smooth
         exposure = max(exposure, window.displacement_ratio)
     ordinary = tick_transitions(model, exposure)
-    transition, survival = lifted(ordinary) if rest.ends else ordinary
+    transition, survival = lift_after_rest(ordinary) if rest.ends else ordinary
     if state.knows_elements:
-        beyond = model.noise.extra_contact_variance
-        proposals, odds, gain = weigh_births(proposals, window, beyond, state.scales)
+        extra_variance = model.noise.extra_contact_variance
+        proposals, odds, gain = weigh_births(proposals, window, extra_variance, state.scales)
         if not state.known_map.lists_elements:
             odds, gain = share_with_faces(odds, gain, model.geometry.revisit_prior)
         log_odds[:-1] = odds
@@ -102,27 +102,27 @@ def predict_transitions(
 
 
 def _proposals(state: FilterState, frame: Frame) -> CachedProposals:
-    """Birth proposals of each contact by the map as it is; those whose inputs are as before are kept."""
+    """Birth proposals of each contact by the present map; those with unchanged inputs are reused."""
     if state.uses_later_contacts:
         left_out, current = state.map.shown_after(state.ticks, state.model.tick_s), None
         latest = state.map.latest_before(state.ticks)
     else:
         left_out, current, latest = (), state.current_pair, state.map.whole.latest
-    before, now = state.cached_proposals, CachedProposals(state.map, left_out, current, latest, frame, ())
-    if now[:-1] == before[:-1]:
-        return before
+    cached, fresh = state.cached_proposals, CachedProposals(state.map, left_out, current, latest, frame, ())
+    if fresh[:-1] == cached[:-1]:
+        return cached
     view = replace(
         state.map.without(left_out) if left_out else state.map.whole, current=current, latest=latest
     )
     share = state.model.geometry.revisit_prior
     if state.uses_later_contacts:
         view = view.with_incident_vertices(share, state.map.reach_m)
-    return now._replace(
+    return fresh._replace(
         proposals=tuple(
             kept
-            if now.inputs(contact) == before.inputs(contact)
+            if fresh.inputs(contact) == cached.inputs(contact)
             else propose_births(contact, state.known_map, view, share, frame)
-            for contact, kept in zip(CONTACT_MODELS, before.proposals, strict=True)
+            for contact, kept in zip(CONTACT_MODELS, cached.proposals, strict=True)
         )
     )
 
@@ -137,13 +137,13 @@ class ContactFilter:
     def start(cls, model: Model, lag_s: float = 0.0, known_map: Map = EMPTY_MAP) -> Self:
         """The filter before the first tick.
 
-        With ``lag_s``, beliefs to report are of that long ago, and use the data since then.
+        With ``lag_s``, reported beliefs are about the tick that long ago, and use the data since then.
         """
         return cls(start(model, lag_s, known_map))
 
     def update(self, tick: Tick, detail: Detail = Detail.FORMATION, tests_curvature: bool = True) -> Belief:
         """Update by a tick; the belief about it has this ``detail``."""
-        state = self.state if self.state.ticks else begun(self.state, tick)
+        state = self.state if self.state.ticks else set_origins(self.state, tick)
         window = advance_window(state.window, state.ticks, tick, state.model)
         rest = newest_rest(window, state.model.tick_s)
         if is_uninformative(state, tick, window, rest):  # in gaps, and at rest
@@ -151,7 +151,7 @@ class ContactFilter:
         else:
             change = predict_transitions(state, tick, window, rest)  # and births, by the map
             banks, weights = update_banks(state.banks, change, state.model, state.scales)  # fit, evidence
-            state = weighed(state, tick, change, banks, weights)  # HMM
+            state = update_state(state, tick, change, banks, weights)  # HMM
             state, belief = read_posterior(state, tick, detail, tests_curvature)  # and the map
         self.state, belief = with_rest(state, belief, rest.is_in_rest)
         return belief
@@ -181,16 +181,16 @@ class ContactFilter:
         return beliefs
 
     def as_seen(self, tick: Tick) -> Tick:
-        """A tick that was averaged for another filter, with the innovations of free motion by this noise."""
-        motion, own = with_excess(self.state.free_motion, tick, self.state.model)
+        """A tick that was averaged for another filter, with the innovations by this filter's noise."""
+        motion, seen = with_excess(self.state.free_motion, tick, self.state.model)
         self.state = self.state._replace(free_motion=motion)
-        return own
+        return seen
 
 
 _BORN: Final = attrgetter("is_given")
 
 
-def begun(state: FilterState, tick: Tick) -> FilterState:
+def set_origins(state: FilterState, tick: Tick) -> FilterState:
     """The state before the first tick, in the coordinates of the ticks."""
     return state._replace(origins=tick.origins, map=state.map.at_origins(tick.origins))
 
@@ -198,8 +198,8 @@ def begun(state: FilterState, tick: Tick) -> FilterState:
 def is_uninformative(state: FilterState, tick: Tick, window: Window, rest: NewestRest) -> bool:
     """Whether neither this tick nor the one before carries information: at rest, in a gap, or before the
     strength of motion is known. Births at such a tick can wait for the next informative one without changing
-    the posterior. With known elements every tick is informative, since it shows whether they touch, and with
-    those of the map each up to the one that completes a rest, except after a gap."""
+    the posterior. With known elements every tick is informative, since it shows whether they touch; with
+    elements of the map, every tick up to the one that completes a rest, except after a gap."""
     if state.belief is None or state.known_map.lists_elements or tick.innovation_excess != NO_EXCESS:
         return False
     if state.window.innovation_excess[-1].any() or rest.ends:
@@ -211,15 +211,15 @@ def is_uninformative(state: FilterState, tick: Tick, window: Window, rest: Newes
 
 
 def pass_tick(state: FilterState, tick: Tick, window: Window) -> tuple[FilterState, Belief]:
-    """Pass over an uninformative tick, after which the belief is that of before: it is appended to the window
-    only, and its exposure to change is deferred to the next informative tick."""
+    """Pass over an uninformative tick, which does not change the belief: it is only appended to the window,
+    and its exposure to change is deferred to the next informative tick."""
     assert state.belief is not None
     oldest, banks = state.window.expired_by(window), state.banks
-    if oldest.innovation_excess.any():  # of other ticks each term is zero, as no element is known
+    if oldest.innovation_excess.any():  # the terms of other ticks are zero, as no element is known
         errors = state.model.noise.extra_contact_variance
         banks = tuple(
-            marginalise_expired_ticks(bank, contact, oldest.with_error(beyond), state.scales)
-            for bank, contact, beyond in zip(banks, CONTACT_MODELS, errors, strict=True)
+            marginalise_expired_ticks(bank, contact, oldest.with_error(variance), state.scales)
+            for bank, contact, variance in zip(banks, CONTACT_MODELS, errors, strict=True)
         )
     change, birth_weight = state.log_transition, state.log_birth_weight
     if state.hazard_exposure:  # the tick before was informative
@@ -232,7 +232,7 @@ def pass_tick(state: FilterState, tick: Tick, window: Window) -> tuple[FilterSta
     passed = state._replace(
         window=window,
         banks=banks,
-        live_hypotheses=state.live_hypotheses.held(state.ticks),
+        live_hypotheses=state.live_hypotheses.at_tick(state.ticks),
         ticks=state.ticks + 1,
         next_hypothesis_id=state.next_hypothesis_id + 1,
         outliers=state.outliers.joined(tick.outliers),
@@ -245,7 +245,7 @@ def pass_tick(state: FilterState, tick: Tick, window: Window) -> tuple[FilterSta
     return passed, replace(state.belief, stamp_ns=tick.stamp_ns)
 
 
-def weighed(
+def update_state(
     state: FilterState, tick: Tick, change: TickInput, banks: Sequence[Bank], weights: TickWeights
 ) -> FilterState:
     """The state after an informative tick, with the updated banks and weights."""
@@ -324,9 +324,9 @@ def ticks_of(
 
 
 def forward(
-    ticks: Iterable[Tick], one: ContactFilter, detail: Detail = Detail.GEOMETRY
+    ticks: Iterable[Tick], filter_: ContactFilter, detail: Detail = Detail.GEOMETRY
 ) -> Iterator[FilteredTick]:
     """Update a filter by ticks; the beliefs have this ``detail``."""
     for tick in ticks:
-        belief = one.update(tick, detail)
-        yield FilteredTick(one.state, tick, belief)
+        belief = filter_.update(tick, detail)
+        yield FilteredTick(filter_.state, tick, belief)

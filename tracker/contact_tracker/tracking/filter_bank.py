@@ -1,9 +1,9 @@
-"""Filters side by side that differ in the noise of a tick, weighed by their evidence: length of ticks,
-candidates of noise, the bank, and what is reported of it.
+"""A bank of filters that differ in the noise of a tick, weighed by their evidence: the length of ticks, the
+candidates of noise, the bank, and its report.
 
-The first has the model as given. The others start, from the first pose, once the ratio of the noise of
-position and orientation is estimated. After some motion those far behind are dropped, later all but the best
-(``are_compared``).
+The first filter has the given model. The others start, from the first pose, once the ratio of the noise of
+position and orientation is estimated. After some motion filters far behind are dropped, later all but the
+best (``are_kept``).
 """
 
 from bisect import bisect_left, bisect_right
@@ -40,12 +40,12 @@ CHANGED: Final = 2.0
 """The rate has changed if ticks for it are longer or shorter by more than this factor. Trackers then start
 again, which costs more than ticks with one pose or with some more than needed."""
 LASTING_NS: Final = 1_000_000_000
-"""Time for which a rate has to last before ticks follow it: shorter than that, poses are missing."""
+"""Time for which a new rate has to last before ticks follow it: for a shorter time poses may be missing."""
 TOLERANCE: Final = 1.05
 """Tolerance of the tick's length, for jitter of the periods."""
 TICKS_PER_WINDOW: Final = 10
 IRREGULAR: Final = 2.0
-"""Periods longer than the median by more than this factor are gaps; shorter ones are those of two bodies."""
+"""Periods longer than the median by more than this factor are gaps; much shorter ones are of two bodies."""
 QUANTILES: Final = np.arange(0.1, 1.0, 0.2)
 """Quantiles of the period, over time, by which the rates of a recording are found."""
 NOISE_SCALES: Final = (1.75e-4, 3.5e-4, 7e-4, 1.4e-3, 2.8e-3)
@@ -82,23 +82,23 @@ def usual_period_s(stamp_ns: Sequence[int]) -> float:
     return _mean_near(rising, 0.5 * (rising[(count - 1) // 2] + rising[count // 2])) if count else 0.0
 
 
-def _mean_near(rising: Sequence[int], one: float) -> float:
+def _mean_near(rising: Sequence[int], period_ns: float) -> float:
     """Mean (s) of the rising periods (ns) within a factor of ``IRREGULAR`` of one."""
-    usual = rising[bisect_left(rising, one / IRREGULAR) : bisect_right(rising, one * IRREGULAR)]
+    usual = rising[bisect_left(rising, period_ns / IRREGULAR) : bisect_right(rising, period_ns * IRREGULAR)]
     return sum(usual) / len(usual) * 1e-9
 
 
 def period_for_all_s(stamp_ns: Ints, model: Model) -> float:
-    """The usual period of that stretch of a recording whose ticks suit the whole best.
+    """The usual period of the stretch of a recording whose ticks lose the least of the whole.
 
-    Lost are the stretches whose poses are too far apart for these ticks, and the ticks in which the contact
-    changes, as often as the model has it.
+    Ticks lose the stretches whose poses are too far apart for them, and the ticks in which the contact
+    changes, at the rate of the model.
     """
     if len(stamp_ns) < 2:
         return 0.0
     periods = np.diff(stamp_ns)
-    beside = np.concatenate([periods[:1], periods, periods[-1:]])
-    local = np.minimum(periods, np.minimum(beside[:-2], beside[2:]))  # not those of gaps
+    padded = np.concatenate([periods[:1], periods, periods[-1:]])
+    local = np.minimum(periods, np.minimum(padded[:-2], padded[2:]))  # not those of gaps
     order = np.argsort(local)
     passed = periods[order].cumsum()
     middle = order[np.searchsorted(passed, (QUANTILES * passed[-1]).astype(np.int64))]
@@ -112,7 +112,7 @@ def period_for_all_s(stamp_ns: Ints, model: Model) -> float:
         return apart + (1.0 - apart) * min(tick_s * model.transitions.leave_per_s, 1.0)
 
     rising = np.sort(periods).tolist()
-    return min((_mean_near(rising, float(one)) for one in local[middle]), key=lost)
+    return min((_mean_near(rising, float(period_ns)) for period_ns in local[middle]), key=lost)
 
 
 def with_ticks_for(model: Model, period_s: float) -> Model:
@@ -122,13 +122,13 @@ def with_ticks_for(model: Model, period_s: float) -> Model:
     return replace(model, tick_s=needed_s) if needed_s > TOLERANCE * model.tick_s else model
 
 
-def with_other_ticks(model: Model, now: Model, latest_ns: Sequence[int]) -> Model | None:
-    """``model`` with ticks for the rate of the latest poses; None if those of ``now`` suit it as well."""
+def with_other_ticks(model: Model, current: Model, latest_ns: Sequence[int]) -> Model | None:
+    """``model`` with ticks for the rate of the latest poses; None if the ``current`` ticks suit as well."""
     if len(latest_ns) < RATE_POSES:
         return None
-    other = with_ticks_for(model, usual_period_s(latest_ns))
-    is_alike = 1.0 / CHANGED <= other.tick_s / now.tick_s <= CHANGED
-    return other if not is_alike and can_be_compared(other) else None
+    adapted = with_ticks_for(model, usual_period_s(latest_ns))
+    is_alike = 1.0 / CHANGED <= adapted.tick_s / current.tick_s <= CHANGED
+    return adapted if not is_alike and can_be_compared(adapted) else None
 
 
 def candidates(model: Model, poses: Poses) -> tuple[tuple[Model, float], ...]:
@@ -145,13 +145,13 @@ def candidates(model: Model, poses: Poses) -> tuple[tuple[Model, float], ...]:
     if not model.noise.estimated or not can_be_compared(model):
         return ((model, 0.0),)
     sigma = np.array(estimate_noise(poses))
-    known, ratio = np.isfinite(sigma).all() and sigma[0] > 0.0, USUAL_ROTATION_PER_POSITION
-    if known:
+    is_estimated, ratio = np.isfinite(sigma).all() and sigma[0] > 0.0, USUAL_ROTATION_PER_POSITION
+    if is_estimated:
         ratio = float(np.clip(sigma[1] / sigma[0], *ROTATION_PER_POSITION))
     span_s = (int(poses.stamp_ns[-1]) - int(poses.stamp_ns[0])) * 1e-9
     count = max(len(poses) * model.tick_s / max(span_s, model.tick_s), 1.0)
-    white = tick_variances(begin(*sigma) if known else begin(0.0, 0.0), np.array(count), model)
-    noise, least = model.noise, float(white.prod()) ** 0.25
+    white = tick_variances(begin(*sigma) if is_estimated else begin(0.0, 0.0), np.array(count), model)
+    noise, least_scale = model.noise, float(white.prod()) ** 0.25
     larger = [
         replace(
             noise,
@@ -159,7 +159,7 @@ def candidates(model: Model, poses: Poses) -> tuple[tuple[Model, float], ...]:
             floor_rotation_rad=max(scale * sqrt(ratio), noise.floor_rotation_rad),
         )
         for scale in NOISE_SCALES
-        if scale > LEAST_FACTOR * least
+        if scale > LEAST_FACTOR * least_scale
     ]
     is_slow = span_s > SLOW_PERIOD_S * (len(poses) - 1)
     smaller = [replace(noise, estimate_share=share) for share in SHARES if is_slow]
@@ -168,28 +168,29 @@ def candidates(model: Model, poses: Poses) -> tuple[tuple[Model, float], ...]:
         for scale in WANDER_M
         if scale > white[0] ** 0.5
     ]
-    chosen = [(noise, 0.0)]
-    chosen += [(one, LOG_PRIOR_STEP * i) for some in (smaller, larger) for i, one in enumerate(some, 1)]
-    chosen += [(one, LOG_PRIOR_WANDER) for one in correlated]
-    return tuple((replace(model, noise=one), log_prior) for one, log_prior in chosen)
+    variants = [(noise, 0.0)]
+    for levels in (smaller, larger):
+        variants += [(level, LOG_PRIOR_STEP * i) for i, level in enumerate(levels, 1)]
+    variants += [(level, LOG_PRIOR_WANDER) for level in correlated]
+    return tuple((replace(model, noise=level), log_prior) for level, log_prior in variants)
 
 
 DROP_AFTER_S: Final = 1.5
 MARGIN_NATS: Final = 10.0
-"""After this much motion trackers this far behind the best are dropped. In 81 recordings (everyday, physics,
-shipped, 27 distorted) no dropped one would have been chosen in the end; with 7 nats labels until then are
-right for 0.001 less of the time. Sooner, filtered noise at rest would decide."""
+"""Filters this far behind the best are dropped after ``DROP_AFTER_S`` of motion. In 81 recordings (everyday,
+physics, shipped, 27 distorted) no dropped one would have been chosen in the end; with 7 nats labels until
+then are right for 0.001 less of the time. Sooner, filtered noise at rest would decide."""
 DECIDED_AFTER_S: Final = 10.0
-"""After this much motion the best tracker is chosen, if it is also the best by evidence alone."""
+"""After this much motion the best filter is chosen, if it is also the best by evidence alone."""
 LONGEST_S: Final = 30.0
-"""After this much motion the tracker with the largest evidence is chosen."""
+"""After this much motion the filter with the largest evidence is chosen."""
 _DISTANCES: Final = np.array([*(1.0 for _ in CONTACT_MODELS), 0.0])
 _ANGLES: Final = np.array([*(model.contact.codimension - 1.0 for model in CONTACT_MODELS), 0.0])
 """Number of constraints of each state (7,) on a distance and on angles."""
 
 
 class TickEvidence(NamedTuple):
-    """A tick as one tracker evaluates it: the ``gain`` of log evidence (nats), the ``posterior`` (7,) after
+    """A tick as one filter evaluates it: the ``gain`` of log evidence (nats), the ``posterior`` (7,) after
     it, the variances (2,) of free motion plus noise (m^2, rad^2), and the ``activity``."""
 
     gain: float
@@ -207,9 +208,9 @@ def tick_evidence(before: FilterState, after: FilterState) -> TickEvidence:
 
 
 def relative_evidence(ticks: Sequence[TickEvidence], motion: Motion) -> Array:
-    """Log evidence (K,) of one tick by K trackers, relative to the free motion of the first.
+    """Log evidence (K,) of one tick by K filters, relative to the free motion of the first.
 
-    A constraint gains log S / 2, where S is the variance of free motion along it. A tracker with larger noise
+    A constraint gains log S / 2, where S is the variance of free motion along it. A filter with larger noise
     has a smaller S, because it takes a part of the motion for noise; the difference is added here.
     """
     squared_lever_m2 = 2.0 * motion.body_radius_m**2
@@ -223,8 +224,8 @@ def relative_evidence(ticks: Sequence[TickEvidence], motion: Motion) -> Array:
     return np.asarray(gain + 0.5 * motion.likelihood_exponent * difference)
 
 
-def are_compared(log_weight: Array, log_prior: Array, moved_s: float) -> Bools:
-    """Which of K trackers are kept after ``moved_s`` seconds of motion: those near the best, and from
+def are_kept(log_weight: Array, log_prior: Array, moved_s: float) -> Bools:
+    """Which of K filters are kept after ``moved_s`` seconds of motion: those near the best, and from
     ``DECIDED_AFTER_S`` on the best alone.
 
     Parameters
@@ -235,10 +236,10 @@ def are_compared(log_weight: Array, log_prior: Array, moved_s: float) -> Bools:
     if moved_s < DROP_AFTER_S:
         return np.ones(len(log_weight), np.bool_)
     scores = log_weight, log_weight - log_prior
-    best, best_by_evidence = (int(one.argmax()) for one in scores)
+    best, best_by_evidence = (int(score.argmax()) for score in scores)
     if moved_s >= LONGEST_S or (moved_s >= DECIDED_AFTER_S and best == best_by_evidence):
         return np.asarray(np.arange(len(log_weight)) == best_by_evidence, np.bool_)
-    return np.asarray(np.any([one > one.max() - MARGIN_NATS for one in scores], axis=0))
+    return np.asarray(np.any([score > score.max() - MARGIN_NATS for score in scores], axis=0))
 
 
 DOUBT: Final = 0.5
@@ -246,11 +247,11 @@ DOUBT: Final = 0.5
 
 
 def mixture(beliefs: Sequence[Belief], log_weight: Array, known_map: Map = EMPTY_MAP) -> Belief:
-    """The belief of K trackers by their ``log_weight`` (K,): the mean posterior, and the label of a tracker
-    that is most probable in it. States that are more probable in the mean, but that no tracker names, are
+    """The belief of K filters by their ``log_weight`` (K,): the mean posterior, and the label of a filter
+    that is most probable in it. States that are more probable in the mean, but that no filter names, are
     indistinguishable from it and share their probability with it.
 
-    Onset, elements and alternatives are those of the most probable tracker with this label. ``known_map`` has
+    Onset, elements and alternatives are those of the most probable filter with this label. ``known_map`` has
     the contacts that can occur.
     """
     if len(beliefs) == 1:
@@ -258,7 +259,7 @@ def mixture(beliefs: Sequence[Belief], log_weight: Array, known_map: Map = EMPTY
     weight = np.exp(log_weight - log_weight.max())
     weight /= weight.sum()
     probability = weight @ np.array([belief.probability for belief in beliefs])
-    label = max((one.contact for one in beliefs), key=lambda contact: probability[contact.column])
+    label = max((belief.contact for belief in beliefs), key=lambda contact: probability[contact.column])
     ahead = [state for state in STATES if probability[state.column] > probability[label.column]]
     probability = shared_with(probability, label, ahead)
     share = [
@@ -266,10 +267,10 @@ def mixture(beliefs: Sequence[Belief], log_weight: Array, known_map: Map = EMPTY
     ]
     number = max(range(len(beliefs)), key=lambda i: (share[i], i))
     source = beliefs[number]
-    others = {*source.inseparable, *ahead}
-    source = replace(source, inseparable=tuple(state for state in STATES if state in others))
-    # as of the other trackers they may be rivals; only one of the trackers searches further contacts, and
-    # only its label is limited
+    alike = {*source.inseparable, *ahead}
+    source = replace(source, inseparable=tuple(state for state in STATES if state in alike))
+    # states of the other filters may be rivals; only one filter searches further contacts, and only its label
+    # is limited
     probability = reported(probability, label, source.inseparable, known_map, is_open=source.is_open)
     return replace(source, probability=probability)
 
@@ -277,7 +278,7 @@ def mixture(beliefs: Sequence[Belief], log_weight: Array, known_map: Map = EMPTY
 def mixed_with_uniform(probability: Array, possible: tuple[Contact, ...] = CONTACTS) -> Array:
     """Posterior (..., 7) mixed with a uniform one over free motion and the ``possible`` contacts, while the
     poses or the map may be wrong."""
-    uniform = np.array([one in (*possible, Contact.FREE) for one in STATES]) / (1 + len(possible))
+    uniform = np.array([state in (*possible, Contact.FREE) for state in STATES]) / (1 + len(possible))
     return np.asarray((1.0 - DOUBT) * probability + DOUBT * uniform)
 
 
@@ -290,7 +291,7 @@ DISPLACEMENT_RATIO: Final = 4.0
 """There is motion if the squared displacement over ``SPAN_TICKS`` ticks exceeds that of noise by this
 factor."""
 LASTING_TICKS: Final = 3
-"""Number of consecutive ticks in which it must; noise does so once, but seldom three times."""
+"""Number of consecutive ticks in which there must be motion; noise seldom looks like it three times."""
 
 
 def is_moving(lifted_poses: Array) -> bool:
@@ -331,7 +332,7 @@ class LatestMotion(NamedTuple):
         """Whether the object rests."""
         return not self.moves and self.ticks_with_excess <= NOW_TICKS
 
-    def then(self, tick: Tick) -> "LatestMotion":
+    def append(self, tick: Tick) -> "LatestMotion":
         """The motion after one more tick."""
         if not tick.count:
             return LatestMotion(self.lifted_poses)
@@ -350,20 +351,20 @@ class FilterBank:
 
     Parameters
     ----------
-    model, known_map, lag_s : as given; ticks of the filters may be longer.
+    model, known_map, lag_s : the requested ones; ticks of the filters may be longer.
     grid : averages poses into ticks for all filters; None before the second pose.
     filters : none before the second pose.
-    log_weight, log_prior : (K,) log weights of the filters, and the part of them that is no evidence.
+    log_weight, log_prior : (K,) log weights of the filters, and their prior part.
     pending : poses so far, until the other filters start with them; then None.
     moved_s : time for which the object has moved.
-    motion : that of the latest ticks.
+    motion : motion in the latest ticks.
     latest_ns : stamps of the latest poses, for the rate.
     period_s : the usual time between poses, if it is known in advance: then ticks do not change.
     body_m : (3,) point of the body that is tracked, in the body frame; by the first
         ``RATIO_POSES`` where the period is not known in advance.
-    map : that of before the rate has changed; None if it has not.
-    earlier_outliers : those from before.
-    changed_since_ns : time since which the rate is another one; None if it is not.
+    map : the map from before a change of the rate; None without a change.
+    earlier_outliers : outliers from before a change of the rate.
+    changed_since_ns : time since which the rate does not suit the ticks; None if it does.
     """
 
     model: Model
@@ -384,15 +385,15 @@ class FilterBank:
     changed_since_ns: int | None = None
 
     def copied(self) -> Self:
-        """A copy that is updated without a change of this one; what does not change in place is shared."""
-        other = type(self)(**vars(self))  # faster than ``copy``
-        other.filters = [*map(ContactFilter, map(attrgetter("state"), self.filters))]
-        other.grid = None if self.grid is None else TickGrid(**vars(self.grid))
-        return other
+        """A copy that can be updated without changing this bank; immutable parts are shared."""
+        copy = type(self)(**vars(self))  # faster than ``copy``
+        copy.filters = [*map(ContactFilter, map(attrgetter("state"), self.filters))]
+        copy.grid = None if self.grid is None else TickGrid(**vars(self.grid))
+        return copy
 
     @property
     def is_decided(self) -> bool:
-        """Whether one filter is left, and none is to start."""
+        """Whether one filter remains, and no other will start."""
         return self.pending is None and len(self.filters) == 1
 
     @property
@@ -406,14 +407,14 @@ class FilterBank:
         return self.earlier_outliers.joined(self.filters[0].state.outliers if self.filters else NO_OUTLIERS)
 
     def waits(self, stamp_ns: int) -> bool:
-        """Whether a pose of this time is needed at the end of the tick only, not for the rate. Then work is
-        done for the next tick that its poses do not change."""
+        """Whether a pose of this time is needed at the end of the tick only, not for the rate. If so, the
+        part of the next tick's work that does not depend on its poses is done now."""
         rate_is_known = self.pending is None or len(self.pending) >= RATE_POSES
         if not rate_is_known or self.grid is None or not self.grid.goes_on(stamp_ns):
             return False
-        for one in self.filters:
-            if one.state.cached_proposals.map is not one.state.map:
-                one.prepare()
+        for filter_ in self.filters:
+            if filter_.state.cached_proposals.map is not filter_.state.map:
+                filter_.prepare()
         return True
 
     def add(self, poses: Poses, detail: Detail) -> list[Belief]:
@@ -453,22 +454,22 @@ class FilterBank:
 
     def _withheld(self) -> Iterator[Belief]:
         """The beliefs that the lag has withheld."""
-        for beliefs in zip(*(one.finish() for one in self.filters), strict=True):
+        for beliefs in zip(*(filter_.finish() for filter_ in self.filters), strict=True):
             yield mixture(beliefs, self.log_weight, self.known_map)
 
     def _add(self, poses: Poses, detail: Detail) -> list[Belief]:
         beliefs = list[Belief]()
         while self.pending is not None and len(poses):  # until all filters have started
-            many = len(self.pending)
-            enough = RATIO_POSES if many >= RATE_POSES else RATE_POSES if self.filters else FIRST_POSES
-            missing = max(enough - many, 1)
-            some, poses = poses[:missing], poses[missing:]
-            self.pending = Poses.join([self.pending, some])
+            count = len(self.pending)
+            enough = RATIO_POSES if count >= RATE_POSES else RATE_POSES if self.filters else FIRST_POSES
+            missing = max(enough - count, 1)
+            batch, poses = poses[:missing], poses[missing:]
+            self.pending = Poses.join([self.pending, batch])
             if self.grid is not None:
-                beliefs += self._update(self.grid.add(some), detail)
-            if len(some) == missing and enough == RATIO_POSES:
+                beliefs += self._update(self.grid.add(batch), detail)
+            if len(batch) == missing and enough == RATIO_POSES:
                 self._start_others(detail)
-            elif len(some) == missing:
+            elif len(batch) == missing:
                 beliefs += self._start_first(detail)
         if self.grid is not None and poses.stamp_ns.size and (ticks := self.grid.add(poses)):
             beliefs += self._update(ticks, detail)
@@ -477,7 +478,7 @@ class FilterBank:
     def _restart(self, model: Model, detail: Detail) -> list[Belief]:
         """Start again with other ticks, at the first pose of the current tick; the map is kept, and the
         beliefs within the lag are reported first."""
-        before = [*self._withheld()]
+        withheld = [*self._withheld()]
         assert self.best is not None
         assert self.grid is not None
         assert self.grid.origins is not None
@@ -493,11 +494,11 @@ class FilterBank:
             earlier_outliers=self.outliers,
         )
         vars(self).update(vars(again))
-        return [*before, *self._begin([model], detail)]
+        return [*withheld, *self._begin([model], detail)]
 
     def _start_first(self, detail: Detail) -> list[Belief]:
-        """Start the filter of the model as given, with ticks for the rate so far; again from the first pose
-        where the ticks were others. Its beliefs after the last that was reported."""
+        """Start the filter of the given model, with ticks for the rate so far, from the first pose, unless
+        it has such ticks already. Returns its beliefs after the last reported one."""
         assert self.pending is not None
         period_s = usual_period_s(self.pending.stamp_ns.tolist()) if self.period_s is None else self.period_s
         model = with_ticks_for(self.model, period_s)
@@ -505,19 +506,19 @@ class FilterBank:
             return []
         last = self.filters[0].reported if self.filters else None
         beliefs = self._begin([model], detail)
-        return beliefs if last is None else [one for one in beliefs if one.stamp_ns > last.stamp_ns]
+        return beliefs if last is None else [belief for belief in beliefs if belief.stamp_ns > last.stamp_ns]
 
     def _start_others(self, detail: Detail) -> None:
         """Choose the tracked point by the poses so far, and begin again with all filters."""
         assert self.pending is not None
         if self.period_s is None and self.map is None:
             self.body_m = independent_point(self.pending)
-        chosen = candidates(self.filters[0].state.model, self.pending.of_point(self.body_m))
-        self.log_weight = self.log_prior = np.array([log_prior for _, log_prior in chosen])
+        variants = candidates(self.filters[0].state.model, self.pending.of_point(self.body_m))
+        self.log_weight = self.log_prior = np.array([log_prior for _, log_prior in variants])
         assert self.grid is not None
         begin_ns = self.grid.begin_ns
         assert begin_ns is not None
-        self._begin([model for model, _ in chosen], detail)  # the beliefs were reported already
+        self._begin([model for model, _ in variants], detail)  # the beliefs were reported already
         for _ in range(2):  # also of ticks that were closed early, or empty
             self._update(self.grid.pass_time(begin_ns), detail)
         self.pending = None
@@ -526,18 +527,18 @@ class FilterBank:
         """Begin with filters of these models at the first pending pose; the beliefs so far."""
         assert self.pending is not None
         first_ns, origins = int(self.pending.stamp_ns[0]), None if self.grid is None else self.grid.origins
-        self.filters = [ContactFilter.start(one, self.lag_s, self.known_map) for one in models]
+        self.filters = [ContactFilter.start(model, self.lag_s, self.known_map) for model in models]
         if self.map is not None and origins is not None:
-            self.grid = TickGrid.begun(models[0], first_ns, origins)
-            for one in self.filters:
-                one.state = one.state._replace(map=self.map)
+            self.grid = TickGrid.start(models[0], first_ns, origins)
+            for filter_ in self.filters:
+                filter_.state = filter_.state._replace(map=self.map)
         else:
             self.grid = TickGrid(models[0], self.body_m)
         self.moved_s, self.motion = 0.0, NO_MOTION
         return self._update(self.grid.add(self.pending), detail)
 
     def _update(self, ticks: list[Tick], detail: Detail) -> list[Belief]:
-        """Update the filters by ticks; those that are dropped are left out of later ticks."""
+        """Update the filters by ticks; dropped filters are left out of later ticks."""
         beliefs = list[Belief]()
         for number, tick in enumerate(ticks):
             first = self.filters[0]
@@ -549,42 +550,42 @@ class FilterBank:
             if self.filters[0] is not first:  # which was dropped
                 assert self.grid is not None
                 first = self.filters[0]
-                ticks[number + 1 :] = [first.as_seen(one) for one in ticks[number + 1 :]]
+                ticks[number + 1 :] = [first.as_seen(later) for later in ticks[number + 1 :]]
                 self.grid.follow(first.state.model, first.state.free_motion)
         return beliefs
 
     def _update_all(self, tick: Tick, detail: Detail) -> list[Belief]:
         """Update all filters by a tick."""
-        self.motion = self.motion.then(tick)
+        self.motion = self.motion.append(tick)
         best, evidence = int(self.log_weight.argmax()), list[TickEvidence]()
         # only the best looks for further contacts and curvature
-        for number, one in enumerate(self.filters):
-            own = detail if number == best else min(detail, Detail.GEOMETRY)
-            seen = one.as_seen(tick) if number else tick
-            before = one.state
-            one.update(seen, own, number == best)
-            evidence.append(tick_evidence(before, one.state))
+        for number, filter_ in enumerate(self.filters):
+            filter_detail = detail if number == best else min(detail, Detail.GEOMETRY)
+            seen = filter_.as_seen(tick) if number else tick
+            before = filter_.state
+            filter_.update(seen, filter_detail, number == best)
+            evidence.append(tick_evidence(before, filter_.state))
         curved = self.filters[best].state.curved  # tested by one for all
-        for one in self.filters:
-            if one.state.label is Contact.FREE:
-                one.state = one.state._replace(curved=curved._replace(since=one.state.free_since))
+        for filter_ in self.filters:
+            if filter_.state.label is Contact.FREE:
+                filter_.state = filter_.state._replace(curved=curved._replace(since=filter_.state.free_since))
         evidence = self._weigh(evidence)
-        beliefs = [belief for belief in (one.reported for one in self.filters) if belief is not None]
+        beliefs = [belief for belief in (filter_.reported for filter_ in self.filters) if belief is not None]
         if not beliefs:  # all have the same lag
             return []
-        activity = np.array([one.activity for one in evidence])
+        activity = np.array([tick.activity for tick in evidence])
         log_weight = self.log_weight - (0.0 if self.motion.moves else REST_NATS) * activity
         return [mixture(beliefs, log_weight, self.known_map)]
 
     def _weigh(self, evidence: list[TickEvidence]) -> list[TickEvidence]:
-        """Weigh the filters by their evidence of a tick, if the object moves in it; returns that of those
-        that are kept."""
+        """Weigh the filters by their evidence of a tick, if the object moves in it; returns the evidence of
+        the filters that are kept."""
         if len(evidence) == 1 or not self.motion.moves:
             return evidence
         model = self.filters[0].state.model
         log_weight = self.log_weight + relative_evidence(evidence, model.motion)
         self.moved_s += model.tick_s
-        kept = np.flatnonzero(are_compared(log_weight, self.log_prior, self.moved_s))
+        kept = np.flatnonzero(are_kept(log_weight, self.log_prior, self.moved_s))
         self.filters = [self.filters[i] for i in kept]
         self.log_weight = log_weight[kept] - log_weight.max()
         self.log_prior = self.log_prior[kept]
@@ -595,8 +596,8 @@ class Report(NamedTuple):
     """The requested ``model`` and the one ``chosen``, whether the choice ``is_decided``; standard deviations
     (m, rad) of the ``noise`` of a pose, as estimated or given, of a ``tick``, with usually
     ``poses_per_tick``, and of ``lasting`` errors, correlated over ticks; the ``findings``. ``point_m``
-    (3,): point of the body that is tracked, to which these belong. ``is_cut_short``: more of the stream could
-    decide what is not decided. ``map_use``: how a learned map is used, in words."""
+    (3,): point of the body that is tracked, to which these belong. ``is_cut_short``: a longer stream could
+    decide the choice. ``map_use``: how a learned map is used, in words."""
 
     model: Model
     chosen: Model

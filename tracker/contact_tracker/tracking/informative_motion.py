@@ -1,8 +1,8 @@
-"""What to move next: small motions that would tell states apart which the motion so far does not.
+"""Suggested motions: small motions that would distinguish states that the motion so far does not.
 
 A motion that one contact allows and another forbids separates the two. Its expected evidence (docs/theory.md,
 T50; nats) is that of the residual it would leave in the fit of the other contact, against the noise of a tick
-and what is not known of that fit's geometry: 1/2 r' (G P G' + N)^-1 r, with the residuals r (K,) after the
+and the uncertainty of that fit's geometry: 1/2 r' (G P G' + N)^-1 r, with the residuals r (K,) after the
 motion, their slopes G (K, S) by the geometry, its covariance P (S, S) and the noise N. Where the label's
 evidence is ahead and a state is open only since the motion has not used all directions that the label leaves
 (T24), the motion is one that uses the direction that was used least; its evidence is the label's lead.
@@ -35,11 +35,11 @@ Array = NDArray[np.float64]
 
 TURN_RAD: Final = radians(15.0)
 """A motion is proposed up to this turn, or a shift as long as it turns ``LEVER_M``: small enough to be made
-by hand without leaving contact. With 5 deg v-f is not told from e-e (4 nats a move)."""
+by hand without leaving contact. With 5 deg v-f is not distinguished from e-e (4 nats a move)."""
 SHIFT_M: Final = TURN_RAD * LEVER_M
 SMALL: Final = 0.1
-"""Share of a turn beside a shift, and of a shift along the axis beside a turn in what is printed, below which
-it is left out."""
+"""A turn smaller than this share of the shift is left out; in the text also a shift smaller than this share
+of the turn."""
 PROJECTIONS: Final = 3
 """Newton steps by which a motion along the tangent is brought back into the contact that allows it."""
 
@@ -87,7 +87,7 @@ class InformativeMotion:
 
 def informative_motions(state: FilterState) -> tuple[InformativeMotion, ...]:
     """The most informative motion for each state that the motion does not distinguish from the label, across
-    the others, the most informative first; without those of which none would show anything more."""
+    the others, the most informative first; without states that no motion would distinguish."""
     belief = state.belief
     if belief is None or not belief.inseparable or not len(state.window):
         return ()
@@ -98,14 +98,14 @@ def informative_motions(state: FilterState) -> tuple[InformativeMotion, ...]:
     motions, named = [], np.zeros((0, 6))
     for rival in belief.inseparable:
         pairs = ((label, rival), (rival, label))
-        candidates = [one for pair in pairs for one in _between(state, fits, pair, named)]
+        candidates = [motion for pair in pairs for motion in _between(state, fits, pair, named)]
         ahead_nats = float(min(lead_nats[rival.column], ambiguity.MOST_NATS))
         if ahead_nats > DECISIVE:
             candidates += _unused(state, fits, onset, (label, rival), named, ahead_nats)
-        for motion, twist in sorted(candidates, key=lambda one: -one[0].evidence_nats)[:1]:
+        for motion, twist in sorted(candidates, key=lambda candidate: -candidate[0].evidence_nats)[:1]:
             motions.append(motion)
             named = np.concatenate([named, [twist / np.linalg.norm(twist)]])
-    return tuple(sorted(motions, key=lambda one: -one.evidence_nats))
+    return tuple(sorted(motions, key=lambda motion: -motion.evidence_nats))
 
 
 class _Fit(NamedTuple):
@@ -128,13 +128,13 @@ class _Fit(NamedTuple):
         return np.asarray(self.moves @ self.model.lifted(zeta) / np.repeat([LEVER_M, 1.0], 3))
 
     def precision(self, zeta: Array) -> Array:
-        """Inverse covariance (K, K) of the residuals at a pose, by noise and by what is not known."""
+        """Inverse covariance (K, K) of the residuals at a pose, by noise and the uncertainty of x."""
         slopes = self.model.family.rows_derivative(self.x) @ self.model.lifted(zeta)
         return np.asarray(np.linalg.inv(np.diag(self.variance) + slopes @ self.covariance @ slopes.T))
 
 
 def _fits(state: FilterState, onset: int, contacts: tuple[Contact, ...]) -> Iterator[tuple[Contact, _Fit]]:
-    """The fits of contacts since about an onset, as far as there are any."""
+    """The fits of contacts with about this onset, if there are any."""
     rows = ambiguity.best_since(state.banks, onset, state.ticks - 1)
     for contact in contacts:
         if contact is Contact.FREE:
@@ -143,12 +143,12 @@ def _fits(state: FilterState, onset: int, contacts: tuple[Contact, ...]) -> Iter
         row = rows[contact.column]
         if row is None:
             continue
-        one, beyond = bank.single(row), state.model.noise.extra_contact_variance[contact.column]
+        hypothesis, beyond = bank.single(row), state.model.noise.extra_contact_variance[contact.column]
         variance = state.window.with_error(beyond).usual_variance
-        covariance = information_spectrum(one, model, state.scales, variance).covariance
-        weight = per_metre(model.family, one.second_moment[0], one.row_weight[0], one.x[0])
+        x, spectrum = hypothesis.x[0], information_spectrum(hypothesis, model, state.scales, variance)
+        weight = per_metre(model.family, hypothesis.second_moment[0], hypothesis.row_weight[0], x)
         noise = variance[0] / np.maximum(weight, np.finfo(float).tiny)
-        yield contact, _Fit(model, one.x[0], covariance, noise, perturbed_rows(one, model))
+        yield contact, _Fit(model, x, spectrum.covariance, noise, perturbed_rows(hypothesis, model))
 
 
 def _between(
@@ -168,8 +168,8 @@ def _between(
         return
     root = np.linalg.cholesky(forbids.precision(zeta))
     twist = free @ np.linalg.svd(root.T @ jacobian @ free)[2][0]
-    both = (_reached(zeta, sign * _within_limits(twist), allows) for sign in (1.0, -1.0))
-    moved, twist = max(both, key=lambda one: _evidence(forbids, one[0]))
+    ends = (_reached(zeta, sign * _within_limits(twist), allows) for sign in (1.0, -1.0))
+    moved, twist = max(ends, key=lambda end: _evidence(forbids, end[0]))
     evidence_nats = _evidence(forbids, moved)
     if evidence_nats > DECISIVE:
         yield _described(state, zeta, twist, pair, evidence_nats), twist

@@ -1,6 +1,6 @@
-"""Passes over a recording with the map that the pass before has made, until it stands (docs/theory.md, T46).
+"""Passes over a recording with the map of the pass before, until it is settled (docs/theory.md, T46).
 
-A contact may touch elements that others have touched, at little cost, or new ones, at a price.
+A contact may touch elements of other contacts, at little cost, or new ones, at a price.
 """
 
 from collections.abc import Callable, Iterator
@@ -20,7 +20,7 @@ from contact_tracker.tracking.belief import Segment
 from contact_tracker.tracking.contact_filter import ContactFilter
 from contact_tracker.tracking.offline_smoother import PassRecord, Segmenter, pieces
 from contact_tracker.tracking.segment_fit import without_short_gaps
-from contact_tracker.tracking.segmentation import Beliefs, Segmentation
+from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.tracking.transition_model import FREE
 
 MOST_PASSES: Final = 2
@@ -34,12 +34,13 @@ contacts they win by up to 32, and one of two that win by 30 or more is less oft
 def with_map(
     first_pass: Iterator[Segmentation], record: PassRecord, executor: Executor | None = None
 ) -> Iterator[Segmentation]:
-    """The whole recording as its first pass segments it, or a pass with its map, if that explains it better;
-    free motion is open where a touch is not excluded. Of a very long recording the first pass as it goes.
+    """The segmentation by the first pass, or by a pass with its map, if that explains the recording better;
+    free motion is open where a touch is not excluded. If the recording is very long, the first pass, piece by
+    piece.
 
     Parameters
     ----------
-    record : that to which the first pass is noted.
+    record : the record of the first pass.
     """
     waiting = list[Segmentation]()
     for piece in first_pass:
@@ -52,35 +53,38 @@ def with_map(
         yield from waiting
         return
     first = Segmentation.join(waiting)
-    found = _better_pass(record, executor) or first
-    found = _with_touches(found, first, record.pace, record.state.model.certainty.posterior_power)
-    yield replace(found, filtered=first.filtered, outliers=first.outliers)
+    result = _better_pass(record, executor) or first
+    result = _with_touches(result, first, record.pace, record.state.model.certainty.posterior_power)
+    world, allowed = record.state.map, record.state.known_map.allowed
+    if world.is_untested or world.prior_is_dropped:  # its price hid contacts in free motion
+        result = _with_open_free(result, np.ones(len(result.beliefs), bool), lambda _: allowed)
+    yield replace(result, filtered=first.filtered, outliers=first.outliers)
 
 
 def _better_pass(first: PassRecord, executor: Executor | None) -> Segmentation | None:
     """The last pass with a map that explains the recording better than the pass before; None without one.
 
-    In the first pass only sure contacts had a price, a small one. So that evidences compare, each of its
-    contacts pays that of new elements, and a map the complexity of what its contacts share.
+    In the first pass only certain contacts had a price, a small one. To make the evidence comparable, each of
+    its contacts pays the price of new elements, and a map the complexity of its shared elements.
     """
     assert first.state is not None
     best: Segmentation | None = None
     allowed = first.state.known_map.allowed
     best_evidence = first.log_evidence + log_prior_of_new(len(first.contacts)) + DECISIVE_NATS
-    before = first
+    previous = first
     for _ in range(MOST_PASSES):
         start = first.state.map
-        world = GrowingMap.learn(before.sightings, start.reach_m, len(first.contacts), start.prior)
-        after = PassRecord()
-        found = _pass(first, world, after, executor)
+        world = GrowingMap.learn(previous.sightings, start.reach_m, len(first.contacts), start.prior)
+        latest = PassRecord()
+        result = _pass(first, world, latest, executor)
         if not world.complexity:
-            found = _with_open_free(found, np.ones(len(found.beliefs), bool), lambda _: allowed)
-        evidence = after.log_evidence - world.complexity
+            result = _with_open_free(result, np.ones(len(result.beliefs), bool), lambda _: allowed)
+        evidence = latest.log_evidence - world.complexity
         if evidence <= best_evidence:
             break
-        is_settled = best is not None and _labels(best) == _labels(found)
-        best, best_evidence, before = found, evidence, after
-        first.best = after
+        is_settled = best is not None and _labels(best) == _labels(result)
+        best, best_evidence, previous = result, evidence, latest
+        first.best = latest
         if is_settled:
             break
     return best
@@ -98,29 +102,29 @@ def _pass(
     return Segmentation.join(list(pieces(first.ticks, start, Segmenter(executor, record=record))))
 
 
-def _with_touches(found: Segmentation, first: Segmentation, pace: float, power: float) -> Segmentation:
+def _with_touches(segmentation: Segmentation, first: Segmentation, pace: float, power: float) -> Segmentation:
     """The segmentation with free motion open to the most probable contact where the ``first`` pass, without a
     map, is not sure of it at the ``pace`` of the recording.
 
-    By the price of new elements alone a map takes short contacts for free motion. A touch within free motion
-    is two changes, so that its odds follow the square of the pace; the posterior has the ``power``.
+    Because of the price of new elements, a pass with a map takes short contacts for free motion. A touch
+    within free motion is two changes, so its odds grow with the square of the pace; the posterior has the
+    ``power``.
     """
     probability = first.beliefs.probability
     odds = pace ** (2.0 * power) * probability[:, :FREE]
     is_open = odds.sum(axis=1) >= ambiguity.NOT_EXCLUDED * probability[:, FREE]
-    return _with_open_free(found, is_open, lambda rows: (STATES[int(odds[rows].sum(axis=0).argmax())],))
+    return _with_open_free(segmentation, is_open, lambda rows: (STATES[odds[rows].sum(axis=0).argmax()],))
 
 
 def _with_open_free(
-    found: Segmentation,
+    segmentation: Segmentation,
     is_open: NDArray[np.bool_],
     rivals: Callable[[NDArray[np.int64]], tuple[Contact, ...]],
 ) -> Segmentation:
     """The segmentation with free motion open to ``rivals`` in the ticks that ``is_open`` (T,), short gaps of
     these included. A segment is open if most of its ticks are."""
-    known, rows = found.beliefs, found.beliefs.rows.copy()
-    segments = list[Segment]()
-    for segment in found.segments:
+    rows, segments = segmentation.beliefs.rows.copy(), list[Segment]()
+    for segment in segmentation.segments:
         first, end = rows["stamp_ns"].searchsorted([segment.start_ns, segment.end_ns + 1])
         within = without_short_gaps(is_open[first:end])
         if segment.contact is Contact.FREE and within.any():
@@ -131,13 +135,13 @@ def _with_open_free(
                 rows["probability"][row] = shared
             rows["inseparable"][open_rows] = [state in others for state in STATES]
             p = float(rows["probability"][first:end, FREE].mean())
-            if 2 * len(open_rows) > end - first:
-                segment = replace(segment, inseparable=others)
-            segment = replace(segment, probability=p)
+            is_mostly_open = 2 * len(open_rows) > end - first
+            inseparable = others if is_mostly_open else segment.inseparable
+            segment = replace(segment, probability=p, inseparable=inseparable)
         segments.append(segment)
-    beliefs = Beliefs(rows, known.geometries, known.formations, known.joints)
-    return replace(found, segments=tuple(segments), beliefs=beliefs)
+    beliefs = replace(segmentation.beliefs, rows=rows)
+    return replace(segmentation, segments=tuple(segments), beliefs=beliefs)
 
 
-def _labels(found: Segmentation) -> list[tuple[str, int]]:
-    return [(one.contact.value, one.start_ns) for one in found.segments]
+def _labels(segmentation: Segmentation) -> list[tuple[str, int]]:
+    return [(segment.contact.value, segment.start_ns) for segment in segmentation.segments]

@@ -52,7 +52,7 @@ LONGEST_SETTLING_TICKS: Final = SETTLING_TICKS + 1 + NOW_TICKS
 ROOM_BYTES: Final = 60_000_000
 """Size of the open part (an object at rest may keep hours open) above which its older half is reported with
 the posterior so far."""
-_FEW: Final = 256
+_BELIEF_BATCH: Final = 256
 _BATCH_TICKS: Final = 32
 """Ticks by which the trellis is extended at once; one by one takes twice as long."""
 
@@ -97,18 +97,18 @@ def segment(
 
 def pieces(
     ticks: Iterable[Tick],
-    one: ContactFilter,
+    filter_: ContactFilter,
     segmenter: "Segmenter",
     online: Detail = Detail.WEIGHTS,
     watch: Callable[[FilteredTick], None] | None = None,
 ) -> Iterator[Segmentation]:
     """The segmentation of a recording piece by piece and in bounded memory.
 
-    Each piece holds the segments concluded since the piece before with their smoothed beliefs, and the online
+    Each piece has the segments concluded since the piece before with their smoothed beliefs, and the online
     beliefs since then, which are ahead of the smoothed ones. The latter have the detail ``online``, and are
-    left out with ``Detail.WEIGHTS``. The ``segmenter`` may use wrenches, or keep what a map is made of.
+    left out with ``Detail.WEIGHTS``. The ``segmenter`` may use wrenches, or record the sightings for a map.
     """
-    for filtered in forward(ticks, one, online):
+    for filtered in forward(ticks, filter_, online):
         segmenter.note(filtered, online >= Detail.SHARED)
         if watch is not None:
             watch(filtered)
@@ -142,7 +142,7 @@ class _Gap(NamedTuple):
 
 
 MOST_TICKS: Final = 36_000
-"""Number of ticks up to which a recording is kept for a second pass, an hour of most: 1 kB each."""
+"""Largest number of ticks, 1 kB each, that are kept for a second pass: an hour with ticks of 0.1 s."""
 
 
 class PassRecord:
@@ -164,7 +164,7 @@ class PassRecord:
 
     @property
     def map(self) -> GrowingMap | None:
-        """The map of the best pass, or of a very long recording as it has grown; None without poses."""
+        """The map of the best pass, or the online map if the recording is too long; None without poses."""
         if self.state is None:
             return None
         start = self.state.map
@@ -184,7 +184,7 @@ class PassRecord:
         return 0.0 if self.state is None else self.state.log_evidence
 
     def note(self, state: FilterState, tick: Tick) -> None:
-        """Append a tick, one of those that lead to ``state``."""
+        """Append a tick, after which the filter has this ``state``."""
         self.state = state
         self.is_full = self._count == MOST_TICKS
         if self.is_full:
@@ -197,12 +197,12 @@ class PassRecord:
             self.ticks.append(tick)
 
     def note_segment(self, finished: FinishedSegment, fit: SegmentFit, parts: Sequence[Segment]) -> None:
-        """Append a segment with its moved and resting parts; only a sure one says something about its
+        """Append a segment with its moved and resting parts; only a certain segment is a sighting of its
         elements."""
         self._count_changes(finished)
         if fit.contact is not Contact.FREE:
             self.contacts.append(fit.contact)
-        is_sure = any(one.probability >= MAP_INSERTION_PROBABILITY and not one.inseparable for one in parts)
+        is_sure = any(p.probability >= MAP_INSERTION_PROBABILITY and not p.inseparable for p in parts)
         if fit.estimate is not None and is_sure and not self.is_full:
             index, start_ns = finished.ticks.window.index, int(finished.rows["start_ns"][0])
             span = int(index[0]), int(index[-1]) + 1
@@ -269,7 +269,7 @@ class Segmenter:
             self._extended_trellis()
         if is_reported:
             self._online.append(belief)
-        if len(self._online) == _FEW:  # objects are large
+        if len(self._online) == _BELIEF_BATCH:  # objects are large
             self._filtered.append(Beliefs.of(self._online))
             self._online.clear()
         self._state, self._newest = state, tick
@@ -317,7 +317,7 @@ class Segmenter:
         return self._next_piece(len(self._finished) if self._executor is None else fitted_before)
 
     def finish(self) -> Segmentation:
-        """The rest, at the end of the recording."""
+        """The remaining segments, at the end of the recording."""
         if self._forward is None:
             return Segmentation()
         frontier = self._extended_trellis()
@@ -332,8 +332,8 @@ class Segmenter:
         assert self._forward is not None
         for evidence, row in self._pending:
             if evidence is None:
-                for each in (self._forward, self._past, self._survivors):
-                    each.skip()
+                for recursion in (self._forward, self._past, self._survivors):
+                    recursion.skip()
             else:
                 alive, change = evidence
                 step = self._forward.advance(*alive, change)
@@ -353,8 +353,8 @@ class Segmenter:
             self._posterior.append((row,))
 
     def _whole_gaps(self, certain: int) -> int:
-        """At most ``certain`` of the oldest open ticks, so that those of a gap are reported together with the
-        ticks before and after, from which their posterior is interpolated."""
+        """At most ``certain`` of the oldest open ticks, so that the ticks of a gap are reported with those
+        before and after, from which their posterior is interpolated."""
         end = self._past.first + certain
         for number, gap in self._gaps.items():
             if number - gap.length <= end <= number:
@@ -362,7 +362,7 @@ class Segmenter:
         return max(end - self._past.first, 0)
 
     def _append_decided(self, segments: Iterable[hmm.PathSegment]) -> None:
-        """Append decided path segments; those of free motion, one for each tick, are joined."""
+        """Append decided path segments; segments of free motion, one for each tick, are joined."""
         for state, onset, end in segments:
             if self._path and state == self._path[-1][0] == FREE:
                 onset = self._path.pop()[1]
@@ -377,31 +377,31 @@ class Segmenter:
     def _begin_fits(self, final: bool) -> None:
         """Fit the segments whose posterior is decided, to some ticks after them, in which a rest may go on;
         free motion at the end may continue unless ``final``."""
-        beside = 2 * rest_ticks(self._state.model.tick_s)
-        decided = len(self._posterior) - (0 if final else beside)
+        margin = 2 * rest_ticks(self._state.model.tick_s)
+        decided = len(self._posterior) - (0 if final else margin)
         while self._path and self._path[0][2] - self._first <= decided:
             state, _, end = self._path[0]
             if state == FREE and len(self._path) == 1 and not final:
                 return
             self._path.popleft()
             first, end = len(self._before), max(end - self._first, 0)
-            after = self._ticks.rows(0, min(end + beside, len(self._ticks)))
-            around = np.concatenate([self._before, after])
+            following = self._ticks.rows(0, min(end + margin, len(self._ticks)))
+            around = np.concatenate([self._before, following])
             resting = self._rests(self._first - first, around)
-            count = end_at_rest(resting, first + end, beside) - first
+            count = end_at_rest(resting, first + end, margin) - first
             self._posterior.move_change(end, count)
             if count <= 0:  # the rest beside it is that of another segment
                 continue
             rows = _continued(self._ticks.take(count))
-            last = not len(self._ticks)
-            end_ns = int(rows["stamp_ns"][-1] if last else self._ticks.rows(0, 1)["start_ns"][0] - 1)
+            is_last = not len(self._ticks)
+            end_ns = int(rows["stamp_ns"][-1] if is_last else self._ticks.rows(0, 1)["start_ns"][0] - 1)
             posterior = self._posterior.take(count)["probability"]
             ticks = self._segment_ticks(state, rows)
             rests = without_short_gaps(resting[first : first + count])
             self._finished.append(FinishedSegment(state, rows, end_ns, posterior, ticks, rests))
             if self._executor is not None:
                 self._fits.append(self._executor.submit(fit_segments, [ticks]))
-            self._first, self._before = self._first + count, around[: first + count][-beside:]
+            self._first, self._before = self._first + count, around[: first + count][-margin:]
             decided -= count
 
     def _rests(self, first: int, rows: NDArray[np.void]) -> NDArray[np.bool_]:
@@ -435,38 +435,38 @@ class Segmenter:
         """The oldest ``count`` segments being fitted, and the online beliefs since the last piece."""
         finished = [self._finished.popleft() for _ in range(count)]
         if self._executor is None:
-            fits = fit_segments([one.ticks for one in finished])
+            fits = fit_segments([segment.ticks for segment in finished])
         else:
             fits = [fit for _ in range(count) for fit in self._fits.popleft().result()]
         fitted = joined_by_wrenches([*zip(finished, fits, strict=True)])
-        found = [one.with_fit(fit) for one, fit in fitted]
+        results = [segment.with_fit(fit) for segment, fit in fitted]
         if self._record is not None:
-            for (one, fit), (parts, _) in zip(fitted, found, strict=True):
-                self._record.note_segment(one, fit, parts)
+            for (segment, fit), (parts, _) in zip(fitted, results, strict=True):
+                self._record.note_segment(segment, fit, parts)
         online, self._online = [*self._filtered, Beliefs.of(self._online)], []
         self._filtered.clear()
         outliers, self._outliers = self._state.outliers.since(self._outliers), self._state.outliers
-        beliefs = Beliefs.join([of_one for _, of_one in found])
-        rows = tuple(row for rows, _ in found for row in rows)
+        beliefs = Beliefs.join([part for _, part in results])
+        rows = tuple(row for rows, _ in results for row in rows)
         return Segmentation(rows, beliefs, Beliefs.join(online), outliers)
 
 
-def end_at_rest(resting: NDArray[np.bool_], end: int, most: int) -> int:
-    """The ``end`` of a segment, or the nearest end of a rest (n,) in which it is, or ``NOW_TICKS`` beside.
+def end_at_rest(resting: NDArray[np.bool_], end: int, most_ticks: int) -> int:
+    """The ``end`` of a segment, moved to the nearest end of a rest that contains it or is ``NOW_TICKS`` away.
 
-    Motion shows no change of contact within a rest, and too little of it no change just beside one. An end
-    that is more than ``most`` ticks from those of its rest stays.
+    Motion shows no change of contact within a rest, nor just beside one. An end that is more than
+    ``most_ticks`` from the ends of its rest stays.
     """
     edges = np.flatnonzero(np.diff(resting)) + 1
     if not edges.size or not 0 < end < len(resting):
         return end
     nearest = int(edges[np.abs(edges - end).argmin()])
     is_within = resting[end - 1 : end + 1].all()
-    return nearest if abs(nearest - end) <= (most if is_within else NOW_TICKS) else end
+    return nearest if abs(nearest - end) <= (most_ticks if is_within else NOW_TICKS) else end
 
 
 def _continued(rows: NDArray[np.void]) -> NDArray[np.void]:
-    """The ticks of a segment; where it begins in a gap, the pose there is that after the gap."""
+    """The ticks of a segment; those of a gap at its beginning have the pose after the gap."""
     first = int((rows["count"] > 0.0).argmax())
     rows["zeta"][:first] = rows["zeta"][first]
     return rows
@@ -504,17 +504,17 @@ class Columns:
             first, place = first + count, place + count
         return copy
 
-    def move_change(self, before: int, after: int) -> None:
-        """Move a change between rows ``before`` - 1 and ``before`` to that before row ``after``: the rows
-        between are as the last one before it, or as the first one after it."""
-        first, end = sorted((max(before, 0), max(after, 0)))
-        row = before - 1 if after > before else before
+    def move_change(self, old: int, new: int) -> None:
+        """Move the change between rows ``old`` - 1 and ``old`` to before row ``new``: the rows between become
+        copies of the last row before the change, or of the first row after it."""
+        first, end = sorted((max(old, 0), max(new, 0)))
+        row = old - 1 if new > old else old
         if first == end or not 0 <= row < len(self):
             return
         kept = self.rows(row, row + 1)[0]
         for place in range(first + self._start, min(end, len(self)) + self._start):
-            block, one = divmod(place, _BLOCK)
-            self._blocks[block][one] = kept
+            block, index = divmod(place, _BLOCK)
+            self._blocks[block][index] = kept
 
     def drop(self, count: int) -> None:
         """Drop the oldest rows."""
@@ -528,7 +528,7 @@ class Columns:
         """Remove and return the oldest rows."""
         taken = np.empty(count, self._dtype)
         for first in range(0, count, _BLOCK):  # in blocks, so that memory never doubles
-            some = min(_BLOCK, count - first)
-            taken[first : first + some] = self.rows(0, some)
-            self.drop(some)
+            length = min(_BLOCK, count - first)
+            taken[first : first + length] = self.rows(0, length)
+            self.drop(length)
         return taken

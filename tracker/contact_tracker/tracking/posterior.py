@@ -35,20 +35,20 @@ def read_posterior(
 ) -> tuple[FilterState, Belief]:
     """The belief after a tick, whose evidence is in ``state``; certain elements are added to the map.
 
-    Of filters side by side, one ``tests_curvature``: whether free motion is on a curved surface.
+    One filter of a bank ``tests_curvature``: whether free motion is on a curved surface.
     """
     probability = label_posterior(state)
     label = STATES[int(probability.argmax())]
     onset_ns = state.free_since_ns if label is Contact.FREE else int(state.best[label.column, 2])
-    where = label_fit(state, label) if detail >= Detail.GEOMETRY else None
-    shared = belief = Belief(tick.stamp_ns, label, probability, onset_ns, where, state.residual)
+    fit = label_fit(state, label) if detail >= Detail.GEOMETRY else None
+    shared = belief = Belief(tick.stamp_ns, label, probability, onset_ns, fit, state.residual)
     state = state._replace(label=label)
     if detail >= Detail.SHARED or _should_update_map(state, belief):
         if label is not Contact.FREE:
             state = state._replace(curved=NO_CURVED_MOTION)
         elif tests_curvature:  # at intervals
-            known = state.curved, state.window, state.free_since, state.scales, state.known_map
-            state = state._replace(curved=update_curved_motion(*known))
+            motion = state.curved, state.window, state.free_since, state.scales, state.known_map
+            state = state._replace(curved=update_curved_motion(*motion))
         shared = share_among_indistinguishable(state, belief)
     if not shared.inseparable and _should_update_map(state, shared):  # sharing never raises its probability
         state = state._replace(map=state.map.insert(label_sighting(state, label, tick.stamp_ns)))
@@ -74,28 +74,25 @@ def _should_update_map(state: FilterState, belief: Belief) -> bool:
 
 def lagged_belief(state: FilterState, row: int) -> Belief:
     """The belief about the tick of ``recent[row]``, given all data until now."""
-    then = state.recent[row]
-    back = row - len(state.recent)
-    probability = np.einsum("j,js->s", state_shares(state), state.lag_history[:, back])
+    past, stamp_ns, lag = state.recent[row], state.recent[row].stamp_ns, row - len(state.recent)
+    probability = np.einsum("j,js->s", state_shares(state), state.lag_history[:, lag])
     probability = ambiguity.tempered(probability / probability.sum(), state.model.certainty.posterior_power)
     contact = STATES[int(np.argmax(probability))]
-    same = [one for one in state.recent[row:] if one.contact is contact]
-    # the geometry of that contact is in its belief of that time, or soon after
-    telling = (
-        same[0] if same else Belief(then.stamp_ns, contact, probability, then.stamp_ns, None, then.residual)
-    )
-    # from the latest belief whose further contacts had all begun: their constraints are counted
-    begun = (b.further for b in same if all(one.start_ns <= then.stamp_ns for one in b.further))
-    further = max(begun, key=len, default=())
-    others, p_restricted = telling.inseparable, telling.p_restricted
-    known_map, is_open = state.known_map, telling.is_open
-    probability = ambiguity.reported(probability, contact, others, known_map, p_restricted, is_open)
+    # the geometry of that contact is in its belief of that time, or in one soon after
+    agreeing = [belief for belief in state.recent[row:] if belief.contact is contact]
+    without_geometry = Belief(stamp_ns, contact, probability, stamp_ns, None, past.residual)
+    source = agreeing[0] if agreeing else without_geometry
+    # further contacts of the latest belief in which all of them had begun: their constraints are counted
+    complete = (b.further for b in agreeing if all(contact.start_ns <= stamp_ns for contact in b.further))
+    further = max(complete, key=len, default=())
+    args = source.inseparable, state.known_map, source.p_restricted, source.is_open
+    probability = ambiguity.reported(probability, contact, *args)
     return replace(
-        telling,
-        stamp_ns=then.stamp_ns,
+        source,
+        stamp_ns=stamp_ns,
         probability=probability,
-        onset_ns=min(telling.onset_ns, then.stamp_ns),
-        residual=then.residual,
+        onset_ns=min(source.onset_ns, stamp_ns),
+        residual=past.residual,
         further=further,
     )
 
@@ -107,8 +104,8 @@ def label_posterior(state: FilterState) -> Array:
 
 
 def state_shares(state: FilterState) -> Array:
-    """Shares (7,) of the states in their weight. The greatest that may agree with the motion by chance are
-    divided between them and the first that does not."""
+    """Shares (7,) of the states in their total weight. If the most probable states may agree with the motion
+    by chance, they divide their weight with the first state that does not."""
     weight = np.exp(state.log_state_weight - state.log_state_weight.max())
     by_chance = list[Contact]()
     for column in (-weight).argsort().tolist():
@@ -122,10 +119,9 @@ def state_shares(state: FilterState) -> Array:
 
 
 def may_agree_by_chance(state: FilterState, label: Contact) -> bool:
-    """Whether ``label`` is a contact of one constraint, between elements of which nothing else is known, in
-    which the motion has not used the five directions that it leaves: those of a new vertex and a new plane
-    can be chosen so that they agree with any smooth motion in few directions (T24). One that is older than
-    the window has lasted."""
+    """Whether ``label`` is a contact of one constraint between new elements, and the motion has not used the
+    five directions that it leaves: a new vertex and a new plane can be chosen such that they agree with any
+    smooth motion in few directions (T24). False for a contact that is older than the window."""
     if label.codimension != 1:
         return False
     row, onset, _ = state.best[label.column].tolist()
@@ -141,13 +137,13 @@ def share_among_indistinguishable(state: FilterState, belief: Belief) -> Belief:
     onset = state.onset_of(label)
     rivals = ambiguity.competing_evidence(state.banks, label, onset, state.ticks - 1)
     freedom = ambiguity.freedom_of(label, state.window, onset)
-    others = ambiguity.indistinguishable(label, rivals, freedom)
+    alternatives = ambiguity.indistinguishable(label, rivals, freedom)
     p_restricted = ambiguity.p_restricted(freedom.underused, state.model.tick_s * freedom.moved_ticks)
     if label is Contact.FREE and state.curved.probability > 0.5:
-        others, p_restricted = CONTACTS, max(p_restricted, state.curved.probability)
+        alternatives, p_restricted = CONTACTS, max(p_restricted, state.curved.probability)
     if label is Contact.FREE and state.map.is_untested:
-        others = CONTACTS
-    inseparable, possible = tuple(filter(state.known_map.allows, others)), state.known_map.allowed
+        alternatives = CONTACTS
+    inseparable, possible = tuple(filter(state.known_map.allows, alternatives)), state.known_map.allowed
     if not inseparable and not p_restricted:
         return belief
     probability = ambiguity.redistribute(belief.probability, label, inseparable, p_restricted, possible)
@@ -165,21 +161,22 @@ def open_beside(state: FilterState, belief: Belief) -> Belief:
     alike = set(filter(known_map.allows, ambiguity.alike_in_formation(label, rivals)))
     if not alike:
         return belief
-    others = tuple(one for one in STATES if one in alike | {*belief.inseparable})
+    inseparable = tuple(kind for kind in STATES if kind in alike | {*belief.inseparable})
     moved_s = state.model.tick_s * ambiguity.motion_since(state.window, onset)[1]
     p_restricted = ambiguity.p_restricted(True, moved_s)
-    return replace(belief, inseparable=others, p_restricted=p_restricted)
+    return replace(belief, inseparable=inseparable, p_restricted=p_restricted)
 
 
 def with_rest(state: FilterState, belief: Belief, is_in_rest: bool) -> tuple[FilterState, Belief]:
-    """The state and the belief to report after a tick: an object at rest does not tell the label from other
-    states, and beside those that the motion leaves open it is not certain."""
-    others = ambiguity.others_at_rest(belief.contact, state.known_map) if is_in_rest else ()
-    if others and belief.inseparable != others:
-        belief = replace(belief, inseparable=others, p_restricted=ambiguity.CHANGED_AT_REST)
+    """The state and the belief to report after a tick: a rest does not distinguish the label from
+    other states, and beside indistinguishable states the label is not certain."""
+    open_at_rest = ambiguity.others_at_rest(belief.contact, state.known_map) if is_in_rest else ()
+    if open_at_rest and belief.inseparable != open_at_rest:
+        belief = replace(belief, inseparable=open_at_rest, p_restricted=ambiguity.CHANGED_AT_REST)
     if belief.inseparable or belief.is_open:
-        how = belief.inseparable, state.known_map, belief.p_restricted, belief.is_open
-        belief = replace(belief, probability=ambiguity.reported(label_posterior(state), belief.contact, *how))
+        args = belief.inseparable, state.known_map, belief.p_restricted, belief.is_open
+        probability = ambiguity.reported(label_posterior(state), belief.contact, *args)
+        belief = replace(belief, probability=probability)
     length = state.lag_history.shape[1]
     recent = (*state.recent, belief)[-length:] if length else ()
     return state._replace(recent=recent, belief=belief), belief
@@ -198,36 +195,36 @@ def label_fit(state: FilterState, label: Contact) -> FittedContact | None:
 
 
 def label_sighting(state: FilterState, label: Contact, stamp_ns: int) -> Sighting:
-    """What the best hypothesis of ``label``, a contact, says about its elements."""
+    """The estimate of the elements by the best hypothesis of ``label``, a contact."""
     bank, contact = state.banks[label.column], CONTACT_MODELS[label.column]
-    row, first, _ = state.best[label.column].tolist()
-    one = bank.single(row)
-    since = state.window.since(first).with_error(state.model.noise.extra_contact_variance[label.column])
-    estimate = element_estimate(one, contact, state.scales, since)
-    return Sighting(first, state.ticks, estimate, int(one.onsets.onset_ns[0]), stamp_ns)
+    row, onset, _ = state.best[label.column].tolist()
+    hypothesis = bank.single(row)
+    since = state.window.since(onset).with_error(state.model.noise.extra_contact_variance[label.column])
+    estimate = element_estimate(hypothesis, contact, state.scales, since)
+    return Sighting(onset, state.ticks, estimate, int(hypothesis.onsets.onset_ns[0]), stamp_ns)
 
 
 def follow_formation(state: FilterState, belief: Belief, tick: Tick) -> tuple[FilterState, Belief]:
     """Update the further contacts after an informative tick; returns the state and the belief with them."""
     label = belief.contact
     tracked = state.formation.tracked
-    least = STILL_ESTABLISHED if tracked and any(one.is_present for one in tracked) else ESTABLISHED
+    least = STILL_ESTABLISHED if tracked and any(contact.is_present for contact in tracked) else ESTABLISHED
     if label is Contact.FREE or belief.probability[label.column] < least:
         return state._replace(formation=online_contacts.suspend(state.formation)), belief
     window, (row, onset, _) = state.window, state.best[label.column].tolist()
     first_row, length = int(window.index.searchsorted(onset)), window.index.size
     if length - first_row < ESTABLISHED_TICKS:
         return state._replace(formation=online_contacts.suspend(state.formation)), belief
-    first = KnownContact(label, state.banks[label.column].rows["x"][row].copy())
+    labelled = KnownContact(label, state.banks[label.column].rows["x"][row].copy())
     beyond, excess = state.model.noise.extra_contact_variance[label.column], window.innovation_excess[-1]
     moved_ticks = float((excess / (excess + window.variance[-1] + beyond)).max(initial=0.0))
-    formation = online_contacts.with_first(state.formation, first, window, moved_ticks)
+    formation = online_contacts.with_first(state.formation, labelled, window, moved_ticks)
     if formation.tracked or formation.queue or formation.ticks_since_search >= formation.search_interval:
-        some = window.cut(max(first_row, length - online_contacts.WINDOW_TICKS), None).with_error(beyond)
+        latest = window.cut(max(first_row, length - online_contacts.WINDOW_TICKS), None).with_error(beyond)
         rate, known_map = state.model.transitions.leave_per_s, state.known_map
         errors = state.model.systematic
-        ticks = FormationTicks(some, state.scales, rate, state.origins, known_map, errors)
-        formation = online_contacts.advance(formation, ticks, first)
+        ticks = FormationTicks(latest, state.scales, rate, state.origins, known_map, errors)
+        formation = online_contacts.advance(formation, ticks, labelled)
     state = state._replace(formation=formation)
     if formation.tracked:
         belief = open_beside(state, replace(belief, further=_reported(state, belief, tick)))
@@ -238,17 +235,17 @@ def follow_formation(state: FilterState, belief: Belief, tick: Tick) -> tuple[Fi
 
 def _reported(state: FilterState, belief: Belief, tick: Tick) -> tuple[FurtherContact, ...]:
     """The further contacts present now; ticks are ``tick_ns`` of the model apart."""
-    power, now = state.model.certainty.posterior_power, state.ticks - 1
+    power, newest = state.model.certainty.posterior_power, state.ticks - 1
     return tuple(
         FurtherContact(
-            one.elements.contact,
-            float(expit(power * one.log_odds)) * ambiguity.most_beside(len(one.inseparable)),
-            max(tick.start_ns - (now - one.since) * state.model.tick_ns, belief.onset_ns),
+            contact.elements.contact,
+            float(expit(power * contact.log_odds)) * ambiguity.most_beside(len(contact.inseparable)),
+            max(tick.start_ns - (newest - contact.since) * state.model.tick_ns, belief.onset_ns),
             None,
-            one.geometry,
-            one.inseparable,
+            contact.geometry,
+            contact.inseparable,
             state.formation.constraints,
         )
-        for one in state.formation.tracked
-        if one.is_present
+        for contact in state.formation.tracked
+        if contact.is_present
     )

@@ -1,4 +1,4 @@
-"""Fits of finished segments: their elements, and other contacts that fit."""
+"""Fits of finished segments: the touching elements, and the contacts that fit as well."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -47,9 +47,9 @@ from contact_tracker.wrenches.contact_evidence import WindowEvidence
 Array = NDArray[np.float64]
 
 LONGEST_TICKS: Final = 6000
-"""Most ticks of a segment that are fitted."""
+"""Largest number of ticks of a segment that are fitted."""
 PIECE_TICKS: Final = 60
-"""Length (ticks) of the pieces in which they are chosen by motion."""
+"""Length, in ticks, of the pieces of a longer segment; those with the most motion are fitted."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,8 +68,8 @@ class SegmentTicks:
 @dataclass(frozen=True, eq=False)
 class SegmentFit:
     """The fit of one segment, with fields as in ``Belief``. ``curved`` is the probability in each tick (n,),
-    or (1,) in all of them, that free motion is on a curved surface; ``share`` (7,) is that of each
-    indistinguishable contact in their probability, where wrenches have decided."""
+    or (1,) in all of them, that free motion is on a curved surface; ``share`` (7,) is the share of each
+    indistinguishable contact in their total probability, if wrenches have decided it."""
 
     contact: Contact
     geometry: ContactGeometry | None
@@ -80,18 +80,18 @@ class SegmentFit:
     formation: Formation = NO_FORMATION
     joint: Joint | None = None
     estimate: ElementEstimate | None = None
-    """What the fit says about both elements together; None without elements."""
+    """Joint estimate of both elements; None without elements."""
 
     @property
     def leaves_constraints_unnamed(self) -> bool:
         """Whether the motion keeps more constraints than the reported contacts explain."""
-        more = self.joint is not None and self.joint.kind.constraints > self.constraints
-        return self.formation.is_open or more
+        unexplained = self.joint is not None and self.joint.kind.constraints > self.constraints
+        return self.formation.is_open or unexplained
 
     @property
     def with_flush(self) -> tuple[Contact, ...]:
-        """The inseparable states where the motion is also that of f-f."""
-        return tuple(one for one in STATES if one is Contact.FF or one in self.inseparable)
+        """The inseparable states, with f-f, in ticks in which the face does not turn."""
+        return tuple(state for state in STATES if state is Contact.FF or state in self.inseparable)
 
     @property
     def constraints(self) -> int:
@@ -103,29 +103,29 @@ def fit_segments(segments: Sequence[SegmentTicks]) -> list[SegmentFit]:
     """Fit all contacts to the ticks of each of these segments of one recording, from scratch."""
     if not segments:
         return []
-    windows = [_most_moving(one.window) for one in segments]
+    windows = [_most_moving(segment.window) for segment in segments]
     fits = zip(*(_fitted(contact, windows, segments) for contact in CONTACT_MODELS), strict=True)
-    return [_segment_fit(*one) for one in zip(segments, windows, fits, strict=True)]
+    return [*map(_segment_fit, segments, windows, fits)]
 
 
 def _segment_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) -> SegmentFit:
     """The fit of a segment: its contact, by the fits of all contacts to ``window``, and its joint."""
     fit = _contact_fit(segment, window, fits)
     banks = zip(CONTACT_MODELS, fits, strict=True)
-    known = [KnownContact(model.contact, bank.x[0]) for model, bank in banks if len(bank)]
+    contacts = [KnownContact(model.contact, bank.x[0]) for model, bank in banks if len(bank)]
     scales = scales_of(segment.model)
-    found = find_joint(window, scales, known, fit.constraints, segment.model.systematic)
-    if found is None:
+    joint = find_joint(window, scales, contacts, fit.constraints, segment.model.systematic)
+    if joint is None:
         return fit
-    probability = float(expit(segment.model.certainty.posterior_power * found.log_odds))
+    probability = float(expit(segment.model.certainty.posterior_power * joint.log_odds))
     near_m = window.zeta[:, T].mean(axis=0)
-    fit = replace(fit, joint=joint_of(found, probability, near_m, segment.origins))
+    fit = replace(fit, joint=joint_of(joint, probability, near_m, segment.origins))
     if not fit.leaves_constraints_unnamed or fit.share is not None:
         return fit
-    others = tuple(other for other in STATES if other is not fit.contact and segment.known_map.allows(other))
+    rivals = tuple(state for state in STATES if state is not fit.contact and segment.known_map.allows(state))
     moved_s = segment.model.tick_s * float(window.motion_ratio.sum())
     p_restricted = max(fit.p_restricted, ambiguity.p_restricted(True, moved_s))
-    return replace(fit, inseparable=others, p_restricted=p_restricted)
+    return replace(fit, inseparable=rivals, p_restricted=p_restricted)
 
 
 def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) -> SegmentFit:
@@ -136,8 +136,7 @@ def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
         np.array([*(f.log_likelihood.max(initial=-np.inf) for f in fits), 0.0]),
         np.array([*(f.rms.min(initial=np.inf) for f in fits), 1.0]),
     )
-    others = ambiguity.indistinguishable(label, rivals, freedom)
-    inseparable = tuple(other for other in others if known_map.allows(other))
+    inseparable = tuple(filter(known_map.allows, ambiguity.indistinguishable(label, rivals, freedom)))
     p_restricted, share = ambiguity.p_restricted(freedom.underused, moved_s), None
     curved, none_fits = np.zeros(1), False
     if label is Contact.FREE:
@@ -154,7 +153,7 @@ def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
     window = window.with_error(model.noise.extra_contact_variance[label.column])
     fitted, information = refine(fit, contact, window, scales)
     pair = named_pairs(known_map, contact)[fitted.known_pair_index[0]]
-    where = fitted_contact(
+    located = fitted_contact(
         fitted, 0, contact, scales, window, segment.origins, model.systematic, information, pair
     )
     ticks = FormationTicks(
@@ -166,8 +165,8 @@ def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
         inseparable = tuple(state for state in STATES if state in {*inseparable, *alike})
         p_restricted = ambiguity.p_restricted(True, moved_s)
     estimate = element_estimate(fitted, contact, scales, window, information)
-    shown = where.geometry, inseparable, p_restricted, np.zeros(1), share, formation
-    return SegmentFit(label, *shown, estimate=estimate)
+    geometry, curved = located.geometry, np.zeros(1)
+    return SegmentFit(label, geometry, inseparable, p_restricted, curved, share, formation, estimate=estimate)
 
 
 def _measured_fit(segment: SegmentTicks, window: Window, contact: ContactModel, by_motion: Bank) -> Bank:
@@ -179,9 +178,9 @@ def _measured_fit(segment: SegmentTicks, window: Window, contact: ContactModel, 
     if measured is None or measured == (None, None):
         return by_motion
     proposals = propose_measured(contact, segment.known_map, measured, _frame(segment, window))
-    own = window.with_error(segment.model.noise.extra_contact_variance[contact.contact.column])
-    (found,) = fit_windows(contact, [own], scales_of(segment.model), [proposals])
-    return found
+    noisier = window.with_error(segment.model.noise.extra_contact_variance[contact.contact.column])
+    (fitted,) = fit_windows(contact, [noisier], scales_of(segment.model), [proposals])
+    return fitted
 
 
 def _frame(segment: SegmentTicks, window: Window) -> Frame:
@@ -192,12 +191,12 @@ def _fitted(contact: ContactModel, windows: Sequence[Window], segments: Sequence
     """The best hypothesis of a contact for each whole segment, if the contact is possible."""
     model, known_map = segments[0].model, segments[0].known_map
     proposals = [
-        propose_births(contact, known_map, None, 0.0, _frame(one, window))
-        for one, window in zip(segments, windows, strict=True)
+        propose_births(contact, known_map, None, 0.0, _frame(segment, window))
+        for segment, window in zip(segments, windows, strict=True)
     ]
     error = model.noise.extra_contact_variance[contact.contact.column]
-    own = [window.with_error(error) for window in windows]
-    return fit_windows(contact, own, scales_of(model), proposals)
+    noisier = [window.with_error(error) for window in windows]
+    return fit_windows(contact, noisier, scales_of(model), proposals)
 
 
 def _most_moving(window: Window) -> Window:
@@ -224,16 +223,16 @@ class FinishedSegment(NamedTuple):
     ticks: SegmentTicks
     resting: NDArray[np.bool_]
 
-    def followed_by(self, after: "FinishedSegment") -> "FinishedSegment":
+    def followed_by(self, following: "FinishedSegment") -> "FinishedSegment":
         """This segment joined with the next one."""
-        ticks = replace(self.ticks, window=Window.join([self.ticks.window, after.ticks.window]))
+        ticks = replace(self.ticks, window=Window.join([self.ticks.window, following.ticks.window]))
         return FinishedSegment(
             self.column,
-            np.concatenate([self.rows, after.rows]),
-            after.end_ns,
-            np.concatenate([self.posterior, after.posterior]),
+            np.concatenate([self.rows, following.rows]),
+            following.end_ns,
+            np.concatenate([self.posterior, following.posterior]),
             ticks,
-            np.concatenate([self.resting, after.resting]),
+            np.concatenate([self.resting, following.resting]),
         )
 
     def with_fit(self, fit: SegmentFit) -> tuple[tuple[Segment, ...], Beliefs]:
@@ -243,17 +242,16 @@ class FinishedSegment(NamedTuple):
         curved = np.broadcast_to(fit.curved, len(beliefs))
         p_restricted, possible = np.maximum(fit.p_restricted, curved), known_map.allowed
         is_open, resting = (curved > 0.5) & (fit.share is None), np.zeros(len(beliefs), bool)
-        others = [possible if one else fit.inseparable for one in is_open]
-        open_at_rest, flush = ambiguity.others_at_rest(contact, known_map), resting
-        if open_at_rest and fit.share is None:
+        at_rest, flush = ambiguity.others_at_rest(contact, known_map), resting
+        if at_rest and fit.share is None:
             resting = self.resting
             flush = self._flush(fit) & ~resting
             p_restricted[resting] = ambiguity.CHANGED_AT_REST
-            others = [fit.with_flush if one else states for one, states in zip(flush, others, strict=True)]
-            others = [open_at_rest if rests else one for rests, one in zip(resting, others, strict=True)]
-        for belief, given, states, p in zip(beliefs, self.posterior, others, p_restricted, strict=True):
-            how = states, known_map, float(p), fit.leaves_constraints_unnamed, fit.share
-            belief["probability"] = ambiguity.reported(given, contact, *how)
+        columns = beliefs, self.posterior, p_restricted, resting, flush, is_open
+        for belief, posterior, p, rests, lies, bends in zip(*columns, strict=True):
+            states = at_rest if rests else fit.with_flush if lies else possible if bends else fit.inseparable
+            args = states, known_map, float(p), fit.leaves_constraints_unnamed, fit.share
+            belief["probability"] = ambiguity.reported(posterior, contact, *args)
             belief["inseparable"] = [state in states for state in STATES]
         beliefs["stamp_ns"], beliefs["onset_ns"] = self.rows["stamp_ns"], self.rows["start_ns"][0]
         beliefs["contact"], beliefs["residual"] = column, self.rows["residual"]
@@ -262,7 +260,7 @@ class FinishedSegment(NamedTuple):
         beliefs["joint"] = np.where(resting, -1, -1 if fit.joint is None else 0)
         further = self._further(fit.formation)
         beliefs["further"], formations = _formations_of(further, self.rows["stamp_ns"], fit.formation.ranks)
-        contacts = tuple(one for _, one in further)
+        contacts = tuple(contact for _, contact in further)
         changes = [*np.flatnonzero(np.diff(resting) | np.diff(flush)) + 1, len(resting)]
         at_contact = self._at_contact(fit.contact, fit.geometry)
         segments = tuple(
@@ -271,7 +269,7 @@ class FinishedSegment(NamedTuple):
                 contact,
                 float(beliefs["probability"][first:end, column].mean()),
                 fit.geometry,
-                open_at_rest if resting[first] else fit.with_flush if flush[first] else fit.inseparable,
+                at_rest if resting[first] else fit.with_flush if flush[first] else fit.inseparable,
                 _within(contacts, *self._span(first, end)),
                 None if resting[first] else fit.joint,
                 *at_contact(first, end),
@@ -285,22 +283,22 @@ class FinishedSegment(NamedTuple):
     def _at_contact(
         self, contact: Contact, geometry: ContactGeometry | None
     ) -> Callable[[int, int], tuple[ContactMotion | None, TaskFrame | None]]:
-        """How the object moves at the touching point in a span of ticks, from those that have frames: the
-        pose of others is that of the last one; and the task frame in the middle of them."""
+        """A function of a span of ticks that returns the motion of the object at the touching point and the
+        task frame in the middle, both from the ticks with frames."""
         ticks, (world_m, body_m) = self.ticks, self.ticks.origins.reversed
         assert ticks.window.frames is not None
         kept = ticks.window.frames.astype(bool)
-        before, found = np.append(0, np.cumsum(kept)), None
+        filled_before, motion = np.append(0, np.cumsum(kept)), None
         if geometry is not None:
             local = ContactGeometry(shifted(geometry.object, body_m), shifted(geometry.environment, world_m))
             zeta = ticks.window.zeta[kept]
             time_s = np.multiply(ticks.window.index[kept], ticks.model.tick_s, dtype=np.float64)
             quat_xyzw = np.array([nearest(mean) for mean in zeta[:, R]]).reshape(-1, 4)
             stamp_ns, variance = self.rows["stamp_ns"][kept], ticks.window.variance[kept]
-            found = contact_motion(local, stamp_ns, time_s, quat_xyzw, zeta[:, T], variance)
+            motion = contact_motion(local, stamp_ns, time_s, quat_xyzw, zeta[:, T], variance)
 
         def within(first: int, end: int) -> tuple[ContactMotion | None, TaskFrame | None]:
-            rows = slice(before[first], before[end])
+            rows = slice(filled_before[first], filled_before[end])
             if geometry is None or rows.start == rows.stop:
                 return None, None
             middle, T_local_body = zeta[(rows.start + rows.stop) // 2], np.eye(4)
@@ -310,12 +308,12 @@ class FinishedSegment(NamedTuple):
                 T_world_task = frame.T_world_task.copy()
                 T_world_task[:3, 3] -= world_m
                 frame = replace(frame, T_world_task=T_world_task)
-            return None if found is None else found[rows], frame
+            return None if motion is None else motion[rows], frame
 
         return within
 
     def _flush(self, fit: SegmentFit) -> NDArray[np.bool_]:
-        """In which ticks (n,) that do not rest the motion is also that of f-f."""
+        """The ticks (n,) in which f-f explains the motion as well."""
         ticks = self.ticks
         if fit.geometry is None or not ticks.known_map.allows(Contact.FF):
             return np.zeros(len(self.rows), bool)
@@ -329,27 +327,27 @@ class FinishedSegment(NamedTuple):
 
     def _further(self, formation: Formation) -> list[tuple[int, FurtherContact]]:
         """The further contacts with times and indices, in the order of their start times."""
-        before, power = int(self.ticks.window.index[0]), self.ticks.model.certainty.posterior_power
-        found = [
+        first_tick, power = int(self.ticks.window.index[0]), self.ticks.model.certainty.posterior_power
+        contacts = [
             (
                 number,
                 FurtherContact(
-                    one.known.contact,
-                    float(expit(power * one.log_odds)) * ambiguity.most_beside(len(one.inseparable)),
-                    *self._span(run.first - before, run.end - before),
-                    one.geometry,
-                    one.inseparable,
+                    contact.known.contact,
+                    float(expit(power * contact.log_odds)) * ambiguity.most_beside(len(contact.inseparable)),
+                    *self._span(run.first - first_tick, run.end - first_tick),
+                    contact.geometry,
+                    contact.inseparable,
                     formation.constraints_with(number),
                 ),
             )
-            for number, one in enumerate(formation.further)
-            for run in one.runs
+            for number, contact in enumerate(formation.further)
+            for run in contact.runs
         ]
-        return sorted(found, key=lambda one: one[1].start_ns)
+        return sorted(contacts, key=lambda contact: contact[1].start_ns)
 
 
 def without_short_gaps(within: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """The ticks (n,) with those that lie between ends less than ``NOW_TICKS`` apart."""
+    """The ticks ``within`` (n,), with the gaps shorter than ``NOW_TICKS`` closed."""
     within = within.copy()
     edges = np.flatnonzero(np.diff(within, prepend=False, append=False))
     for first, end in pairwise([0, *edges, len(within)]):
@@ -359,48 +357,48 @@ def without_short_gaps(within: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def joined_by_wrenches(
-    found: Sequence[tuple[FinishedSegment, SegmentFit]],
+    fitted: Sequence[tuple[FinishedSegment, SegmentFit]],
 ) -> list[tuple[FinishedSegment, SegmentFit]]:
     """Segments with their fits, after merging equal neighbours.
 
-    If wrenches have decided the contact of a segment, it may be that of its neighbour, with the same
-    elements: these become one segment, with the elements of the longer part.
+    If wrenches have decided the contact of a segment, its neighbour may have the same contact and
+    elements: both become one segment, with the elements of the longer part.
     """
     joined = list[tuple[FinishedSegment, SegmentFit]]()
-    for segment, fit in found:
-        if joined and _is_one(joined[-1], (segment, fit)):
-            before, fit_before = joined[-1]
-            lengths = len(before.rows), len(segment.rows)
+    for segment, fit in fitted:
+        if joined and _are_one_segment(joined[-1], (segment, fit)):
+            previous, earlier = joined[-1]
+            lengths = len(previous.rows), len(segment.rows)
             curved = [
-                np.broadcast_to(*one) for one in zip((fit_before.curved, fit.curved), lengths, strict=True)
+                np.broadcast_to(*part) for part in zip((earlier.curved, fit.curved), lengths, strict=True)
             ]
-            longer = fit if lengths[1] > lengths[0] else fit_before
-            joined[-1] = before.followed_by(segment), replace(longer, curved=np.concatenate(curved))
+            longer = fit if lengths[1] > lengths[0] else earlier
+            joined[-1] = previous.followed_by(segment), replace(longer, curved=np.concatenate(curved))
         else:
             joined.append((segment, fit))
     return joined
 
 
-def _is_one(before: tuple[FinishedSegment, SegmentFit], after: tuple[FinishedSegment, SegmentFit]) -> bool:
+def _are_one_segment(*neighbours: tuple[FinishedSegment, SegmentFit]) -> bool:
     """Whether two neighbours have the same contact, decided by wrenches in one of them."""
-    (first, one), (second, other) = before, after
-    chosen = STATES[first.column] is not one.contact or STATES[second.column] is not other.contact
-    simple = not (one.formation.further or other.formation.further or one.joint or other.joint)
-    if one.contact is not other.contact or not chosen or not simple:
+    a, b = (fit for _, fit in neighbours)
+    is_chosen = any(STATES[segment.column] is not fit.contact for segment, fit in neighbours)
+    is_complex = any(fit.formation.further or fit.joint for _, fit in neighbours)
+    if a.contact is not b.contact or not is_chosen or is_complex:
         return False
-    if one.geometry is None or other.geometry is None:
-        return one.geometry is other.geometry
-    return is_same_element(one.geometry.object, other.geometry.object) and is_same_element(
-        one.geometry.environment, other.geometry.environment
+    if a.geometry is None or b.geometry is None:
+        return a.geometry is b.geometry
+    return is_same_element(a.geometry.object, b.geometry.object) and is_same_element(
+        a.geometry.environment, b.geometry.environment
     )
 
 
 def _within(further: Sequence[FurtherContact], start_ns: int, end_ns: int) -> tuple[FurtherContact, ...]:
-    """The parts of further contacts, whose ends are known, within a time."""
-    spans = [(max(one.start_ns, start_ns), min(one.end_ns or end_ns, end_ns)) for one in further]
+    """The parts of further contacts from ``start_ns`` to ``end_ns`` (both included)."""
+    spans = [(max(contact.start_ns, start_ns), min(contact.end_ns or end_ns, end_ns)) for contact in further]
     return tuple(
-        replace(one, start_ns=first_ns, end_ns=last_ns)
-        for one, (first_ns, last_ns) in zip(further, spans, strict=True)
+        replace(contact, start_ns=first_ns, end_ns=last_ns)
+        for contact, (first_ns, last_ns) in zip(further, spans, strict=True)
         if first_ns <= last_ns
     )
 
@@ -410,23 +408,23 @@ def _formations_of(
     stamp_ns: NDArray[np.int64],
     ranks: Ranks,
 ) -> tuple[NDArray[np.int64], list[tuple[FurtherContact, ...]]]:
-    """The further contacts of each tick, with the constraints of all: the number of a formation, or -1."""
+    """The number (n,) of each tick's formation, or -1, and the further contacts of each formation."""
     number = np.full(len(stamp_ns), -1)
     if not further:
         return number, []
-    there = np.array(
+    is_present = np.array(
         [
-            (stamp_ns >= one.start_ns) & (stamp_ns <= (stamp_ns[-1] if one.end_ns is None else one.end_ns))
-            for _, one in further
+            (stamp_ns >= c.start_ns) & (stamp_ns <= (stamp_ns[-1] if c.end_ns is None else c.end_ns))
+            for _, c in further
         ]
     )
-    patterns, which = np.unique(there, axis=1, return_inverse=True)
+    patterns, pattern_index = np.unique(is_present, axis=1, return_inverse=True)
     formations = []
     for pattern in patterns.T:
-        there_now = [one for one, is_there in zip(further, pattern, strict=True) if is_there]
-        numbers = frozenset(number for number, _ in there_now)
-        rank = max((rank for some, rank in ranks if some <= numbers), default=0)
-        formations.append(tuple(replace(one, constraints=rank) for _, one in there_now))
-    number[:] = which
-    number[~there.any(axis=0)] = -1
+        present = [contact for contact, is_there in zip(further, pattern, strict=True) if is_there]
+        numbers = frozenset(number for number, _ in present)
+        rank = max((rank for subset, rank in ranks if subset <= numbers), default=0)
+        formations.append(tuple(replace(contact, constraints=rank) for _, contact in present))
+    number[:] = pattern_index
+    number[~is_present.any(axis=0)] = -1
     return number, formations

@@ -68,9 +68,9 @@ class Beliefs(Sequence[Belief]):
                 formation, _ = formations.setdefault(id(b.further), (len(formations), b.further))
             if b.joint is not None:
                 joint, _ = joints.setdefault(id(b.joint), (len(joints), b.joint))
-            others = [state in b.inseparable for state in STATES]
+            is_inseparable = [state in b.inseparable for state in STATES]
             cells = (b.stamp_ns, b.onset_ns, b.probability, b.residual, b.p_restricted, number, formation)
-            rows.append((*cells, joint, others, b.contact.column))
+            rows.append((*cells, joint, is_inseparable, b.contact.column))
         return cls(
             np.array(rows, BELIEF),
             [pack(geometry) for _, geometry in geometries.values()],
@@ -88,9 +88,9 @@ class Beliefs(Sequence[Belief]):
             ("further", [len(part.formations) for part in parts]),
             ("joint", [len(part.joints) for part in parts]),
         ):
-            before = np.cumsum([0, *counts])[:-1]
-            has_one = rows[name] >= 0
-            rows[name][has_one] += np.repeat(before, lengths)[has_one]
+            offsets = np.cumsum([0, *counts])[:-1]
+            refers = rows[name] >= 0
+            rows[name][refers] += np.repeat(offsets, lengths)[refers]
         return cls(
             rows,
             [packed for part in parts for packed in part.geometries],

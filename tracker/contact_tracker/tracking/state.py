@@ -44,7 +44,7 @@ class FilterState(NamedTuple):
     known_map: Map
     """Known elements."""
     scales: EvidenceParameters
-    """Those of the model."""
+    """Evidence parameters of the model."""
     banks: tuple[Bank, ...]
     """The hypothesis bank of each contact."""
     live_hypotheses: LiveHypotheses
@@ -60,22 +60,21 @@ class FilterState(NamedTuple):
     lag_history: Array
     """(7, L, 7) per state: probabilities of the states in the last L ticks."""
     origins: Origins = Origins.zero()
-    """Those of the ticks, once there are some."""
+    """Origins of the coordinates of the ticks, once there are some."""
     free_motion: FreeMotion | None = None
-    """Free motion as this filter sees it, if its ticks have been averaged for another one."""
+    """Free motion by this filter's noise, if its ticks have been averaged for another filter."""
     window: Window = EMPTY_WINDOW
     """The latest ticks by which the hypotheses have been updated."""
     residual: Array = _constant(np.full(len(CONTACT_MODELS), np.nan))
     """(6,) whitened residual of each contact, see ``Belief``."""
     best: NDArray[np.int64] = _constant(np.full((len(CONTACT_MODELS), 3), -1))
-    """(6, 3) of the best hypothesis in each bank its row, its onset, and the time of that (ns); -1 for an
-    empty one."""
+    """(6, 3) row, onset tick and onset time (ns) of the best hypothesis in each bank; -1 if it is empty."""
     ticks: int = 0
     """Number of ticks so far."""
     next_hypothesis_id: int = 0
     """Number of the next hypothesis."""
     outliers: Outliers = NO_OUTLIERS
-    """Those among the poses so far."""
+    """Outliers among the poses so far."""
     label: Contact | None = None
     """The most probable state; None before the first tick."""
     free_since: int = 0
@@ -98,7 +97,7 @@ class FilterState(NamedTuple):
     formation: FormationState = EMPTY_FORMATION
     """Search for further contacts."""
     uses_later_contacts: bool = False
-    """Whether the map is that of the whole recording, which an earlier pass has made."""
+    """Whether the map is one of the whole recording, from an earlier pass."""
 
     @property
     def log_evidence(self) -> float:
@@ -125,7 +124,7 @@ class FilterState(NamedTuple):
 def start(model: Model, lag_s: float = 0.0, known_map: Map = EMPTY_MAP) -> FilterState:
     """The state before the first tick.
 
-    With ``lag_s``, beliefs are of that long ago, and use the data since then.
+    With ``lag_s``, beliefs are about the tick that long ago, and use the data since then.
     """
     lag = round(lag_s / model.tick_s)
     length = lag + 1 if lag else 0

@@ -26,7 +26,7 @@ handling 0 and 0.65 give 0.863 and 0.867 offline, 0.750 and 0.760 online; divide
 transitions, they give 0.006 less online."""
 PACE_SHAPE: Final = 1.3
 """Shape of the gamma prior, with mean one, on the pace of a recording: how much more often states end in it
-than by the model. Likeliest by the true changes of 47 recordings, whose paces are 0.34 to 11; their log
+than by the model. Most likely given the true changes of 47 recordings, whose paces are 0.34 to 11; their log
 likelihood is 97 nats higher than with one pace for all."""
 FREE: Final = Contact.FREE.column
 FACES: Final = Contact.FF.column
@@ -40,17 +40,17 @@ certain by it alone (``ambiguity.others_at_rest``)."""
 
 def initial(transitions: Transitions) -> Array:
     """Probability (7,) of the state in which a recording begins: mean of the Dirichlet posterior."""
-    first = transitions.initial_f_f
-    others = (1.0 - first) / (len(STATES) - 1)
-    prior = np.array([first if state is Contact.FF else others for state in STATES])
-    return _mixed(prior, np.array(transitions.counts.begins), transitions.prior_changes)
+    p_faces = transitions.initial_f_f
+    p_other = (1.0 - p_faces) / (len(STATES) - 1)
+    prior = np.array([p_faces if state is Contact.FF else p_other for state in STATES])
+    return _posterior_mean(prior, np.array(transitions.counts.begins), transitions.prior_changes)
 
 
 def leave_per_s(transitions: Transitions) -> Array:
     """Rate (7,) at which each state is left while the object moves: mean of the gamma posterior."""
     weight, counts = transitions.prior_changes, transitions.counts
-    left = weight + np.array(counts.changes).sum(axis=1)
-    return np.asarray(left / (weight / transitions.leave_per_s + np.array(counts.moving_s)))
+    departures = weight + np.array(counts.changes).sum(axis=1)
+    return np.asarray(departures / (weight / transitions.leave_per_s + np.array(counts.moving_s)))
 
 
 def destinations(transitions: Transitions) -> Array:
@@ -68,7 +68,7 @@ def destinations(transitions: Transitions) -> Array:
             elif Contact.FREE in (a, b) or _adjacent(a, b):
                 lattice[i, j] = 1.0
     prior = lattice / lattice.sum(axis=1, keepdims=True)
-    return _mixed(prior, np.array(transitions.counts.changes), transitions.prior_changes)
+    return _posterior_mean(prior, np.array(transitions.counts.changes), transitions.prior_changes)
 
 
 def log_initial(model: Model) -> Array:
@@ -96,14 +96,14 @@ def tick_transitions(model: Model, exposure: float) -> TickTransitions:
     rate, log_split = _rates(model.transitions)
     stay = -rate * (model.tick_s * exposure)
     if exposure > 1.0:
-        return TickTransitions(_often(model, exposure, np.exp(stay)), stay)
+        return TickTransitions(_after_changes(model, exposure, np.exp(stay)), stay)
     # without any exposure nothing changes
     change = np.log(-np.expm1(stay))[:, None] + log_split if exposure else np.full_like(log_split, -np.inf)
     change[FREE, FREE] = stay[FREE]
     return TickTransitions(change, stay)
 
 
-def lifted(tick: TickTransitions) -> TickTransitions:
+def lift_after_rest(tick: TickTransitions) -> TickTransitions:
     """The log probabilities of a tick at the end of a rest: what stands on a face is mostly lifted."""
     change, stay = tick.log_transition.copy(), tick.log_survival.copy()
     change[FACES] += np.log1p(-LIFTED_AFTER_REST)
@@ -112,7 +112,7 @@ def lifted(tick: TickTransitions) -> TickTransitions:
     return TickTransitions(change, stay)
 
 
-def _often(model: Model, exposure: float, stay: Array) -> Array:
+def _after_changes(model: Model, exposure: float, stay: Array) -> Array:
     """Log probabilities (7, 7) of the state after any number of changes."""
     rate, log_split = _rates(model.transitions)
     generator = (rate * exposure * model.tick_s)[:, None] * (np.exp(log_split) - np.eye(len(STATES)))
@@ -132,7 +132,7 @@ def _rates(transitions: Transitions) -> tuple[Array, Array]:
     return rate, log_split
 
 
-def _mixed(prior: Array, counts: Array, weight: float) -> Array:
+def _posterior_mean(prior: Array, counts: Array, weight: float) -> Array:
     """Probabilities along the last axis from ``counts`` and a ``prior`` with the ``weight`` of this many
     counts."""
     return np.asarray((weight * prior + counts) / (weight + counts.sum(axis=-1, keepdims=True)))

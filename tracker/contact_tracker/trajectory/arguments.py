@@ -74,11 +74,40 @@ def errors_as(kind: type[ContactTrackerError], path: str) -> Iterator[None]:
         raise kind(f"{name}: {error.strerror or error}{near_file(name)}") from error
 
 
-_OPTION: Final = re.compile(
-    r"--([a-z]+(?:-[a-z]+)*)(?: (?!or |and |for |beside )('[^']*'|[^\s;()]*[^\s,;().]))?"
+_OPTIONS: Final = (
+    *(
+        "accuracy",
+        "box",
+        "columns",
+        "euler",
+        "field",
+        "frame",
+        "known",
+        "map",
+        "mass",
+        "matrix",
+        "model",
+        "noise",
+    ),
+    *(
+        "plane",
+        "rate",
+        "relative-to",
+        "rotation-vector",
+        "states",
+        "time-unit",
+        "topic",
+        "unit",
+        "up",
+        "wrench",
+    ),
 )
-"""An option of the command line, and its value."""
-_OF_FRAME: Final = {"frame": "child"}
+_OPTION: Final = re.compile(
+    rf"(?<![^\s(])--({'|'.join(_OPTIONS)})(?![\w-])"
+    r"(?: (?!or |and |for |beside )('[^']*'|[^\s;()]*[^\s,;().]))?"
+)
+"""An option of the command line that is an argument in Python, too, and its value."""
+_IN_PYTHON: Final = {"frame": "child", "map": "meanings"}
 
 
 def python_words(text: str) -> str:
@@ -86,7 +115,7 @@ def python_words(text: str) -> str:
 
     def argument(option: re.Match[str]) -> str:
         name, value = option[1].replace("-", "_"), option[2]
-        name = _OF_FRAME.get(name, name)
+        name = _IN_PYTHON.get(name, name)
         if value is None:
             return name
         value = value.strip("'")
