@@ -75,35 +75,11 @@ def errors_as(kind: type[ContactTrackerError], path: str) -> Iterator[None]:
 
 
 _OPTIONS: Final = (
-    *(
-        "accuracy",
-        "box",
-        "columns",
-        "euler",
-        "field",
-        "frame",
-        "known",
-        "map",
-        "mass",
-        "matrix",
-        "model",
-        "noise",
-    ),
-    *(
-        "plane",
-        "rate",
-        "relative-to",
-        "rotation-vector",
-        "states",
-        "time-unit",
-        "topic",
-        "unit",
-        "up",
-        "wrench",
-    ),
+    "accuracy|box|columns|euler|field|frame|known|map|mass|matrix|model|noise|plane|rate|relative-to|"
+    "rotation-vector|states|time-unit|topic|unit|up|wrench"
 )
 _OPTION: Final = re.compile(
-    rf"(?<![^\s(])--({'|'.join(_OPTIONS)})(?![\w-])"
+    rf"(?<![^\s(])--({_OPTIONS})(?![\w-])"
     r"(?: (?!or |and |for |beside )('[^']*'|[^\s;()]*[^\s,;().]))?"
 )
 """An option of the command line that is an argument in Python, too, and its value."""
@@ -165,7 +141,7 @@ def with_known_arguments(function: Callable[P, R]) -> Callable[P, R]:
                     f"{title}(contact_tracker.read(path, {option})), or, of a table in memory, "
                     f"{title}(contact_tracker.Trajectory.from_dataframe(table, {option}))"
                 )
-            near = _OF_FRAME.get(name) or closest(name, names)
+            near = _IN_PYTHON.get(name) or closest(name, names)
             hint = f"did you mean {near}?" if near in names else f"there are {', '.join(names)}"
             raise ArgumentError(f"{title} has no argument {name}; {hint}")
         return function(*args, **named)
