@@ -149,7 +149,7 @@ def _bound(contact: Contact, scenario: Scenario, simulated: Simulated, seed: int
     if interval.geometry is None:
         raise ValueError(f"{contact.value} has no elements")
     sigma = scenario.sigma_position_m, scenario.sigma_rotation_rad
-    return cramer_rao(CONTACT_MODELS[contact.column], interval.geometry, true_poses, *sigma)
+    return cramer_rao(CONTACT_MODELS[contact.column], interval.geometry, true_poses, sigma)
 
 
 @dataclass(frozen=True, eq=False)
