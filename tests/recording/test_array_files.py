@@ -18,7 +18,8 @@ from test_table_readings import MATRICES, NAMES, POSE, REAL_FIRST, WHOLE, P, Q, 
 
 import contact_tracker
 from contact_tracker.cli.main import run
-from contact_tracker.errors import ContactTrackerError, UnreadableRecording
+from contact_tracker.config.table_reading import reading_of
+from contact_tracker.errors import ChoiceError, ContactTrackerError, UnreadableRecording
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log
 
@@ -129,13 +130,22 @@ def test_arrays_of_other_lengths_are_named_and_can_be_chosen(tmp_path: Path) -> 
         WRITERS[name](
             tmp_path / name, {"t_markers": np.arange(900.0), "markers": np.ones((900, 60)), **arrays}
         )
-        with pytest.raises(
-            UnreadableRecording, match=r"left out, are time \(\d.*bodies \(120, 30, 7\)"
-        ) as raised:
+        with pytest.raises(UnreadableRecording) as raised:
             open_log(str(tmp_path / name))
-        assert "images (120, 90, 90)" in str(raised.value)
+        wide = "bodies (120 x 30 x 7), images (120 x 90 x 90), which have more than 64 values a row"
+        assert f"; not read: {wide}" in str(raised.value)
+        assert "; not read: time (" in str(raised.value)
         columns = "time=clock,position=bodies[140:143],quaternion=bodies[143:147]"
         assert_read(tmp_path / name, "--columns", columns)
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_named_arrays_are_read_behind_many_others(tmp_path: Path, name: str) -> None:
+    many = {f"v{i}": np.arange(120.0) for i in range(250)} | {"z_s": T, "zp": P}
+    WRITERS[name](tmp_path / name, many | dict(zip(("q0", "q1", "q2", "q3"), Q.T, strict=True)))
+    assert_read(tmp_path / name, "--columns", "time=z,position=zp,quaternion=q")
+    with pytest.raises(ChoiceError, match=r"no column 'no'; .*; only the first 200 arrays are listed: name"):
+        open_log(str(tmp_path / name), table=reading_of(columns={"time": "no"}))
 
 
 @pytest.mark.parametrize("compression", ["lz4", "zstd", "uncompressed"])

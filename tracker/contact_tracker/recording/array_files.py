@@ -15,7 +15,6 @@ import zlib
 from collections.abc import Callable, Iterator, Set
 from contextlib import closing
 from functools import partial
-from itertools import islice
 from typing import IO, Any, Final
 
 import numpy as np
@@ -24,14 +23,15 @@ from numpy.typing import NDArray
 
 from contact_tracker.errors import UnreadableRecording, first_line, printable
 from contact_tracker.recording.bytestream import TooMuchWork, WorkBudget
-from contact_tracker.recording.table_layouts import MOST_COLUMNS, UNNAMED
+from contact_tracker.recording.table_layouts import BY_ROW, MOST_COLUMNS, NUMBERED, UNNAMED, Columns
 
 Shape = tuple[int, ...]
 Arrays = Iterator[tuple[str, Shape, Callable[[], NDArray[Any]]]]
 """Name and shape of each array, and the function that reads its values before the next one is looked for."""
 WIDEST: Final = 64
 """Most values per row of a list or an array that become columns without being named; an image has more."""
-_MOST_ARRAYS: Final = 200
+MOST_ARRAYS: Final = 200
+"""Most arrays that are read without being named."""
 _DEEPEST: Final = 5
 _ERRORS: Final = (
     *(ValueError, OSError, EOFError, RuntimeError, MemoryError, LookupError, TypeError, struct.error),
@@ -41,30 +41,47 @@ _ERRORS: Final = (
 
 def arrays_in(
     path: str, kind: str, stated: Set[str], budget: WorkBudget
-) -> dict[str, tuple[Shape, NDArray[Any] | None]]:
-    """The shapes and values of arrays of numbers by name, or by path in structs and groups; empty for an
-    ``.npy`` file.
+) -> tuple[dict[str, tuple[Shape, NDArray[Any] | None]], bool]:
+    """The shapes and values of arrays of numbers by name, or by path in structs and groups (the name is empty
+    for an ``.npy`` file), and whether these are all arrays.
 
     Parameters
     ----------
     kind : format of the file: ``NumPy``, ``MATLAB`` or ``HDF5``.
-    stated : lower-case names of arrays that are read whatever their width; other arrays with more than 64
-        values per row have no values here.
+    stated : lower-case names of arrays that are always among them; of other arrays only the first 200 are.
+        Arrays with more values per row than ``widest_of`` have no values here.
 
     Raises UnreadableRecording if it is damaged, too large when decompressed, or h5py is not installed.
     """
-    arrays = dict[str, tuple[Shape, NDArray[Any] | None]]()
+    arrays, are_all = dict[str, tuple[Shape, NDArray[Any] | None]](), True
     try:
         stored = {"NumPy": _of_numpy, "MATLAB": _of_matlab, "HDF5": _of_hdf5}[kind](path, budget)
-        for name, shape, read in islice(stored, _MOST_ARRAYS):
-            widest = MOST_COLUMNS if (name or UNNAMED).lower() in stated else WIDEST
-            is_read = math.prod(shape) <= widest * max(shape[0], shape[-1])
+        for number, (name, shape, read) in enumerate(stored):
+            if number >= MOST_ARRAYS and not _may_be_meant(name, stated):
+                are_all = False
+                if not stated:
+                    break
+                continue
+            is_read = math.prod(shape) <= widest_of(name, stated) * max(shape[0], shape[-1])
             arrays[printable(name)] = shape, read() if is_read else None
-        return arrays
+        return arrays, are_all
     except TooMuchWork as error:
         raise UnreadableRecording(f"it is too much for its size: {error}") from error
     except _ERRORS as error:
         raise UnreadableRecording(f"it cannot be read as arrays of {kind}: {first_line(error)}") from error
+
+
+def widest_of(name: str, stated: Set[str]) -> int:
+    """Most values per row of an array that is read."""
+    return MOST_COLUMNS if (name or UNNAMED).lower() in stated else WIDEST
+
+
+def _may_be_meant(name: str, stated: Set[str]) -> bool:
+    """Whether a stated name can be that of the array, with or without its unit, or of a group of numbered
+    ones."""
+    names = {name.lower(), Columns([name]).plain[0]}
+    names |= {match[1] for pattern in (NUMBERED, BY_ROW) if (match := pattern.fullmatch(name.lower()))}
+    return not names.isdisjoint(stated)
 
 
 def _of_numpy(path: str, budget: WorkBudget) -> Arrays:

@@ -32,7 +32,7 @@ from pyarrow.parquet import ColumnChunkMetaData, ParquetFile
 from contact_tracker.config.quantities import LENGTHS_M
 from contact_tracker.config.table_reading import TableReading, reading_of
 from contact_tracker.errors import ChoiceError, UnreadableRecording, first_line, printable
-from contact_tracker.recording.array_files import WIDEST, arrays_in
+from contact_tracker.recording.array_files import MOST_ARRAYS, WIDEST, arrays_in, widest_of
 from contact_tracker.recording.bytestream import SHARE_OF_RECORD, TooMuchWork, WorkBudget
 from contact_tracker.recording.items import ROWS_AT_ONCE
 from contact_tracker.recording.table_layouts import MOST_COLUMNS, UNNAMED, Body, TableLayout, numbers
@@ -387,16 +387,20 @@ class ArrayTable:
     damage: tuple[str, ...] = ()
 
     def __init__(self, path: str, reading: TableReading, budget: WorkBudget, kind: str = "NumPy") -> None:
-        stated = {name.partition("[")[0].lower() for _, name in reading.columns}
-        arrays = arrays_in(path, kind, stated, budget)
+        stated = {name.partition("[")[0].strip().lower() for _, name in reading.columns}
+        arrays, are_all = arrays_in(path, kind, stated, budget)
         of_stated = [shape for name, (shape, _) in arrays.items() if (name or UNNAMED).lower() in stated]
         shapes = [shape for shape, _ in arrays.values()]
         choices = (of_stated, WIDEST), (of_stated, MOST_COLUMNS), (shapes, WIDEST)
         self._rows = next(filter(None, starmap(_rows_of, choices)), 0)
-        names, left_out, self._values = list[str](), list[str](), list[NDArray[Any]]()
+        names, not_read, self._values = list[str](), dict[str, list[str]](), list[NDArray[Any]]()
         for name, (shape, values) in arrays.items():
             if values is None or self._rows not in (shape[0], shape[-1]):
-                left_out.append(f"{name} {shape}")
+                widest = widest_of(name, stated)
+                why = (
+                    f"more than {widest} values a row" if values is None else f"no axis of {self._rows} rows"
+                )
+                not_read.setdefault(why, []).append(f"{name} ({' x '.join(map(str, shape))})")
                 continue
             rows = (values if shape[0] == self._rows else np.moveaxis(values, -1, 0)).reshape(self._rows, -1)
             names += [name] if rows.shape[1] == 1 else [f"{name}[{i}]" for i in range(rows.shape[1])]
@@ -410,10 +414,12 @@ class ArrayTable:
             else:
                 layout = layout_of_names(names, reading, path, rows=lambda: rows)
         except (UnreadableRecording, ChoiceError) as error:
-            if not left_out:
-                raise
-            listing = ", ".join(left_out[:_SHOWN]) + ", ..." * (len(left_out) > _SHOWN)
-            text = f"{error}. Without {self._rows} rows of few values, and left out, are {listing}"
+            text = str(error)
+            for why, entries in not_read.items():
+                listing = ", ".join(entries[:_SHOWN]) + ", ..." * (len(entries) > _SHOWN)
+                text += f"; not read: {listing}, which {'have' if entries[1:] else 'has'} {why}"
+            if not are_all:
+                text += f"; only the first {MOST_ARRAYS} arrays are listed: name later ones by --columns"
             raise type(error)(text) from error
         self.layout = replace(layout, kind=kind)
 
