@@ -67,14 +67,25 @@ def test_poses_of_an_episode(simulated, tmp_path, version, names, euler, reading
     np.testing.assert_allclose(np.diff(found.stamp_ns), 1e9 / FPS, rtol=1e-3)
 
 
-@pytest.mark.parametrize("version", ["v2.1", "v3.0"])
-def test_a_copy_has_the_contacts_of_its_frames(simulated, outcome, tmp_path, version) -> None:
-    """The source is as before, and what else there is copied."""
+def write_new(table, path) -> None:
+    assert not path.exists(), "frames are copied only to be written again"
+    write_table(table, path)
+
+
+@pytest.mark.parametrize(("version", "name"), [("v2.1", "../data"), ("v3.0", ".")])
+def test_a_copy_has_the_contacts_of_its_frames(
+    simulated, outcome, tmp_path, monkeypatch, version, name
+) -> None:
+    """The source is as before, and what else there is copied, but no frames."""
     source = write_data_set(tmp_path / "data", [simulated], version)
     before = content(source)
     copy = tmp_path / "copy"
-    with patch("contact_tracker.batch.lerobot.segmented", return_value=outcome):
-        assert LeRobot.open(source).annotate(copy, MODEL) == 0
+    monkeypatch.chdir(source)
+    with (
+        patch("contact_tracker.batch.lerobot.segmented", return_value=outcome),
+        patch("contact_tracker.batch.lerobot.write_table", write_new),
+    ):
+        assert LeRobot.open(name).annotate(copy, MODEL) == 0
     assert content(source) == before
     assert (copy / "videos" / "camera.mp4").read_bytes() == b"frames"
     (file,) = (copy / "data").rglob("*.parquet")

@@ -271,11 +271,11 @@ class LeRobot:
             for path in self.folder.rglob("*"):
                 if path.is_symlink() and path.is_dir():
                     raise UsageError(f"{path} is a link to a folder, of which no copy is made: remove it")
-            written = {str(self.folder / file) for file in self.files}
+            written = {self.folder / file for file in self.files}
             shutil.copytree(
                 self.folder,
                 copy,
-                ignore=lambda parent, names: [n for n in names if os.path.join(parent, n) in written],
+                ignore=lambda parent, names: [name for name in names if Path(parent, name) in written],
             )
             labels = dict[str, dict[int, _Labels]]()
             for (_, number, file, *_), (of_episode, is_bad, lines) in zip(jobs, results, strict=True):
