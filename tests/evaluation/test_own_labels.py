@@ -26,8 +26,8 @@ FIRST_NS, LAST_NS = 1_700_000_000 * 10**9, 1_700_000_010 * 10**9
 MAP = {"touch": "any", "flat": "f-f|e-f", "unclear": "?"}
 
 
-def read(path: Path, text: str, meanings: dict[str, str] | None = None) -> Truth:
-    path.write_text(text)
+def read(path: Path, text: str, meanings: dict[str, str] | None = None, encoding: str = "utf-8") -> Truth:
+    path.write_text(text, encoding)
     return read_labels(str(path), FIRST_NS, LAST_NS, meanings)[0]
 
 
@@ -46,11 +46,12 @@ FILES = {
     f"{FIRST_NS + 25 * 10**8},{LAST_NS},e-f\n",
     "Label Studio": json.dumps([{"annotations": [{"result": REGIONS}]}]),
 }
+ENCODINGS = {"commas": "utf-8-sig", "spreadsheet": "utf-16"}
 
 
 @pytest.mark.parametrize("kind", FILES)
 def test_files_of_labels(tmp_path: Path, kind: str) -> None:
-    truth = read(tmp_path / "labels.csv", FILES[kind])
+    truth = read(tmp_path / "labels.csv", FILES[kind], encoding=ENCODINGS.get(kind, "utf-8"))
     found = [(one.start_ns, one.end_ns + 1, one.contact) for one in truth.intervals]
     assert found == [(FIRST_NS + s * 10**6, FIRST_NS + e * 10**6, contact) for s, e, contact in EXPECTED]
 
@@ -67,6 +68,11 @@ def test_files_of_labels(tmp_path: Path, kind: str) -> None:
         ("start,end,contact\n100000,100001,free\n", "name their unit, as in start_ms"),
         ("[1", "it is no JSON"),
         ("0,1.5,f-f\n1.5,2,free\n", "as start,end,contact"),
+        (
+            "MATLAB 5.0 MAT-file\0\1IM,",
+            "labels.csv: it is no text: labels are a table in text, as CSV, or JSON",
+        ),
+        ("", "it is empty"),
     ],
 )
 def test_what_is_no_table_of_labels_is_refused(tmp_path: Path, text: str, message: str) -> None:
@@ -76,7 +82,7 @@ def test_what_is_no_table_of_labels_is_refused(tmp_path: Path, text: str, messag
 
 def test_labels_that_mean_nothing_known_are_refused(tmp_path: Path) -> None:
     text = "start,end,contact\n0,2,touch\n"
-    said = "the label 'touch' is no state: say which it is, as in --map 'touch=any'"
+    said = "the label 'touch' is no state: say which it is, as in meanings={'touch': 'any'}: "
     with pytest.raises(ChoiceError, match=said):
         read(tmp_path / "labels.csv", text)
     with pytest.raises(ChoiceError, match="no label tuoch; did you mean touch"):
@@ -177,6 +183,6 @@ def test_labels_of_a_figure_are_read_before_any_work(
     monkeypatch.setattr("contact_tracker.segmenting.OfflineTracker.pieces", refuse)
     labels.write_text("start,end,contact\n0,1.5,contct\n")
     assert run(command) == 2
-    assert "'contct' is no state" in capsys.readouterr().err
+    assert "'contct' is no state: say which it is, as in --map 'contct=any': " in capsys.readouterr().err
     assert run(["segment", "-", *command[2:]]) == 2
     assert "--labels reads the recording twice" in capsys.readouterr().err

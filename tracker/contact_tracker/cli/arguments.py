@@ -137,7 +137,8 @@ def load_labels(args: argparse.Namespace, log: str) -> "Truth":
         pass
     if not poses.valid:
         raise poses.no_poses(log)
-    truth, text = read_labels(args.labels, poses.first_ns, poses.last_ns, meanings_of(args.map))
+    stamps = poses.first_ns, poses.last_ns
+    truth, text = read_labels(args.labels, *stamps, meanings_of(args.map), "--map '{}=any'".format)
     say(text)
     return truth
 

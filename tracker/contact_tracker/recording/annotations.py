@@ -3,7 +3,7 @@
 import csv
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import Any, Final
 
@@ -13,7 +13,7 @@ from contact_tracker.config.quantities import NAMED_NS
 from contact_tracker.config.table_reading import AS_NAMED, TableReading
 from contact_tracker.errors import ChoiceError, NoTruth, printable
 from contact_tracker.ground_truth import UNSCORED, CoarseLabel, Truth, TruthInterval
-from contact_tracker.recording.bytestream import is_regular
+from contact_tracker.recording.bytestream import encoding_of, is_regular, is_text
 from contact_tracker.recording.decoding import Undecodable
 from contact_tracker.recording.items import RawMessage
 from contact_tracker.recording.log import open_log
@@ -118,7 +118,11 @@ _Row = tuple[int, int, str]
 
 
 def read_labels(
-    labels: str | Table, first_ns: int, last_ns: int, meanings: Mapping[str, str] | None = None
+    labels: str | Table,
+    first_ns: int,
+    last_ns: int,
+    meanings: Mapping[str, str] | None = None,
+    stating: Callable[[str], str] = lambda label: f"meanings={ {label: ANY}!r}",
 ) -> tuple[Truth, str]:
     """The truth by the labels in a table, and one line on the origin of their times.
 
@@ -131,6 +135,7 @@ def read_labels(
     first_ns, last_ns : stamps of the first and last pose.
     meanings : states by label: ``e-f``, several as ``e-f|f-f``, ``any`` contact, or ``?`` if it is not
         scored. Labels that are names of states need none.
+    stating : what the user writes to state that a label means any contact, for messages.
 
     Raises
     ------
@@ -156,7 +161,8 @@ def read_labels(
         if start_ns < before_ns:
             raise NoTruth(f"{path}: {before} and {after} overlap at {start_ns * 1e-9:.9g} s")
     states_by_name = {
-        name: _meaning(path, name, meanings or {}) for name in dict.fromkeys(name for _, _, name in rows)
+        name: _meaning(path, name, meanings or {}, stating)
+        for name in dict.fromkeys(name for _, _, name in rows)
     }
     unused = [name for name in meanings or {} if name not in states_by_name]
     if unused:
@@ -183,7 +189,9 @@ def meanings_of(texts: Sequence[str]) -> dict[str, str]:
     return meanings
 
 
-def _meaning(path: str, name: str, meanings: Mapping[str, str]) -> tuple[Contact, ...]:
+def _meaning(
+    path: str, name: str, meanings: Mapping[str, str], stating: Callable[[str], str]
+) -> tuple[Contact, ...]:
     """The possible states of a label; empty if it is not scored."""
     stated = meanings.get(name, name)
     if stated == UNSCORED:
@@ -195,17 +203,20 @@ def _meaning(path: str, name: str, meanings: Mapping[str, str]) -> tuple[Contact
     except ValueError:
         label = printable(name)
         raise ChoiceError(
-            f"{path}: the label {label!r} is no state: say which it is, as in --map '{label}=any': "
+            f"{path}: the label {label!r} is no state: say which it is, as in {stating(label)}: "
             f"{', '.join(Contact)}, several as f-f|e-f, {ANY} of the six, or {UNSCORED} if it is not scored"
         ) from None
 
 
 def _rows_of_file(path: str) -> Iterator[_Row]:
     try:
-        with open(path, encoding="utf-8-sig", errors="replace") as file:
-            text = file.read(_BYTES)
+        with open(path, "rb") as file:
+            data = file.read(_BYTES)
     except OSError as error:
         raise NoTruth(f"{path}: {error.strerror}{near_file(path)}") from error
+    if data and not is_text(data, ".csv"):  # whatever its name and encoding
+        raise NoTruth(f"{path}: it is no text: labels are a table in text, as CSV, or JSON of Label Studio")
+    text = data.decode(encoding_of(data), errors="replace")
     if text.lstrip()[:1] in ("[", "{"):
         return _rows_of_json(path, text)
     lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]

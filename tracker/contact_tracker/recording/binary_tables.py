@@ -396,9 +396,11 @@ class ArrayTable:
         names, not_read, self._values = list[str](), dict[str, list[str]](), list[NDArray[Any]]()
         for name, (shape, values) in arrays.items():
             if values is None or self._rows not in (shape[0], shape[-1]):
-                widest = widest_of(name, stated)
+                is_wide = values is None
                 why = (
-                    f"more than {widest} values a row" if values is None else f"no axis of {self._rows} rows"
+                    f"more than {widest_of(name, stated)} values a row"
+                    if is_wide
+                    else f"no {self._rows} rows"
                 )
                 not_read.setdefault(why, []).append(f"{name} ({' x '.join(map(str, shape))})")
                 continue
