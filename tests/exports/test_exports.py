@@ -142,6 +142,8 @@ def test_rows_are_those_that_are_asked_for_in_each_table(folder, result, tmp_pat
     for suffix, usual in (("csv", "segments"), ("jsonl", "ticks"), ("parquet", "ticks")):
         assert (folder / f"out.{suffix}").read_bytes() == (folder / f"{usual}.{suffix}").read_bytes()
     assert rows_of(Path("out.rrd")) is None
+    with pytest.raises(UsageError, match="rows of ticks are for"):
+        rows_of(Path("a.rrd"), "ticks")
     for suffix, wrong in (("srt", "ticks"), ("png", "segments"), ("csv", "poses"), ("rrd", "ticks")):
         with pytest.raises(UsageError, match="rows"):
             result.save(tmp_path / f"out.{suffix}", rows=wrong)  # type: ignore[arg-type]

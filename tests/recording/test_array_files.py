@@ -157,12 +157,17 @@ def test_feather_is_read_like_parquet(tmp_path: Path, compression: str) -> None:
     assert_read(Path(path), "--columns", "position=pose.p,quaternion=pose.q")
 
 
+@pytest.mark.parametrize(("name", "start"), [("a.h5", b""), ("a.mat", b"MATLAB 7.3 MAT-file".ljust(512))])
 def test_without_h5py_hdf5_is_refused_with_what_reads_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    name: str,
+    start: bytes,
 ) -> None:
-    (tmp_path / "a.h5").write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(100))
+    (tmp_path / name).write_bytes(start + b"\x89HDF\r\n\x1a\n" + bytes(100))
     monkeypatch.setitem(sys.modules, "h5py", None)
-    assert run(["info", str(tmp_path / "a.h5")]) == 1
+    assert run(["info", str(tmp_path / name)]) == 1
     assert "it is HDF5: pip install h5py, with which it is read" in capsys.readouterr().err
 
 

@@ -4,6 +4,7 @@ from itertools import product
 from unittest.mock import patch
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -67,3 +68,17 @@ def test_probabilities_are_those_of_all_alignments(seed, n, m, rate) -> None:
     np.testing.assert_allclose(got.new, new, atol=0.07)
     flat = [one for steps in got.steps for one in steps[0]], [one for steps in got.steps for one in steps[1]]
     assert flat == ([*range(n)], [*range(m)])
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "missing", "new"),
+    [([0, 6, 1, 3, 6, 0], [0, 6, 1, 6, 0], [3], []), ([0, 6, 1, 6, 4], [0, 6, 3, 6, 4], [2], [2])],
+)
+def test_sure_steps_are_missing_or_new(first, second, missing, new) -> None:
+    evidence = np.log(7.0 * (1e-4 + (1.0 - 7e-4) * np.eye(7)))
+    alike = np.ones((len(first), len(second)), bool)
+    found = align(evidence[first], evidence[second], np.zeros((*alike.shape, 7)), alike)
+    assert [own[0] for own, other in found.steps if not other] == missing
+    assert [other[0] for own, other in found.steps if not own] == new
+    assert np.all(found.missing[missing] > 0.8)
+    assert np.all(found.new[new] > 0.8)

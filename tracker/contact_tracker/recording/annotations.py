@@ -160,10 +160,8 @@ def read_labels(
     for (_, before_ns, before), (start_ns, _, after) in pairwise(rows):
         if start_ns < before_ns:
             raise NoTruth(f"{path}: {before} and {after} overlap at {start_ns * 1e-9:.9g} s")
-    states_by_name = {
-        name: _meaning(path, name, meanings or {}, stating)
-        for name in dict.fromkeys(name for _, _, name in rows)
-    }
+    labelled = dict.fromkeys(name for _, _, name in rows)
+    states_by_name = {name: _meaning(path, name, meanings or {}, stating) for name in labelled}
     unused = [name for name in meanings or {} if name not in states_by_name]
     if unused:
         raise ChoiceError(f"{path}: no label {printable(unused[0])}{suggestion(unused[0], states_by_name)}")

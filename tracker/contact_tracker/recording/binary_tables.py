@@ -396,12 +396,8 @@ class ArrayTable:
         names, not_read, self._values = list[str](), dict[str, list[str]](), list[NDArray[Any]]()
         for name, (shape, values) in arrays.items():
             if values is None or self._rows not in (shape[0], shape[-1]):
-                is_wide = values is None
-                why = (
-                    f"more than {widest_of(name, stated)} values a row"
-                    if is_wide
-                    else f"no {self._rows} rows"
-                )
+                most = widest_of(name, stated)
+                why = f"more than {most} values a row" if values is None else f"no axis of {self._rows}"
                 not_read.setdefault(why, []).append(f"{name} ({' x '.join(map(str, shape))})")
                 continue
             rows = (values if shape[0] == self._rows else np.moveaxis(values, -1, 0)).reshape(self._rows, -1)
