@@ -206,7 +206,7 @@ CALLS: dict[str, tuple[Callable[[Given], Callable[..., Any]], dict[str, tuple[An
         (lambda given: ct.read(given.log, frame="a"), "read has no argument frame; did you mean child?"),
         (lambda given: given.arrays(units="mm"), "did you mean unit?"),
         (lambda given: ct.Tracker(unit="mm"), "Tracker has no argument unit; there are model"),
-        (lambda given: ct.evaluate(given.result, {}, map={}), "evaluate has no argument map; there are"),
+        (lambda given: ct.evaluate(given.result, {}, map={}), "no argument map; did you mean meanings"),
     ],
 )  # fmt: skip
 def test_an_argument_that_there_is_not_is_named(
