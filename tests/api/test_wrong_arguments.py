@@ -229,15 +229,15 @@ def test_an_argument_that_there_is_not_is_named(
 def test_a_refusal_in_python_proposes_the_call(
     tmp_path: Path, head: str, message: str, how: dict[str, str]
 ) -> None:
-    """Which reads the poses when made as told."""
+    """And the proposed call reads the poses."""
     path = tmp_path / "it's {a} file.csv"
     rows = np.c_[np.arange(FEW), np.ones((FEW, 3)), np.linspace(0.0, 0.5, FEW), np.zeros((FEW, 2))]
     np.savetxt(path, rows, delimiter=",", header=head, comments="")
     with pytest.raises(ct.ContactTrackerError, match=message) as raised:
         ct.segment(ct.read(path, **how)) if how else ct.segment(path)
     assert not re.search("--|contact-tracker", str(raised.value))
-    if calls := re.findall(r"contact_tracker\.read\(.*?\)(?= or |, with|\. Orders|$)", str(raised.value)):
-        assert len(eval(calls[0], {"contact_tracker": ct})) == FEW
+    calls = re.findall(r"contact_tracker\.read\(.*?\)(?= or |, with|\. Orders|$)", str(raised.value))
+    assert len(eval(calls[0], {"contact_tracker": ct})) == FEW
 
 
 @pytest.mark.parametrize(("name", "argument"), [(name, one) for name in CALLS for one in CALLS[name][1]])

@@ -89,8 +89,8 @@ def test_a_model_is_learned_and_its_file_says_from_what(
     shutil.copy("mine.toml", "before.toml")
     assert run([*command, "--start", "before.toml"]) == 0
     later = load_model("mine.toml")
-    seen, again = (one.transitions.counts.moving_s for one in (model, later))
-    np.testing.assert_allclose(again, seen, rtol=0.02)
+    counted, again = (one.transitions.counts.moving_s for one in (model, later))
+    np.testing.assert_allclose(again, counted, rtol=0.02)
     assert later.noise == model.noise
 
 
@@ -225,9 +225,9 @@ positive = st.floats(1e-9, 1e6)
 @settings(max_examples=25, deadline=None)
 @given(name=names, seed=st.integers(0, 2**32 - 1), sigma=positive, empty=st.booleans(), header=st.text())
 def test_a_written_model_is_the_model(tmp_path_factory, name, seed, sigma, empty, header):
-    seen = NOTHING if empty else random_model(np.random.default_rng(seed)).transitions.counts
-    noise, transitions = replace(MODEL.noise, sigma_position_m=sigma), replace(MODEL.transitions, counts=seen)
-    model = replace(MODEL, name=name, noise=noise, transitions=transitions)
+    counts = NOTHING if empty else random_model(np.random.default_rng(seed)).transitions.counts
+    noise = replace(MODEL.noise, sigma_position_m=sigma)
+    model = replace(MODEL, name=name, noise=noise, transitions=replace(MODEL.transitions, counts=counts))
     path = tmp_path_factory.mktemp("written") / "model.toml"
     path.write_text(model_text(model, [header, "a\nb"]), encoding="utf-8")
     assert load_model(str(path)) == model

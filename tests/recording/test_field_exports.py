@@ -69,7 +69,7 @@ def with_thousands(marks: str) -> list[list[str]]:
 
 
 @pytest.mark.parametrize("marks", [",.", ".,"])
-def test_marks_of_thousands_are_told_by_those_of_decimals(tmp_path: Path, marks: str) -> None:
+def test_thousands_separators_are_distinguished_from_decimal_marks(tmp_path: Path, marks: str) -> None:
     head = "t;x [mm];y [mm];z [mm];qx;qy;qz;qw"
     poses = Poses.collect(open_log(str(write(tmp_path / "a.csv", [head], with_thousands(marks), ";"))))
     np.testing.assert_allclose(poses.position_m, P + 2.0, rtol=0, atol=1e-9)
@@ -131,7 +131,7 @@ def test_the_lines_of_python_that_are_proposed_make_a_file_that_is_read(
     )
 
 
-def test_stamps_in_another_unit_than_their_name_are_told_of(tmp_path: Path) -> None:
+def test_stamps_in_another_unit_than_their_name_give_a_warning(tmp_path: Path) -> None:
     path = write(
         tmp_path / "a.csv", [f"time_s,{NAMES}"], rows([str(round(1e9 * (4.3 + t))) for t in T], POSE)
     )

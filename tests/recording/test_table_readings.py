@@ -635,7 +635,7 @@ def test_a_unit_against_that_in_the_names_is_refused(
 
 
 @pytest.mark.parametrize("how", [{"euler": "xyz:rad"}, {"rotation_vector": True}])
-def test_degrees_that_are_read_as_radians_are_told_of(tmp_path, how):
+def test_degrees_that_are_read_as_radians_give_a_warning(tmp_path, how):
     """Also where the first rows are small, so that these may be radians."""
     turn_deg = np.linspace(0.0, 60.0, 300)
     rows = np.column_stack([0.01 * np.arange(300), np.full((300, 3), 0.2), turn_deg, np.zeros((300, 2))])
@@ -643,8 +643,8 @@ def test_degrees_that_are_read_as_radians_are_told_of(tmp_path, how):
     np.savetxt(path, rows, "%.6f", ",", header="time [s],x,y,z,rx,ry,rz", comments="")
     with pytest.warns(contact_tracker.ContactTrackerWarning):
         taken = read(path, **how)
-    (told,) = (note for note in taken.notes if "larger than a turn" in note)
-    assert told.endswith(f"contact_tracker.read({str(path)!r}, euler='xyz:deg')")
+    (warning,) = (note for note in taken.notes if "larger than a turn" in note)
+    assert warning.endswith(f"contact_tracker.read({str(path)!r}, euler='xyz:deg')")
     table = dict(zip(("time [s]", "x", "y", "z", "rx", "ry", "rz"), rows.T, strict=True))
     with pytest.warns(contact_tracker.ContactTrackerWarning, match="larger than a turn.*euler='xyz:deg'"):
         Trajectory.from_dataframe(table, **how)

@@ -17,10 +17,10 @@ struct Round {
 
 struct Settings {
     Damping damping;
-    double tolerance;                        // gauss_newton.py
-    double sine_sq_floor, tiny, edge_ridge;  // contacts.edge_edge
-    double vertex_ridge;                     // contacts.vertex_face
-    double used, lever_m, one_axis;          // motion/window.py
+    double tolerance;                           // gauss_newton.py
+    double sine_sq_floor, tiny, edge_ridge;     // contacts.edge_edge
+    double vertex_ridge;                        // contacts.vertex_face
+    double used, lever_m, one_axis, no_motion;  // motion/window.py
     int stride_ticks;
     // hypotheses/schedule.py, as all below
     double first_ticks, rest_weight, defer_nats, far_nats, drop_nats, relaxation_ridge, fitting_rms,

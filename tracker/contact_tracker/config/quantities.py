@@ -61,7 +61,7 @@ def plausible(values: tuple[float, float], text: object, may_be_zero: bool = Fal
     for value, limit in zip(values, (_MOST_M, _MOST_RAD), strict=True):
         if not (_LEAST < value <= limit * (1.0 + _LEAST) or (may_be_zero and value == 0.0)):
             raise ValueError(
-                f"{text!r} is no error of poses by which contacts can be told: at most 100 mm and 10 deg, "
+                f"{text!r} is no error with which contacts can be distinguished: at most 100 mm and 10 deg, "
                 "at least 1e-9 m and rad. Are the units right?"
             )
     return values

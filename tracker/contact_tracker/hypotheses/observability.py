@@ -118,9 +118,9 @@ def information_spectrum(
     noise_margin = NOISE_MARGIN
     if information is None:  # with correlated errors the moments hold innovations, in which most of a
         noise_margin, variance = 1.0, variance / (1.0 - scales.correlation) ** 2  # constant pose cancels
-    tangent, seen, prior, noise = information_terms(hypothesis, model, scales, variance)
-    seen = seen if information is None else information
-    eigenvalues, eigenvectors = linalg.eigenvectors(seen, prior + noise)
+    tangent, observed, prior, noise = information_terms(hypothesis, model, scales, variance)
+    observed = observed if information is None else information
+    eigenvalues, eigenvectors = linalg.eigenvectors(observed, prior + noise)
     covariance = tangent @ posterior_covariance(eigenvalues, eigenvectors, prior, noise_margin) @ tangent.T
     return InformationSpectrum(covariance, tangent, prior, eigenvalues, eigenvectors)
 
@@ -439,15 +439,15 @@ def element_estimate(
     """
     spectrum = information_spectrum(bank, model, scales, window.usual_variance, information)
     back = np.linalg.inv(spectrum.directions)
-    seen = back.T @ (np.maximum(spectrum.values - NOISE_MARGIN, 0.0)[:, None] * back)
+    reduced = back.T @ (np.maximum(spectrum.values - NOISE_MARGIN, 0.0)[:, None] * back)
     variance = np.full(model.family.SIZE, LOOSE_M**2)
     variance[directions(model.family.FORM)] = LOOSE_RAD**2
     onto = np.linalg.pinv(spectrum.tangent)
     loose = np.linalg.cholesky((onto * variance) @ onto.T)
-    values, axes = np.linalg.eigh(loose.T @ seen @ loose)
+    values, axes = np.linalg.eigh(loose.T @ reduced @ loose)
     values = np.maximum(values, 0.0)
     along = np.linalg.solve(loose.T, axes)
-    seen = (along * (values / (1.0 + values))) @ along.T
+    reduced = (along * (values / (1.0 + values))) @ along.T
     rotation = window.zeta[len(window) // 2, R].reshape(3, 3)
     anchors = anchors_of(bank, model)[0]
-    return ElementEstimate(model.contact, bank.x[0], spectrum.tangent, seen, anchors, rotation)
+    return ElementEstimate(model.contact, bank.x[0], spectrum.tangent, reduced, anchors, rotation)

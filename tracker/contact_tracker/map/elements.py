@@ -255,7 +255,7 @@ class LearnedElements:
         return np.asarray(np.linalg.inv(self.information + np.diag(1.0 / self.weak(reach_m))))
 
     def without_weak(self, reach_m: float) -> "LearnedElements":
-        """The same without the weak prior, which its information has beside what was seen."""
+        """The same without the weak prior: only the information of the contacts."""
         sd = np.sqrt(self.weak(reach_m))
         return self.with_scaled(sd[:, None] * self.information * sd - np.eye(len(sd)), sd)
 

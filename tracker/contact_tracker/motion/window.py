@@ -288,7 +288,8 @@ LEVER_M: Final = 0.1
 ONE_AXIS: Final = 0.14
 """Motion has one degree of freedom if its second largest component is below this share of the largest (turns
 scaled by the lever above): hinges, sliders and screws with their errors."""
-TINY: Final = 1e-9
+NO_MOTION: Final = 1e-9
+"""Added to weights and least divisors: without motion they are zero."""
 _AXIS: Final = np.array([np.cross(b, a) for a in EYE for b in EYE]).T
 """(3, 9): maps a row-major matrix to its antisymmetric part as a vector: of a rotation twice the sine of its
 angle times its axis; of ``a b^T`` it is ``b x a``."""
@@ -319,11 +320,11 @@ def twist_power(window: Window) -> TwistPower:
     before, after = place[:, :-STRIDE_TICKS], place[:, STRIDE_TICKS:]
     step = (rotation[:, None, :, STRIDE_TICKS:] * rotation[:, :, :-STRIDE_TICKS]).sum(axis=2).reshape(9, -1)
     # tan of half the angle along the axis, twice: exact about an axis
-    turned = _AXIS @ step / np.maximum(0.5 + 0.5 * (_TRACE @ step), TINY)
+    turned = _AXIS @ step / np.maximum(0.5 + 0.5 * (_TRACE @ step), NO_MOTION)
     middle = 0.5 * (before + after)
     shifted = after - before - _AXIS @ (middle[:, None] * turned).reshape(9, -1)
     twist = np.concatenate([shifted, turned])
-    weight = window.motion_ratio[STRIDE_TICKS:] + TINY
+    weight = window.motion_ratio[STRIDE_TICKS:] + NO_MOTION
     position, rotational = 2.0 * window.usual_variance
     lever_sq = np.vdot(middle, middle) / len(weight) * 2.0 / 3.0
     sigma = np.sqrt([position + rotational * lever_sq] * 3 + [rotational] * 3)

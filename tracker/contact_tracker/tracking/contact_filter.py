@@ -180,11 +180,11 @@ class ContactFilter:
         self.state = self.state._replace(recent=())
         return beliefs
 
-    def as_seen(self, tick: Tick) -> Tick:
+    def with_own_innovations(self, tick: Tick) -> Tick:
         """A tick that was averaged for another filter, with the innovations by this filter's noise."""
-        motion, seen = with_excess(self.state.free_motion, tick, self.state.model)
+        motion, own_tick = with_excess(self.state.free_motion, tick, self.state.model)
         self.state = self.state._replace(free_motion=motion)
-        return seen
+        return own_tick
 
 
 _BORN: Final = attrgetter("is_given")

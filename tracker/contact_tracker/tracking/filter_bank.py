@@ -550,7 +550,7 @@ class FilterBank:
             if self.filters[0] is not first:  # which was dropped
                 assert self.grid is not None
                 first = self.filters[0]
-                ticks[number + 1 :] = [first.as_seen(later) for later in ticks[number + 1 :]]
+                ticks[number + 1 :] = [first.with_own_innovations(later) for later in ticks[number + 1 :]]
                 self.grid.follow(first.state.model, first.state.free_motion)
         return beliefs
 
@@ -561,9 +561,9 @@ class FilterBank:
         # only the best looks for further contacts and curvature
         for number, filter_ in enumerate(self.filters):
             filter_detail = detail if number == best else min(detail, Detail.GEOMETRY)
-            seen = filter_.as_seen(tick) if number else tick
+            own_tick = filter_.with_own_innovations(tick) if number else tick
             before = filter_.state
-            filter_.update(seen, filter_detail, number == best)
+            filter_.update(own_tick, filter_detail, number == best)
             evidence.append(tick_evidence(before, filter_.state))
         curved = self.filters[best].state.curved  # tested by one for all
         for filter_ in self.filters:

@@ -99,8 +99,7 @@ def lagged_belief(state: FilterState, row: int) -> Belief:
 
 def label_posterior(state: FilterState) -> Array:
     """The posterior (7,) of the states, the most probable of which is the label."""
-    power = state_shares(state) ** state.model.certainty.posterior_power
-    return np.asarray(power / power.sum())
+    return ambiguity.tempered(state_shares(state), state.model.certainty.posterior_power)
 
 
 def state_shares(state: FilterState) -> Array:

@@ -74,16 +74,22 @@ def errors_as(kind: type[ContactTrackerError], path: str) -> Iterator[None]:
         raise kind(f"{name}: {error.strerror or error}{near_file(name)}") from error
 
 
-_OPTIONS: Final = (
-    "accuracy|box|columns|euler|field|frame|known|map|mass|matrix|model|noise|plane|rate|relative-to|"
-    "rotation-vector|states|time-unit|topic|unit|up|wrench"
+_OF_READING: Final = frozenset(
+    ("topic", "parent", "child", "relative_to", "rate", *(f.name for f in fields(TableReading) if f.compare))
 )
+"""Arguments that say how poses are read."""
+_IN_PYTHON: Final = {"frame": "child", "map": "meanings"}
+"""Arguments of Python by the name of their option on the command line, where they differ."""
+_OPTIONS: Final = (
+    *sorted(name.replace("_", "-") for name in _OF_READING | {*_IN_PYTHON}),
+    *("accuracy", "box", "known", "mass", "model", "noise", "plane", "states", "up", "wrench"),
+)
+"""Options of the command line that are arguments in Python, too."""
 _OPTION: Final = re.compile(
-    rf"(?<![^\s(])--({_OPTIONS})(?![\w-])"
+    rf"(?<![^\s(])--({'|'.join(_OPTIONS)})(?![\w-])"
     r"(?: (?!or |and |for |beside )('[^']*'|[^\s;()]*[^\s,;().]))?"
 )
-"""An option of the command line that is an argument in Python, too, and its value."""
-_IN_PYTHON: Final = {"frame": "child", "map": "meanings"}
+"""One of these, and its value."""
 
 
 def python_words(text: str) -> str:
@@ -111,11 +117,6 @@ def in_python() -> Iterator[None]:
     except ContactTrackerError as error:
         error.args = (python_words(str(error)),)
         raise
-
-
-_OF_READING: Final = frozenset(
-    ("topic", "parent", "child", "relative_to", "rate", *(f.name for f in fields(TableReading) if f.compare))
-)
 
 
 def with_known_arguments(function: Callable[P, R]) -> Callable[P, R]:

@@ -118,12 +118,12 @@ private:
     std::vector<int> since_;
 };
 
-// Reference: `global_search.is_protected`.
+// As in `global_search.prune`.
 inline bool is_protected(const Kind& kind, const Hypothesis& one) {
     return one.since[kind.since.effective_ticks] <= one.own[kind.where.protected_until];
 }
 
-// Reference: `global_search.in_burn_in`.
+// As in `global_search.select_for_search`.
 inline bool in_burn_in(const Kind& kind, const Hypothesis& one) {
     return one.since[kind.since.effective_ticks] <= kind.burn_in_ticks &&
            whole(one.own, kind.where.needs_search) != 0;

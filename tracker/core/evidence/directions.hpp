@@ -12,7 +12,6 @@
 namespace kernels {
 
 constexpr int directions = 6;
-constexpr double no_motion = 1e-9;
 
 // Median of each of the two variances from tick `first` on. Reference: `linalg.median`.
 inline std::array<double, 2> usual_variance(const Ticks& ticks, int first) {
@@ -24,10 +23,6 @@ inline std::array<double, 2> usual_variance(const Ticks& ticks, int first) {
         usual[i] = 0.5 * rising[(rising.size() - 1) / 2] + 0.5 * rising[rising.size() / 2];
     }
     return usual;
-}
-
-inline void cross(const double* a, const double* b, double* out) {
-    for (int i = 0; i < 3; ++i) out[i] = a[(i + 1) % 3] * b[(i + 2) % 3] - a[(i + 2) % 3] * b[(i + 1) % 3];
 }
 
 // Mean square of the twists from tick `first` on, and their squared deviations by noise. Reference:
@@ -42,7 +37,7 @@ inline void twist_power(const Ticks& ticks, int first, Square<directions>& power
     for (auto& row : power) std::fill_n(row, directions, 0.0);
     for (int t = first; t < first + steps; ++t) {
         const double *before = ticks.pose + t * Ticks::entries, *after = before + stride * Ticks::entries;
-        double step[3][3], middle[3], swung[3], twist[directions], *turned = twist + 3;
+        double step[3][3], middle[3], twist[directions], *turned = twist + 3;
         for (int i = 0; i < 9; ++i) {
             const double *a = after + i / 3 * 3, *b = before + i % 3 * 3;
             step[i / 3][i % 3] = a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
@@ -50,13 +45,14 @@ inline void twist_power(const Ticks& ticks, int first, Square<directions>& power
         const double trace = step[0][0] + step[1][1] + step[2][2];
         for (int i = 0; i < 3; ++i) {
             const int j = (i + 1) % 3, k = (i + 2) % 3;
-            turned[i] = (step[k][j] - step[j][k]) / std::max(0.5 + 0.5 * trace, no_motion);
+            turned[i] = (step[k][j] - step[j][k]) / std::max(0.5 + 0.5 * trace, settings.no_motion);
             middle[i] = 0.5 * (before[9 + i] + after[9 + i]) - centre[i];
             lever_sq += middle[i] * middle[i];
         }
-        cross(turned, middle, swung);
+        double swung[3];
+        put(swung, 0, cross(at(turned, 0), at(middle, 0)));
         for (int i = 0; i < 3; ++i) twist[i] = after[9 + i] - before[9 + i] - swung[i];
-        const double weight = ticks.motion_ratio(t + stride) + no_motion;
+        const double weight = ticks.motion_ratio(t + stride) + settings.no_motion;
         weights += weight;
         for (int i = 0; i < directions; ++i)
             for (int j = 0; j < directions; ++j) power[i][j] += weight * twist[i] * twist[j];

@@ -3,7 +3,7 @@
 #pragma once
 
 #include "evidence/likelihood.hpp"
-#include "formations/descent.hpp"
+#include "explanations/descent.hpp"
 #include "update/contact_update.hpp"
 
 namespace kernels {

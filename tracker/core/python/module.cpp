@@ -3,7 +3,7 @@
 #include "evidence/directions.hpp"
 #include "evidence/information.hpp"
 #include "evidence/proximity.hpp"
-#include "formations/constraints.hpp"
+#include "explanations/constraints.hpp"
 #include "python/numpy_views.hpp"
 #include "python/read_settings.hpp"
 #include "python/test_bindings.hpp"

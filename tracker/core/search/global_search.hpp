@@ -33,7 +33,7 @@ void best_first(std::vector<Found<F>>& found, int many) {
     if (static_cast<int>(found.size()) > many) found.resize(many);
 }
 
-// Reference: `ElementPrior.is_given`.
+// Reference: `pairs.known_entries`.
 template <class F>
 void find_given(const Kind& kind, const double* row, bool (&given)[F::S]) {
     for (int s = 0, diagonal = kind.where.prior_information; s < F::S; diagonal += F::S - s++)
@@ -62,7 +62,7 @@ void follow(const Moments<F>& window, int steps, std::vector<Found<F>>& found, W
     }
 }
 
-// Reference: `global_search._found` of one hypothesis: the best geometries, in order of cost.
+// Reference: `global_search._search_rows` of one hypothesis: the best geometries, in order of cost.
 template <class F>
 std::vector<Found<F>> find(const Kind& kind, const Hypothesis& one, const Directions& directions,
                            Work<F>& work) {

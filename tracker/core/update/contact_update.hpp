@@ -60,7 +60,7 @@ void add_births(const Kind& kind, int old, int earlier, const Birth& birth, cons
     }
 }
 
-// Reference: `global_search.is_competitive`.
+// As in `global_search.select_for_search`.
 inline bool is_competitive(const Kind& kind, const Hypothesis& one) {
     return within_far_margin(kind.where, one.own) || in_burn_in(kind, one);
 }

@@ -114,7 +114,7 @@ def _settings() -> dict[str, object]:
         *("FIRST_STEPS", "RECOVERY_STEPS", "FOLLOWED_STARTS", "SEARCH_REFITS", "UNTHINNED_TICKS", "ROUNDS"),
     )
     fits = ("FIRST_DAMPING", "LEAST_SHARE", "LEAST_CURVATURE", "TOLERANCE")
-    moving = ("USED", "LEVER_M", "ONE_AXIS", "STRIDE_TICKS")
+    moving = ("USED", "LEVER_M", "ONE_AXIS", "NO_MOTION", "STRIDE_TICKS")
     shared = ("LEAST_DAMPING", "MOST_DAMPING", "DAMPING_DECREASE", "DAMPING_INCREASE")
     return {
         **{name.lower(): getattr(schedule, name) for name in names},

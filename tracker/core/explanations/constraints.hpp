@@ -1,4 +1,5 @@
-// Number of constraints that two contacts impose together. Reference: `conditional.count_constraints`.
+// Number of constraints that two contacts impose together. Reference:
+// `conditional_contact.constraints_of_two`.
 #pragma once
 
 #include "evidence/directions.hpp"

@@ -1,4 +1,5 @@
-// Descent to the elements of a further contact, a start per lane. Reference: `formations.search`.
+// Descent to the elements of a further contact, a start per lane. Reference:
+// `conditional_contact.search`.
 #pragma once
 
 #include "contacts/prior.hpp"
