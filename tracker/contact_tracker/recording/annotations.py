@@ -77,7 +77,10 @@ def need_truth(
     truth = read_truth(path)
     if truth is None:
         next(iter(open_log(path, topic, frame, table=table)), None)
-        raise NoTruth(f"{path}: no truth in it, neither {TRUTH_ATTACHMENT} nor {TRUTH_TOPIC}")
+        raise NoTruth(
+            f"{path}: no truth in it, neither {TRUTH_ATTACHMENT} nor {TRUTH_TOPIC}; "
+            "labels of your own are given by --labels FILE (in Python: labels)"
+        )
     if all(interval.contact is None for interval in truth.intervals):
         raise NoTruth(f"{path}: its truth names no contact, as that of a joint: there is nothing to compare")
     return truth

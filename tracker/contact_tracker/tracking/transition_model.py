@@ -27,7 +27,8 @@ transitions, they give 0.006 less online."""
 PACE_SHAPE: Final = 1.3
 """Shape of the gamma prior, with mean one, on the pace of a recording: how much more often states end in it
 than by the model. Most likely given the true changes of 47 recordings, whose paces are 0.34 to 11; their log
-likelihood is 97 nats higher than with one pace for all."""
+likelihood is 97 nats higher than with one pace for all. On 14 simulated everyday recordings 1.2 % of the time
+is sure and wrong offline with it, with half and with double, and 2.7 % with one pace for all."""
 FREE: Final = Contact.FREE.column
 FACES: Final = Contact.FF.column
 REST_LOG_LIKELIHOOD: Final = np.array([0.0, *[-6.0] * 5, -12.0])
