@@ -8,8 +8,9 @@ and 0.03 deg, 0.5 and 0.11, 1 and 0.23), each swing (deg, from end to end) and a
 Hinges tilt by ``play`` over 0.1 m, and shift by half of it in the rows ``harmonics`` and ``sides``: with the
 angle's first harmonics, in waves of the angle, with its sign, or to the other side where they turn back;
 ``shift`` is a shift alone by the play. Balls have those shares of the swing about three axes. ``turn and
-slide`` is both about one axis, each by itself, and no joint. ``right`` is the share of the cases in which the
-joint, or none of a turn and slide, is named; ``sure and wrong`` in which another one has more than 0.9.
+slide`` is both about one axis, each by itself, and ``curve`` a shift there and back along a bent curve while
+the object turns: neither is a joint. ``right`` is the share of the cases in which the joint, or none where
+there is none, is named; ``sure and wrong`` in which another one has more than 0.9.
 """
 
 import sys
@@ -38,6 +39,7 @@ BALL_SWINGS_DEG: Final = [10.0, 20.0, 40.0, 90.0]
 Z: Final = np.array([0.0, 0.0, 1.0])
 TILT_LENGTH_M: Final = 0.1
 SHARES: Final = {"1 1 1": (1, 1, 1), "1 1 0": (1, 1, 0), "1 0.3 0.3": (1, 0.3, 0.3), "1 0.3 0": (1, 0.3, 0)}
+NO_JOINT: Final = ("turn and slide", "curve")
 COLUMNS: Final = ("joint", "errors", "play, mm", "cases", "right", "sure and wrong", "surely a ball")
 
 
@@ -95,6 +97,10 @@ def motion(case: Case) -> tuple[Rotation, Array]:
         return turn, turn.apply(arm)
     if case.joint == "slider":
         return Rotation.identity(len(time_s)), arm + Z * course(rng, time_s, hz, 0.3)[:, None]
+    if case.joint == "curve":
+        way = course(rng, time_s, hz, 1.0) + 0.5
+        bend_m, turn = case.play_m * np.sin(np.pi * way), swing * np.sin(2.0 * np.pi * way)
+        return Rotation.from_rotvec(turn[:, None] * Z), np.column_stack([0.12 * way, bend_m, 0.0 * way])
     angle = course(rng, time_s, hz, swing)
     turn = Rotation.from_rotvec(angle[:, None] * Z)
     if case.joint == "screw":
@@ -110,7 +116,7 @@ def motion(case: Case) -> tuple[Rotation, Array]:
 
 
 def named(case: Case) -> tuple[str, bool]:
-    """The joint that is named, or that none is, and whether it has more than 0.9."""
+    """The joint that is named, or ``none``, and whether it has more than 0.9."""
     turn, place = motion(case)
     rng, sigma, model = np.random.default_rng([case.seed, 1]), np.array(NOISES[case.noise]), load_model()
     turn = turn * Rotation.from_rotvec(sigma[1] * rng.normal(size=place.shape))
@@ -121,7 +127,7 @@ def named(case: Case) -> tuple[str, bool]:
     window = Window(np.arange(len(zeta)), zeta, *(np.tile(one, (len(zeta), 1)) for one in (variance, moved)))
     joint = find_joint(window, scales_of(model), [], 1, model.systematic)
     if joint is None:
-        return "turn and slide", False
+        return "none", False
     is_sure = bool(expit(model.certainty.posterior_power * joint.log_odds) > 0.9)
     return joint.model.kind.value, is_sure
 
@@ -136,6 +142,7 @@ def cases(swings: list[float], seeds: list[int]) -> Iterator[Case]:
     ]
     rows += [("ball", shares, 0.0) for shares in SHARES] + [("screw", "none", p) for p in (1e-3, 4e-3, 2e-2)]
     rows += [("slider", "none", 0.0), ("turn and slide", "none", 0.0)]
+    rows += [("curve", "bend", bend_m) for bend_m in (1e-2, 3e-2, 5e-2)]
     for joint, errors, play_m in rows:
         for swing in swings or (BALL_SWINGS_DEG if joint == "ball" else SWINGS_DEG):
             for arm_m in (0.05, 0.1, 0.3, 1.0)[joint != "ball" :]:
@@ -151,17 +158,20 @@ def main() -> int:
     jobs = dict[tuple[str, str, str], list[tuple[Case]]]()
     for case in cases(args.swings, args.seeds):
         jobs.setdefault((case.joint, case.errors, f"{1e3 * case.play_m:g}"), []).append((case,))
-    found = dict(measured(named, jobs, args.processes))
+    answers = dict(measured(named, jobs, args.processes))
     for joint in dict.fromkeys(key[0] for key in jobs):
-        found[joint, "all", ""] = [one for key, some in found.items() if key[0] == joint for one in some]
+        answers[joint, "all", ""] = [
+            answer for key, of_errors in answers.items() if key[0] == joint for answer in of_errors
+        ]
     rows = []
-    for (joint, *what), some in found.items():
+    for (joint, *what), of_errors in answers.items():
+        right = "none" if joint in NO_JOINT else joint
         shares = (
-            [name == joint for name, _ in some],
-            [is_sure and name != joint for name, is_sure in some],
-            [is_sure and name == "ball" for name, is_sure in some],
+            [name == right for name, _ in of_errors],
+            [is_sure and name != right for name, is_sure in of_errors],
+            [is_sure and name == "ball" for name, is_sure in of_errors],
         )
-        rows.append([joint, *what, str(len(some)), *(number(float(np.mean(one))) for one in shares)])
+        rows.append([joint, *what, str(len(of_errors)), *(number(float(np.mean(share))) for share in shares)])
     return report(args, play=Table(COLUMNS, rows))
 
 
