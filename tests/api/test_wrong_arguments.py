@@ -222,7 +222,7 @@ def test_an_argument_that_there_is_not_is_named(
     [
         ("t,x,y,z,roll,pitch,yaw", "three angles", {}),
         ("t,cup_x,cup_y,cup_z,cup_rx,cup_ry,cup_rz", "angles or a rotation vector", {"child": "cup"}),
-        ("frame,x,y,z,rvec_x,rvec_y,rvec_z", "with the rate of your frames", {}),
+        ("frame,x,y,z,rvec_x,rvec_y,rvec_z", "with the rate of your poses", {}),
         ("unix_time,x,y,z,rvec_x,rvec_y,rvec_z", "'unix_time'", {}),
     ],
 )

@@ -79,6 +79,35 @@ def test_no_reading_is_proposed_that_names_or_values_contradict(
     assert ways or "as in 'rvec_x [deg]'" in text
 
 
+@pytest.mark.parametrize(
+    ("head", "words", "way"),
+    [
+        ("t,x,y,z,roll,pitch,yaw", "", "--unit mm --euler xyz:deg"),
+        ("t,x,y,z,roll,pitch,yaw", "--euler ZYX", "--unit mm --euler ZYX:deg"),
+        ("t,x,y,z,rx,ry,rz", "--euler ZYX", "--unit mm --euler ZYX:deg"),
+        ("t,x,y,z,roll,pitch,yaw", "--unit cm", "--unit cm --euler xyz:deg"),
+        ("frame,x [mm],y [mm],z [mm],roll,pitch,yaw", "", "--time-unit 100Hz --euler xyz:deg"),
+        ("frame,x,y,z,roll,pitch,yaw", "", "--unit mm --time-unit 100Hz --euler xyz:deg"),
+        ("", "", "--unit mm --euler xyz:deg --columns 'time=c0,position=c[1:4],rotation=c[4:7]'"),
+        ("", "--euler ZYX", "--unit mm --euler ZYX:deg --columns 'time=c0,position=c[1:4],rotation=c[4:7]'"),
+    ],
+)
+def test_one_command_says_all_that_is_not_known(tmp_path: Path, head: str, words: str, way: str) -> None:
+    """Unit of positions, rate, order and unit of angles; what the user states stays."""
+    path = tmp_path / "a.csv"
+    path.write_text(csv(head, np.arange(9), 1e3 * PLACE, ZYX))
+    table = build_parser().parse_args(["segment", str(path), *words.split()]).table
+    with pytest.raises(UnreadableRecording) as raised:
+        open_log(str(path), table=table)
+    text = str(raised.value)
+    assert f"read them by contact-tracker segment {path} {way}" in text
+    assert ("your unit instead of mm (positions reach " in text) == ("--unit mm" in way)
+    command = re.search(r"contact-tracker (segment .*?)(?= or\b|, with|\. Orders|$)", text)
+    assert command is not None
+    table = build_parser().parse_args(shlex.split(command[1])).table
+    assert len(Poses.collect(open_log(str(path), table=table))) == 9
+
+
 def test_an_index_without_a_name_is_proposed_as_the_time(tmp_path: Path) -> None:
     """As pandas writes one, of times but not of numbers of rows."""
     path, pose = tmp_path / "a.csv", "x,y,z,qw,qx,qy,qz"

@@ -608,7 +608,7 @@ def test_python_takes_the_same_as_arguments(tmp_path: Path) -> None:
         np.testing.assert_allclose(result.stamp_ns, SINCE_NS, rtol=0, atol=101)
         np.testing.assert_allclose(result.position_m, P, rtol=0, atol=1e-9)
         np.testing.assert_allclose(np.abs(np.sum(result.quat_xyzw * Q, axis=1)), 1.0, rtol=0, atol=1e-9)
-    with pytest.raises(UsageError, match=r"Trajectory\.from_dataframe\(table, euler='xyz:deg'\)"):
+    with pytest.raises(UsageError, match=r"from_dataframe\(table, unit='mm', euler='xyz:deg'\)"):
         Trajectory.from_dataframe(table)
 
 
@@ -635,17 +635,28 @@ def test_a_unit_against_that_in_the_names_is_refused(
 
 
 @pytest.mark.parametrize("how", [{"euler": "xyz:rad"}, {"rotation_vector": True}])
-def test_degrees_that_are_read_as_radians_give_a_warning(tmp_path, how):
-    """Also where the first rows are small, so that these may be radians."""
+def test_degrees_that_are_read_as_radians_are_refused(tmp_path, how):
+    """Also where the first rows are small, so that these may be radians; not if names state the unit, and not
+    for the number of a lost pose."""
     turn_deg = np.linspace(0.0, 60.0, 300)
     rows = np.column_stack([0.01 * np.arange(300), np.full((300, 3), 0.2), turn_deg, np.zeros((300, 2))])
     path = tmp_path / "take.csv"
-    np.savetxt(path, rows, "%.6f", ",", header="time [s],x,y,z,rx,ry,rz", comments="")
-    with pytest.warns(contact_tracker.ContactTrackerWarning):
-        taken = read(path, **how)
-    (warning,) = (note for note in taken.notes if "larger than a turn" in note)
-    assert warning.endswith(f"contact_tracker.read({str(path)!r}, euler='xyz:deg')")
+
+    def saved(names: str) -> None:
+        np.savetxt(path, rows, "%.6f", ",", header=f"time [s],x,y,z,{names}", comments="")
+
+    saved("rx,ry,rz")
+    with pytest.raises(UnreadableRecording, match="larger than a turn") as refused:
+        read(path, **how)
+    assert f"read them by contact_tracker.read({str(path)!r}, euler='xyz:deg');" in str(refused.value)
+    assert len(read(path, euler="xyz:deg")) == 300
     table = dict(zip(("time [s]", "x", "y", "z", "rx", "ry", "rz"), rows.T, strict=True))
-    with pytest.warns(contact_tracker.ContactTrackerWarning, match="larger than a turn.*euler='xyz:deg'"):
+    with pytest.raises(UsageError, match=r"larger than a turn.*euler='xyz:deg'"):
         Trajectory.from_dataframe(table, **how)
-    assert not read(path, euler="xyz:deg").notes
+    with pytest.raises(UsageError, match="larger than a turn: if they are degrees"):
+        Trajectory.from_arrays(rows[:, 0], rows[:, 1:4], rows[:, 4:], **how)
+    saved("rx [rad],ry [rad],rz [rad]")
+    assert len(read(path, **how)) == 300
+    rows[:, 4] = np.where(np.arange(300) % 50 == 7, 9999.0, 0.01 * turn_deg)
+    saved("rx,ry,rz")
+    assert len(read(path, **how)) >= 295

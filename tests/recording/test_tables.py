@@ -264,7 +264,7 @@ QUATERNION = "qx,qy,qz,qw\n0,1,2,3,0,0,0,1\n"
         ("t,x [mm],y [mm],qx,qy,qz,qw\n1,2,3,0,0,0,1\n", r"missing is z: .*x \[mm\],y \[mm\],z \[mm\],qx"),
         (f"{HEADER}\n\n# end\n", "it has a header but no rows"),
         (f"{HEADER}\n0 0 0 0 0 0 0 1\n1,0,0,0,0,0,0,1\n", "row 1 has 1 value, the header has 8: separate"),
-        ("x,y,z,qx,qy,qz,qw\n1,2,3,0,0,0,1\n", "read them by .*100Hz, with the rate of your rows"),
+        ("x,y,z,qx,qy,qz,qw\n1,2,3,0,0,0,1\n", "read them by .*100Hz, with the rate of your poses"),
         ("Format Version,1.23\n\n,,Rigid Body\nFrame,Time,X\n", "no rigid body with Rotation and Position"),
         ("Format Version|1.23|Take Name|a\n", "its columns are separated by nothing known"),
         ("Objects\nx\n", "its section Objects lacks rate, names, columns or units"),

@@ -155,6 +155,8 @@ class TableReading:
         """This reading, with the statements of ``reading`` added or in place of its own."""
         stated = {f.name: value for f in _options() if (value := getattr(reading, f.name))}
         stated["given"] = reading.given or self.given
+        if reading.euler and ":" not in reading.euler and self.euler and ":" in self.euler:
+            stated["euler"] = f"{reading.euler}:{self.euler.partition(':')[2]}"
         if reading.columns:
             stated["columns"] = tuple({**dict(self.columns), **dict(reading.columns)}.items())
         base = replace(self, euler=None, rotation_vector=False, matrix=None) if reading.kind else self

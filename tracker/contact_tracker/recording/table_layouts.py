@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain, groupby
 from typing import Any, Final
 
@@ -30,6 +30,10 @@ from contact_tracker.suggestions import suggestion
 Array = NDArray[np.float64]
 _PLAUSIBLE: Final = 0.1
 """Largest deviation from 1 of a rotation's determinant and of an axis's length."""
+_FARTHEST_M: Final = 10.0
+"""Largest coordinate (m) of positions in metres; larger ones are probably in millimetres."""
+_LOST_DEG: Final = 999.0
+"""Least number in columns of angles that stands for a lost pose."""
 
 
 def _from_euler(angles: Array, how: str) -> Array:
@@ -134,6 +138,7 @@ class Body:
     kind : kind of the rotation, a key of ``ROTATIONS``.
     how : convention of the rotation: order and unit of angles.
     has_unit : whether the unit of the position is stated, by the user, the columns or the format.
+    has_angle_unit : whether the names of columns state the unit of the angles.
     """
 
     name: str
@@ -142,6 +147,7 @@ class Body:
     kind: str = "quaternion"
     how: str = ""
     has_unit: bool = False
+    has_angle_unit: bool = False
 
     def poses(self, values: Array) -> Array:
         """Positions (m) and quaternions ``xyzw`` (N, 7) of the values of its columns (N, k)."""
@@ -150,18 +156,32 @@ class Body:
 
 def are_no_radians(numbers: Array) -> bool:
     """Whether an angle, or a component of a rotation vector, exceeds one turn in radians."""
-    return bool((np.abs(numbers[np.isfinite(numbers)]) > 2.0 * np.pi).any())
+    sizes = np.abs(numbers)
+    return bool(((sizes > 2.0 * np.pi) & (sizes < _LOST_DEG)).any())
 
 
-def doubt_of_angles(values: Array, body: Body, reading: TableReading, path: str) -> str | None:
-    """One line if angles among the ``values`` (N, k) of a body's columns are read as radians and exceed a
-    turn."""
+def in_unit(reading: TableReading, body: Body, values: Array) -> tuple[TableReading, str]:
+    """The reading to be proposed for a body's ``values`` (N, k): with millimetres if its positions have no
+    unit and are too far for metres; then, in words, what the user has to replace."""
+    sizes = np.abs(values[:, :3]).max(axis=1)
+    reach = 0.0 if body.has_unit or not np.isfinite(sizes).any() else float(np.nanmedian(sizes))
+    if reach <= _FARTHEST_M:
+        return reading, ""
+    return replace(reading, unit="mm"), f"your unit instead of mm (positions reach {reach:.4g})"
+
+
+def check_angles(values: Array, body: Body, reading: TableReading, path: str) -> None:
+    """Raise UnreadableRecording if angles among the ``values`` (N, k) of a body's columns exceed a turn in
+    radians, which the names of the columns do not state to be their unit."""
     order, _, unit = body.how.rpartition(":")
-    has_angles = body.kind in ("euler", "rotation_vector") and unit == "rad"
-    if not (has_angles and are_no_radians(values[:, 3:])):
-        return None
-    command = reading.with_(reading_of(euler=f"{order or 'xyz'}:deg")).command(path)
-    return f"angles are taken as radians, and larger than a turn: if they are degrees, read them by {command}"
+    has_angles = body.kind in ("euler", "rotation_vector") and unit == "rad" and not body.has_angle_unit
+    if has_angles and are_no_radians(values[:, 3:]):
+        way, about = in_unit(reading.with_(reading_of(euler=f"{order or 'xyz'}:deg")), body, values)
+        command = f"{way.command(path)}{', with ' * bool(about)}{about}"
+        raise UnreadableRecording(
+            f"its angles as radians are larger than a turn: if they are degrees, read them by {command}; if "
+            "not, write the unit into the names of their columns, as in 'rx [rad]'"
+        )
 
 
 @dataclass(frozen=True)
@@ -243,10 +263,11 @@ def bodies_of(
         if differing:
             labels = ", ".join(label for label, _ in named)
             raise UnreadableRecording(f"the units of the columns {labels} differ: give all three in one")
-        how = _how(reading, [columns[places[role]] for role in roles[3:] or roles])
+        of_angles = [columns[places[role]] for role in roles[3:] or roles]
+        how, has_angle_unit = _how(reading, of_angles), all(unit in ANGLE_UNITS for _, unit in of_angles)
         own_places = tuple(places[role] for role in (*POSITION, *roles))
         has_unit = all(reading.unit or column_unit or unit for _, column_unit in named)
-        bodies.append(Body(name, own_places, metres, kind, how, has_unit))
+        bodies.append(Body(name, own_places, metres, kind, how, has_unit, has_angle_unit))
     if open_names and not bodies:
         raise OpenReading(", ".join(open_names[:3]))
     return tuple(bodies)

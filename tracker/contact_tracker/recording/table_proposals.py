@@ -2,7 +2,8 @@
 proposed from known systems, numbers of columns and values."""
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from itertools import chain, islice, product
 from typing import Any, Final
@@ -30,6 +31,7 @@ from contact_tracker.recording.table_layouts import (
     are_named_angles,
     are_no_radians,
     are_numbers,
+    in_unit,
     layout,
     numbers,
 )
@@ -109,7 +111,7 @@ def layout_of_names(
     rows: Rows = tuple,
 ) -> TableLayout:
     """The layout of a table with named columns; ``units`` may be those of a separate row. The first ``rows``
-    decide which angles may be in degrees.
+    decide which units may be proposed.
 
     Raises UnreadableRecording, with the command that reads the columns if there is one, if they have no poses
     or their meaning is not known; and ChoiceError if a column that the reading names is not there.
@@ -120,7 +122,7 @@ def layout_of_names(
     try:
         return layout(columns, reading)
     except UnreadableRecording as error:
-        proposal = _proposal(columns, reading, path, rows)
+        proposal = _Proposal(columns, reading, path, rows).text()
         if proposal is not None:
             raise UnreadableRecording(proposal) from error
         if isinstance(error, OpenReading):
@@ -131,17 +133,14 @@ def layout_of_names(
 def layout_without_names(rows: Sequence[Sequence[str]], reading: TableReading, path: str) -> TableLayout:
     """The layout of columns without names; raises UnreadableRecording, with proposals by the values of the
     first rows, if the reading does not state the columns."""
-    values = rows[0] if rows else ()
-    if not reading.columns:
-        how = f"say which they are, by number from 0 on, as in --columns time={UNNAMED}0,x={UNNAMED}1"
-        if ways := [way.with_(reading) for way in _meanings(rows)]:
-            commands = " or ".join(_commands(way, path) for way in ways)
-            how = f"if they are meant so, read them by {commands}"
-            if ways[0].has_frame_numbers and not reading.has_frame_numbers:
-                how += f", with the rate of your poses instead of {ways[0].time_unit}"
-            how += f". {_ORDERS}" if ways[0].euler else ""
-        raise UnreadableRecording(f"its {len(values)} columns have no names: {how}")
-    return layout_of_names([f"{UNNAMED}{i}" for i in range(len(values))], reading, path)
+    names = [f"{UNNAMED}{i}" for i in range(len(rows[0]) if rows else 0)]
+    if reading.columns:
+        return layout_of_names(names, reading, path, rows=lambda: rows)
+    how = f"say which they are, by number from 0 on, as in --columns time={UNNAMED}0,x={UNNAMED}1"
+    if ways := [way.with_(reading) for way in _meanings(rows)]:
+        proposal = _Proposal(Columns(names), reading, path, lambda: rows)
+        how = f"if they are meant so, read them by {proposal.commands(ways)}"
+    raise UnreadableRecording(f"its {len(names)} columns have no names: {how}")
 
 
 def _meanings(rows: Sequence[Sequence[str]]) -> list[TableReading]:
@@ -224,143 +223,169 @@ def _order_of_matrices(values: Array) -> str | None:
     return None
 
 
-def _proposal(columns: Columns, reading: TableReading, path: str, rows: Rows) -> str | None:
-    """The probable meaning of the columns, with the command that reads them so; None if nothing fits."""
-    reading, about_time, about_rate = _with_time(columns, reading, rows)
-    lower = {*map(str.lower, columns.names), *columns.plain}
-    prefixed = islice(filter(None, map(_PREFIX.match, sorted(lower))), _MOST_GROUPS)
-    prefixes = "", *dict.fromkeys(match[0] for match in prefixed)
-    for (system, names, meaning), prefix in product(KNOWN, prefixes):
-        if lower.issuperset(prefix + name for name in names):
-            written = {name.lower(): name for name in reversed(columns.names)}
-            roles = ((role, prefix + name) for role, name in meaning.columns)
-            spelled = tuple((role, written.get(name.lower(), name)) for role, name in roles)
-            candidate = replace(meaning, columns=spelled).with_(reading)
-            if not _fault(columns, candidate):
-                command = candidate.command(path)
-                return f"if its columns are those of {system}, read them by {command}{about_rate}"
-    fault = _fault(columns, reading)
-    if fault is None:
-        return f"{about_time}: read them by {reading.command(path)}{about_rate}"
-    if isinstance(fault, OpenReading) and (
-        text := _open_rotation(fault, columns, reading, path, rows, about_rate)
-    ):
-        return text
-    matches = [pattern.fullmatch(name) for name in columns.names for pattern in (NUMBERED, BY_ROW)]
-    bases = dict.fromkeys(match[1] for match in matches if match is not None and CAN_BE_GIVEN(match[1]))
-    counted = ((base, len(columns.numbered(base))) for base in islice(bases, _MOST_GROUPS))
-    parts = [(base, size) for base, size in counted if size in _LISTS or size > len(POSE_ROLES)]
-    pairs = (
-        [a, b]
-        for a, b in product(parts, parts)
-        if (a[1] < b[1] or (a[1] == b[1] == 3 and a != b)) and not a[0].startswith(f"{b[0]}[")
-    )
-    for groups in chain(([part] for part in parts), pairs):
-        candidate = reading
-        for base, size in groups:
-            is_turn = len(groups) > 1 and size == 3 and _TURNING.search(base) is not None
-            stated, meaning = _VECTOR if is_turn else _meant(columns, base, rows)
-            candidate = meaning.with_(reading_of(stated.format(base))).with_(candidate)
-        fault = _fault(columns, candidate)
-        if not fault:
-            commands = _commands(candidate, path, 9 in [size for _, size in groups])
-            return f"if its columns are meant so, read them by {commands}{about_rate}"
-        if isinstance(fault, OpenReading) and (
-            text := _open_rotation(fault, columns, candidate, path, rows, about_rate)
-        ):
+class _Proposal:
+    """The probable meaning of the columns of a table, with the commands that read them so.
+
+    Parameters
+    ----------
+    reading : what the user states; a time is added if no column is named as one.
+    path : of the table, for the commands.
+    rows : gives the first rows.
+    """
+
+    def __init__(self, columns: Columns, reading: TableReading, path: str, rows: Rows) -> None:
+        self._columns, self._path, self._rows, self._stated = columns, path, rows, reading
+        self._reading, self._about_time = reading, ""
+        time, _ = columns.time(reading, columns.find(reading)[TIME])
+        if time is None and reading.time_unit is None:
+            about, self._about_time = self._time()
+            self._reading = reading.with_(about)
+
+    def _time(self) -> tuple[TableReading, str]:
+        """What seems to be the time, and its description."""
+        columns, has_frames = self._columns, any(map(FRAME.fullmatch, self._columns.plain))
+        like = next(filter(_LIKE_TIME.match, filter(CAN_BE_GIVEN, columns.names)), None)
+        if like is not None and not has_frames:
+            return reading_of({TIME: like}), f"if {like} is the time"
+        if columns.names[0] == f"{UNNAMED}0" and not has_frames:  # the index of a DataFrame
+            index = self._values([0])[:, 0]
+            if len(index) > 1 and (np.diff(index) > 0.0).all() and (index != np.round(index)).any():
+                about = "if its first column, which has no name, is the time"
+                return reading_of({TIME: columns.names[0]}), about
+        about = "its times are numbers of frames" if has_frames else "it has no times"
+        return reading_of(time_unit=_A_RATE), about
+
+    def _values(self, places: Sequence[int]) -> Array:
+        """The numbers (N, k) of the first rows in columns."""
+        rows = [numbers([row[i] for i in places]) for row in self._rows() if len(row) > max(places)]
+        return np.array(rows).reshape(-1, len(places))
+
+    def commands(self, readings: Sequence[TableReading], is_square: bool = False) -> str:
+        """The commands of readings, and alternatives: for a group of four values, with the real part first;
+        for a matrix that ``is_square``, along columns. Then what the user has to replace in them."""
+        texts, about = list[str](), dict[str, None]()
+        for reading in readings:
+            if reading.has_frame_numbers and not self._stated.has_frame_numbers:
+                about[f"the rate of your poses instead of {reading.time_unit}"] = None
+            with suppress(UnreadableRecording, ChoiceError):
+                body = layout(self._columns, reading).bodies[0]
+                reading, of_unit = in_unit(reading, body, self._values(body.columns))
+                about |= {of_unit: None} if of_unit else {}
+            columns, text = dict(reading.columns), reading.command(self._path)
+            if is_square:
+                text += (
+                    f" or, if it goes along columns, {replace(reading, matrix='columns').command(self._path)}"
+                )
+            elif (group := columns.pop("quaternion", None)) is not None:
+                real_first = replace(reading, columns=(*columns.items(), ("wxyz", group)))
+                text += f" or, with the real part first, {real_first.command(self._path)}"
+            texts.append(text)
+        orders = f". {_ORDERS}" if any(reading.euler for reading in readings) else ""
+        return f"{' or '.join(texts)}{', with ' * bool(about)}{' and '.join(about)}{orders}"
+
+    def text(self) -> str | None:
+        """The meaning with its commands; None if nothing fits."""
+        columns, reading = self._columns, self._reading
+        lower = {*map(str.lower, columns.names), *columns.plain}
+        prefixed = islice(filter(None, map(_PREFIX.match, sorted(lower))), _MOST_GROUPS)
+        prefixes = "", *dict.fromkeys(match[0] for match in prefixed)
+        written = {name.lower(): name for name in reversed(columns.names)}
+        for (system, names, meaning), prefix in product(KNOWN, prefixes):
+            if lower.issuperset(prefix + name for name in names):
+                roles = ((role, prefix + name) for role, name in meaning.columns)
+                spelled = tuple((role, written.get(name.lower(), name)) for role, name in roles)
+                candidate = replace(meaning, columns=spelled).with_(reading)
+                if not _fault(columns, candidate):
+                    return f"if its columns are those of {system}, read them by {self.commands([candidate])}"
+        fault = _fault(columns, reading)
+        if fault is None:
+            return f"{self._about_time}: read them by {self.commands([reading])}"
+        if (text := self._of_rotation(fault, reading)) is not None:
             return text
-    return None
-
-
-def _meant(columns: Columns, base: str, rows: Rows) -> tuple[str, TableReading]:
-    """Roles (with ``{0}`` for the base name) and reading of numbered columns, by their number and first
-    values."""
-    places = list(columns.numbered(base).values())
-    table = [numbers([row[i] for i in places]) for row in rows() if len(row) > max(places)]
-    values, count = np.array(table).reshape(-1, len(places)), len(places)
-    if count in (16, 12, 9):
-        order = _order_of_matrices(values) if count > 9 else None
-        return "matrix={0}", reading_of(matrix=order or "rows")
-    if count >= len(POSE_ROLES) and len(values):
-        begin = _begin_of_pose(values)
-        if begin is not None:
-            spans = f"position={{0}}[{begin}:{begin + 3}],quaternion={{0}}[{begin + 3}:{begin + 7}]"
-            return spans, reading_of()
-        if count > len(POSE_ROLES):
-            return "position={0}", reading_of()  # there are too many
-        count -= 1 if len(_present(values)) else 0
-    return _LISTS.get(count, _LISTS[3])
-
-
-def _open_rotation(
-    fault: OpenReading, columns: Columns, reading: TableReading, path: str, rows: Rows, about_rate: str
-) -> str | None:
-    """The probable meaning of the three numbers of a rotation, with the commands; None if no reading fits."""
-    description, ways = _three_numbers(str(fault).split(", "), columns, rows)
-    readings = [candidate for way in ways if not _fault(columns, candidate := reading.with_(way))]
-    if readings:
-        commands = " or ".join(candidate.command(path) for candidate in readings)
-        orders = f". {_ORDERS}" if any(candidate.euler for candidate in readings) else ""
-        return f"its rotations are {fault}, {description}: read them by {commands}{about_rate}{orders}"
-    if description:
+        for candidate, is_square in self._groups():
+            fault = _fault(columns, candidate)
+            if not fault:
+                return f"if its columns are meant so, read them by {self.commands([candidate], is_square)}"
+            if (text := self._of_rotation(fault, candidate)) is not None:
+                return text
         return None
-    unit = f"write its unit into the names, as in '{str(fault).partition(', ')[0]} [deg]'"
-    return f"its rotation vector {fault} is longer than a turn in radians: {unit}"
 
+    def _groups(self) -> Iterator[tuple[TableReading, bool]]:
+        """Readings of groups of numbered columns, alone and in pairs, and whether one is a square matrix."""
+        columns = self._columns
+        matches = [pattern.fullmatch(name) for name in columns.names for pattern in (NUMBERED, BY_ROW)]
+        bases = dict.fromkeys(match[1] for match in matches if match is not None and CAN_BE_GIVEN(match[1]))
+        counted = ((base, len(columns.numbered(base))) for base in islice(bases, _MOST_GROUPS))
+        parts = [(base, size) for base, size in counted if size in _LISTS or size > len(POSE_ROLES)]
+        pairs = (
+            [a, b]
+            for a, b in product(parts, parts)
+            if (a[1] < b[1] or (a[1] == b[1] == 3 and a != b)) and not a[0].startswith(f"{b[0]}[")
+        )
+        for groups in chain(([part] for part in parts), pairs):
+            candidate = self._reading
+            for base, size in groups:
+                is_turn = len(groups) > 1 and size == 3 and _TURNING.search(base) is not None
+                stated, meaning = _VECTOR if is_turn else self._meant(base)
+                candidate = meaning.with_(reading_of(stated.format(base))).with_(candidate)
+            yield candidate, 9 in [size for _, size in groups]
 
-def _three_numbers(names: Sequence[str], columns: Columns, rows: Rows) -> tuple[str, list[TableReading]]:
-    """The possible meaning, in words, and the readings of a rotation in three columns, by their names and
-    first values: numbers in radians are no larger than a turn."""
-    places = [i for i, name in enumerate(columns.names) if name in names]
-    units = [unit for i in places if (unit := ANGLE_UNITS.get(columns.units[i], ""))]
-    values = np.array([numbers([row[i] for i in places]) for row in rows() if len(row) > max(places)])
-    is_far = not units and are_no_radians(values)
-    if any(map(NAMED_VECTOR.search, names)):
-        if is_far:
-            return "", []
-        return "a rotation vector", [reading_of(rotation_vector=True)]
-    order = "XYZ" if any(map(_OPENSIM.match, names)) else "xyz"
-    units = units[:1] or (["deg"] if is_far else ["deg", "rad"])
-    angles = [reading_of(euler=f"{order}:{unit}") for unit in units]
-    if are_named_angles(names) or order == "XYZ" or is_far:
-        return "three angles", angles
-    vector = reading_of(rotation_vector=True)
-    description = "three numbers, angles or a rotation vector"
-    if len(angles) > 1 and len(values):  # no larger than a turn in radians: hardly degrees
-        return description, [vector, *angles[::-1]]
-    return description, [angles[0], vector]
+    def _meant(self, base: str) -> tuple[str, TableReading]:
+        """Roles (with ``{0}`` for the base name) and reading of numbered columns, by their number and first
+        values."""
+        places = list(self._columns.numbered(base).values())
+        values, count = self._values(places), len(places)
+        if count in (16, 12, 9):
+            order = _order_of_matrices(values) if count > 9 else None
+            return "matrix={0}", reading_of(matrix=order or "rows")
+        if count >= len(POSE_ROLES) and len(values):
+            begin = _begin_of_pose(values)
+            if begin is not None:
+                spans = f"position={{0}}[{begin}:{begin + 3}],quaternion={{0}}[{begin + 3}:{begin + 7}]"
+                return spans, reading_of()
+            if count > len(POSE_ROLES):
+                return "position={0}", reading_of()  # there are too many
+            count -= 1 if len(_present(values)) else 0
+        return _LISTS.get(count, _LISTS[3])
 
+    def _of_rotation(self, fault: Exception, reading: TableReading) -> str | None:
+        """The probable meaning of the three numbers of a rotation that a reading leaves open, with the
+        commands; None if no reading fits."""
+        if not isinstance(fault, OpenReading):
+            return None
+        description, ways = self._three_numbers(str(fault).split(", "), reading)
+        candidates = [reading.with_(way) for way in ways]
+        if candidates := [candidate for candidate in candidates if not _fault(self._columns, candidate)]:
+            return f"its rotations are {fault}, {description}: read them by {self.commands(candidates)}"
+        if description:
+            return None
+        unit = f"write its unit into the names, as in '{str(fault).partition(', ')[0]} [deg]'"
+        return f"its rotation vector {fault} is longer than a turn in radians: {unit}"
 
-def _with_time(columns: Columns, reading: TableReading, rows: Rows) -> tuple[TableReading, str, str]:
-    """The reading with a time, if no column is named as one; then what seems to be the time, in words, and
-    the text on the rate."""
-    time, _ = columns.time(reading, columns.find(reading)[TIME])
-    if time is not None or reading.time_unit is not None:
-        return reading, "", ""
-    numbered = any(map(FRAME.fullmatch, columns.plain))
-    like = next(filter(_LIKE_TIME.match, filter(CAN_BE_GIVEN, columns.names)), None)
-    if like is not None and not numbered:
-        return reading.with_(reading_of({TIME: like})), f"if {like} is the time", ""
-    if columns.names[0] == f"{UNNAMED}0" and not numbered:  # the index of a DataFrame
-        index = numbers([row[0] for row in rows()])
-        if len(index) > 1 and (np.diff(index) > 0.0).all() and (index != np.round(index)).any():
-            timed = reading.with_(reading_of({TIME: columns.names[0]}))
-            return timed, "if its first column, which has no name, is the time", ""
-    about = "its times are numbers of frames" if numbered else "it has no times"
-    rate = f", with the rate of your {'frames' if numbered else 'rows'} instead of {_A_RATE}"
-    return reading.with_(reading_of(time_unit=_A_RATE)), about, rate
-
-
-def _commands(reading: TableReading, path: str, is_square: bool = False) -> str:
-    """The command of a reading, and the alternative: for a group of four values, with the real part first;
-    for a matrix that ``is_square``, along columns."""
-    columns, command = dict(reading.columns), reading.command(path)
-    if is_square:
-        return f"{command} or, if it goes along columns, {replace(reading, matrix='columns').command(path)}"
-    if (group := columns.pop("quaternion", None)) is None:
-        return command
-    real_first = replace(reading, columns=(*columns.items(), ("wxyz", group)))
-    return f"{command} or, with the real part first, {real_first.command(path)}"
+    def _three_numbers(self, names: Sequence[str], reading: TableReading) -> tuple[str, list[TableReading]]:
+        """The possible meaning, in words, and the readings of a rotation in three columns, by their names and
+        first values: numbers in radians are no larger than a turn."""
+        columns = self._columns
+        places = [i for i, name in enumerate(columns.names) if name in names]
+        units = [unit for i in places if (unit := ANGLE_UNITS.get(columns.units[i], ""))]
+        values = self._values(places)
+        is_far = not units and are_no_radians(values)
+        if not reading.euler and any(map(NAMED_VECTOR.search, names)):
+            if is_far:
+                return "", []
+            return "a rotation vector", [reading_of(rotation_vector=True)]
+        order = reading.euler or ("XYZ" if any(map(_OPENSIM.match, names)) else "xyz")
+        units = units[:1] or (["deg"] if is_far else ["deg", "rad"])
+        angles = [reading_of(euler=f"{order}:{unit}") for unit in units]
+        if reading.euler:
+            return f"angles whose unit is missing in --euler {order}", angles
+        if are_named_angles(names) or order == "XYZ" or is_far:
+            return "three angles", angles
+        vector = reading_of(rotation_vector=True)
+        description = "three numbers, angles or a rotation vector"
+        if len(angles) > 1 and len(values):  # no larger than a turn in radians: hardly degrees
+            return description, [vector, *angles[::-1]]
+        return description, [angles[0], vector]
 
 
 def _fault(columns: Columns, reading: TableReading) -> Exception | None:

@@ -26,7 +26,7 @@ from contact_tracker.recording.table_layouts import (
     Body,
     TableLayout,
     are_numbers,
-    doubt_of_angles,
+    check_angles,
     numbers,
     plain_number,
 )
@@ -388,8 +388,8 @@ def read_table(
     assume : called with one line on each assumption.
     reading : what the user states of its columns.
 
-    Raises UnreadableRecording if it has no pose columns, or their meaning is not known, and ChoiceError if
-    the reading does not fit.
+    Raises UnreadableRecording if it has no pose columns, their meaning is not known, or angles exceed a turn
+    in radians; and ChoiceError if the reading does not fit.
     """
     try:
         table = _opened(path, reading, budget)
@@ -403,7 +403,7 @@ def read_table(
     read_as = ReadAs(False, reading, path, layout.quaternion, layout.has_angles)
     sources = tuple(PoseSource(topic, layout.kind, "", body.name, None, read_as) for body in layout.bodies)
     is_read = is_wanted(Channel(topic, ROWS, layout.kind, "", b""))
-    times, lost, why, doubt = TableTimes(path, layout, reading, assume), 0, "", None
+    times, lost, why = TableTimes(path, layout, reading, assume), 0, ""
     for columns in table if is_read else ():
         texts = [str(time) for time in columns[layout.time]]
         rests = None if layout.rest is None else [str(rest) for rest in columns[layout.rest]]
@@ -414,10 +414,8 @@ def read_table(
             why = why or _without_time(texts[row], columns, row, layout)
             lost += int((~good).sum())
         values = [(_values(columns, body), body) for body in layout.bodies]
-        if doubt is None:
-            doubts = (doubt_of_angles(rows, body, reading, path) for rows, body in values)
-            if (doubt := next(filter(None, doubts), None)) is not None:
-                assume(doubt)
+        for rows, body in values:
+            check_angles(rows, body, reading, path)
         poses = (body.poses(rows) for rows, body in values)
         yield Rows(sources, tuple(Poses(stamps, rows[:, :3], rows[:, 3:])[good] for rows in poses))
     if lost:

@@ -23,7 +23,7 @@ from contact_tracker.config.table_reading import (
 from contact_tracker.errors import ChoiceError, UnreadableRecording, UsageError
 from contact_tracker.geometry.elements import Array
 from contact_tracker.motion.poses import real_number, real_numbers
-from contact_tracker.recording.table_layouts import doubt_of_angles, quaternions
+from contact_tracker.recording.table_layouts import are_no_radians, check_angles, quaternions
 from contact_tracker.recording.table_proposals import FIRST_ROWS, layout_of_names
 from contact_tracker.suggestions import closest
 from contact_tracker.trajectory.arguments import python_words
@@ -135,12 +135,16 @@ def positions_and_quaternions(
     place = rows(positions, "positions_m", 3)
     if hasattr(rotations, "as_quat"):  # SciPy's Rotation
         return place, rows(rotations.as_quat(), "rotations", 4)
-    if reading.euler is not None:
-        if ":" not in reading.euler:
-            raise UsageError(f"euler has the unit of the angles, as in {reading.euler}:deg")
-        return place, quaternions("euler", rows(rotations, "Euler angles", 3), reading.euler)
-    if reading.rotation_vector:
-        return place, quaternions("rotation_vector", rows(rotations, "rotation vectors", 3), "rad")
+    if reading.euler is not None and ":" not in reading.euler:
+        raise UsageError(f"euler has the unit of the angles, as in {reading.euler}:deg")
+    if reading.euler is not None or reading.rotation_vector:
+        values = rows(rotations, "Euler angles" if reading.euler else "rotation vectors", 3)
+        if not (reading.euler or "").endswith("deg") and are_no_radians(values):
+            raise UsageError(
+                "rotations as radians are larger than a turn: if they are degrees, take numpy.radians of "
+                "them; if not, give them within a turn"
+            )
+        return place, quaternions(str(reading.kind), values, reading.euler or "rad")
     if getattr(rotations, "ndim", 2) == 3:
         return place, quaternions("matrix", rows(rotations, "matrices", 3, 3).reshape(-1, 9), "rows")
     return place, np.ascontiguousarray(rows(rotations, "quaternions", 4)[:, _ORDERS[order]])
@@ -209,14 +213,13 @@ def with_columns(
     return reading.with_(reading_of(columns))
 
 
-def columns_of(table: Any, reading: TableReading) -> tuple[NDArray[Any], float | None, Array, str | None]:
-    """Times (N,) of a table, their unit (ns; None if it is unknown), poses (N, 7) of the body, and one line
-    of text if its angles are doubtful.
+def columns_of(table: Any, reading: TableReading) -> tuple[NDArray[Any], float | None, Array]:
+    """Times (N,) of a table, their unit (ns; None if it is unknown), and poses (N, 7) of the body.
 
     Raises
     ------
     UsageError
-        The columns are not those of a single body, or have no numbers.
+        The columns are not those of a single body, have no numbers, or angles exceed a turn in radians.
     """
     keys = _keys(table)
 
@@ -237,14 +240,18 @@ def columns_of(table: Any, reading: TableReading) -> tuple[NDArray[Any], float |
         values = rows(np.ma.column_stack(columns), "columns of a pose", len(columns))
     except ValueError as error:
         raise UsageError("columns of a pose have different lengths") from error
-    poses, doubt = body.poses(values), doubt_of_angles(values, body, reading, "")
+    try:
+        check_angles(values, body, reading, "")
+    except UnreadableRecording as error:
+        raise UsageError(python_words(str(error))) from error
+    poses = body.poses(values)
     if layout.time < 0:
-        return np.arange(len(values)), layout.time_ns, poses, doubt
+        return np.arange(len(values)), layout.time_ns, poses
     time = _column(table, keys[layout.time])
     if layout.rest is not None:
         seconds, subseconds = (np.asarray(c, np.int64) for c in (time, _column(table, keys[layout.rest])))
-        return seconds * 10**9 + subseconds * round(layout.rest_ns), 1.0, poses, doubt
-    return time, layout.time_ns, poses, doubt
+        return seconds * 10**9 + subseconds * round(layout.rest_ns), 1.0, poses
+    return time, layout.time_ns, poses
 
 
 def _column(table: Any, key: Any) -> NDArray[Any]:

@@ -196,18 +196,10 @@ class Trajectory:
         reading = with_columns(
             table, stated(unit, time_unit, columns=columns, **kind), stamp, position_m, quat_xyzw
         )
-        stamps, unit_ns, rows, doubt = columns_of(table, reading)
-        return cls._passed(stamps, unit_ns, rows, reading, doubt)
+        return cls._passed(*columns_of(table, reading), reading)
 
     @classmethod
-    def _passed(
-        cls,
-        stamps: ArrayLike,
-        unit_ns: float | None,
-        rows: Array,
-        reading: TableReading,
-        doubt_of_angles: str | None = None,
-    ) -> Self:
+    def _passed(cls, stamps: ArrayLike, unit_ns: float | None, rows: Array, reading: TableReading) -> Self:
         """The trajectory of those ``rows`` (N, 7), positions (m) and quaternions, that pass the gate. Stamps
         without a unit are dates, durations or seconds."""
         unit_ns = None if times(stamps).dtype.kind in "mM" else unit_ns or TIMES_NS["s"]
@@ -224,7 +216,7 @@ class Trajectory:
             reason = "" if loss is None else f": {loss}"
             raise NoPoses(f"no pose that can be used of {len(rows)}{f' ({noted})' if noted else ''}{reason}")
         doubt = None if unit_ns is None else doubt_of_unit(stamp_ns[usable] / unit_ns, unit_ns)
-        notes = (*filter(None, (doubt, doubt_of_angles)), *remarks_on(counts, len(rows)))
+        notes = (*filter(None, (doubt,)), *remarks_on(counts, len(rows)))
         warn_of((*filter(None, (loss,)), *notes))
         log_counts("poses", counts)
         return cls(passed, counts, damage=loss, notes=notes, read_as=ReadAs(table=reading))
