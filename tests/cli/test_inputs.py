@@ -11,6 +11,7 @@ from test_commands import assert_one_line_error
 
 from batches import run as batch
 from command_line import run, shown_on_a_terminal
+from contact_tracker.cli.main import run as run_here
 from contact_tracker.geometry.elements import ContactGeometry, Plane, Point
 from contact_tracker.ground_truth import Truth, TruthInterval
 from contact_tracker.motion.poses import Poses
@@ -86,6 +87,16 @@ def test_info_summarises_composed_poses(tmp_path: Path, words: list[str], source
     length_m = np.linalg.norm(np.diff(poses.position_m, axis=0), axis=1).sum()
     assert found["path_m"] == pytest.approx(length_m)
     assert found["counts"] == dict(log.counts)
+
+
+def test_both_takes_are_read_before_the_work_on_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = write_log(tmp_path / "a.mcap", [poses_topic(smooth_poses(150))])
+    (tmp_path / "b.csv").write_text("t,x,y,z,qx,qy,qz,qw\n0,0,0,0,0,0,0,0\n")
+    monkeypatch.setattr("contact_tracker.offline.segmented", None)
+    assert run_here(["compare", str(log), str(tmp_path / "b.csv")]) == 1
+    assert "b.csv: no pose that can be used" in capsys.readouterr().err
 
 
 def test_info_composes_nothing_of_standard_input_and_says_so(tmp_path: Path) -> None:

@@ -9,9 +9,11 @@ from contact_tracker.errors import DIFFERENT, DONE, UsageError
 from contact_tracker.exports.formats import FIGURES, check_output
 
 if TYPE_CHECKING:
+    from contact_tracker.cli.source import Source
     from contact_tracker.config.parameters import Model
     from contact_tracker.map.map import Map
     from contact_tracker.outputs.outcome import Outcome
+    from contact_tracker.trajectory import Trajectory
 
 HELP: Final = "which steps of a take are missing, new, longer or elsewhere in another"
 DESCRIPTION: Final = f"""\
@@ -42,11 +44,14 @@ def run(args: argparse.Namespace) -> int:
     read = arguments.files_read([args.log, args.second], args.model, args.known)
     check = check_output(args.output, args.overwrite, read)
 
+    from contact_tracker.cli.source import Source
     from contact_tracker.sequences.comparison import TOLERANCE, compare_outcomes
 
     model, known_map = arguments.load_model(args), arguments.load_map(args)
+    sources = [Source(arguments.open_poses(args, log), log, args) for log in (args.log, args.second)]
+    trajectories = [source.trajectory() for source in sources]  # both, before the work on one
     (first, code), (second, second_code) = (
-        _segmented(args, log, model, known_map) for log in (args.log, args.second)
+        _segmented(*take, model, known_map) for take in zip(sources, trajectories, strict=True)
     )
     result = compare_outcomes(first, second, TOLERANCE if args.tolerance is None else args.tolerance)
     for note in result.notes:
@@ -66,12 +71,11 @@ def run(args: argparse.Namespace) -> int:
     return code or second_code or (DIFFERENT if result.differences else DONE)
 
 
-def _segmented(args: argparse.Namespace, log: str, model: "Model", known_map: "Map") -> "tuple[Outcome, int]":
-    from contact_tracker.cli.source import Source
+def _segmented(
+    source: "Source", trajectory: "Trajectory", model: "Model", known_map: "Map"
+) -> "tuple[Outcome, int]":
     from contact_tracker.offline import segmented
 
-    source = Source(arguments.open_poses(args, log), log, args)
-    trajectory = source.trajectory()
-    with progress(f"{log}: segment", "poses", len(trajectory)) as set_done:
+    with progress(f"{source.name}: segment", "poses", len(trajectory)) as set_done:
         outcome = segmented(trajectory, model, known_map, progress=set_done)
     return outcome, source.finish(outcome.report, outcome.segmentation.outliers)

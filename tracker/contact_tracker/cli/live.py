@@ -27,6 +27,8 @@ DESCRIPTION: Final = """\
 Follow the contacts in a recording or a stream of poses; each answer uses only the data up to its
 time. A line per change goes to stdout: time, contact, probability, onset and place of the contact.
 Times are seconds since the recording's first pose."""
+_SUGGESTED_NS: Final = 3_000_000_000
+"""Least time (ns) between two suggestions of other motions, which a user can read and make."""
 EXAMPLE: Final = "contact-tracker live recordings/paper_experiment.mcap --json | head -n 1"
 
 
@@ -40,7 +42,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     text = "report the state of S seconds ago, using the poses since then (default: 0)"
     parser.add_argument("--lag", type=arguments.seconds, default=0.0, metavar="S", help=text)
     text = (
-        "say which small motions at once would decide while the contact is open: each second, or "
+        "say which small motions at once would decide while the contact is open: where they change, or "
         '"suggestions" in --json'
     )
     parser.add_argument("--suggest", action="store_true", help=text)
@@ -221,6 +223,7 @@ class _Printer:
         self._source = source
         self._status = status
         self._suggests = suggests
+        self._suggested: tuple[InformativeMotion, ...] = ()
         self._suggested_ns: int | None = None
 
     @property
@@ -249,9 +252,19 @@ class _Printer:
             at = f"{(belief.stamp_ns - origin_ns) * 1e-9:8.2f}  "
             if self._follower is not None and (text := self._follower.news):
                 lines.append(f"{at}plan: {text}")
-            if motions and (self._suggested_ns is None or belief.stamp_ns >= self._suggested_ns + 10**9):
-                self._suggested_ns = belief.stamp_ns
-                lines += [f"{at}to decide, {motion}" for motion in motions]
+            lines += [f"{at}to decide, {motion}" for motion in self._news(motions, belief.stamp_ns)]
             for line in lines:
                 self._status.print(line)
         self._status.show(lambda: status_text(belief, origin_ns))
+
+    def _news(
+        self, motions: "tuple[InformativeMotion, ...]", stamp_ns: int
+    ) -> "tuple[InformativeMotion, ...]":
+        """The ``motions`` that differ from those printed before, not more often than ``_SUGGESTED_NS``."""
+        kept = tuple(motion for motion in self._suggested if any(map(motion.is_like, motions)))
+        new = tuple(motion for motion in motions if not any(map(motion.is_like, kept)))
+        if new and self._suggested_ns is not None and stamp_ns < self._suggested_ns + _SUGGESTED_NS:
+            return ()
+        self._suggested_ns = stamp_ns if new else self._suggested_ns
+        self._suggested = (*kept, *new)
+        return new
