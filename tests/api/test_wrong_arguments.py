@@ -206,6 +206,14 @@ CALLS: dict[str, tuple[Callable[[Given], Callable[..., Any]], dict[str, tuple[An
         (lambda given: ct.read(given.log, frame="a"), "read has no argument frame; did you mean child?"),
         (lambda given: given.arrays(units="mm"), "did you mean unit?"),
         (lambda given: ct.Tracker(unit="mm"), "Tracker has no argument unit; there are model"),
+        (
+            lambda given: ct.Tracker().update(1, position=(0, 0, 0), quat_xyzw=(0, 0, 0, 1)),
+            "Tracker.update has no argument position; did you mean position_m?",
+        ),
+        (lambda given: given.result.at(tim=1.0), "Result.at has no argument tim; did you mean time?"),
+        (lambda given: given.result.to_pandas(row="ticks"), "argument row; did you mean rows?"),
+        (lambda given: ct.Tracker.load(pat="a"), "Tracker.load has no argument pat; did you mean path?"),
+        (lambda given: ct.Tracker().finish(now=1), "Tracker.finish has no argument now; there are none"),
         (lambda given: ct.evaluate(given.result, {}, map={}), "no argument map; did you mean meanings"),
     ],
 )  # fmt: skip

@@ -144,8 +144,15 @@ def test_named_arrays_are_read_behind_many_others(tmp_path: Path, name: str) -> 
     many = {f"v{i}": np.arange(120.0) for i in range(250)} | {"z_s": T, "zp": P}
     WRITERS[name](tmp_path / name, many | dict(zip(("q0", "q1", "q2", "q3"), Q.T, strict=True)))
     assert_read(tmp_path / name, "--columns", "time=z,position=zp,quaternion=q")
-    with pytest.raises(ChoiceError, match=r"no column 'no'; .*; only the first 200 arrays are listed: name"):
+    with pytest.raises(ChoiceError, match=r"no column 'no'; .*; 5\d arrays after the first 200 are not"):
         open_log(str(tmp_path / name), table=reading_of(columns={"time": "no"}))
+
+
+def test_arrays_that_are_not_read_are_counted(tmp_path: Path) -> None:
+    pose = dict(zip(("x", "y", "z", "qx", "qy", "qz", "qw"), POSE.T, strict=True))
+    np.savez(path := tmp_path / "a.npz", t=T, **pose, **{f"v{i}": T for i in range(250)})
+    (log := open_log(str(path)), Poses.collect(log))
+    assert log.remarks[-1].startswith("58 arrays after the first 200 are not read: name them by --columns")
 
 
 @pytest.mark.parametrize("compression", ["lz4", "zstd", "uncompressed"])

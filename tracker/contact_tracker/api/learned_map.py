@@ -11,9 +11,10 @@ from contact_tracker.errors import OutputError, UsageError
 from contact_tracker.map import map
 from contact_tracker.map.file import map_from, read_map, write_learned
 from contact_tracker.states import states_from
-from contact_tracker.trajectory.arguments import errors_as, path_from
+from contact_tracker.trajectory.arguments import errors_as, path_from, with_known_arguments_of_methods
 
 
+@with_known_arguments_of_methods
 class Map(map.Map):
     """Elements that the contacts of a recording have touched, for ``known`` with a further recording of the
     same object and place, and named elements that a file lists (docs/map.md).

@@ -41,6 +41,7 @@ from contact_tracker.trajectory.arguments import (
     python_words,
     warn_of,
     with_known_arguments,
+    with_known_arguments_of_methods,
 )
 from contact_tracker.trajectory.arrays import cells_of, is_table, moment_ns
 from contact_tracker.wrenches.wrenches import Wrenches
@@ -58,6 +59,7 @@ Labels = str | os.PathLike[str] | Any
 """The user's labels: a file, or a table with named columns, as a DataFrame."""
 
 
+@with_known_arguments_of_methods
 class Result(Outcome):
     """The segments of a trajectory and the belief of each tick, with their outputs.
 
@@ -159,7 +161,6 @@ class Result(Outcome):
         """Write a file for the rerun viewer with the content of ``show``; raises as ``to_parquet`` does."""
         self._write(path, overwrite, ".rrd")
 
-    @with_known_arguments
     def save(self, path: str | os.PathLike[str], overwrite: bool = False, rows: Rows | None = None) -> None:
         """Write the output selected by the suffix of ``path``, like ``segment -o``, or ``.rrd``.
 
@@ -193,7 +194,6 @@ class Result(Outcome):
         with errors_as(StateError, name):
             return cls(**vars(read_result(Path(name))))
 
-    @with_known_arguments
     def plot(
         self,
         ax: "Axes | None" = None,
@@ -378,6 +378,7 @@ def _evidence_of(
     return evidence_of(wrenches, wrench, poses, model, known_map, mass_kg)
 
 
+@with_known_arguments_of_methods
 class Comparison(comparison.Comparison):
     """Two takes, step by step, with their outputs."""
 

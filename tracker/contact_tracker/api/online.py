@@ -24,7 +24,7 @@ from contact_tracker.trajectory.arguments import (
     number_from,
     path_from,
     warn_of,
-    with_known_arguments,
+    with_known_arguments_of_methods,
 )
 
 _CHECK_POSES: Final = 100
@@ -32,6 +32,7 @@ _CHECK_POSES: Final = 100
 complete."""
 
 
+@with_known_arguments_of_methods
 class Tracker:
     """Tracks the contacts of one object online.
 
@@ -49,7 +50,6 @@ class Tracker:
     ContactTrackerWarning : the map is doubtful; in ``update`` and ``finish``: the poses are. Once per stream.
     """
 
-    @with_known_arguments
     def __init__(
         self,
         model: ModelLike = "default",

@@ -41,9 +41,9 @@ _ERRORS: Final = (
 
 def arrays_in(
     path: str, kind: str, stated: Set[str], budget: WorkBudget
-) -> tuple[dict[str, tuple[Shape, NDArray[Any] | None]], bool]:
+) -> tuple[dict[str, tuple[Shape, NDArray[Any] | None]], int]:
     """The shapes and values of arrays of numbers by name, or by path in structs and groups (the name is empty
-    for an ``.npy`` file), and whether these are all arrays.
+    for an ``.npy`` file), and the number of further arrays.
 
     Parameters
     ----------
@@ -53,18 +53,16 @@ def arrays_in(
 
     Raises UnreadableRecording if it is damaged, too large when decompressed, or h5py is not installed.
     """
-    arrays, are_all = dict[str, tuple[Shape, NDArray[Any] | None]](), True
+    arrays, left_out = dict[str, tuple[Shape, NDArray[Any] | None]](), 0
     try:
         stored = {"NumPy": _of_numpy, "MATLAB": _of_matlab, "HDF5": _of_hdf5}[kind](path, budget)
         for number, (name, shape, read) in enumerate(stored):
             if number >= MOST_ARRAYS and not _may_be_meant(name, stated):
-                are_all = False
-                if not stated:
-                    break
+                left_out += 1
                 continue
             is_read = math.prod(shape) <= widest_of(name, stated) * max(shape[0], shape[-1])
             arrays[printable(name)] = shape, read() if is_read else None
-        return arrays, are_all
+        return arrays, left_out
     except TooMuchWork as error:
         raise UnreadableRecording(f"it is too much for its size: {error}") from error
     except _ERRORS as error:

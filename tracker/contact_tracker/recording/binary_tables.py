@@ -388,7 +388,7 @@ class ArrayTable:
 
     def __init__(self, path: str, reading: TableReading, budget: WorkBudget, kind: str = "NumPy") -> None:
         stated = {name.partition("[")[0].strip().lower() for _, name in reading.columns}
-        arrays, are_all = arrays_in(path, kind, stated, budget)
+        arrays, left_out = arrays_in(path, kind, stated, budget)
         of_stated = [shape for name, (shape, _) in arrays.items() if (name or UNNAMED).lower() in stated]
         shapes = [shape for shape, _ in arrays.values()]
         choices = (of_stated, WIDEST), (of_stated, MOST_COLUMNS), (shapes, WIDEST)
@@ -403,6 +403,8 @@ class ArrayTable:
             rows = (values if shape[0] == self._rows else np.moveaxis(values, -1, 0)).reshape(self._rows, -1)
             names += [name] if rows.shape[1] == 1 else [f"{name}[{i}]" for i in range(rows.shape[1])]
             self._values += list(rows.T)
+        beyond = f"{left_out} arrays after the first {MOST_ARRAYS} are not read: name them by --columns"
+        beyond = beyond if left_out else ""
         try:
             if not names:
                 raise UnreadableRecording("it has no array of numbers with a row for each pose")
@@ -412,14 +414,12 @@ class ArrayTable:
             else:
                 layout = layout_of_names(names, reading, path, rows=lambda: rows)
         except (UnreadableRecording, ChoiceError) as error:
-            text = str(error)
+            text = "; ".join(filter(None, (str(error), beyond)))
             for why, entries in not_read.items():
                 listing = ", ".join(entries[:_SHOWN]) + ", ..." * (len(entries) > _SHOWN)
                 text += f"; not read: {listing}, which {'have' if entries[1:] else 'has'} {why}"
-            if not are_all:
-                text += f"; only the first {MOST_ARRAYS} arrays are listed: name later ones by --columns"
             raise type(error)(text) from error
-        self.layout = replace(layout, kind=kind)
+        self.layout = replace(layout, kind=kind, note="" if stated else beyond)
 
     def __iter__(self) -> Iterator[dict[int, Any]]:
         layout = self.layout

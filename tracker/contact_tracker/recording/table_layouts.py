@@ -200,6 +200,7 @@ class TableLayout:
     names : names of the values in JSON lines, or in cells with several values, whose columns are ``heads``.
     quaternion : names of the columns of the only body's quaternion, if users can state other columns.
     has_angles : whether the names of columns say that rotations are angles.
+    note : one line on what is not read, or empty.
     """
 
     time: int
@@ -215,6 +216,7 @@ class TableLayout:
     heads: tuple[str, ...] = ()
     quaternion: tuple[str, ...] = ()
     has_angles: bool = False
+    note: str = ""
 
     @property
     def places(self) -> list[int]:

@@ -400,6 +400,8 @@ def read_table(
             f"it is neither a recording nor a table of poses ({error}). What is read: {WHAT_IS_READ}"
         ) from error
     layout, topic = table.layout, os.path.basename(path)
+    if layout.note:
+        assume(layout.note)
     read_as = ReadAs(False, reading, path, layout.quaternion, layout.has_angles)
     sources = tuple(PoseSource(topic, layout.kind, "", body.name, None, read_as) for body in layout.bodies)
     is_read = is_wanted(Channel(topic, ROWS, layout.kind, "", b""))

@@ -33,6 +33,7 @@ from contact_tracker.suggestions import closest, near_file
 ModelLike = str | os.PathLike[str] | Model
 P = ParamSpec("P")
 R = TypeVar("R")
+T = TypeVar("T")
 Deviations = str | tuple[float, float] | None
 _PACKAGE: Final = __name__.partition(".")[0]
 _LOGGER: Final = logging.getLogger(_PACKAGE)
@@ -143,11 +144,21 @@ def with_known_arguments(function: Callable[P, R]) -> Callable[P, R]:
                     f"{title}(contact_tracker.Trajectory.from_dataframe(table, {option}))"
                 )
             near = _IN_PYTHON.get(name) or closest(name, names)
-            hint = f"did you mean {near}?" if near in names else f"there are {', '.join(names)}"
+            hint = f"did you mean {near}?" if near in names else f"there are {', '.join(names) or 'none'}"
             raise ArgumentError(f"{title} has no argument {name}; {hint}")
         return function(*args, **named)
 
     return call
+
+
+def with_known_arguments_of_methods(cls: type[T]) -> type[T]:
+    """The class, whose own public methods raise as those ``with_known_arguments``."""
+    for name, member in [*vars(cls).items()]:
+        if isinstance(member, classmethod):
+            setattr(cls, name, classmethod(with_known_arguments(member.__func__)))
+        elif inspect.isfunction(member) and (name == "__init__" or not name.startswith("_")):
+            setattr(cls, name, with_known_arguments(member))
+    return cls
 
 
 def model_from(model: ModelLike, noise: Deviations = None, accuracy: Deviations = None) -> Model:

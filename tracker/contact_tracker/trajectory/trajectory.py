@@ -33,6 +33,7 @@ from contact_tracker.trajectory.arguments import (
     path_from,
     warn_of,
     with_known_arguments,
+    with_known_arguments_of_methods,
 )
 from contact_tracker.trajectory.arrays import (
     columns_of,
@@ -48,6 +49,7 @@ from contact_tracker.trajectory.arrays import (
 Order = Literal["xyzw", "wxyz"]
 
 
+@with_known_arguments_of_methods
 @dataclass(frozen=True, eq=False)
 class Trajectory:
     """The poses ``T_world_body`` of one object that have passed the pose gate.
@@ -104,7 +106,6 @@ class Trajectory:
         )
 
     @classmethod
-    @with_known_arguments
     def from_arrays(
         cls,
         stamps: ArrayLike,
@@ -154,7 +155,6 @@ class Trajectory:
         return cls._passed(stamps, reading.time_ns, poses, reading)
 
     @classmethod
-    @with_known_arguments
     def from_dataframe(
         cls,
         table: Any,
