@@ -88,8 +88,12 @@ def test_no_reading_is_proposed_that_names_or_values_contradict(
         ("t,x,y,z,roll,pitch,yaw", "--unit cm", "--unit cm --euler xyz:deg"),
         ("frame,x [mm],y [mm],z [mm],roll,pitch,yaw", "", "--time-unit 100Hz --euler xyz:deg"),
         ("frame,x,y,z,roll,pitch,yaw", "", "--unit mm --time-unit 100Hz --euler xyz:deg"),
-        ("", "", "--unit mm --euler xyz:deg --columns 'time=c0,position=c[1:4],rotation=c[4:7]'"),
-        ("", "--euler ZYX", "--unit mm --euler ZYX:deg --columns 'time=c0,position=c[1:4],rotation=c[4:7]'"),
+        (
+            "",
+            "",
+            "--unit mm --time-unit 100Hz --euler xyz:deg --columns 'time=c0,position=c[1:4],rotation=c[4:7]'",
+        ),
+        ("", "--time-unit s --euler ZYX", "--unit mm --time-unit s --euler ZYX:deg --columns 'time=c0,"),
     ],
 )
 def test_one_command_says_all_that_is_not_known(tmp_path: Path, head: str, words: str, way: str) -> None:

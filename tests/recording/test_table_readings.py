@@ -484,7 +484,11 @@ def test_arrays_of_numpy(tmp_path: Path, kind: str) -> None:
         ("a.trc", lambda path: path.write_text("PathFileType\t4\n"), "it is TRC, which has markers"),
         ("a.txt", lambda path: np.savetxt(path, np.eye(4)), r"numpy\.loadtxt"),
         ("a.json", lambda path: path.write_text('[{"t":\n'), "it begins like JSON, but is none"),
-        ("a.csv.gz", lambda path: path.write_bytes(b"\x1f\x8b\0"), "it is compressed: gunzip a.csv.gz first"),
+        (
+            "a.csv.gz",
+            lambda path: path.write_bytes(b"\x1f\x8b\0"),
+            "it is compressed: gunzip -c a.csv.gz > a.csv makes",
+        ),
     ],
 )
 def test_what_is_not_read_is_named(

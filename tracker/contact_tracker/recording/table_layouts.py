@@ -128,6 +128,10 @@ class OpenReading(UnreadableRecording):
     """The convention of a rotation is ambiguous; the message has the names of its columns."""
 
 
+class ProposedReading(UnreadableRecording):
+    """The meaning of the columns is ambiguous; the message has the commands that read them."""
+
+
 @dataclass(frozen=True)
 class Body:
     """A rigid body: indices of the columns of its position and rotation, and how these are meant.
@@ -309,13 +313,16 @@ FRAME: Final = re.compile(r"(?:.*[./ ])?(?:frame|frame_?(?:number|no|nr|index|id
 _CLOCKS: Final = frozenset({"", "unix", "utc", "epoch", "posix"})
 """Texts in brackets after a time that leave its unit open."""
 _BODY: Final = r"(.*?)[._/: -]*"
+_OF_ROTATION: Final = r"(?<![a-z])(?:(?:rotation|orientation|rot|ori)[._/: -]*)?"
+"""Begins names such as ``rotation_euler_x``."""
 _TURNS: Final = {"roll": "x", "pitch": "y", "elevation": "y", "yaw": "z", "heading": "z", "azimuth": "z"}
 _AXES: Final = {"i": "x", "j": "y", "k": "z", "r": "w", "real": "w", **_TURNS}
 _ROLES: Final[Sequence[tuple[re.Pattern[str], str]]] = tuple(
     (re.compile(_BODY + pattern), role)
     for pattern, role in (
         (
-            r"(?<![a-z])(?:q|quat|quaternion|orientation|ori|rotation|rot|q_\w+)[._/: -]*([xyzwijk]|r|real)",
+            rf"{_OF_ROTATION}(?:q|quat|quaternion|orientation|ori|rotation|rot|q_\w+)"
+            r"[._/: -]*([xyzwijk]|r|real)",
             "q{0}",
         ),
         (r"(?<![a-z])[pt]([xyz])", "{0}"),
@@ -327,7 +334,7 @@ _ROLES: Final[Sequence[tuple[re.Pattern[str], str]]] = tuple(
         (r"(?<![a-z])(?:q|quat)[._/: -]*0", "qw"),
         (rf"(?<![a-z])({'|'.join(_TURNS)})", "r{0}"),
         (
-            r"(?<![a-z])(?:r|rot|rotation|euler|angle|theta|rotvec|rvec|axis_?angle|(?:rot_?)?axis|o)"
+            rf"{_OF_ROTATION}(?:r|rot|rotation|euler|(?:euler_?)?angles?|theta|rotvec|rvec|axis_?angle|(?:rot_?)?axis|o)"
             r"[._/: -]*([xyz])",
             "r{0}",
         ),

@@ -2,7 +2,7 @@
 proposed from known systems, numbers of columns and values."""
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from itertools import chain, islice, product
@@ -27,10 +27,10 @@ from contact_tracker.recording.table_layouts import (
     UNNAMED,
     Columns,
     OpenReading,
+    ProposedReading,
     TableLayout,
     are_named_angles,
     are_no_radians,
-    are_numbers,
     in_unit,
     layout,
     numbers,
@@ -40,7 +40,9 @@ Array = NDArray[np.float64]
 Rows = Callable[[], Sequence[Sequence[str]]]
 """Gives the first rows of a table."""
 
-_LIKE_TIME: Final = re.compile(r".*(?:time|stamp|date|zeit|temps|tiempo|clock|ticks)", re.IGNORECASE)
+_LIKE_TIME: Final = re.compile(
+    r".*(?:time|stamp|date|zeit|temps|tiempo|clock|ticks)|(?:.*[_ .])?(?:ts|epoch|utc)", re.IGNORECASE
+)
 """Names of columns that are probably times."""
 _PREFIX: Final = re.compile(r".+[._/: -]")
 """Prefix of the names of a system's columns, as ``rist_`` or ``tool.``."""
@@ -60,8 +62,6 @@ _BOP: Final = ("cam_r_m2c[8]", "cam_t_m2c[2]")
 _BOP_POSE: Final = "position=cam_t_m2c,matrix=cam_R_m2c"
 _TWICE: Final = "a position and a quaternion"
 _AXIS_ANGLE: Final = "an axis and an angle (in degrees if the name ends with _deg)"
-_ANGLES_OR_VECTOR: Final[Sequence[Mapping[str, Any]]] = ({"euler": "xyz:deg"}, {"rotation_vector": True})
-"""Readings of three numbers of a rotation."""
 _OPENSIM: Final = re.compile(r".*_o[xyz]\b", re.IGNORECASE)
 KNOWN: Final[Sequence[tuple[str, tuple[str, ...], TableReading]]] = (
     ("UR's RTDE", (f"{_UR}_0".lower(), f"{_UR}_5".lower()), reading_of(_UR_POSE, rotation_vector=True)),
@@ -86,6 +86,7 @@ KNOWN: Final[Sequence[tuple[str, tuple[str, ...], TableReading]]] = (
     (_AXIS_ANGLE, ("ux", "uy", "uz", "theta"), reading_of("rx=ux,ry=uy,rz=uz", rotation_vector=True)),
     (_TWICE, ("x", "x.1", "w"), reading_of("qx=x.1,qy=y.1,qz=z.1,qw=w")),
     (_TWICE, ("x", "x_1", "w"), reading_of("qx=x_1,qy=y_1,qz=z_1,qw=w")),
+    ("ZED", ("tx", "ox", "oy", "oz", "ow"), reading_of("qx=ox,qy=oy,qz=oz,qw=ow")),
     ("ABB", ("x", "q1", "q2", "q3", "q4"), reading_of("qw=Q1,qx=Q2,qy=Q3,qz=Q4", unit="mm")),
     ("quaternions with the real part first", ("q0", "q3"), reading_of("qw=q0,qx=q1,qy=q2,qz=q3")),
     ("matrices by row and column", ("r11", "r33"), reading_of(matrix="rows")),
@@ -124,7 +125,7 @@ def layout_of_names(
     except UnreadableRecording as error:
         proposal = _Proposal(columns, reading, path, rows).text()
         if proposal is not None:
-            raise UnreadableRecording(proposal) from error
+            raise ProposedReading(proposal) from error
         if isinstance(error, OpenReading):
             raise UnreadableRecording(f"it is not known how its columns {error} are meant") from error
         raise
@@ -157,13 +158,15 @@ def _meanings(rows: Sequence[Sequence[str]]) -> list[TableReading]:
         columns, at = dict[str, str](), begin
         for role, count in groups.items():
             columns[role], at = f"{UNNAMED}[{at}:{at + count}]", at + count
-        before = [i for i in range(begin) if are_numbers([values[i]])]
-        if not before:
-            return reading_of(columns, time_unit="10Hz", **how)
-        is_stamp = before[:2] == [0, 1] and all(map(str.isdigit, values[:2]))
+        is_stamp = begin > 1 and all(map(str.isdigit, values[:2]))
         if is_stamp and len(values[0]) == _NANOSECONDS > len(values[1]):
             return reading_of({TIME: f"{UNNAMED}0", REST: f"{UNNAMED}1", **columns}, **how)
-        return reading_of({TIME: f"{UNNAMED}{before[-1]}", **columns}, **how)
+        clock, is_frame = _clock(table, range(begin, at))
+        clock = begin - 1 if len(table) == 1 and begin else clock
+        if clock is None:
+            return reading_of(columns, time_unit=_A_RATE, **how)
+        how = {**how, "time_unit": _A_RATE} if is_frame and len(table) > 1 else how
+        return reading_of({TIME: f"{UNNAMED}{clock}", **columns}, **how)
 
     if not len(table):
         return []
@@ -174,8 +177,24 @@ def _meanings(rows: Sequence[Sequence[str]]) -> list[TableReading]:
     if (place := _begin_of_pose(table)) is not None:
         return [meaning(place, {}, position=3, quaternion=4)]
     if width in (6, 7) and np.isfinite(table).all():
-        return [meaning(width - 6, how, position=3, rotation=3) for how in _ANGLES_OR_VECTOR]
+        ways: list[dict[str, Any]] = [{"euler": "xyz:deg"}]
+        if not are_no_radians(table[:, -3:]):
+            ways = [{"rotation_vector": True}, {"euler": "xyz:rad"}, *ways]
+        return [meaning(width - 6, how, position=3, rotation=3) for how in ways]
     return []
+
+
+def _clock(values: Array, taken: Collection[int]) -> tuple[int | None, bool]:
+    """The column of the first rows (N, k), outside of ``taken`` ones, that may be the time, as it rises: if
+    there are several, the first that does not rise by ones, as numbers of frames do; and whether it does."""
+    frames = None
+    for place in range(values.shape[1]):
+        steps = np.diff(values[np.isfinite(values[:, place]), place])
+        if place not in taken and steps.any() and (steps >= 0.0).all():
+            if not (steps == 1.0).all():
+                return place, False
+            frames = place if frames is None else frames
+    return frames, True
 
 
 def may_end_with_quaternions(rows: Sequence[Sequence[str]]) -> bool:
@@ -247,17 +266,25 @@ class _Proposal:
         like = next(filter(_LIKE_TIME.match, filter(CAN_BE_GIVEN, columns.names)), None)
         if like is not None and not has_frames:
             return reading_of({TIME: like}), f"if {like} is the time"
-        if columns.names[0] == f"{UNNAMED}0" and not has_frames:  # the index of a DataFrame
-            index = self._values([0])[:, 0]
-            if len(index) > 1 and (np.diff(index) > 0.0).all() and (index != np.round(index)).any():
+        known = {place for places in columns.find(self._stated).values() for place in places.values()}
+        for place, name in enumerate(columns.names):
+            if (NUMBERED.fullmatch(name) and name != f"{UNNAMED}0") or not CAN_BE_GIVEN(name):
+                known.add(place)
+        width = min([len(columns.names), *map(len, self._rows())])
+        clock, is_frame = _clock(self._values(range(width)), known)
+        if clock is not None and not (is_frame or has_frames):
+            about = f"if {columns.names[clock]} is the time"
+            if columns.names[clock] == f"{UNNAMED}0":  # the index of a DataFrame
                 about = "if its first column, which has no name, is the time"
-                return reading_of({TIME: columns.names[0]}), about
+            return reading_of({TIME: columns.names[clock]}), about
         about = "its times are numbers of frames" if has_frames else "it has no times"
         return reading_of(time_unit=_A_RATE), about
 
     def _values(self, places: Sequence[int]) -> Array:
         """The numbers (N, k) of the first rows in columns."""
-        rows = [numbers([row[i] for i in places]) for row in self._rows() if len(row) > max(places)]
+        rows = [
+            numbers([row[i] for i in places]) for row in self._rows() if len(row) > max(places, default=0)
+        ]
         return np.array(rows).reshape(-1, len(places))
 
     def commands(self, readings: Sequence[TableReading], is_square: bool = False) -> str:

@@ -5,6 +5,7 @@ Times are numbers in a unit that is named or guessed, or dates (ISO 8601).
 
 import os
 import re
+import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from decimal import Decimal
@@ -24,6 +25,7 @@ from contact_tracker.recording.table_layouts import (
     NO_FRAMES,
     SEPARATORS,
     Body,
+    ProposedReading,
     TableLayout,
     are_numbers,
     check_angles,
@@ -308,6 +310,10 @@ _DTRACK: Final = (
     "makes a file of body 0, read by contact-tracker segment body.txt --time-unit s --unit mm "
     "--matrix columns --columns 'time=c0,position=c[1:4],matrix=c[7:16]'"
 )
+_ECHO: Final = (
+    "it is what topic echo or tf_echo prints: record a bag, or print it by ros2 topic echo --csv, or by "
+    "rostopic echo -p"
+)
 _OTHERS: Final = {
     b"\xd0\xcf\x11\xe0": _EXCEL,
     b"fr ": _DTRACK,
@@ -315,10 +321,10 @@ _OTHERS: Final = {
     "{name!r}).read_all(), 'a.feather') makes a file that is read",
     b"FEA1": "it is Feather of version 1: pyarrow.feather.write_feather("
     "pyarrow.feather.read_table({name!r}), 'a.feather') makes a file that is read",
-    b"\x04\x22\x4d\x18": "it is compressed: lz4 -d {name} first",
-    b"\x1f\x8b": "it is compressed: gunzip {name} first",
-    b"PK\x03\x04": "it is compressed: unzip {name} first",
-    b"BZh": "it is compressed: bunzip2 {name} first",
+    b"\x04\x22\x4d\x18": "it is compressed: lz4 -dc {quoted} > {unpacked} makes a file that is read",
+    b"\x1f\x8b": "it is compressed: gunzip -c {quoted} > {unpacked} makes a file that is read",
+    b"PK\x03\x04": "it is compressed: unzip {quoted} first",
+    b"BZh": "it is compressed: bunzip2 -c {quoted} > {unpacked} makes a file that is read",
     b"\x80\x04\x95": _PICKLE,
     b"\x80\x05\x95": _PICKLE,
     b"RRF": "it is a recording of rerun, which is not read: give the file from which it was made; " + _ARRAYS,
@@ -327,22 +333,27 @@ _OTHERS: Final = {
     + _ARRAYS,
     b"# Bundle file": "it is a file of Bundler, which has the world in the frames of cameras, without times: "
     "invert the matrices [R | t] of the cameras; " + _ARRAYS,
-    b"header:": "it is what topic echo prints: record a bag, or print it by ros2 topic echo --csv, or by "
-    "rostopic echo -p",
+    b"header:": _ECHO,
+    b"At time ": _ECHO,
+    b"- [^{]": "it is YAML: json.dump(yaml.safe_load(open({name!r})), open('poses.json', 'w')) makes a file that "
+    "is read",
     b"PathFileType": "it is TRC, which has markers, not bodies: export bodies (6D) as text; or find the "
     "rotations of markers by scipy's Rotation.align_vectors; " + _ARRAYS,
     b"version https://git-lfs": "it is a pointer of Git LFS, not the file itself: git lfs pull",
 }
-"""First bytes of files that are not read, and advice on how to read their content."""
+"""Patterns of the first bytes of files that are not read, and advice on how to read their content."""
 
 
 def refuse_other_formats(path: str, begin: bytes) -> None:
     """Raise UnreadableRecording if a file that is no table begins like another known format, or is named as a
     table."""
-    text = next((text for magic, text in _OTHERS.items() if begin.startswith(magic)), None)
+    text = next((text for magic, text in _OTHERS.items() if re.match(magic, begin)), None)
     text = _EXCEL if path.lower().endswith((".xlsx", ".ods")) else text
     if text is not None:
-        raise UnreadableRecording(text.format(name=os.path.basename(path)))
+        name = os.path.basename(path)
+        unpacked = re.sub(r"(?i)\.(gz|bz2|lz4)$", "", name)
+        unpacked = shlex.quote(unpacked if unpacked != name else f"unpacked_{name}")
+        raise UnreadableRecording(text.format(name=name, quoted=shlex.quote(name), unpacked=unpacked))
     if begin and path.lower().endswith(TABLE_ENDINGS):
         raise UnreadableRecording("it is named as a table, but is not text: save it as UTF-8")
 
@@ -357,7 +368,7 @@ def _kind(path: str, begin: bytes) -> str:
 def is_table(path: str, begin: bytes) -> bool:
     """Whether a file with these first bytes may be a table: of a known kind, or text without the suffix
     ``.mcap``."""
-    is_other = path.lower().endswith(_RECORDINGS) or begin.startswith(tuple(_OTHERS))
+    is_other = path.lower().endswith(_RECORDINGS) or any(re.match(magic, begin) for magic in _OTHERS)
     return bool(_kind(path, begin)) or (not is_other and is_text(begin, path))
 
 
@@ -393,6 +404,8 @@ def read_table(
     """
     try:
         table = _opened(path, reading, budget)
+    except ProposedReading:
+        raise
     except UnreadableRecording as error:
         if path.lower().endswith(TABLE_ENDINGS) or _kind(path, first_bytes(path)):
             raise

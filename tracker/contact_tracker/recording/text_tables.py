@@ -31,6 +31,7 @@ from contact_tracker.recording.table_layouts import (
     UNNAMED,
     Body,
     OpenReading,
+    ProposedReading,
     TableLayout,
     are_numbers,
     bodies_of,
@@ -67,6 +68,8 @@ _PAIR: Final = re.compile(
     r"([\[(][^\])]{0,500}[\])]|[^\s,;})]+)"
 )
 """A value with its name, as ``x=1.0`` or ``q: [0, 0, 0, 1]``."""
+_IN_LEAD: Final = re.compile(r"(?<![\w:/.,-])\d+(?:\.\d+)?(?![\w/-]|[:.,]\d)")
+"""A number before the pairs, as the time of a message in a log; not part of a date or a word."""
 _BETWEEN_PAIRS: Final = f"|,;()[]{{}}{BLANKS}"
 _OF_NEXT: Final = re.compile(r"(?:[A-Za-z_]\w*:)?")
 """Text that may be between pairs: nothing, or a label of the next ones, as in ``rot: qx=0``."""
@@ -189,14 +192,15 @@ def _fields_of(line: str) -> dict[str, str]:
     """The numbers and texts by name (``pose.position.x``, ``state[0]``) in a line with a JSON object or with
     ``name=value`` pairs; raises ValueError."""
     if not line.lstrip().startswith("{"):
-        _, *between = _PAIR.split(line)[::3]
+        lead, *between = _PAIR.split(line)[::3]
+        before = {f"{UNNAMED}{i}": value for i, value in enumerate(_IN_LEAD.findall(lead))}
         between = [text.strip(_BETWEEN_PAIRS) for text in between]
         if unread := next((text for text in between if not _OF_NEXT.fullmatch(text)), ""):
             raise ValueError(
                 f"beside its values with names there is {unread[:_LONGEST_CELL]!r}: leave it out, and write "
                 "a unit in the name, as in x_cm=29"
             )
-        return _flattened({name: _values_in(value) for name, value in _PAIR.findall(line)})
+        return _flattened(before | {name: _values_in(value) for name, value in _PAIR.findall(line)})
     try:
         entry = _loads(line)
     except RecursionError as error:
@@ -249,6 +253,13 @@ def _entries_in(file: IO[str]) -> Iterator[str]:
         content = [{"frame": name, **_named(entry)} for name, value in parts for entry in value]
     elif isinstance(content, dict):
         lists = {name: value for name, value in content.items() if isinstance(value, list)}
+        if not lists and content and all(map(_has_rows, content.values())):  # as pandas writes columns
+            index = list(next(iter(content.values())))
+            lists = {"index": index} | {name: list(value.values()) for name, value in content.items()}
+        names = next((value for value in lists.values() if all(isinstance(name, str) for name in value)), [])
+        rows_of = [v for v in lists.values() if v and isinstance(v[0], list) and len(v[0]) == len(names)]
+        if len(rows_of) == 1 and names:  # names of the columns, and rows
+            lists = {"data": [dict(zip(names, row, strict=False)) for row in rows_of[0]]}
         objects = [value for value in lists.values() if _has_objects(value)]
         longest = max(map(len, lists.values()), default=0)
         rows = {name: value for name, value in lists.items() if len(value) == longest}
@@ -265,6 +276,10 @@ def _entries_in(file: IO[str]) -> Iterator[str]:
 
 def _has_objects(value: Any) -> bool:
     return isinstance(value, list) and bool(value) and isinstance(value[0], dict)
+
+
+def _has_rows(value: Any) -> bool:
+    return isinstance(value, dict) and bool(value) and all(map(str.isdigit, value))
 
 
 def _named(entry: Any) -> dict[str, Any]:
@@ -480,8 +495,8 @@ def _layout_of_rows(
     if not rows:
         raise UnreadableRecording(f"its first {len(lines)} lines are empty or comments: leave them out")
     comments = [rows[0] - 1] if rows[0] and _COMMENT.match(lines[rows[0] - 1]) else []
-    errors = dict[int, Exception]()
-    """The first error for each number of names; -1 stands for comments."""
+    errors = dict[tuple[bool, int], Exception]()
+    """The first error by whether it has a proposal, and by the number of names; -1 stands for comments."""
     tried = 0
     for i in [*comments, *rows]:
         following = [lines[row] for row in rows if row > i]
@@ -506,7 +521,9 @@ def _layout_of_rows(
         try:
             layout = layout_of_names(columns, reading, path, units, partial(_table_of, cells, separator))
         except (UnreadableRecording, ChoiceError) as error:
-            errors.setdefault(-1 if i in comments else len(names), error)
+            errors.setdefault(
+                (isinstance(error, ProposedReading), -1 if i in comments else len(names)), error
+            )
             continue
         layout = replace(layout, separator=separator, skip=skip)
         time = (inner or named)[layout.time] if layout.time >= 0 else ""
@@ -522,7 +539,7 @@ def _layout_of_rows(
         if len(lines) < _HEAD_LINES and not values:
             raise UnreadableRecording("it has a header but no rows")
         return layout
-    if max(errors, default=-1) >= 0:
+    if errors and max(errors)[1] >= 0:
         raise errors[max(errors)]
     separator = _separator(lines[rows[0]])
     table = [[value.strip(BLANKS) for value in _cells_of(lines[i], separator)] for i in rows]
@@ -540,7 +557,7 @@ def _layout_of_rows(
     try:
         return replace(layout_without_names(table, reading, path), separator=separator, skip=rows[0])
     except UnreadableRecording as error:
-        raise errors.get(-1, error) from None
+        raise next(iter(errors.values()), error) from None
 
 
 def _names_in_groups(names: Sequence[str], rows: Sequence[str], separator: str | None) -> list[str]:
