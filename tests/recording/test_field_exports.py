@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy
 import numpy as np
+import pandas
 import pyarrow
 import pytest
 import zstandard
@@ -33,7 +34,7 @@ from test_table_readings import (
 )
 
 from contact_tracker.cli.main import build_parser, run
-from contact_tracker.errors import UnreadableRecording
+from contact_tracker.errors import AmbiguousSource, UnreadableRecording
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log
 
@@ -261,3 +262,24 @@ def test_json_without_entries_is_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / "a.json").write_text(text)
     with pytest.raises(UnreadableRecording, match=r"without entries in a list.* as by jq \.data"):
         open_log(str(tmp_path / "a.json"))
+
+
+@pytest.mark.parametrize("orient", ["columns", "split", "records", "index"])
+def test_json_of_pandas_is_read(tmp_path: Path, orient: str) -> None:
+    frame = pandas.DataFrame(np.c_[T, POSE], columns=["t", *NAMES.split(",")])
+    frame.to_json(tmp_path / "a.json", orient=orient, double_precision=15)
+    assert_read(tmp_path / "a.json")
+
+
+@pytest.mark.parametrize("line", ["# a comment", "Channel 3,on"])
+def test_a_long_preamble_is_skipped(tmp_path: Path, line: str) -> None:
+    assert_read(write(tmp_path / "a.csv", [*[line] * 200, f"t,{NAMES}"], rows(T, POSE)))
+
+
+def test_a_name_that_begins_with_an_abbreviation_is_of_a_body(tmp_path: Path) -> None:
+    head = [f"HMD{kind}{axis}" for kind, axes in (("Position", "XYZ"), ("Rotation", "XYZW")) for axis in axes]
+    names = ",".join([*head, *(name.replace("HMD", "LeftHand") for name in head)])
+    path = write(tmp_path / "a.csv", [f"Time,{names}"], rows(T, POSE, POSE))
+    assert_read(path, frame="hmd")
+    with pytest.raises(AmbiguousSource):
+        open_log(str(path))

@@ -84,6 +84,10 @@ def names(separator: str) -> str:
     return NAMES.replace(",", separator)
 
 
+def xyz(name: str) -> str:
+    return ",".join(f"{name}{axis}" for axis in "xyz")
+
+
 def numbered(form: str, *counts: int) -> str:
     """Names of columns with one number, or with two."""
     return ",".join(form.format(*numbers) for numbers in product(*map(range, counts)))
@@ -243,6 +247,36 @@ PROPOSALS: dict[str, tuple[str, list[list[str]], str]] = {
         "t,X,Y,Z,W,P,R",
         rows(T, P_MM, DEGREES),
         "--unit mm --euler xyz:deg --columns rx=W,ry=P,rz=R",
+    ),
+    "three angles of Blender": (
+        f"frame,{xyz('location_')},{xyz('rotation_euler_')}",
+        rows([f"{n}" for n in range(120)], P, DEGREES),
+        "--time-unit 100Hz --euler xyz:deg",
+    ),
+    "angles of Unity": (
+        f"t,{xyz('transform.position.')},{xyz('transform.eulerAngles.')}",
+        rows(T, P, DEGREES),
+        "--euler xyz:deg",
+    ),
+    "ZED": ("t,tx,ty,tz,ox,oy,oz,ow", rows(T, POSE), "--columns qx=ox,qy=oy,qz=oz,qw=ow"),
+    "a time by its values": (f"X_Value,{NAMES}", rows(T, POSE), "--columns time=X_Value"),
+    "a time after the pose": (
+        *("", rows(POSE, T)),
+        "--columns time=c7,position=c[0:3],quaternion=c[3:7]",
+    ),
+    "names of bodies above": (
+        f",cup,cup,cup,cup,cup,cup,cup\n,{NAMES}\ntime,,,,,,,",
+        rows(T, POSE),
+        "--columns time=c0",
+    ),
+    "days": (
+        f"Date,{NAMES}",
+        rows([f"{45_000 + n / 86_400e9:.15f}" for n in SINCE_NS.tolist()], POSE),
+        "--time-unit days --columns time=Date",
+    ),
+    "a time before named values": (
+        *("", [[f"[info] [{t!r}] [node_1]: p={p!r} q={q!r}"] for t, p, q in ENTRIES]),
+        "--columns quaternion=q,position=p,time=c0",
     ),
     "names twice": ("t,x,y,z,x,y,z,w", rows(T, POSE), "--columns qx=x.1,qy=y.1,qz=z.1,qw=w"),
     "another time": (f"unix_time,{NAMES}", rows(T, POSE), "--columns time=unix_time"),

@@ -19,7 +19,7 @@ from contact_tracker.recording.items import RawMessage
 from contact_tracker.recording.log import open_log
 from contact_tracker.recording.mcap_file import summary_of
 from contact_tracker.recording.reading import Reading, is_table_file, parts_of
-from contact_tracker.recording.tables import exact_ns, stamp_of_date
+from contact_tracker.recording.table_times import exact_ns, stamp_of_date
 from contact_tracker.states import CONTACTS, Contact
 from contact_tracker.suggestions import near_file, suggestion
 

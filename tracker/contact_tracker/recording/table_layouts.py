@@ -304,7 +304,7 @@ def _unknown_unit(unit: str, name: str, choices: str) -> str:
 
 _UNIT: Final = re.compile(r"[\s_]*[\[(](?!\d+\])([^\])]*)[\])]\s*$|_(mm|cm|um|m|s|ms|us|ns|deg|rad)$")
 """A unit in brackets (which do not contain the number of an element) or after an underscore."""
-_CAMEL: Final = re.compile(r"(?<=[a-z])(?=[A-Z])")
+_CAMEL: Final = re.compile(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
 _TIME: Final = re.compile(r"(?:.*[./ ])?(?:rosbag)?_*(?:t|time|times|time_?stamp|stamp)")
 _ELAPSED: Final = re.compile(r"(?:.*[./ _])?(?:elapsed|elapsed_?time|secs?|seconds)")
 """Names of a time if no other column is one."""
@@ -521,12 +521,13 @@ def _lacking(
             f"no column of times among {_listed(names)}: say which it is, as in --columns time=t, or, if "
             "none is, give the rate of the rows, as in --time-unit 200Hz"
         )
+    angles = ", or --columns rx=a,ry=b,rz=c --euler xyz:deg" if missing == [*QUATERNION] and has_time else ""
     missing = missing if has_time else ["a time", *missing]
     unit = reading.unit or next(filter(LENGTHS_M.__contains__, columns.units), "m")
     return UnreadableRecording(
         f"no columns of a pose among {_listed(names)}: missing {'is' if len(missing) == 1 else 'are'} "
-        f"{', '.join(missing)}: say which columns they are, as in --columns time=t,x=px, or rename columns, "
-        f"as in: {_EXAMPLE.format(unit)}"
+        f"{', '.join(missing)}: say which columns they are, as in --columns time=t,x=px{angles}, or rename "
+        f"columns, as in: {_EXAMPLE.format(unit)}"
     )
 
 

@@ -35,6 +35,7 @@ from contact_tracker.recording.table_layouts import (
     layout,
     numbers,
 )
+from contact_tracker.recording.table_times import unit_of_dates
 
 Array = NDArray[np.float64]
 Rows = Callable[[], Sequence[Sequence[str]]]
@@ -197,12 +198,15 @@ def _clock(values: Array, taken: Collection[int]) -> tuple[int | None, bool]:
     return frames, True
 
 
-def may_end_with_quaternions(rows: Sequence[Sequence[str]]) -> bool:
-    """Whether the last four values of most rows have the same norm, as scaled quaternions have and angles
-    that change have not."""
-    ends = _present(np.array([numbers(row[-4:]) for row in rows if len(row) >= 4]).reshape(-1, 4))
+def may_be_trajectory(rows: Sequence[Sequence[str]]) -> bool:
+    """Whether rows of eight values may be of a time and a pose: their last four values have mostly the same
+    norm, as scaled quaternions have and angles that change have not; and the pose is not before the time."""
+    table = np.array([numbers(row) for row in rows if len(row) == 8]).reshape(-1, 8)
+    ends = _present(table[:, -4:])
     if not len(ends):
         return True
+    if _begin_of_pose(table) == 0:
+        return False
     norms = np.linalg.norm(ends, axis=1)
     rounding = 1.0 if (ends == np.rint(ends)).all() else 0.0  # for four integers, half a unit each
     is_near = np.abs(norms - np.median(norms)) <= NORM_TOLERANCE * np.median(norms) + rounding
@@ -295,9 +299,13 @@ class _Proposal:
             if reading.has_frame_numbers and not self._stated.has_frame_numbers:
                 about[f"the rate of your poses instead of {reading.time_unit}"] = None
             with suppress(UnreadableRecording, ChoiceError):
-                body = layout(self._columns, reading).bodies[0]
-                reading, of_unit = in_unit(reading, body, self._values(body.columns))
+                table = layout(self._columns, reading)
+                reading, of_unit = in_unit(reading, table.bodies[0], self._values(table.bodies[0].columns))
                 about |= {of_unit: None} if of_unit else {}
+                if table.time >= 0 and not (table.time_ns or table.rest is not None):
+                    reading = reading.with_(
+                        reading_of(time_unit=unit_of_dates(self._values([table.time])[:, 0]))
+                    )
             columns, text = dict(reading.columns), reading.command(self._path)
             if is_square:
                 text += (

@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
-from itertools import chain, islice, pairwise, repeat
+from itertools import chain, islice, pairwise, repeat, takewhile
 from typing import IO, Any, Final
 
 from contact_tracker.config.quantities import ANGLE_UNITS, LENGTHS, LENGTHS_M, NAMED_NS
@@ -41,13 +41,16 @@ from contact_tracker.recording.table_layouts import (
 from contact_tracker.recording.table_proposals import (
     layout_of_names,
     layout_without_names,
-    may_end_with_quaternions,
+    may_be_trajectory,
 )
 
 _LEAST_OF_POSE: Final = 6
 _LINE: Final = 2**18
 """Longest line (characters); the rest of a longer one is a line of its own."""
 _HEAD_LINES: Final = 64
+_LONGEST_PREAMBLE: Final = 1000
+_LONGEST_HEAD: Final = 2**20
+"""Largest number of lines, and of characters, in which the first row of numbers is looked for."""
 _MOST_TRIED: Final = 4 * MOST_COLUMNS
 """Largest number of words that are tried as names of columns, at 20 000 a second."""
 _LONGEST_CELL: Final = 64
@@ -111,7 +114,7 @@ class TextTable:
     def __init__(self, path: str, begin: bytes, reading: TableReading) -> None:
         self._path, self._encoding = path, encoding_of(begin)
         with self._opened() as file:
-            lines = head = list(islice(_lines(file), _HEAD_LINES))
+            lines = head = _head(_lines(file))
         self._is_document = _is_document(head)
         if self._is_document:
             with self._opened() as file:
@@ -158,6 +161,20 @@ class TextTable:
 
 def _lines(file: IO[str]) -> Iterator[str]:
     return iter(lambda: file.readline(_LINE), "")
+
+
+def _head(lines: Iterator[str]) -> list[str]:
+    """The first lines: ``_HEAD_LINES`` in all and from the first row of numbers on, if it is among the first
+    ``_LONGEST_PREAMBLE``."""
+    head, end, size = list[str](), _LONGEST_PREAMBLE, 0
+    for line in islice(lines, _LONGEST_PREAMBLE):
+        head.append(line)
+        if end == _LONGEST_PREAMBLE and _are_values(_cells_of(line, _separator(line))):
+            end = min(len(head) + _HEAD_LINES, _LONGEST_PREAMBLE)
+        size += len(line)
+        if len(head) == end or (len(head) >= _HEAD_LINES and size > _LONGEST_HEAD):
+            break
+    return head if end < _LONGEST_PREAMBLE else head[:_HEAD_LINES]
 
 
 def _is_cut(before: Sequence[str], last: Sequence[str]) -> bool:
@@ -499,7 +516,8 @@ def _layout_of_rows(
     """The first error by whether it has a proposal, and by the number of names; -1 stands for comments."""
     tried = 0
     for i in [*comments, *rows]:
-        following = [lines[row] for row in rows if row > i]
+        after = [row for row in rows if row > i]
+        following = [lines[row] for row in after]
         separator = stated[1] if stated else _separator(following[0] if i in comments else lines[i])
         line = lines[i].lstrip("#%/; ") if i in comments else lines[i]
         names = [name.strip(BLANKS) for name in _cells_of(line, separator)]
@@ -511,7 +529,9 @@ def _layout_of_rows(
         if tried > _MOST_TRIED:
             break
         units = _units(following, separator)
-        skip, values = i + 1 + bool(units), following[bool(units) :]
+        text_rows = takewhile(lambda line: not re.search(r"\d", line), following[bool(units) :])
+        head_rows = bool(units) + len(list(text_rows))
+        skip, values = [i, *after][head_rows] + 1, following[head_rows:]
         named, times = list[str](), Counter[str]()
         for name in (name or f"{UNNAMED}{place}" for place, name in enumerate(names)):
             named.append(f"{name}.{times[name]}" if times[name] else name)  # x, x.1, as by pandas
@@ -550,7 +570,7 @@ def _layout_of_rows(
             f"a pose is in several lines: numpy.save('poses.npy', numpy.loadtxt({os.path.basename(path)!r})"
             f".reshape({shape})) makes a file that is read"
         )
-    is_tum = separator is None and len(values) == 1 + len(_TUM) and may_end_with_quaternions(table)
+    is_tum = separator is None and len(values) == 1 + len(_TUM) and may_be_trajectory(table)
     if is_tum and not (reading.kind or reading.columns):
         body = Body("", _TUM, LENGTHS_M[reading.unit or "m"])
         return TableLayout(0, reading.time_ns, (body,), "TUM", None, rows[0])

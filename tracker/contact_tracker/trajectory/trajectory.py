@@ -24,7 +24,7 @@ from contact_tracker.motion.pose_validation import (
 )
 from contact_tracker.motion.poses import AS_GIVEN, Pose, Poses, ReadAs
 from contact_tracker.recording import PoseLog, PoseSource, open_log, read_metadata
-from contact_tracker.recording.tables import doubt_of_unit
+from contact_tracker.recording.table_times import doubt_of_unit
 from contact_tracker.trajectory.arguments import (
     errors_as,
     in_python,
