@@ -3,7 +3,6 @@
 import json
 import pickle
 import shlex
-import subprocess
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from functools import partial
@@ -23,7 +22,13 @@ import contact_tracker
 from contact_tracker import Trajectory, read
 from contact_tracker.cli.main import build_parser, run
 from contact_tracker.config.table_reading import reading_of
-from contact_tracker.errors import ChoiceError, ContactTrackerError, UnreadableRecording, UsageError
+from contact_tracker.errors import (
+    AmbiguousSource,
+    ChoiceError,
+    ContactTrackerError,
+    UnreadableRecording,
+    UsageError,
+)
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log
 from contact_tracker.recording.table_layouts import TableLayout, quaternions
@@ -424,24 +429,18 @@ def test_the_command_that_is_proposed_reads_the_columns(tmp_path: Path, system: 
     assert_read(path, *(option.replace("100Hz", "200Hz") for option in options))
 
 
-def test_rows_of_several_bodies_are_refused_with_what_takes_one(tmp_path: Path) -> None:
-    twice = [
-        row
-        for pair in zip(rows(T, ["cup"] * 120, POSE), rows(T, ["table"] * 120, POSE + 1), strict=True)
-        for row in pair
-    ]
-    path = write(tmp_path / "a b.csv", [f"t,name,{NAMES}"], twice)
-    with pytest.raises(
-        UnreadableRecording, match="its rows are of several bodies, by the column 'name'"
-    ) as raised:
+@pytest.mark.parametrize("lost", [120, 50])
+def test_rows_of_several_bodies_are_a_source_for_each(tmp_path: Path, lost: int) -> None:
+    """By a column with their names, at the same times or others, also if one is missing at times."""
+    cups, trays = rows(T, ["cup"] * 120, POSE), rows(T + 1e-4, ["tray 1"] * 120, P + 1, Q)
+    pairs = zip(cups, [row if i != lost else [] for i, row in enumerate(trays)], strict=True)
+    path = write(tmp_path / "a b.csv", [f"t,name,{NAMES}"], [row for pair in pairs for row in pair if row])
+    assert_read(path, frame="cup")
+    assert len(Poses.collect(open_log(str(path), frame="tray 1"))) == 120 - (lost < 120)
+    with pytest.raises(AmbiguousSource, match="->tray 1"):
         open_log(str(path))
-    command = (
-        str(raised.value)
-        .partition(", as by ")[2]
-        .replace("body.csv", shlex.quote(str(tmp_path / "body.csv")))
-    )
-    subprocess.run(command, shell=True, check=True)
-    assert_read(tmp_path / "body.csv")
+    with pytest.raises(UsageError, match="its rows are of several bodies, by the column name"):
+        Trajectory.from_dataframe(pandas.read_csv(path))
 
 
 def test_numbers_of_frames_need_a_rate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

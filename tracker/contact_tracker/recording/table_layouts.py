@@ -3,7 +3,7 @@
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain, groupby
+from itertools import chain, groupby, pairwise
 from typing import Any, Final
 
 import numpy as np
@@ -28,6 +28,8 @@ from contact_tracker.geometry.rotation import from_rotation_vectors
 from contact_tracker.suggestions import suggestion
 
 Array = NDArray[np.float64]
+Rows = Callable[[], Sequence[Sequence[str]]]
+"""Gives the first rows of a table."""
 _PLAUSIBLE: Final = 0.1
 """Largest deviation from 1 of a rotation's determinant and of an axis's length."""
 _FARTHEST_M: Final = 10.0
@@ -205,6 +207,7 @@ class TableLayout:
     quaternion : names of the columns of the only body's quaternion, if users can state other columns.
     has_angles : whether the names of columns say that rotations are angles.
     note : one line on what is not read, or empty.
+    body : index of the column with the name of the body of each row; None if all are of one.
     """
 
     time: int
@@ -221,11 +224,12 @@ class TableLayout:
     quaternion: tuple[str, ...] = ()
     has_angles: bool = False
     note: str = ""
+    body: int | None = None
 
     @property
     def places(self) -> list[int]:
         """Indices of the columns that are read, the time first."""
-        times = [self.time] if self.rest is None else [self.time, self.rest]
+        times = [place for place in (self.time, self.rest, self.body) if place is not None]
         return list(dict.fromkeys([*times, *(place for body in self.bodies for place in body.columns)]))
 
 
@@ -348,6 +352,9 @@ NUMBERED: Final = re.compile(r"(.*?)[\[_.]?(\d{1,4})\]?")
 BY_ROW: Final = re.compile(r"(.*?)[\[_.](\d{1,2})\]?[\[_.](\d{1,2})\]?")
 """Numbers of the elements of a list, and of the rows and columns of a matrix, as in ``T_0_3``."""
 _SLICE: Final = re.compile(r"(.*)\[(\d{1,4})(?::(\d{1,4}))?\]")
+_OF_BODY: Final = re.compile(r"(?:.*[._ ])?(?:id|name|body|object|tracker|device|child_frame_id)")
+_RETURNS: Final = 2
+"""Least number of runs of rows of each body, on average, among the first rows."""
 _GENERIC: Final = {"", "pose", "field", "transform", "data", "msg", "message", "state"}
 _MATRIX_SHAPES: Final = {9: (3, 3), 12: (3, 4), 16: (4, 4)}
 NEEDED: Final = "a time, x, y, z in metres, and qx, qy, qz, qw"
@@ -504,6 +511,18 @@ def layout(columns: Columns, reading: TableReading) -> TableLayout:
     return TableLayout(
         time, time_ns, bodies, rest=rest, rest_ns=rest_ns, quaternion=quaternion, has_angles=has_angles
     )
+
+
+def with_body(layout: TableLayout, columns: Columns, rows: Rows) -> TableLayout:
+    """The layout with the column of the names of bodies, if rows are of several ones: names in such a column
+    change from row to row and come back, as numbers of rows do not."""
+    for place, name in enumerate(columns.plain if len(layout.bodies) == 1 else ()):
+        if _OF_BODY.fullmatch(name) and place not in layout.places:
+            names = [row[place].strip(BLANKS) for row in rows() if len(row) > place]
+            changes = sum(a != b for a, b in pairwise(names))
+            if 1 < len(set(names)) <= (changes + 1) / _RETURNS:
+                return replace(layout, body=place)
+    return layout
 
 
 def are_named_angles(names: Sequence[str]) -> bool:

@@ -2,7 +2,7 @@
 proposed from known systems, numbers of columns and values."""
 
 import re
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from itertools import chain, islice, product
@@ -28,18 +28,18 @@ from contact_tracker.recording.table_layouts import (
     Columns,
     OpenReading,
     ProposedReading,
+    Rows,
     TableLayout,
     are_named_angles,
     are_no_radians,
     in_unit,
     layout,
     numbers,
+    with_body,
 )
 from contact_tracker.recording.table_times import unit_of_dates
 
 Array = NDArray[np.float64]
-Rows = Callable[[], Sequence[Sequence[str]]]
-"""Gives the first rows of a table."""
 
 _LIKE_TIME: Final = re.compile(
     r".*(?:time|stamp|date|zeit|temps|tiempo|clock|ticks)|(?:.*[_ .])?(?:ts|epoch|utc)", re.IGNORECASE
@@ -122,7 +122,7 @@ def layout_of_names(
         raise UnreadableRecording(f"its {len(names)} columns are too many: needed are {NEEDED}")
     columns = Columns(names, units)
     try:
-        return layout(columns, reading)
+        return with_body(layout(columns, reading), columns, rows)
     except UnreadableRecording as error:
         proposal = _Proposal(columns, reading, path, rows).text()
         if proposal is not None:

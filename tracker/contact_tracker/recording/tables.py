@@ -4,6 +4,8 @@ import os
 import re
 import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from itertools import compress
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -16,6 +18,7 @@ from contact_tracker.motion.poses import Poses, ReadAs
 from contact_tracker.recording.bytestream import TABLE_ENDINGS, WHAT_IS_READ, WorkBudget, first_bytes, is_text
 from contact_tracker.recording.items import ROWS, Channel, PoseSource, Rows
 from contact_tracker.recording.table_layouts import (
+    BLANKS,
     SEPARATORS,
     Body,
     ProposedReading,
@@ -183,11 +186,28 @@ def read_table(
         for rows, body in values:
             check_angles(rows, body, reading, path)
         poses = (body.poses(rows) for rows, body in values)
-        yield Rows(sources, tuple(Poses(stamps, rows[:, :3], rows[:, 3:])[good] for rows in poses))
+        by_body = tuple(Poses(stamps, rows[:, :3], rows[:, 3:])[good] for rows in poses)
+        if layout.body is None:
+            yield Rows(sources, by_body)
+        else:
+            names = compress(columns[layout.body], good)
+            yield from _of_bodies(sources[0], [str(name).strip(BLANKS) for name in names], by_body[0])
     if lost:
         report(f"{lost} {'row has' if lost == 1 else 'rows have'} {why}")
     for damage in table.damage:
         report(damage)
+
+
+def _of_bodies(source: PoseSource, names: Sequence[str], poses: Poses) -> Iterator[Rows]:
+    """The poses whose bodies have these ``names``, of the source with this name: all at once where the bodies
+    follow each other always in the same order, else one by one."""
+    sources = {name: replace(source, child_frame_id=name) for name in names}
+    count = len(sources)
+    if [*sources] * (len(names) // max(count, 1)) == [*names]:
+        yield Rows(tuple(sources.values()), tuple(poses[i::count] for i in range(count)))
+        return
+    for i, name in enumerate(names):
+        yield Rows((sources[name],), (poses[i : i + 1],))
 
 
 def _opened(path: str, reading: TableReading, budget: WorkBudget) -> "TextTable | ArrayTable | ParquetTable":

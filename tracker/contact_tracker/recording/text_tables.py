@@ -10,7 +10,6 @@ import csv
 import json
 import os
 import re
-import shlex
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -95,7 +94,6 @@ _GROUP: Final = re.compile(r"(?:(?<=^)|(?<=[,;\t|])) *([(\[{][^()\[\]{}]*[)\]}])
 """A cell with several values in brackets, which the separator of cells may separate as well."""
 _BETWEEN: Final = re.compile(r"\s*;\s*|,\s+|\s+")
 _BEGIN_DOCUMENT: Final = re.compile(r"\s*(?:\{|\[\s*(?:$|[\[{]))")
-_OF_BODY: Final = re.compile(r"(?:.*[._ ])?(?:id|name|body|object|tracker|device|child_frame_id)")
 _QUALISYS: Final = "NO_OF_FRAMES"
 _MATRICES: Final = reading_of("matrix=Rot", matrix="columns", unit="mm")
 """How Qualisys writes the columns of a body."""
@@ -133,6 +131,7 @@ class TextTable:
     def _rows(self) -> Iterator[list[str]]:
         layout, separator, count, previous = self.layout, self.layout.separator, 0, list[str]()
         places, width = layout.places, max(layout.places) + 1
+        named = partial(_named_cells, names=layout.names, heads=layout.heads, separator=separator)
         with self._opened() as file:
             lines = _entries_in(file) if self._is_document else _lines(file)
             for line in islice(lines, layout.skip, None):
@@ -142,7 +141,7 @@ class TextTable:
                     if layout.kind == "Vicon":
                         return  # the end of a section
                     continue
-                cells = _named_cells(line, layout) if layout.names else _cells_of(line, separator)
+                cells = named(line) if layout.names else _cells_of(line, separator)
                 if line[-1] != "\n" and len(line) < _LINE and previous and _is_cut(previous, cells):
                     self.damage = (_CUT_OFF,)
                     return
@@ -319,17 +318,18 @@ def _values_in(cell: str) -> Any:
     return values if counted > 1 else cell
 
 
-def _named_cells(line: str, layout: TableLayout) -> list[str]:
-    """The values of a row in the order of ``layout.names``, if rows are JSON or cells have several values."""
+def _named_cells(line: str, names: Sequence[str], heads: Sequence[str], separator: str | None) -> list[str]:
+    """The values of a row in the order of ``names``, if cells, whose columns are ``heads``, have several
+    values, or, without these, rows are JSON."""
     try:
-        if layout.heads:
-            cells = map(_values_in, _cells_of(line, layout.separator))
-            fields = _flattened(dict(zip(layout.heads, cells, strict=False)))
+        if heads:
+            cells = map(_values_in, _cells_of(line, separator))
+            fields = _flattened(dict(zip(heads, cells, strict=False)))
         else:
             fields = _fields_of(line)
     except ValueError:
-        return [line] * len(layout.names)  # none of them is a number
-    return [fields.get(name, "") for name in layout.names]
+        return [line] * len(names)  # none of them is a number
+    return [fields.get(name, "") for name in names]
 
 
 def _layout_in_unit(
@@ -495,7 +495,6 @@ def _json_layout(lines: Sequence[str], reading: TableReading, path: str) -> Tabl
                 ) from None
     cells = [[row.get(name, "") for name in names] for row in rows if row]
     layout = layout_of_names(list(names), reading, path, rows=lambda: cells)
-    _check_bodies(list(names), cells, layout.time, partial(_by_jq, path, list(names)))
     return replace(layout, kind="JSON", names=tuple(names))
 
 
@@ -537,22 +536,17 @@ def _layout_of_rows(
             named.append(f"{name}.{times[name]}" if times[name] else name)  # x, x.1, as by pandas
             times[name] += 1
         inner = _names_in_groups(named, values, separator)
-        columns, cells, units = (inner, [], []) if inner else (named, values, units)
+        cells_of = partial(_table_of, values, separator)
+        if inner:
+            cells_of = partial(list, [_named_cells(line, inner, named, separator) for line in values])
         try:
-            layout = layout_of_names(columns, reading, path, units, partial(_table_of, cells, separator))
+            layout = layout_of_names(inner or named, reading, path, [] if inner else units, cells_of)
         except (UnreadableRecording, ChoiceError) as error:
             errors.setdefault(
                 (isinstance(error, ProposedReading), -1 if i in comments else len(names)), error
             )
             continue
         layout = replace(layout, separator=separator, skip=skip)
-        time = (inner or named)[layout.time] if layout.time >= 0 else ""
-        _check_bodies(
-            named,
-            _table_of(values, separator),
-            named.index(time) if time in named else -1,
-            partial(_by_awk, path, separator, skip),
-        )
         if inner:
             return replace(layout, names=tuple(inner), heads=tuple(named))
         _check_widths(values, layout, len(names))
@@ -619,37 +613,6 @@ def _check_widths(rows: Sequence[str], layout: TableLayout, names: int) -> None:
             f"row 1 has {count} {'value' if count == 1 else 'values'}, the header has {names}: separate the "
             f"values of all rows by {SEPARATORS[layout.separator or ' ']}, as the names in the header"
         )
-
-
-def _check_bodies(
-    names: Sequence[str], rows: Sequence[Sequence[str]], time: int, how: Callable[[int, str], str]
-) -> None:
-    """Raise UnreadableRecording if rows of one time are of different bodies, whose names in a column recur at
-    other times (numbers of rows do not). ``how`` gives the command that selects a body, by column and
-    name."""
-    cells = [row for row in rows if len(row) == len(names)]
-    pairs = [(a, b) for a, b in pairwise(cells) if time >= 0 and a[time] == b[time]]
-    for place, name in enumerate(names):
-        if (
-            _OF_BODY.fullmatch(name.strip().lower())
-            and len(pairs) > 1
-            and all(a[place] != b[place] for a, b in pairs)
-            and len({(row[time], row[place]) for row in cells}) > len({row[place] for row in cells})
-        ):
-            raise UnreadableRecording(
-                f"its rows are of several bodies, by the column {name!r}: write those of one to a file of "
-                f"its own, as by {how(place, pairs[0][0][place].strip(BLANKS))}"
-            )
-
-
-def _by_awk(path: str, separator: str | None, skip: int, place: int, body: str) -> str:
-    rule = f"NR <= {skip} || ${place + 1} == {json.dumps(body)}"
-    return f"{shlex.join(['awk', '-F', separator or ' ', rule, path])} > body.csv"
-
-
-def _by_jq(path: str, names: Sequence[str], place: int, body: str) -> str:
-    rule = f".. | objects | select(.{names[place]}? | tostring == {json.dumps(body)})"
-    return f"{shlex.join(['jq', '-c', rule, path])} > body.jsonl"
 
 
 _Layout = Callable[[Sequence[str], TableReading, str], TableLayout]

@@ -234,6 +234,10 @@ def columns_of(table: Any, reading: TableReading) -> tuple[NDArray[Any], float |
     if len(layout.bodies) > 1:
         bodies = ", ".join(body.name for body in layout.bodies)
         raise UsageError(f"several bodies, {bodies}: name the columns of one, as columns={{'x': ...}}")
+    if layout.body is not None:
+        raise UsageError(
+            f"its rows are of several bodies, by the column {keys[layout.body]}: give the rows of one"
+        )
     (body,) = layout.bodies
     columns = [_column(table, keys[place]) for place in body.columns]
     try:
