@@ -72,7 +72,7 @@ class ParquetTable:
             ) from error
         names, rows = [name for name, _, _ in leaves], partial(self._first_rows, leaves, budget)
         self.layout = replace(layout_of_names(names, reading, path, rows=rows), kind=kind)
-        self._chosen = {place: leaves[place] for place in self.layout.places if place >= 0}
+        self._chosen = {place: leaves[place] for place in self.layout.places}
         for place, (name, _, type_) in self._chosen.items():
             is_time = place == self.layout.time and types.is_temporal(type_)
             if not (is_time or _is_number(type_)):
@@ -84,24 +84,22 @@ class ParquetTable:
         self._file.check({*self._columns}, len(self.layout.bodies), budget)
 
     def __iter__(self) -> Iterator[dict[int, Any]]:
-        done = 0
         try:
             for batch in self._file.iter_batches(ROWS_AT_ONCE, columns=self._columns, use_threads=False):
-                yield self._values(batch, done)
-                done += len(batch)
+                yield self._values(batch)
         except _PARQUET_ERRORS as error:
             self.damage = (f"it is damaged: {first_line(error)[:_LONGEST_LINE]}",)
         finally:
             self._file.close()
 
-    def _values(self, batch: Any, done: int) -> dict[int, Any]:
-        """The columns of a batch after ``done`` rows: times as text, and numbers; empty rows are left out."""
+    def _values(self, batch: Any) -> dict[int, Any]:
+        """The columns of a batch: times as text, and numbers; empty rows are left out."""
         columns, time = dict[int, Any](), self.layout.time
         for place, (_, path, _) in self._chosen.items():
             column = _single(batch.column(str(path[0])), path[1:])
-            columns[place] = _texts(column) if place in (time, self.layout.rest) else _numbers(column)
+            columns[place] = _texts(column) if place in self.layout.texts else _numbers(column)
         if time < 0:
-            return {**columns, time: [str(done + i) for i in range(len(batch))]}
+            return columns
         numbers = [values for values in columns.values() if isinstance(values, np.ndarray)]
         is_row = np.array([bool(text) for text in columns[time]]) | np.isfinite(numbers).any(axis=0)
         return {
@@ -424,13 +422,11 @@ class ArrayTable:
     def __iter__(self) -> Iterator[dict[int, Any]]:
         layout = self.layout
         for begin in range(0, self._rows, ROWS_AT_ONCE):
-            end = min(begin + ROWS_AT_ONCE, self._rows)
-            columns: dict[int, Any] = {}
-            for place in layout.places:
-                values = np.arange(begin, end) if place < 0 else self._values[place][begin:end]
-                is_time = place in (layout.time, layout.rest)
-                columns[place] = list(map(str, values.tolist())) if is_time else values.astype(np.float64)
-            yield columns
+            batch = {place: self._values[place][begin : begin + ROWS_AT_ONCE] for place in layout.places}
+            yield {
+                place: list(map(str, values.tolist())) if place in layout.texts else values.astype(np.float64)
+                for place, values in batch.items()
+            }
 
 
 def _rows_of(shapes: Sequence[tuple[int, ...]], widest: int) -> int:

@@ -229,8 +229,12 @@ class TableLayout:
     @property
     def places(self) -> list[int]:
         """Indices of the columns that are read, the time first."""
-        times = [place for place in (self.time, self.rest, self.body) if place is not None]
-        return list(dict.fromkeys([*times, *(place for body in self.bodies for place in body.columns)]))
+        return list(dict.fromkeys([*self.texts, *(place for body in self.bodies for place in body.columns)]))
+
+    @property
+    def texts(self) -> list[int]:
+        """Indices of the columns that are read as text: times and names of bodies."""
+        return [place for place in (self.time, self.rest, self.body) if place is not None and place >= 0]
 
 
 def bodies_of(
@@ -353,8 +357,7 @@ BY_ROW: Final = re.compile(r"(.*?)[\[_.](\d{1,2})\]?[\[_.](\d{1,2})\]?")
 """Numbers of the elements of a list, and of the rows and columns of a matrix, as in ``T_0_3``."""
 _SLICE: Final = re.compile(r"(.*)\[(\d{1,4})(?::(\d{1,4}))?\]")
 _OF_BODY: Final = re.compile(r"(?:.*[._ ])?(?:id|name|body|object|tracker|device|child_frame_id)")
-_RETURNS: Final = 2
-"""Least number of runs of rows of each body, on average, among the first rows."""
+"""Names of columns of the names of bodies."""
 _GENERIC: Final = {"", "pose", "field", "transform", "data", "msg", "message", "state"}
 _MATRIX_SHAPES: Final = {9: (3, 3), 12: (3, 4), 16: (4, 4)}
 NEEDED: Final = "a time, x, y, z in metres, and qx, qy, qz, qw"
@@ -515,12 +518,12 @@ def layout(columns: Columns, reading: TableReading) -> TableLayout:
 
 def with_body(layout: TableLayout, columns: Columns, rows: Rows) -> TableLayout:
     """The layout with the column of the names of bodies, if rows are of several ones: names in such a column
-    change from row to row and come back, as numbers of rows do not."""
+    change at most rows and come back, as numbers of rows do not."""
     for place, name in enumerate(columns.plain if len(layout.bodies) == 1 else ()):
         if _OF_BODY.fullmatch(name) and place not in layout.places:
             names = [row[place].strip(BLANKS) for row in rows() if len(row) > place]
-            changes = sum(a != b for a, b in pairwise(names))
-            if 1 < len(set(names)) <= (changes + 1) / _RETURNS:
+            runs = 1 + sum(a != b for a, b in pairwise(names))
+            if 1 < len(set(names)) <= runs / 2 and runs > len(names) / 2:
                 return replace(layout, body=place)
     return layout
 

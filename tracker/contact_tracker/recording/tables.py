@@ -172,9 +172,11 @@ def read_table(
     read_as = ReadAs(False, reading, path, layout.quaternion, layout.has_angles)
     sources = tuple(PoseSource(topic, layout.kind, "", body.name, None, read_as) for body in layout.bodies)
     is_read = is_wanted(Channel(topic, ROWS, layout.kind, "", b""))
-    times, lost, why = TableTimes(path, layout, reading, assume), 0, ""
+    times, count, lost, why = TableTimes(path, layout, reading, assume), 0, 0, ""
     for columns in table if is_read else ():
-        texts = [str(time) for time in columns[layout.time]]
+        rows_read = len(next(iter(columns.values())))
+        texts = [*map(str, range(count, count + rows_read) if layout.time < 0 else columns[layout.time])]
+        count += rows_read
         rests = None if layout.rest is None else [str(rest) for rest in columns[layout.rest]]
         stamps = times.stamps_ns(texts, rests)
         good = stamps != NEVER

@@ -129,7 +129,7 @@ class TextTable:
         return open(self._path, encoding=self._encoding, errors="replace")
 
     def _rows(self) -> Iterator[list[str]]:
-        layout, separator, count, previous = self.layout, self.layout.separator, 0, list[str]()
+        layout, separator, previous = self.layout, self.layout.separator, list[str]()
         places, width = layout.places, max(layout.places) + 1
         named = partial(_named_cells, names=layout.names, heads=layout.heads, separator=separator)
         with self._opened() as file:
@@ -149,12 +149,9 @@ class TextTable:
                 if len(cells) < width:
                     cells = cells + [""] * (width - len(cells))
                 row = [cells[place] for place in places]
-                if layout.time < 0:
-                    row[0] = str(count)
                 if len(line) > _LONGEST_CELL * width:
                     row = [cell[:_LONGEST_CELL] for cell in row]
                 if any(map(str.strip, row)):
-                    count += 1
                     yield row
 
 
