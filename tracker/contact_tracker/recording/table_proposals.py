@@ -93,14 +93,8 @@ KNOWN: Final[Sequence[tuple[str, tuple[str, ...], TableReading]]] = (
     ("matrices by row and column", ("r11", "r33"), reading_of(matrix="rows")),
 )
 """Known systems: name; lower-case names of columns by which the system is recognised; the reading."""
-_LISTS: Final[Mapping[int, tuple[str, TableReading]]] = {
-    7: ("position={0}[0:3],quaternion={0}[3:7]", reading_of()),
-    6: ("position={0}[0:3],rotation={0}[3:6]", reading_of()),
-    4: ("quaternion={0}", reading_of()),
-    3: ("position={0}", reading_of()),
-}
-"""Usual columns and reading of a group of numbered columns, by its size."""
-_VECTOR: Final = ("rotation={0}", reading_of(rotation_vector=True))
+_SIZES: Final = (3, 4, 6, 7)
+"""Numbers of columns in groups that may be a position, a quaternion, or both; larger groups may be more."""
 _TURNING: Final = re.compile("rot|rvec|axis", re.IGNORECASE)
 """Names of groups of three columns that are a rotation vector."""
 
@@ -139,50 +133,9 @@ def layout_without_names(rows: Sequence[Sequence[str]], reading: TableReading, p
     if reading.columns:
         return layout_of_names(names, reading, path, rows=lambda: rows)
     how = f"say which they are, by number from 0 on, as in --columns time={UNNAMED}0,x={UNNAMED}1"
-    if ways := [way.with_(reading) for way in _meanings(rows)]:
-        proposal = _Proposal(Columns(names), reading, path, lambda: rows)
-        how = f"if they are meant so, read them by {proposal.commands(ways)}"
-    raise UnreadableRecording(f"its {len(names)} columns have no names: {how}")
-
-
-def _meanings(rows: Sequence[Sequence[str]]) -> list[TableReading]:
-    """Possible readings of rows without names: the pose is a rotation matrix or a unit quaternion with its
-    position, as in KITTI and TUM, else the last six values; the time is before it, or two numbers as from
-    ``ros2 topic echo --csv``."""
-    values = rows[0] if rows else ()
-    table, width = np.array([numbers(row) for row in rows if len(row) == len(values)]), len(values)
-    table = table[np.isfinite(table[:, width - 4 :]).all(axis=1)]
-
-    def meaning(begin: int, how: Mapping[str, Any], **groups: int) -> TableReading:
-        """The reading of a pose whose ``groups`` of values, by role and size, begin at ``begin``, after the
-        time."""
-        columns, at = dict[str, str](), begin
-        for role, count in groups.items():
-            columns[role], at = f"{UNNAMED}[{at}:{at + count}]", at + count
-        is_stamp = begin > 1 and all(map(str.isdigit, values[:2]))
-        if is_stamp and len(values[0]) == _NANOSECONDS > len(values[1]):
-            return reading_of({TIME: f"{UNNAMED}0", REST: f"{UNNAMED}1", **columns}, **how)
-        clock, is_frame = _clock(table, range(begin, at))
-        clock = begin - 1 if len(table) == 1 and begin else clock
-        if clock is None:
-            return reading_of(columns, time_unit=_A_RATE, **how)
-        how = {**how, "time_unit": _A_RATE} if is_frame and len(table) > 1 else how
-        return reading_of({TIME: f"{UNNAMED}{clock}", **columns}, **how)
-
-    if not len(table):
-        return []
-    for count in (16, 12):
-        for begin in range(width - count + 1):
-            if (order := _order_of_matrices(table[:, begin : begin + count])) is not None:
-                return [meaning(begin, {"matrix": order}, matrix=count)]
-    if (place := _begin_of_pose(table)) is not None:
-        return [meaning(place, {}, position=3, quaternion=4)]
-    if width in (6, 7) and np.isfinite(table).all():
-        ways: list[dict[str, Any]] = [{"euler": "xyz:deg"}]
-        if not are_no_radians(table[:, -3:]):
-            ways = [{"rotation_vector": True}, {"euler": "xyz:rad"}, *ways]
-        return [meaning(width - 6, how, position=3, rotation=3) for how in ways]
-    return []
+    text = _Proposal(Columns(names), reading, path, lambda: rows).text() or how
+    text = text.replace("its columns are", "they are", 1)
+    raise UnreadableRecording(f"its {len(names)} columns have no names: {text}")
 
 
 def _clock(values: Array, taken: Collection[int]) -> tuple[int | None, bool]:
@@ -234,7 +187,9 @@ def _present(rows: Array) -> Array:
 
 def _order_of_matrices(values: Array) -> str | None:
     """Whether the matrices of poses with the values (N, 16) or (N, 12) are written by rows or columns; None
-    if they are no poses."""
+    if they are no poses. Rotations (N, 9) count as written by rows."""
+    if values.shape[1] == 9:
+        values = np.pad(values.reshape(-1, 3, 3), ((0, 0), (0, 0), (0, 1))).reshape(-1, 12)
     matrices = _present(values).reshape(-1, values.shape[1] // 4, 4)
     turned = {"rows": matrices, "columns": matrices.transpose(0, 2, 1)}
     for order in turned if values.shape[1] == 16 else ("rows",):
@@ -258,31 +213,33 @@ class _Proposal:
 
     def __init__(self, columns: Columns, reading: TableReading, path: str, rows: Rows) -> None:
         self._columns, self._path, self._rows, self._stated = columns, path, rows, reading
-        self._reading, self._about_time = reading, ""
-        time, _ = columns.time(reading, columns.find(reading)[TIME])
-        if time is None and reading.time_unit is None:
-            about, self._about_time = self._time()
-            self._reading = reading.with_(about)
+        self._reading, self._about_time, self._lacks_time = reading, "", False
+        if columns.time(reading, columns.find(reading)[TIME])[0] is None:
+            clock, self._about_time = self._time()
+            self._lacks_time = clock is None
+            rate = reading_of(time_unit=reading.time_unit or _A_RATE)
+            self._reading = reading.with_(rate if clock is None else reading_of({TIME: clock}))
 
-    def _time(self) -> tuple[TableReading, str]:
-        """What seems to be the time, and its description."""
+    def _time(self) -> tuple[str | None, str]:
+        """The name of the column that seems to be the time, if any, and its description."""
         columns, has_frames = self._columns, any(map(FRAME.fullmatch, self._columns.plain))
         like = next(filter(_LIKE_TIME.match, filter(CAN_BE_GIVEN, columns.names)), None)
-        if like is not None and not has_frames:
-            return reading_of({TIME: like}), f"if {like} is the time"
-        known = {place for places in columns.find(self._stated).values() for place in places.values()}
+        if has_frames or like is not None:
+            return (
+                (None, "its times are numbers of frames") if has_frames else (like, f"if {like} is the time")
+            )
+        taken = {place for places in columns.find(self._stated).values() for place in places.values()}
+        is_index = len(columns.numbered(UNNAMED)) == 1  # of a DataFrame
         for place, name in enumerate(columns.names):
-            if (NUMBERED.fullmatch(name) and name != f"{UNNAMED}0") or not CAN_BE_GIVEN(name):
-                known.add(place)
+            if (NUMBERED.fullmatch(name) and not is_index) or not CAN_BE_GIVEN(name):
+                taken.add(place)
         width = min([len(columns.names), *map(len, self._rows())])
-        clock, is_frame = _clock(self._values(range(width)), known)
-        if clock is not None and not (is_frame or has_frames):
-            about = f"if {columns.names[clock]} is the time"
-            if columns.names[clock] == f"{UNNAMED}0":  # the index of a DataFrame
-                about = "if its first column, which has no name, is the time"
-            return reading_of({TIME: columns.names[clock]}), about
-        about = "its times are numbers of frames" if has_frames else "it has no times"
-        return reading_of(time_unit=_A_RATE), about
+        clock, is_frame = _clock(self._values(range(width)), taken)
+        if clock is None or is_frame:
+            return None, "it has no times"
+        is_first = columns.names[clock] == f"{UNNAMED}0"
+        what = "its first column, which has no name," if is_first else columns.names[clock]
+        return columns.names[clock], f"if {what} is the time"
 
     def _values(self, places: Sequence[int]) -> Array:
         """The numbers (N, k) of the first rows in columns."""
@@ -350,8 +307,9 @@ class _Proposal:
         columns = self._columns
         matches = [pattern.fullmatch(name) for name in columns.names for pattern in (NUMBERED, BY_ROW)]
         bases = dict.fromkeys(match[1] for match in matches if match is not None and CAN_BE_GIVEN(match[1]))
+        bases = {base: None for base in bases if base not in columns.names}  # a name that occurs twice
         counted = ((base, len(columns.numbered(base))) for base in islice(bases, _MOST_GROUPS))
-        parts = [(base, size) for base, size in counted if size in _LISTS or size > len(POSE_ROLES)]
+        parts = [(base, size) for base, size in counted if size in _SIZES or size > len(POSE_ROLES)]
         pairs = (
             [a, b]
             for a, b in product(parts, parts)
@@ -361,27 +319,48 @@ class _Proposal:
             candidate = self._reading
             for base, size in groups:
                 is_turn = len(groups) > 1 and size == 3 and _TURNING.search(base) is not None
-                stated, meaning = _VECTOR if is_turn else self._meant(base)
-                candidate = meaning.with_(reading_of(stated.format(base))).with_(candidate)
+                meaning = (
+                    reading_of({"rotation": base}, rotation_vector=True) if is_turn else self._meant(base)
+                )
+                has_time = any(role == TIME for role, _ in meaning.columns)
+                candidate = meaning.with_(self._stated if has_time else candidate)
             yield candidate, 9 in [size for _, size in groups]
 
-    def _meant(self, base: str) -> tuple[str, TableReading]:
-        """Roles (with ``{0}`` for the base name) and reading of numbered columns, by their number and first
-        values."""
-        places = list(self._columns.numbered(base).values())
-        values, count = self._values(places), len(places)
-        if count in (16, 12, 9):
-            order = _order_of_matrices(values) if count > 9 else None
-            return "matrix={0}", reading_of(matrix=order or "rows")
-        if count >= len(POSE_ROLES) and len(values):
-            begin = _begin_of_pose(values)
-            if begin is not None:
-                spans = f"position={{0}}[{begin}:{begin + 3}],quaternion={{0}}[{begin + 3}:{begin + 7}]"
-                return spans, reading_of()
-            if count > len(POSE_ROLES):
-                return "position={0}", reading_of()  # there are too many
-            count -= 1 if len(_present(values)) else 0
-        return _LISTS.get(count, _LISTS[3])
+    def _meant(self, base: str) -> TableReading:
+        """The reading of numbered columns by their first values: of a matrix, or of a position with a unit
+        quaternion, as in KITTI and TUM, and of the time beside them; else by their number."""
+        group = self._columns.numbered(base)
+        values, count, first = self._values(list(group.values())), len(group), min(group)
+
+        def meaning(begin: int, how: Mapping[str, Any], **sizes: int) -> TableReading:
+            """The reading of roles of these sizes, which begin at ``begin``."""
+            columns, at = dict[str, str](), begin
+            for role, size in sizes.items():
+                start, at = first + at, at + size
+                columns[role] = base if size == count else f"{base}[{start}:{start + size}]"
+            if not self._lacks_time or count == at - begin:
+                return reading_of(columns, **how)
+            clock, is_frame = _clock(values, range(begin, at))
+            clock = begin - 1 if len(values) == 1 and begin else clock
+            times = [] if clock is None else [self._columns.names[list(group.values())[clock]]]
+            texts = self._rows()[0][: begin and 2]
+            if "".join(texts).isdigit() and len(texts[0]) == _NANOSECONDS > len(texts[1]):
+                times, is_frame = [f"{UNNAMED}0", f"{UNNAMED}1"], False
+            how = {**how, "time_unit": _A_RATE} if is_frame and times and len(values) > 1 else how
+            return reading_of({**dict(zip((TIME, REST), times, strict=False)), **columns}, **how)
+
+        for size in (16, 12, *([9] if count == 9 else [])):
+            for begin in range(count - size + 1):
+                if (order := _order_of_matrices(values[:, begin : begin + size])) is not None:
+                    return meaning(begin, {"matrix": order}, matrix=size)
+        begin_of_pose = _begin_of_pose(values) if count >= len(POSE_ROLES) else None
+        if begin_of_pose is not None or (count == len(POSE_ROLES) and not len(_present(values))):
+            return meaning(begin_of_pose or 0, {}, position=3, quaternion=4)
+        if count in (16, 12, 9) and base != UNNAMED:
+            return meaning(0, {"matrix": "rows"}, matrix=count)
+        if count in (6, 7):
+            return meaning(count - 6 if base == UNNAMED else 0, {}, position=3, rotation=3)
+        return meaning(0, {}, quaternion=4) if count == 4 else reading_of({"position": base})
 
     def _of_rotation(self, fault: Exception, reading: TableReading) -> str | None:
         """The probable meaning of the three numbers of a rotation that a reading leaves open, with the
