@@ -128,14 +128,15 @@ def layout_of_names(
 
 def layout_without_names(rows: Sequence[Sequence[str]], reading: TableReading, path: str) -> TableLayout:
     """The layout of columns without names; raises UnreadableRecording, with proposals by the values of the
-    first rows, if the reading does not state the columns."""
+    first rows if there are any, where the reading does not state the columns."""
     names = [f"{UNNAMED}{i}" for i in range(len(rows[0]) if rows else 0)]
     if reading.columns:
         return layout_of_names(names, reading, path, rows=lambda: rows)
+    fault = f"its {len(names)} columns have no names"
+    if (text := _Proposal(Columns(names), reading, path, lambda: rows).text()) is not None:
+        raise ProposedReading(f"{fault}: {text.replace('its columns are', 'they are', 1)}")
     how = f"say which they are, by number from 0 on, as in --columns time={UNNAMED}0,x={UNNAMED}1"
-    text = _Proposal(Columns(names), reading, path, lambda: rows).text() or how
-    text = text.replace("its columns are", "they are", 1)
-    raise UnreadableRecording(f"its {len(names)} columns have no names: {text}")
+    raise UnreadableRecording(f"{fault}: {how}")
 
 
 def _clock(values: Array, taken: Collection[int]) -> tuple[int | None, bool]:
@@ -324,7 +325,7 @@ class _Proposal:
                 )
                 has_time = any(role == TIME for role, _ in meaning.columns)
                 candidate = meaning.with_(self._stated if has_time else candidate)
-            yield candidate, 9 in [size for _, size in groups]
+            yield candidate, candidate.matrix is not None and 9 in [size for _, size in groups]
 
     def _meant(self, base: str) -> TableReading:
         """The reading of numbered columns by their first values: of a matrix, or of a position with a unit
@@ -356,10 +357,11 @@ class _Proposal:
         begin_of_pose = _begin_of_pose(values) if count >= len(POSE_ROLES) else None
         if begin_of_pose is not None or (count == len(POSE_ROLES) and not len(_present(values))):
             return meaning(begin_of_pose or 0, {}, position=3, quaternion=4)
-        if count in (16, 12, 9) and base != UNNAMED:
+        is_nameless = base == UNNAMED
+        if count in (16, 12, 9) and not is_nameless:
             return meaning(0, {"matrix": "rows"}, matrix=count)
-        if count in (6, 7):
-            return meaning(count - 6 if base == UNNAMED else 0, {}, position=3, rotation=3)
+        if count in (6, 7) and (len(_present(values)) or not is_nameless):
+            return meaning(count - 6 if is_nameless else 0, {}, position=3, rotation=3)
         return meaning(0, {}, quaternion=4) if count == 4 else reading_of({"position": base})
 
     def _of_rotation(self, fault: Exception, reading: TableReading) -> str | None:
