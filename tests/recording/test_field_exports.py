@@ -281,3 +281,23 @@ def test_a_name_that_begins_with_an_abbreviation_is_of_a_body(tmp_path: Path) ->
     assert_read(path, frame="hmd")
     with pytest.raises(AmbiguousSource):
         open_log(str(path))
+
+
+@pytest.mark.parametrize("body", ["name", "tag_id"])
+def test_a_dataframe_in_parquet_is_read(tmp_path: Path, body: str) -> None:
+    """With dates as its index, which has no name, and rows of two bodies."""
+    frame = pandas.DataFrame(POSE, pandas.to_datetime(SINCE_NS + 10**18), NAMES.split(","))
+    bodies = ("cup", "tray") if body == "name" else (3, 4)
+    frames = pandas.concat([frame.assign(**{body: value}) for value in bodies])
+    frames.sort_index(kind="stable").to_parquet(path := tmp_path / "a.parquet")
+    assert_read(path, *proposed(path), frame=str(bodies[0]))
+
+
+@pytest.mark.parametrize("marks", [("\u202f", "-"), ("'", "\u2212")])
+def test_numbers_of_typesetting_are_read(tmp_path: Path, marks: tuple[str, str]) -> None:
+    lines = [[f"{value:,.9f}".replace(",", marks[0]).replace("-", marks[1]) for value in P_MM[i] - 2e3]
+             for i in range(len(T))]  # fmt: skip
+    path = write(tmp_path / "a.csv", [f"t;x [mm];y [mm];z [mm];{NAMES[6:].replace(',', ';')}"],
+                 [a + b + c for a, b, c in zip(rows(T), lines, rows(Q), strict=True)], ";")  # fmt: skip
+    poses = Poses.collect(open_log(str(path)))
+    np.testing.assert_allclose(poses.position_m, P - 2.0, rtol=0, atol=1e-9)

@@ -152,6 +152,7 @@ def csv(names: str, *values: Any) -> str:
         ("poses.json", [{"t": 0.1 * i, "transform": one.tolist()} for i, one in enumerate(COLUMNS)], 0),
         ("state.parquet", np.hstack([PLACE, TURN.as_euler("xyz"), np.zeros((9, 1))]).tolist(), 1),
         ("matrices.parquet", COLUMNS.tolist(), 0),
+        ("sim.npz", {"t": 0.1 * np.arange(9), "p": 1e3 * PLACE, "rpy": np.degrees(TURN.as_euler("xyz"))}, 0),
         ("structs.parquet", [{"p": [*a], "q": [*b]} for a, b in zip(PLACE, QUAT, strict=True)], 0),
     ],
 )  # fmt: skip

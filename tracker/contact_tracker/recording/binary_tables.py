@@ -108,21 +108,21 @@ class ParquetTable:
         }
 
     def _first_rows(self, leaves: Sequence[_Leaf], budget: WorkBudget) -> list[list[str]]:
-        """The numbers of the first rows as text, ``nan`` for other values; empty if they cannot be read."""
-        names = dict.fromkeys(str(path[0]) for _, path, kind in leaves if _is_number(kind))
+        """The numbers, texts and times of the first rows as text, ``nan`` for other values; empty if they
+        cannot be read."""
+        names = dict.fromkeys(str(path[0]) for _, path, kind in leaves if _has_texts(kind))
         try:
             self._file.check({*names}, 1, budget)
             batch = next(self._file.iter_batches(FIRST_ROWS, columns=[*names], use_threads=False))
             columns = [
-                _numbers(_single(batch.column(str(path[0])), path[1:]))
-                if _is_number(kind)
-                else np.full(len(batch), np.nan)
+                _texts(_single(batch.column(str(path[0])), path[1:]))
+                if _has_texts(kind)
+                else ["nan"] * len(batch)
                 for _, path, kind in leaves
             ]
         except (UnreadableRecording, StopIteration, *_PARQUET_ERRORS):
             return []
-        rows: list[list[str]] = np.array(columns).T.astype(str).tolist()
-        return rows
+        return [[text or "nan" for text in row] for row in zip(*columns, strict=True)]
 
     def _first_of(self, name: str, budget: WorkBudget) -> Any:
         """The value of a column in the first row; None if it cannot be read."""
@@ -160,6 +160,10 @@ def _is_number(kind: Any) -> bool:
         return _is_number(kind.value_type)
     is_text = types.is_string(kind) or types.is_large_string(kind) or types.is_null(kind)
     return bool(is_text or types.is_integer(kind) or types.is_floating(kind) or types.is_decimal(kind))
+
+
+def _has_texts(kind: Any) -> bool:
+    return _is_number(kind) or bool(types.is_temporal(kind))
 
 
 def _single(column: Any, path: tuple[str | int, ...]) -> Any:

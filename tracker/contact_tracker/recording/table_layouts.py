@@ -92,13 +92,15 @@ SEPARATORS: Final = {";": "semicolons", "\t": "tabs", ",": "commas", "|": "bars"
 
 
 _EXPONENT: Final = re.compile(r"(?<=[\d.])[dD](?=[+-]?\d+$)")
+_MARKS: Final = {0x2212: "-", **dict.fromkeys(map(ord, "'\u2019\u00a0\u202f"))}
+"""Characters in numbers that Python does not read: a minus sign, and marks of thousands, not kept."""
 _THOUSANDS: Final = re.compile(r"[+-]?\d{1,3}(?:(?:,\d{3})+\.\d*|(?:\.\d{3})+,\d*)")
 
 
 def plain_number(value: str) -> str:
     """The number in a cell in the notation of Python; the cell may have quotes, a decimal comma, marks of
-    thousands beside a decimal mark, or an exponent of Fortran."""
-    plain = value.strip(BLANKS)
+    thousands, an exponent of Fortran, or a minus sign of typesetting."""
+    plain = value.strip(BLANKS).translate(_MARKS)
     if _THOUSANDS.fullmatch(plain):
         plain = re.sub("[.,](?=.*[.,])", "", plain)
     return _EXPONENT.sub("e", plain.replace(",", "."))
@@ -340,7 +342,7 @@ _ROLES: Final[Sequence[tuple[re.Pattern[str], str]]] = tuple(
             "{0}",
         ),
         (r"(?<![a-z])(?:q|quat)[._/: -]*0", "qw"),
-        (rf"(?<![a-z])({'|'.join(_TURNS)})", "r{0}"),
+        (rf"{_OF_ROTATION}({'|'.join(_TURNS)})", "r{0}"),
         (
             rf"{_OF_ROTATION}(?:r|rot|rotation|euler|(?:euler_?)?angles?|theta|rotvec|rvec|axis_?angle|(?:rot_?)?axis|o)"
             r"[._/: -]*([xyz])",
@@ -364,7 +366,7 @@ NEEDED: Final = "a time, x, y, z in metres, and qx, qy, qz, qw"
 _EXAMPLE: Final = "time [s],x [{0}],y [{0}],z [{0}],qx,qy,qz,qw"
 _SHOWN: Final = 12
 MOST_COLUMNS: Final = 5000
-_NAMED_ANGLES: Final = re.compile("|".join((*_TURNS, "euler", "angle")), re.IGNORECASE)
+_NAMED_ANGLES: Final = re.compile("|".join((*_TURNS, "euler", "angle", "rpy")), re.IGNORECASE)
 NAMED_VECTOR: Final = re.compile("rvec|rot_?vec|axis_?angle", re.IGNORECASE)
 """Names of columns of angles, and of a rotation vector."""
 CAN_BE_GIVEN: Final = re.compile(r"[^,=]+").fullmatch

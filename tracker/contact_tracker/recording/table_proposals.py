@@ -95,8 +95,8 @@ KNOWN: Final[Sequence[tuple[str, tuple[str, ...], TableReading]]] = (
 """Known systems: name; lower-case names of columns by which the system is recognised; the reading."""
 _SIZES: Final = (3, 4, 6, 7)
 """Numbers of columns in groups that may be a position, a quaternion, or both; larger groups may be more."""
-_TURNING: Final = re.compile("rot|rvec|axis", re.IGNORECASE)
-"""Names of groups of three columns that are a rotation vector."""
+_TURNING: Final = re.compile("rot|rvec|axis|rpy|euler|angle", re.IGNORECASE)
+"""Names of groups of three columns that are a rotation."""
 
 
 def layout_of_names(
@@ -320,9 +320,7 @@ class _Proposal:
             candidate = self._reading
             for base, size in groups:
                 is_turn = len(groups) > 1 and size == 3 and _TURNING.search(base) is not None
-                meaning = (
-                    reading_of({"rotation": base}, rotation_vector=True) if is_turn else self._meant(base)
-                )
+                meaning = reading_of({"rotation": base}) if is_turn else self._meant(base)
                 has_time = any(role == TIME for role, _ in meaning.columns)
                 candidate = meaning.with_(self._stated if has_time else candidate)
             yield candidate, candidate.matrix is not None and 9 in [size for _, size in groups]
@@ -394,7 +392,7 @@ class _Proposal:
         units = units[:1] or (["deg"] if is_far else ["deg", "rad"])
         angles = [reading_of(euler=f"{order}:{unit}") for unit in units]
         if reading.euler:
-            return f"angles whose unit is missing in --euler {order}", angles
+            return f"angles in the order {order} without their unit", angles
         if are_named_angles(names) or order == "XYZ" or is_far:
             return "three angles", angles
         vector = reading_of(rotation_vector=True)

@@ -158,8 +158,8 @@ def read_table(
     """
     try:
         table = _opened(path, reading, budget)
-    except ProposedReading:
-        raise
+    except ProposedReading as error:
+        raise UnreadableRecording(str(error)) from error
     except UnreadableRecording as error:
         if path.lower().endswith(TABLE_ENDINGS) or _kind(path, first_bytes(path)):
             raise
