@@ -3,6 +3,7 @@
 import json
 import re
 import shlex
+import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -15,10 +16,11 @@ from scipy.spatial.transform import Rotation
 
 from contact_tracker import Trajectory
 from contact_tracker.cli.main import build_parser, run
-from contact_tracker.config.table_reading import reading_of
+from contact_tracker.config.table_reading import AS_NAMED, reading_of
 from contact_tracker.errors import UnreadableRecording, UsageError
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log
+from contact_tracker.recording.table_proposals import layout_of_names
 
 
 def refusal(path: Path, columns: str, values: str, *words: str) -> str:
@@ -258,3 +260,11 @@ def test_angles_without_names_are_no_trajectory_of_quaternions(tmp_path: Path) -
     path.write_text(csv("", np.ones(9), 1e2 * PLACE, ZYX, np.arange(9)).replace(",", " "))
     with pytest.raises(UnreadableRecording, match="8 columns have no names: say which they are, by number"):
         open_log(str(path))
+
+
+@pytest.mark.parametrize("mark", ["_", ". ", "- "])
+def test_names_of_many_marks_take_no_longer(mark: str) -> None:
+    begin = time.perf_counter()
+    with pytest.raises(UnreadableRecording):
+        layout_of_names([f"{mark * 100}{i}" for i in range(300)], AS_NAMED)
+    assert time.perf_counter() - begin < 1.0

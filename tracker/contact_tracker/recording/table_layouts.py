@@ -323,6 +323,7 @@ FRAME: Final = re.compile(r"(?:.*[./ ])?(?:frame|frame_?(?:number|no|nr|index|id
 _CLOCKS: Final = frozenset({"", "unix", "utc", "epoch", "posix"})
 """Texts in brackets after a time that leave its unit open."""
 _BODY: Final = r"(.*?)[._/: -]*"
+_MARK_RUN: Final = re.compile(r"([._/: -])[._/: -]+")
 _OF_ROTATION: Final = r"(?<![a-z])(?:(?:rotation|orientation|rot|ori)[._/: -]*)?"
 """Begins names such as ``rotation_euler_x``."""
 _TURNS: Final = {"roll": "x", "pitch": "y", "elevation": "y", "yaw": "z", "heading": "z", "azimuth": "z"}
@@ -474,7 +475,7 @@ class Columns:
 
 def _roles(plain: str, by_columns: bool) -> Iterator[tuple[str, str]]:
     """Body and role of a column; ``rotation_x`` may have two roles."""
-    is_placed = False
+    is_placed, plain = False, _MARK_RUN.sub(r"\1", plain)  # in long runs patterns would take long
     for i, (pattern, role) in enumerate(_ROLES):
         if (match := pattern.fullmatch(plain)) and not (i < 3 and is_placed):
             is_placed |= i < 3
