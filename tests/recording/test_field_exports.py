@@ -275,6 +275,8 @@ def test_a_long_preamble_is_skipped(tmp_path: Path, line: str) -> None:
 
 
 def test_a_name_that_begins_with_an_abbreviation_is_of_a_body(tmp_path: Path) -> None:
+    """And one in capitals is divided before its axis."""
+    assert_read(write(tmp_path / "b.csv", ["TIME,POSx,POSy,POSz,QUATx,QUATy,QUATz,QUATw"], rows(T, POSE)))
     head = [f"HMD{kind}{axis}" for kind, axes in (("Position", "XYZ"), ("Rotation", "XYZW")) for axis in axes]
     names = ",".join([*head, *(name.replace("HMD", "LeftHand") for name in head)])
     path = write(tmp_path / "a.csv", [f"Time,{names}"], rows(T, POSE, POSE))
