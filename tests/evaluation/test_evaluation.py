@@ -279,6 +279,19 @@ def test_online_scores_use_the_beliefs_reported_in_time() -> None:
     assert result.offline.delay_s == pytest.approx(np.zeros(6))
 
 
+def test_the_open_share_is_that_of_segments_offline_and_of_beliefs_online() -> None:
+    poses, truth, segmentation = recorded(0, 1.0)
+    first, *others = segmentation.segments
+    others = [replace(others[0], inseparable=(Contact.FREE,)), *others[1:]]
+    rows = segmentation.filtered.rows.copy()
+    rows["inseparable"][:10, 0] = True
+    opened = replace(segmentation, segments=(first, *others), filtered=replace(segmentation.filtered, rows=rows))
+    result = evaluate(poses, truth, opened)
+    assert (result.offline.open, result.online.open) == pytest.approx((1 / 7, 1 / 7), abs=0.002)
+    assert evaluate(poses, truth, segmentation).online.open == 0.0
+    assert result.offline.accuracy() == pytest.approx(1.0), "an open label may be right"
+
+
 def test_the_report_is_aligned_and_fits_in_80_columns() -> None:
     """Also where shortened names coincide."""
     long = f"{{}}/{40 * 'far/'}away/a_recording_with_a_long_name.mcap"

@@ -9,7 +9,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from contact_tracker.arrays import Ints
+from contact_tracker.arrays import Bools, Ints
 from contact_tracker.config.parameters import Model
 from contact_tracker.ground_truth import Truth
 from contact_tracker.map.map import EMPTY_MAP, Map
@@ -218,15 +218,20 @@ def evaluate(
     geometry = geometry_errors(poses, truth, segmentation.segments)
     scored = scoring(poses.stamp_ns, truth)
     offline, online = segmentation.beliefs, segmentation.filtered
+    ends = [segment.end_ns for segment in segmentation.segments]
+    are_open = np.array([*(bool(segment.inseparable) for segment in segmentation.segments), False])
+    is_open = are_open[np.searchsorted(ends, offline.stamp_ns)]
     contains = tick_containing(scored.stamp_ns, offline.stamp_ns)
     in_force = tick_in_force(scored.stamp_ns, online.stamp_ns)
     arrival = None
     if answers is not None:
         arrival = _tally(scored, tick_in_force(scored.stamp_ns, answers.arrival_ns), answers.beliefs)
     further = (score_further(scored, truth, *mode) for mode in ((contains, offline), (in_force, online)))
-    tallies = _tally(scored, contains, offline), _tally(scored, in_force, online)
+    tallies = _tally(scored, contains, offline, is_open), _tally(scored, in_force, online)
     return Evaluation(*tallies, arrival, geometry, *further)
 
 
-def _tally(scored: Scoring, tick: Ints, beliefs: Beliefs) -> Tally:
-    return tally(scored, tick, beliefs.rows["contact"], beliefs.probability)
+def _tally(scored: Scoring, tick: Ints, beliefs: Beliefs, is_open: Bools | None = None) -> Tally:
+    """The tally of beliefs, which are open as they say themselves, unless their segments say more."""
+    opens = beliefs.rows["inseparable"].any(axis=1) if is_open is None else is_open
+    return tally(scored, tick, beliefs.rows["contact"], beliefs.probability, opens)

@@ -36,6 +36,7 @@ class Tally:
     log_loss_s : seconds x -log p(truth), in nats.
     brier_s : seconds x squared distance of posterior and truth, summed over the states.
     sure_wrong_s : seconds with a probability above 0.9 on a wrong state.
+    open_s : seconds in which the motion leaves the contact open, whatever the label.
     into : (C,) column of the state after each true change.
     boundary_error_s : (C,) time between the true change and the nearest found one; nan: none found.
     detection_delay_s : (C,) from the onset until the label is right for 0.3 s; nan: never.
@@ -46,6 +47,7 @@ class Tally:
     log_loss_s: float
     brier_s: float
     sure_wrong_s: float
+    open_s: float
     into: Ints
     boundary_error_s: Array
     detection_delay_s: Array
@@ -122,6 +124,11 @@ class Tally:
         return ratio(self.sure_wrong_s, self.seconds())
 
     @property
+    def open(self) -> float:
+        """Share of the time in which the motion leaves the contact open."""
+        return ratio(self.open_s, self.seconds())
+
+    @property
     def boundary_s(self) -> Array:
         """Errors (B,) of the true changes with an estimated one."""
         return finite_values(self.boundary_error_s)
@@ -167,7 +174,9 @@ def ratio(part: float, whole: float) -> float:
     return part / whole if whole > 0 else float("nan")
 
 
-def tally(scoring: Scoring, tick: Ints, label: Ints, probability: Array) -> Tally:
+def tally(
+    scoring: Scoring, tick: Ints, label: Ints, probability: Array, is_open: Bools | None = None
+) -> Tally:
     """Score beliefs against truth.
 
     Parameters
@@ -177,6 +186,7 @@ def tally(scoring: Scoring, tick: Ints, label: Ints, probability: Array) -> Tall
         label with a uniform posterior.
     label : (T,) column of each belief's label.
     probability : (T, 7) posterior of each belief.
+    is_open : (T,) whether the motion does not distinguish each label from others; by default none is open.
     """
     frame_label = np.append(label, NO_LABEL).astype(np.int8)[tick]
     posterior = np.append(probability, np.full((1, len(STATES)), 1 / len(STATES)), axis=0)
@@ -185,9 +195,12 @@ def tally(scoring: Scoring, tick: Ints, label: Ints, probability: Array) -> Tall
         frames = slice(begin, min(begin + _BATCH_FRAMES, len(tick)))
         sums += _sums(scoring.part(frames), frame_label[frames], posterior[tick[frames]])
     right = np.column_stack([right_states(scoring.coarse), np.zeros(len(STATES) + len(scoring.coarse), bool)])
+    opens = np.zeros(len(label), bool) if is_open is None else is_open
+    open_frames = np.append(opens, False)[tick] & scoring.subsets[Subset.ALL]
     changes = [(right[c.into][frame_label[c.begin : c.end]], c) for c in scoring.changes]
     return replace(
         sums,
+        open_s=float(scoring.seconds @ open_frames),
         into=np.array([change.into for change in scoring.changes], np.int64),
         boundary_error_s=np.array([_boundary_error(scoring, fits, c) for fits, c in changes], float),
         detection_delay_s=np.array([_delay(scoring, fits, c) for fits, c in changes], float),
@@ -218,6 +231,7 @@ def _sums(scoring: Scoring, frame_label: Columns, posterior: Array) -> Tally:
         log_loss_s=float(seconds @ -np.log(p_true)),
         brier_s=float((seconds @ (p - is_true) ** 2).sum()),
         sure_wrong_s=float(seconds @ ((top_p > SURE_PROBABILITY) & ~right)),
+        open_s=0.0,
         into=np.zeros(0, np.int64),
         boundary_error_s=np.zeros(0),
         detection_delay_s=np.zeros(0),

@@ -35,7 +35,8 @@ mean over the true states. Online: the latest belief up to the stamp of a pose;
 by arrival: the latest that `live` has given out when the pose comes."""
 BELIEF_NOTE: Final = """\
 Log-loss in nats; Brier score 0 to 2; ECE: expected calibration error, 15 bins;
-sure & wrong: share of the time with a probability above 0.9 on a wrong state."""
+sure & wrong: share of the time with a probability above 0.9 on a wrong state;
+open: share in which the motion leaves the contact open, whatever the label."""
 CHANGE_NOTE: Final = """\
 Boundary: from a true change to the nearest found one, median and 90 %; missed:
 share without one. Delay: from a true onset until the label is right for 0.3 s;
@@ -139,8 +140,8 @@ def evaluate(
 
 
 _ACCURACY: Final = ("recording", "scored s", *(s.name.lower() for s in Subset), "F1")
-_BELIEF: Final = ("recording", "log-loss", "Brier", "ECE", "sure & wrong")
-_BELIEF_FIGURES: Final = ("log_loss", "brier", "calibration_error", "sure_wrong")
+_BELIEF: Final = ("recording", "log-loss", "Brier", "ECE", "sure & wrong", "open")
+_BELIEF_FIGURES: Final = ("log_loss", "brier", "calibration_error", "sure_wrong", "open")
 _CHANGE: Final = ("recording", "changes", "boundary s", "90 %", "missed", "delay s", "90 %", "never")
 _FURTHER: Final = ("recording", "several s", "right", "open", "alone s", "false")
 _FURTHER_FIGURES: Final = ("several_s", "right", "open", "alone_s", "false")
