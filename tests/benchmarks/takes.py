@@ -1,6 +1,8 @@
 """How many differences between takes ``compare`` finds, and how many false ones (docs/assembly.md).
 
-Three takes each of three everyday tasks differ by their hands only. In each take, one step at a time is cut
+    python tests/benchmarks/takes.py FOLDER
+
+Takes TASK_NUMBER.mcap of one task differ by their hands only. In each take, one step at a time is cut
 out, made twice as long or moved by 2 cm along the table's normal; or the whole take is moved by 5 cm.
 """
 
@@ -21,7 +23,7 @@ from contact_tracker.sequences.comparison import Comparison, Verdict, compare_ou
 from contact_tracker.states import Contact
 
 TASKS = ("book", "mug", "wedge")
-TAKES = (20, 21, 22)
+"""Tasks with steps of some seconds."""
 LONG_S = 3.5
 PAUSE_NS = 100_000_000
 SHIFT_M, WORLD_M = 0.02, np.array([0.03, 0.0, 0.04])
@@ -70,22 +72,19 @@ def verdict_at(found: Comparison, at: TruthInterval, origin_ns: int) -> tuple[st
 
 
 def main(folder: Path) -> None:
-    """Print a row per kind of change."""
-    results = dict[str, Result]()
-    for task in TASKS:
-        for take in TAKES:
-            results[f"{task}_{take}"] = segment(str(folder / f"{task}_{take}.mcap"))
+    """Print a row per kind of change, over pairs of one take and the next."""
     rows = Counter[tuple[str, str]]()
     for task in TASKS:
-        for before, after in ((20, 21), (21, 22), (22, 20)):
-            first = results[f"{task}_{before}"]
-            found = unchanged = compare_outcomes(first, results[f"{task}_{after}"])
+        logs = [str(path) for path in sorted(folder.glob(f"{task}_*.mcap"))]
+        results: list[Result] = [segment(log) for log in logs] if len(logs) > 1 else []
+        for i, second in enumerate(results):
+            before, log, first = logs[i - 1], logs[i], results[i - 1]
+            found = unchanged = compare_outcomes(first, second)
             rows["no change", "pairs"] += 1
             rows["no change", "false"] += len(found.differences)
             rows["no change", "same"] += sum(one.verdict is Verdict.SAME for one in found.steps)
             rows["no change", "open"] += sum(one.verdict is Verdict.OPEN for one in found.steps)
-            log = str(folder / f"{task}_{after}.mcap")
-            own = list(long_contacts(str(folder / f"{task}_{before}.mcap")))
+            own = list(long_contacts(before))
             other = list(long_contacts(log))
             pairs = list(zip(own[::-1], other[::-1], strict=False))  # a "?" may cut the first
             faces = (s.geometry.environment for s in first.segments if s.contact is Contact.FF and s.geometry)
@@ -102,10 +101,14 @@ def main(folder: Path) -> None:
                     rows[kind, "of"] += 1
                     rows[kind, said if kind != "world" else f"{len(found.notes)} notes"] += 1
                     rows[kind, "false"] += false
-                    print(task, before, after, kind, at.contact, said, false, found.notes, flush=True)
+                    print(task, Path(log).stem, kind, at.contact, said, false, found.notes, flush=True)
+    if not rows:
+        raise SystemExit(f"{folder}: no two takes TASK_NUMBER.mcap of {', '.join(TASKS)}")
     for key, count in sorted(rows.items()):
         print(*key, count)
 
 
 if __name__ == "__main__":
+    if len(sys.argv) != 2:
+        raise SystemExit("usage: python tests/benchmarks/takes.py FOLDER, in which the takes are")
     main(Path(sys.argv[1]))

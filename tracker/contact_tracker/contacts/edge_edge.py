@@ -15,9 +15,6 @@ from contact_tracker.contacts.family import (
     Form,
     Frames,
     Measurement,
-    block_tangent,
-    line_tangent,
-    normalise_line,
     outer,
     outer_derivative_first,
     outer_derivative_second,
@@ -25,7 +22,7 @@ from contact_tracker.contacts.family import (
 )
 from contact_tracker.geometry import lifted_pose
 from contact_tracker.geometry.elements import Element, Line
-from contact_tracker.geometry.linalg import cross, dot, sphere_tangent
+from contact_tracker.geometry.linalg import cross, dot
 
 D1: Final = slice(0, 3)
 Q1: Final = slice(3, 6)
@@ -33,12 +30,11 @@ D2: Final = slice(6, 9)
 Q2: Final = slice(9, 12)
 LINE1: Final = slice(0, 6)
 LINE2: Final = slice(6, 12)
-SIZE: Final = 12
-PARAMETERS: Final = 8
 ROWS: Final = 1
 COLUMNS: Final = np.concatenate([lifted_pose.R, lifted_pose.TXR, lifted_pose.ONE])
-SPREAD: Final = np.array([0.0, 0, 0, 1, 1, 1, 0, 0, 0, 1, 1, 1])
 FORM: Final = Form(d1=0, q1=3, d2=6, q2=9)
+SIZE, PARAMETERS, SPREAD = FORM.size, FORM.parameters, FORM.spread
+place, normalise, tangent = FORM.place, FORM.normalise, FORM.tangent
 RANDOM_STARTS: Final = 75
 SINE_SQ_FLOOR: Final = 1e-4
 TINY: Final = 1e-300
@@ -82,31 +78,13 @@ def log_scale_sq_derivative(x: Array, moments: Array) -> Array:
     return out
 
 
-def tangent(x: Array, anchors: Array) -> Array:
-    lines = _lines(x)
-    free = line_tangent(lines, anchors.reshape(*anchors.shape[:-1], 2, 3), sphere_tangent(lines[..., :3]))
-    return block_tangent(x, SIZE, [(LINE1, free[..., 0, :, :]), (LINE2, free[..., 1, :, :])])
-
-
-def normalise(x: Array, anchors: Array) -> Array:
-    line1 = normalise_line(x[..., LINE1], anchors[..., :3])
-    line2 = normalise_line(x[..., LINE2], anchors[..., 3:])
-    return np.concatenate([line1, line2], axis=-1)
-
-
-def place(anchors: Array) -> Array:
-    zero = np.zeros_like(anchors[..., :3])
-    return np.concatenate([zero, anchors[..., :3], zero, anchors[..., 3:]], axis=-1)
-
-
 def starts(moments: Array) -> Array:
     """The pairs of lines nearest to the smallest directions of the relaxed problem."""
     relaxed = smallest_directions(moments[..., :18, :18], slice(9, 18), RIDGE)
     c = np.swapaxes(relaxed, -1, -2)[..., :STARTS, :]
     left, _, right = np.linalg.svd(c.reshape(*c.shape[:-1], 3, 3))
     zero = np.zeros((*c.shape[:-1], 3))
-    x = np.concatenate([right[..., 0, :], zero, left[..., 0], zero], axis=-1)
-    return x
+    return np.concatenate([right[..., 0, :], zero, left[..., 0], zero], axis=-1)
 
 
 def measure(x: Array, frames: Frames) -> Measurement:

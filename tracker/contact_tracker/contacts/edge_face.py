@@ -14,28 +14,26 @@ from contact_tracker.contacts.family import (
     Form,
     Frames,
     Measurement,
-    block_tangent,
-    line_tangent,
-    normalise_line,
+    constant_log_scale_sq_derivative,
+    constant_scale_sq,
     outer,
     outer_derivative_first,
     outer_derivative_second,
 )
 from contact_tracker.geometry import lifted_pose
 from contact_tracker.geometry.elements import Element, Line, Plane
-from contact_tracker.geometry.linalg import EYE, ONE, dot, sphere_tangent, unit
+from contact_tracker.geometry.linalg import EYE, dot
 
 D: Final = slice(0, 3)
 Q: Final = slice(3, 6)
-LINE: Final = slice(0, 6)
 N: Final = slice(6, 9)
 H: Final = slice(9, 10)
-SIZE: Final = 10
-PARAMETERS: Final = 7
 ROWS: Final = 2
 COLUMNS: Final = np.concatenate([lifted_pose.R, lifted_pose.T, lifted_pose.ONE])
-SPREAD: Final = np.array([0.0, 0, 0, 1, 1, 1, 0, 0, 0, 0])
 FORM: Final = Form(d1=0, q1=3, d2=6, h=9)
+SIZE, PARAMETERS, SPREAD = FORM.size, FORM.parameters, FORM.spread
+place, normalise, tangent = FORM.place, FORM.normalise, FORM.tangent
+scale_sq, log_scale_sq_derivative = constant_scale_sq, constant_log_scale_sq_derivative
 RANDOM_STARTS: Final = 24
 
 
@@ -59,32 +57,6 @@ def rows_derivative(x: Array) -> Array:
     return out
 
 
-def scale_sq(x: Array, moments: Array) -> Array:
-    return np.ones(x.shape[:-1])
-
-
-def log_scale_sq_derivative(x: Array, moments: Array) -> Array:
-    return np.zeros_like(x)
-
-
-def tangent(x: Array, anchors: Array) -> Array:
-    d_and_n = x[..., :9].reshape(*x.shape[:-1], 3, 3)[..., ::2, :]
-    across = sphere_tangent(d_and_n)
-    line = line_tangent(x[..., LINE], anchors[..., :3], across[..., 0, :, :])
-    return block_tangent(x, SIZE, [(LINE, line), (N, across[..., 1, :, :]), (H, ONE)])
-
-
-def normalise(x: Array, anchors: Array) -> Array:
-    return np.concatenate(
-        [normalise_line(x[..., LINE], anchors[..., :3]), unit(x[..., N]), x[..., H]], axis=-1
-    )
-
-
-def place(anchors: Array) -> Array:
-    zero = np.zeros_like(anchors[..., :3])
-    return np.concatenate([zero, anchors[..., :3], zero, zero[..., :1]], axis=-1)
-
-
 def starts(moments: Array) -> Array:
     """Faces of the relaxed v-f problem and of the mean rotation, each with the edge nearest to it."""
     n = np.concatenate(
@@ -96,8 +68,7 @@ def starts(moments: Array) -> Array:
     by_pair = moments[..., :9, :9].reshape(*leading, 3, 3, 3, 3).swapaxes(-3, -2).reshape(*leading, 9, 9)
     spread = (outer(n, n) @ by_pair).reshape(*n.shape, 3)
     d = np.linalg.eigh(spread)[1][..., 0]
-    x = np.concatenate([d, np.zeros_like(d), n, np.zeros_like(n[..., :1])], axis=-1)
-    return x
+    return np.concatenate([d, np.zeros_like(d), n, np.zeros_like(n[..., :1])], axis=-1)
 
 
 def measure(x: Array, frames: Frames) -> Measurement:

@@ -14,24 +14,24 @@ from contact_tracker.contacts.family import (
     Form,
     Frames,
     Measurement,
-    block_tangent,
+    constant_log_scale_sq_derivative,
+    constant_scale_sq,
     outer,
     outer_derivative_first,
 )
 from contact_tracker.geometry import lifted_pose
 from contact_tracker.geometry.elements import Element, Plane
-from contact_tracker.geometry.linalg import EYE, ONE, sphere_tangent, unit
+from contact_tracker.geometry.linalg import EYE, sphere_tangent
 
-BOTH: Final = slice(0, 6)
 M: Final = slice(0, 3)
 N: Final = slice(3, 6)
 H: Final = slice(6, 7)
-SIZE: Final = 7
-PARAMETERS: Final = 5
 ROWS: Final = 3
 COLUMNS: Final = np.concatenate([lifted_pose.R, lifted_pose.T, lifted_pose.ONE])
-SPREAD: Final = np.array([0.0, 0, 0, 0, 0, 0, 0])
 FORM: Final = Form(d1=0, d2=3, h=6)
+SIZE, PARAMETERS, SPREAD = FORM.size, FORM.parameters, FORM.spread
+place, normalise, tangent = FORM.place, FORM.normalise, FORM.tangent
+scale_sq, log_scale_sq_derivative = constant_scale_sq, constant_log_scale_sq_derivative
 RANDOM_STARTS: Final = 4
 
 
@@ -58,34 +58,12 @@ def rows_derivative(x: Array) -> Array:
     return out
 
 
-def scale_sq(x: Array, moments: Array) -> Array:
-    return np.ones(x.shape[:-1])
-
-
-def log_scale_sq_derivative(x: Array, moments: Array) -> Array:
-    return np.zeros_like(x)
-
-
-def tangent(x: Array, anchors: Array) -> Array:
-    across = sphere_tangent(x[..., BOTH].reshape(*x.shape[:-1], 2, 3))
-    return block_tangent(x, SIZE, [(M, across[..., 0, :, :]), (N, across[..., 1, :, :]), (H, ONE)])
-
-
-def normalise(x: Array, anchors: Array) -> Array:
-    return np.concatenate([unit(x[..., M]), unit(x[..., N]), x[..., H]], axis=-1)
-
-
-def place(anchors: Array) -> Array:
-    return np.zeros((*anchors.shape[:-1], SIZE))
-
-
 def starts(moments: Array) -> Array:
     """Singular pairs of the mean rotation: the normals of a lasting f-f contact have R m = n at all times."""
     mean = moments[..., :9, 12].reshape(*moments.shape[:-2], 3, 3)
     left, _, right = np.linalg.svd(mean)
     n = np.swapaxes(left, -1, -2)
-    x = np.concatenate([right, n, np.zeros_like(n[..., :1])], axis=-1)
-    return x
+    return np.concatenate([right, n, np.zeros_like(n[..., :1])], axis=-1)
 
 
 def measure(x: Array, frames: Frames) -> Measurement:

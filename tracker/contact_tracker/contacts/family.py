@@ -20,21 +20,76 @@ from numpy.typing import NDArray
 
 from contact_tracker.geometry.elements import Element
 from contact_tracker.geometry.lifted_pose import TXR, R, T, U
-from contact_tracker.geometry.linalg import EYE, dot, unit
+from contact_tracker.geometry.linalg import EYE, dot, sphere_tangent, unit
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 
 class Form(NamedTuple):
-    """Index of the first entry in x of the direction and point (or foot) of element 1, the direction and foot
-    of element 2, and the offset of element 2; negative if the family has no such parameter."""
+    """Layout of x: the index of the first entry of the direction and point (or foot) of element 1, of the
+    direction and foot of element 2, and of the offset of element 2; negative if there is no such parameter.
+
+    A family takes from here what depends on the layout alone (described in ``Family``).
+    """
 
     d1: int = -1
     q1: int = -1
     d2: int = -1
     q2: int = -1
     h: int = -1
+
+    @property
+    def elements(self) -> tuple[tuple[int, int, slice], ...]:
+        """Of each element the indices of direction and point, and its part of the anchors."""
+        return (self.d1, self.q1, slice(0, 3)), (self.d2, self.q2, slice(3, 6))
+
+    @property
+    def size(self) -> int:
+        return max(self.h + 1, *(max(d, q) + 3 for d, q, _ in self.elements))
+
+    @property
+    def parameters(self) -> int:
+        return len(_turns(self))
+
+    @property
+    def spread(self) -> Array:
+        return (self.place(np.ones(6)) > 0.0).astype(float)
+
+    def place(self, anchors: Array) -> Array:
+        out = np.zeros((*anchors.shape[:-1], self.size))
+        for _, q, own in self.elements:
+            if q >= 0:
+                out[..., q : q + 3] = anchors[..., own]
+        return out
+
+    def normalise(self, x: Array, anchors: Array) -> Array:
+        out = np.array(x, float)
+        for d, q, own in self.elements:
+            if d >= 0:
+                direction = out[..., d : d + 3] = unit(x[..., d : d + 3])
+                if q >= 0:
+                    arm = x[..., q : q + 3] - anchors[..., own]
+                    out[..., q : q + 3] -= direction * dot(direction, arm)[..., None]
+        return out
+
+    def tangent(self, x: Array, anchors: Array) -> Array:
+        out, end = np.zeros((*x.shape[:-1], self.size, self.parameters)), 0
+        for d, q, own in self.elements:
+            across = EYE
+            if d >= 0:
+                direction = x[..., d : d + 3]
+                across = out[..., d : d + 3, end : end + 2] = sphere_tangent(direction)
+                if q >= 0:  # as the line turns, its foot stays the point nearest to the anchor
+                    along = (x[..., q : q + 3] - anchors[..., own])[..., None, :] @ across
+                    out[..., q : q + 3, end : end + 2] = -direction[..., None] * along
+                end += 2
+            if q >= 0:
+                out[..., q : q + 3, end : end + across.shape[-1]] = across
+                end += across.shape[-1]
+        if self.h >= 0:
+            out[..., self.h, end] = 1.0
+        return out
 
 
 @cache
@@ -55,6 +110,7 @@ def shifts(form: Form) -> Index:
     return np.flatnonzero(~_turns(form))
 
 
+@cache
 def _turns(form: Form) -> NDArray[np.bool_]:
     """Whether each free direction (P,) rotates an element."""
     free: list[bool] = []
@@ -130,33 +186,13 @@ class Family(Protocol):
         """The elements in frame 1 and frame 2 for x (S,) with its covariance (S, S)."""
 
 
-def line_tangent(line: Array, anchor: Array, across: Array) -> Array:
-    """Free directions (..., 6, 4) of a line (d, q) whose foot q stays nearest to ``anchor`` (..., 3) as d
-    turns; ``across`` (..., 3, 2) is the ``sphere_tangent`` of d."""
-    d, arm = line[..., :3], line[..., 3:] - anchor
-    out = np.zeros((*d.shape[:-1], 6, 4))
-    out[..., :3, :2] = across
-    out[..., 3:, :2] = -d[..., :, None] * (arm[..., None, :] @ across)
-    out[..., 3:, 2:] = across
-    return out
+def constant_scale_sq(x: Array, moments: Array) -> Array:
+    """``Family.scale_sq`` of residuals that are distances."""
+    return np.ones(x.shape[:-1])
 
 
-def normalise_line(line: Array, anchor: Array) -> Array:
-    """The line (..., 6) with a unit direction and its foot, the point nearest to ``anchor`` (..., 3)."""
-    d, q = unit(line[..., :3]), line[..., 3:]
-    return np.concatenate([d, q - d * dot(d, q - anchor)[..., None]], axis=-1)
-
-
-def block_tangent(x: Array, size: int, blocks: list[tuple[slice, Array]]) -> Array:
-    """``tangent`` (..., S, P) with the blocks (rows of x, directions (..., rows, p)) on its diagonal."""
-    width = sum(directions.shape[-1] for _, directions in blocks)
-    out = np.zeros((*x.shape[:-1], size, width))
-    column = 0
-    for rows, directions in blocks:
-        p = directions.shape[-1]
-        out[..., rows, column : column + p] = directions
-        column += p
-    return out
+def constant_log_scale_sq_derivative(x: Array, moments: Array) -> Array:
+    return np.zeros_like(x)
 
 
 def smallest_directions(moments: Array, keep: slice, ridge: float) -> Array:

@@ -12,7 +12,8 @@ from contact_tracker.contacts.family import (
     Form,
     Frames,
     Measurement,
-    block_tangent,
+    constant_log_scale_sq_derivative,
+    constant_scale_sq,
     outer,
     outer_derivative_first,
     outer_derivative_second,
@@ -20,17 +21,17 @@ from contact_tracker.contacts.family import (
 )
 from contact_tracker.geometry import lifted_pose
 from contact_tracker.geometry.elements import Element, Plane, Point
-from contact_tracker.geometry.linalg import EYE, ONE, dot, sphere_tangent, unit
+from contact_tracker.geometry.linalg import EYE, dot, unit
 
 Q: Final = slice(0, 3)
 N: Final = slice(3, 6)
 H: Final = slice(6, 7)
-SIZE: Final = 7
-PARAMETERS: Final = 6
 ROWS: Final = 1
 COLUMNS: Final = np.concatenate([lifted_pose.R, lifted_pose.T, lifted_pose.ONE])
-SPREAD: Final = np.array([1.0, 1, 1, 0, 0, 0, 0])
 FORM: Final = Form(q1=0, d2=3, h=6)
+SIZE, PARAMETERS, SPREAD = FORM.size, FORM.parameters, FORM.spread
+place, normalise, tangent = FORM.place, FORM.normalise, FORM.tangent
+scale_sq, log_scale_sq_derivative = constant_scale_sq, constant_log_scale_sq_derivative
 RANDOM_STARTS: Final = 24
 RIDGE: Final = 1e-7
 """Ridge of the relaxed problem, relative to the moments' trace, against unobserved directions."""
@@ -51,31 +52,10 @@ def rows_derivative(x: Array) -> Array:
     return out
 
 
-def scale_sq(x: Array, moments: Array) -> Array:
-    return np.ones(x.shape[:-1])
-
-
-def log_scale_sq_derivative(x: Array, moments: Array) -> Array:
-    return np.zeros_like(x)
-
-
-def tangent(x: Array, anchors: Array) -> Array:
-    return block_tangent(x, SIZE, [(Q, EYE), (N, sphere_tangent(x[..., N])), (H, ONE)])
-
-
-def normalise(x: Array, anchors: Array) -> Array:
-    return np.concatenate([x[..., Q], unit(x[..., N]), x[..., H]], axis=-1)
-
-
-def place(anchors: Array) -> Array:
-    return np.concatenate([anchors[..., :3], np.zeros((*anchors.shape[:-1], 4))], axis=-1)
-
-
 def starts(moments: Array) -> Array:
     c = np.swapaxes(smallest_directions(moments, slice(9, 12), RIDGE), -1, -2)
     n = unit(c)
-    x = np.concatenate([np.zeros_like(n), n, np.zeros_like(n[..., :1])], axis=-1)
-    return x
+    return np.concatenate([np.zeros_like(n), n, np.zeros_like(n[..., :1])], axis=-1)
 
 
 def measure(x: Array, frames: Frames) -> Measurement:
