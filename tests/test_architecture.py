@@ -16,7 +16,8 @@ LAB = ROOT / "tracker" / "contact_tracker_lab"
 
 # Data flows down this table: a package imports only from rows above its own, and from itself.
 LAYERS = (
-    ("states", "errors", "files", "suggestions", "arrays", "version", "geometry", "hmm"),
+    ("arrays",),
+    ("states", "errors", "files", "suggestions", "version", "geometry", "hmm"),
     ("config", "contacts"),
     ("motion", "ground_truth", "map"),
     ("hypotheses", "inspection", "paper", "wrenches"),

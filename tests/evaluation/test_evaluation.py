@@ -285,8 +285,8 @@ def test_the_open_share_is_that_of_segments_offline_and_of_beliefs_online() -> N
     others = [replace(others[0], inseparable=(Contact.FREE,)), *others[1:]]
     rows = segmentation.filtered.rows.copy()
     rows["inseparable"][:10, 0] = True
-    opened = replace(segmentation, segments=(first, *others), filtered=replace(segmentation.filtered, rows=rows))
-    result = evaluate(poses, truth, opened)
+    filtered = replace(segmentation.filtered, rows=rows)
+    result = evaluate(poses, truth, replace(segmentation, segments=(first, *others), filtered=filtered))
     assert (result.offline.open, result.online.open) == pytest.approx((1 / 7, 1 / 7), abs=0.002)
     assert evaluate(poses, truth, segmentation).online.open == 0.0
     assert result.offline.accuracy() == pytest.approx(1.0), "an open label may be right"

@@ -16,14 +16,12 @@ from functools import cache
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array as Array
+from contact_tracker.arrays import Bools, Ints
 from contact_tracker.geometry.elements import Element
 from contact_tracker.geometry.lifted_pose import TXR, R, T, U
 from contact_tracker.geometry.linalg import EYE, dot, sphere_tangent, unit
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 
 class Form(NamedTuple):
@@ -93,25 +91,25 @@ class Form(NamedTuple):
 
 
 @cache
-def directions(form: Form) -> Index:
+def directions(form: Form) -> Ints:
     """Indices of the entries of x that belong to unit vectors; the other entries are coordinates."""
     return np.array([d + i for d in (form.d1, form.d2) if d >= 0 for i in range(3)], np.int64)
 
 
 @cache
-def turns(form: Form) -> Index:
+def turns(form: Form) -> Ints:
     """Indices of the free directions (columns of ``Family.tangent``) that rotate an element."""
     return np.flatnonzero(_turns(form))
 
 
 @cache
-def shifts(form: Form) -> Index:
+def shifts(form: Form) -> Ints:
     """Indices of the free directions that translate a point, line or face; rows are affine in them."""
     return np.flatnonzero(~_turns(form))
 
 
 @cache
-def _turns(form: Form) -> NDArray[np.bool_]:
+def _turns(form: Form) -> Bools:
     """Whether each free direction (P,) rotates an element."""
     free: list[bool] = []
     for d, q in ((form.d1, form.q1), (form.d2, form.q2)):
@@ -144,7 +142,7 @@ class Family(Protocol):
     """P, free directions of x."""
     ROWS: int
     """K, residuals per pose (the codimension); all but the last are angles."""
-    COLUMNS: NDArray[np.int64]
+    COLUMNS: Ints
     """The C entries of zeta on which the residuals depend."""
     SPREAD: Array
     """(S,) 1 for coordinates of a point, which has a prior near the body; else 0."""
@@ -210,7 +208,7 @@ def smallest_directions(moments: Array, keep: slice, ridge: float) -> Array:
 
 
 @cache
-def _kept_and_eliminated(count: int, start: int, stop: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _kept_and_eliminated(count: int, start: int, stop: int) -> tuple[Ints, Ints]:
     """Indices from ``start`` to before ``stop``, and all others below ``count``."""
     every = np.arange(count)
     return every[start:stop], np.delete(every, np.s_[start:stop])

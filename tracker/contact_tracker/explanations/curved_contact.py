@@ -14,14 +14,12 @@ from functools import cache
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array, Bools
 from contact_tracker.geometry.lifted_pose import R, T
 from contact_tracker.geometry.linalg import adapted, dot
 from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.motion.window import Window
-
-Array = NDArray[np.float64]
 
 PARALLEL: Final = 1e-3
 """Sine of the angle below which the nearest points of two lines are not unique."""
@@ -331,5 +329,5 @@ def _draws(size: int) -> Array:
     return np.random.default_rng(SEED).normal(size=(STARTS, size))
 
 
-def _where(chosen: NDArray[np.bool_], new: Array, old: Array) -> Array:
+def _where(chosen: Bools, new: Array, old: Array) -> Array:
     return np.where(chosen.reshape(-1, *(1 for _ in new.shape[1:])), new, old)

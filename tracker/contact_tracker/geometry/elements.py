@@ -14,9 +14,8 @@ from dataclasses import dataclass, replace
 from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from contact_tracker.arrays import Array as Array
 
 ANYWHERE_M: Final = 1e3
 """Standard deviation of an unknown offset of a face."""

@@ -8,11 +8,9 @@ lowers the noise and keeps every constraint exact, which averaging poses would n
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array
 from contact_tracker.geometry.linalg import cross_matrix
-
-Array = NDArray[np.float64]
 
 SIZE: Final = 25
 R: Final = np.arange(0, 9)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import lapack
 
-Array = NDArray[np.float64]
+from contact_tracker.arrays import Array
 
 EYE: Final = np.eye(3)
 ONE: Final = np.eye(1)

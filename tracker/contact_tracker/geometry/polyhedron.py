@@ -6,12 +6,11 @@ from itertools import pairwise
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
+from contact_tracker.arrays import Array
 from contact_tracker.geometry.elements import Element, Line, Plane, Point
 
-Array = NDArray[np.float64]
 KINDS: Final = "vef"
 _DIGITS: Final = 6
 """Number of decimal digits to which the planes of triangles of the same face agree."""

@@ -8,11 +8,9 @@ matrix. ``q`` and ``-q`` are the same rotation.
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array
 from contact_tracker.geometry import linalg
-
-Array = NDArray[np.float64]
 
 _CONJUGATE: Final = np.array([-1.0, -1.0, -1.0, 1.0])
 TINY: Final = 1e-300

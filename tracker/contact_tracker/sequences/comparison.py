@@ -8,9 +8,9 @@ from math import hypot, sqrt
 from typing import Any, Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtr  # scipy.stats takes half a second to import
 
+from contact_tracker.arrays import Array, Bools
 from contact_tracker.errors import UsageError
 from contact_tracker.map.elements import SAME
 from contact_tracker.outputs.outcome import Outcome
@@ -18,8 +18,6 @@ from contact_tracker.outputs.text import SURE_PROBABILITY
 from contact_tracker.sequences.pair_hmm import align
 from contact_tracker.sequences.steps import UNKNOWN, Distance, Step, distances, place_evidence, steps_of
 from contact_tracker.states import STATES
-
-Array = NDArray[np.float64]
 
 TOLERANCE: Final = 0.25
 """Tolerated difference of a step's durations, relative to the longer one: 34 of 38 steps in nine pairs of
@@ -222,7 +220,7 @@ def _log_odds_of_same(evidence: Array) -> float:
     return float((log_any - log_different).sum())
 
 
-def _moved_sides(evidence: Array, apart: tuple[Distance, Distance], is_compared: NDArray[np.bool_]) -> str:
+def _moved_sides(evidence: Array, apart: tuple[Distance, Distance], is_compared: Bools) -> str:
     """The sides that touch with another element, surely and at more than the deviations of the reported
     distances; empty if places are not compared."""
     p = np.exp(evidence - np.logaddexp.reduce(evidence.ravel()))

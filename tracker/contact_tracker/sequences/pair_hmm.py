@@ -9,10 +9,8 @@ from collections.abc import Callable
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
+from contact_tracker.arrays import Array, Bools, Ints
 
 MATCH, FIRST_GOES_ON, SECOND_GOES_ON, MISSING, NEW = range(5)
 """Moves; they add a segment of each sequence, a further segment of the first or of the second to a step, or a
@@ -44,7 +42,7 @@ class Alignment(NamedTuple):
     new: Array
 
 
-def align(first: Array, second: Array, pairs: Array, are_alike: NDArray[np.bool_]) -> Alignment:
+def align(first: Array, second: Array, pairs: Array, are_alike: Bools) -> Alignment:
     """Align two sequences.
 
     Parameters
@@ -69,7 +67,7 @@ def align(first: Array, second: Array, pairs: Array, are_alike: NDArray[np.bool_
     return Alignment(_steps(move), together, *alone)
 
 
-def _steps(moves: Index) -> list[tuple[list[int], list[int]]]:
+def _steps(moves: Ints) -> list[tuple[list[int], list[int]]]:
     """The segments of each step, from the moves (L,), of which negative ones are padding."""
     steps, at = list[tuple[list[int], list[int]]](), [0, 0]
     for move in moves[moves >= 0]:
@@ -90,7 +88,7 @@ class _Model(NamedTuple):
     probabilities of the first and after the last state.
     """
 
-    move: Index
+    move: Ints
     emission: Array
     transition: Array
     start: Array
@@ -134,13 +132,13 @@ class _Model(NamedTuple):
                 ways[states, to_i, to_j] = reached + self.emission[states, to_i, to_j]
         return ways
 
-    def trace(self, ways: Array, rng: np.random.Generator | None = None) -> Index:
+    def trace(self, ways: Array, rng: np.random.Generator | None = None) -> Ints:
         """Moves (N, L) from the first to the last cell, padded with -1 at the start, of the most probable
         path or of samples by ``rng`` (Gumbel's maximum)."""
         _, rows, columns = self.emission.shape
         count = 1 if rng is None else _SAMPLES
         i, j = np.full(count, rows - 1), np.full(count, columns - 1)
-        log_weight, moves = ways[:, i, j] + self.end[:, None], list[Index]()
+        log_weight, moves = ways[:, i, j] + self.end[:, None], list[Ints]()
         while (is_on := (i > 0) | (j > 0)).any():
             noise = 0.0 if rng is None else rng.gumbel(size=log_weight.shape)
             state = (log_weight + noise).argmax(axis=0)
