@@ -179,9 +179,14 @@ def test_statistics_that_cannot_be_read_are_one_line(simulated, outcome, tmp_pat
     assert not (tmp_path / "copy").exists()
 
 
-def test_a_data_set_without_frames_is_refused(simulated, tmp_path) -> None:
+def test_a_data_set_without_frames_or_with_an_episode_twice_is_refused(simulated, tmp_path) -> None:
     source = write_data_set(tmp_path / "data", [simulated], "v3.0")
     (file,) = source.rglob("file-000.parquet")
+    again = file.with_name("file-001.parquet")
+    write_table(read_table(file), again)
+    with pytest.raises(UnreadableRecording, match="episode 0 is in two files"):
+        LeRobot.open(source).annotate(tmp_path / "copy", MODEL)
+    again.unlink()
     write_table(read_table(file)[:0], file)
     (source / "meta" / "stats.json").write_text("{}", encoding="utf-8")
     with pytest.raises(UnreadableRecording, match="there are no frames"):

@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import chain
 from pathlib import Path
 from typing import Any, Final
@@ -127,7 +128,24 @@ class LeRobot:
         UsageError : the episode does not exist, or the entries of the pose are not known.
         InputError : a file cannot be read, or has no usable pose.
         """
-        return self._trajectory(episode, self._file(episode))
+        frames = self._frames(episode, *self._observations())
+        is_by_number = any("[" in name for _, name in self.reading.columns)
+        table: dict[str, Any] = {"timestamp": frames["timestamp"].to_numpy().astype(float)}
+        for feature in self._observations():
+            values = self._numbers(frames, feature)
+            names = _entries(feature, self.info["features"][feature], values.shape[1], is_by_number)
+            table |= dict(zip(names, values.T, strict=True))
+        how = {name: getattr(self.reading, name) for name in ("unit", "euler", "rotation_vector", "matrix")}
+        try:
+            columns = dict(self.reading.columns) or None
+            poses = Trajectory.from_dataframe(table, time_unit="s", columns=columns, **how)
+        except UsageError as error:
+            entries = ", ".join(table)
+            raise UsageError(
+                f"{self.folder}: which entries are the pose is not known ({error}); say it as in --columns "
+                f"position=observation.state[0:3],quaternion=observation.state[3:7]; there are {entries}"
+            ) from error
+        return replace(poses, name=f"{self.folder.name} episode {episode}")
 
     def wrenches(self, episode: int, entries: str) -> Wrenches:
         """The wrenches of the hand or robot on the object in an episode, for ``segment``.
@@ -143,13 +161,21 @@ class LeRobot:
         UsageError : the episode does not exist, or the entries are not six numbers.
         UnreadableRecording : a file cannot be read.
         """
-        return self._wrenches(episode, self._file(episode), entries)
+        parts = self._wrench_parts(entries)
+        frames = self._frames(episode, *(name for name, _ in parts))
+        values = np.concatenate([self._numbers(frames, name)[:, span] for name, span in parts], axis=1)
+        if values.shape[1] != 6:
+            raise UnreadableRecording(f"{self.folder}: {entries} has {values.shape[1]} numbers, not six")
+        return Wrenches(_stamp_ns(frames), values[:, :3], values[:, 3:])
 
-    def _file(self, episode: int) -> str:
+    @cached_property
+    def _file_of(self) -> dict[int, str]:
+        """The file of each episode's frames; raises UnreadableRecording for an episode in two files."""
+        files = dict[int, str]()
         for number, file in self.episodes():
-            if number == episode:
-                return file
-        raise UsageError(f"{self.folder}: there is no episode {episode}")
+            if files.setdefault(number, file) != file:
+                raise UnreadableRecording(f"{self.folder}: episode {number} is in two files")
+        return files
 
     def _wrench_parts(self, entries: str) -> list[tuple[str, slice]]:
         """The features of a wrench, each with the slice of its numbers; raises UsageError."""
@@ -169,15 +195,6 @@ class LeRobot:
             )
         return parts
 
-    def _wrenches(self, episode: int, file: str, entries: str) -> Wrenches:
-        """The wrenches of an episode in a file."""
-        parts = self._wrench_parts(entries)
-        frames = self._frames(episode, file, *(name for name, _ in parts))
-        values = np.concatenate([self._numbers(frames, name)[:, span] for name, span in parts], axis=1)
-        if values.shape[1] != 6:
-            raise UnreadableRecording(f"{self.folder}: {entries} has {values.shape[1]} numbers, not six")
-        return Wrenches(_stamp_ns(frames), values[:, :3], values[:, 3:])
-
     def _numbers(self, frames: Any, feature: str) -> NDArray[np.float64]:
         """The numbers (N, D) of a feature; raises UnreadableRecording."""
         try:
@@ -187,31 +204,12 @@ class LeRobot:
             fault = "missing values" if missing else "not as many numbers in each frame"
             raise UnreadableRecording(f"{self.folder}: {feature} has {fault}") from error
 
-    def _trajectory(self, episode: int, file: str) -> Trajectory:
-        """The poses of an episode in a file."""
-        frames = self._frames(episode, file, *self._observations())
-        is_by_number = any("[" in name for _, name in self.reading.columns)
-        table: dict[str, Any] = {"timestamp": frames["timestamp"].to_numpy().astype(float)}
-        for feature in self._observations():
-            values = self._numbers(frames, feature)
-            names = _entries(feature, self.info["features"][feature], values.shape[1], is_by_number)
-            table |= dict(zip(names, values.T, strict=True))
-        how = {name: getattr(self.reading, name) for name in ("unit", "euler", "rotation_vector", "matrix")}
-        try:
-            columns = dict(self.reading.columns) or None
-            poses = Trajectory.from_dataframe(table, time_unit="s", columns=columns, **how)
-        except UsageError as error:
-            entries = ", ".join(table)
-            raise UsageError(
-                f"{self.folder}: which entries are the pose is not known ({error}); say it as in --columns "
-                f"position=observation.state[0:3],quaternion=observation.state[3:7]; there are {entries}"
-            ) from error
-        return replace(poses, name=f"{self.folder.name} episode {episode}")
-
-    def _frames(self, episode: int, file: str, *features: str) -> Any:
+    def _frames(self, episode: int, *features: str) -> Any:
         """The table of an episode's frames, with ``timestamp`` and the named features."""
+        if episode not in self._file_of:
+            raise UsageError(f"{self.folder}: there is no episode {episode}")
         columns = list(dict.fromkeys(["episode_index", "timestamp", *features]))
-        frames = _read(self.folder / file, columns)
+        frames = _read(self.folder / self._file_of[episode], columns)
         return frames.filter(compute.equal(frames["episode_index"], episode))
 
     def _observations(self) -> list[str]:
@@ -260,7 +258,7 @@ class LeRobot:
         if target.exists() or Path(os.path.abspath(self.folder)) in target.parents:
             raise UsageError(f"cannot write {out}: a copy of a data set is a new folder beside it")
         bad, used = 0, model_from(model, None, None)
-        jobs = [(self, number, file, used, known_map, wrench, mass_kg) for number, file in self.episodes()]
+        jobs = [(self, number, used, known_map, wrench, mass_kg) for number in self._file_of]
         if not jobs:
             raise UnreadableRecording(f"{self.folder}: there are no frames")
         if wrench is not None:
@@ -278,7 +276,8 @@ class LeRobot:
                 ignore=lambda parent, names: [name for name in names if Path(parent, name) in written],
             )
             labels = dict[str, dict[int, _Labels]]()
-            for (_, number, file, *_), (of_episode, is_bad, lines) in zip(jobs, results, strict=True):
+            files = self._file_of.items()
+            for (number, file), (of_episode, is_bad, lines) in zip(files, results, strict=True):
                 bad += is_bad
                 for line in lines:
                     report(f"{self.folder}: episode {number}: {line}")
@@ -349,18 +348,18 @@ def _stamp_ns(frames: Any) -> NDArray[np.int64]:
 
 
 def _labels_of(
-    job: tuple[LeRobot, int, str, Model, Map, str | None, float | None],
+    job: tuple[LeRobot, int, Model, Map, str | None, float | None],
 ) -> tuple[_Labels, bool, tuple[str, ...]]:
     """The labels of an episode's frames, whether the episode is unusable, and lines to report."""
-    data, episode, file, model, known_map, wrench, mass_kg = job
-    stamp_ns = _stamp_ns(data._frames(episode, file))
+    data, episode, model, known_map, wrench, mass_kg = job
+    stamp_ns = _stamp_ns(data._frames(episode))
     unknown = np.full(len(stamp_ns), NAMES.index("unknown"))
     uniform = np.full((len(stamp_ns), len(STATES)), 1.0 / len(STATES), np.float32)
     evidence, lines = None, tuple[str, ...]()
     try:
-        trajectory = data._trajectory(episode, file)
+        trajectory = data.trajectory(episode)
         if wrench is not None:
-            wrenches = data._wrenches(episode, file, wrench)
+            wrenches = data.wrenches(episode, wrench)
             result = evidence_as_given(wrenches, wrench, trajectory.poses, model, known_map, mass_kg)
             evidence, _, lines = result
         outcome = segmented(trajectory, model, known_map, evidence)

@@ -199,11 +199,12 @@ def _frame_at(
     def build(object: Element, environment: Element) -> Array | None:
         match _in_world(object, pose), environment:
             case Plane(), Plane() as face:
-                return _at_face(pose[:3, 3] if is_open else nearest(face, pose[:3, 3]), face, across)
+                origin_m = pose[:3, 3] if is_open else nearest(face, pose[:3, 3])
+                return _frame(origin_m, face.normal, across)
             case (Line(direction, point_m), Plane() as face) | (Plane() as face, Line(direction, point_m)):
-                return _at_face(nearest(face, point_m), face, direction)
+                return _frame(nearest(face, point_m), face.normal, direction)
             case (Point(point_m), Plane() as face) | (Plane() as face, Point(point_m)):
-                return _at_face(point_m, face, across)
+                return _frame(point_m, face.normal, across)
             case Line() as edge, Line() as environment_edge:
                 return _at_crossing(edge, environment_edge)
         raise ValueError(f"{contact.value} has no such elements")
@@ -255,11 +256,6 @@ def _in_world(element: Element, pose: Array) -> Element:
             return Line(turn @ direction, turn @ point_m + shift_m)
         case Point(point_m):
             return Point(turn @ point_m + shift_m)
-
-
-def _at_face(origin_m: Array, face: Plane, along: Array) -> Array:
-    """The frame (4, 4) at a face with x ``along`` a direction (3,)."""
-    return _frame(origin_m, face.normal, along)
 
 
 def _at_crossing(edge: Line, environment_edge: Line) -> Array | None:

@@ -241,11 +241,11 @@ class _Fit(NamedTuple):
         deviation = np.full(contact.size, scales.reach_m)
         for number in contact.directions:
             deviation[number : number + 3] = 1.0
-        if start is not None:
-            near = cls(contact, scales, rotation, position, variance, deviation**-2.0, start, start)
-            return near.minimised(LAST_STEPS)[0]
-        start = deviation * _draws(contact.size)
+        is_new = start is None
+        start = deviation * _draws(contact.size) if start is None else start
         fit = cls(contact, scales, rotation, position, variance, deviation**-2.0, start, start)
+        if not is_new:
+            return fit.minimised(LAST_STEPS)[0]
         sparse = slice(None, None, FIRST_STRIDE)
         coarse = fit._replace(rotation=rotation[sparse], position=position[sparse], variance=variance[sparse])
         first, cost = coarse.minimised(FIRST_STEPS)
@@ -265,21 +265,22 @@ class _Fit(NamedTuple):
             damped = hessian * (1.0 + damping[:, None, None] * np.eye(self.contact.size))
             step = np.linalg.solve(damped + np.diag(self.information), gradient[..., None])[..., 0]
             ahead = fit._replace(x=fit.x - step)
-            trial = ahead.residuals()
-            better = trial.cost < cost
+            trial, trial_noise, trial_cost = ahead.residuals()
+            better = trial_cost < cost
             damping = adapted(damping, better)
             fit = fit._replace(x=np.where(better[:, None], ahead.x, fit.x))
-            cost, noise = np.where(better, trial.cost, cost), _where(better, trial.noise, noise)
-            touch = Touch(*(_where(better, *parts) for parts in zip(trial.touch, touch, strict=True)))
+            cost, noise = np.where(better, trial_cost, cost), _where(better, trial_noise, noise)
+            touch = Touch(*(_where(better, *parts) for parts in zip(trial, touch, strict=True)))
         return fit, cost
 
-    def residuals(self) -> "_Residuals":
-        """Residuals at x; the cost includes the log of the noise, else long levers would lower it."""
+    def residuals(self) -> tuple[Touch, Array, Array]:
+        """Residuals at x, their noise (S, N), and the cost (S,), which includes the log of the noise, else
+        long levers would lower it."""
         touch = self.contact.touch(self.x, self.rotation, self.position)
         noise = self.along_normal(touch, self.variance) + SURFACE_M**2
         misfit = (touch.residual**2 / noise + np.log(noise / SURFACE_M**2)).sum(axis=1)
         away = (self.information * (self.x - self.centre) ** 2).sum(axis=1)
-        return _Residuals(touch, noise, 0.5 * (misfit + away))
+        return touch, noise, 0.5 * (misfit + away)
 
     def along_normal(self, touch: Touch, pose_variance: Array) -> Array:
         """Variance (S, N) of the distance, for the variances ``pose_variance`` (N, 2) of the pose (T16)."""
@@ -294,12 +295,6 @@ class _Fit(NamedTuple):
         evidence = _evidence(self, excess)
         best = int(evidence.argmax())
         return CurvedFit(float(evidence[best]), self.contact, self.x[best], origin_m)
-
-
-class _Residuals(NamedTuple):
-    touch: Touch
-    noise: Array
-    cost: Array
 
 
 def _evidence(fit: _Fit, excess: Array) -> Array:

@@ -57,8 +57,7 @@ class Plane:
                 "normal_sd": _numbers(sd[:3]),
                 "offset_sd_m": _number(sd[3]),
             },
-            "unobserved": [way.to_json() for way in self.unobserved],
-            "name": self.name,
+            **_common(self),
         }
 
 
@@ -85,8 +84,7 @@ class Line:
                 "direction_sd": _numbers(sd[:3]),
                 "point_sd_m": _numbers(sd[3:]),
             },
-            "unobserved": [way.to_json() for way in self.unobserved],
-            "name": self.name,
+            **_common(self),
         }
 
 
@@ -103,8 +101,7 @@ class Point:
         return {
             "point_m": _numbers(self.point_m),
             "point_sd_m": _numbers(_standard_deviations(self.covariance, 3)),
-            "unobserved": [way.to_json() for way in self.unobserved],
-            "name": self.name,
+            **_common(self),
         }
 
 
@@ -143,6 +140,11 @@ class ContactGeometry:
 
     def to_json(self) -> dict[str, Any]:
         return {"object": self.object.to_json(), "environment": self.environment.to_json()}
+
+
+def _common(element: Element) -> dict[str, Any]:
+    """The entries of all kinds of elements in JSON."""
+    return {"unobserved": [way.to_json() for way in element.unobserved], "name": element.name}
 
 
 def face_towards(normal: Array, spread_rad: float) -> Plane:
@@ -272,21 +274,20 @@ def flat(element: Element | None) -> dict[str, Any]:
     is on the element: for a face, its point nearest to the origin of the frame. ``unobserved`` is JSON text.
     All keys are always present, with values of one type, except unknown standard deviations (None).
     """
-    zero, unknown = np.zeros(3), np.full(3, np.nan)
-    axis, point_m, axis_sd, point_sd_m, kind = zero, zero, zero, zero, "none"
+    axis, point_m, axis_sd, point_sd_m = np.zeros((4, 3))
+    kind = "none"
     match element:
         case Plane(normal, offset_m, covariance):
-            jacobian = np.hstack([offset_m * np.eye(3), normal[:, None]])
             kind, axis, point_m = "face", normal, offset_m * normal
-            axis_sd = unknown if covariance is None else _deviations(covariance[:3, :3])
-            point_sd_m = unknown if covariance is None else _deviations(jacobian @ covariance @ jacobian.T)
-        case Line(direction, place_m, covariance):
-            kind, axis, point_m = "edge", direction, place_m
-            axis_sd = unknown if covariance is None else _deviations(covariance[:3, :3])
-            point_sd_m = unknown if covariance is None else _deviations(covariance[3:, 3:])
-        case Point(place_m, covariance):
-            kind, point_m = "vertex", place_m
-            point_sd_m = unknown if covariance is None else _deviations(covariance)
+            jacobian = np.hstack([offset_m * np.eye(3), normal[:, None]])
+            axis_sd = _standard_deviations(covariance, 4)[:3]
+            of_point = None if covariance is None else jacobian @ covariance @ jacobian.T
+            point_sd_m = _standard_deviations(of_point, 3)
+        case Line(axis, point_m, covariance):
+            kind, sd = "edge", _standard_deviations(covariance, 6)
+            axis_sd, point_sd_m = sd[:3], sd[3:]
+        case Point(point_m, covariance):
+            kind, point_sd_m = "vertex", _standard_deviations(covariance, 3)
     return {
         "type": kind,
         "name": "" if element is None or element.name is None else element.name,
@@ -296,10 +297,6 @@ def flat(element: Element | None) -> dict[str, Any]:
         "point_sd_m": _numbers(point_sd_m),
         "unobserved": json.dumps([way.to_json() for way in element.unobserved] if element else []),
     }
-
-
-def _deviations(covariance: Array) -> Array:
-    return np.asarray(np.sqrt(np.maximum(np.diag(covariance), 0.0)))
 
 
 _SIZES: Final = {Plane: 4, Line: 6, Point: 3}
