@@ -19,10 +19,10 @@ from typing import Any, Final
 
 from contact_tracker import Result
 from contact_tracker.cli.terminal import say
+from contact_tracker.exports.columns import decided
 from contact_tracker.tracking.belief import Segment
 
 DOCS: Final = Path(__file__).parents[1]
-OPEN: Final = "open"
 
 
 def accuracy(result: Result) -> str:
@@ -30,31 +30,31 @@ def accuracy(result: Result) -> str:
     truth, stamp_ns = result.truth, result.trajectory.stamp_ns
     assert truth is not None
     true = [None if i < 0 else truth.intervals[i].contact for i in truth.at(stamp_ns)]
-    starts = [one.start_ns for one in result.segments]
-    found = [result.segments[max(bisect_right(starts, ns) - 1, 0)].contact for ns in stamp_ns]
-    right = [a is b for a, b in zip(true, found, strict=True) if a is not None]
+    starts = [segment.start_ns for segment in result.segments]
+    labels = [result.segments[max(bisect_right(starts, ns) - 1, 0)].contact for ns in stamp_ns]
+    right = [a is b for a, b in zip(true, labels, strict=True) if a is not None]
     return f"right in {sum(right) / len(right):.2f} of {len(right)} poses"
 
 
 def joints(result: Result) -> str:
     """The joints that are named, and where."""
-    return spans([(one, one.joint.kind if one.joint else "no joint") for one in result.segments], result)
+    return spans([(s, s.joint.kind if s.joint else "no joint") for s in result.segments], result)
 
 
 def contacts(result: Result) -> str:
     """The contacts that are decided, and where."""
-    return spans([(one, OPEN if one.inseparable else one.contact) for one in result.segments], result)
+    return spans([(s, decided(s)) for s in result.segments], result)
 
 
 FIGURES: Final = {"accuracy": accuracy, "joints": joints, "contacts": contacts}
 
 
 def spans(named: list[tuple[Segment, str]], result: Result) -> str:
-    """What is said from when to when."""
+    """The names with their times; neighbours of one name are one span."""
     joined = list[tuple[str, int, int]]()
-    for one, name in named:
-        start_ns = joined.pop()[1] if joined and joined[-1][0] == name else one.start_ns
-        joined.append((name, start_ns, one.end_ns))
+    for segment, name in named:
+        start_ns = joined.pop()[1] if joined and joined[-1][0] == name else segment.start_ns
+        joined.append((name, start_ns, segment.end_ns))
     times = [
         (name, *((ns - result.origin_ns) * 1e-9 for ns in (first, last))) for name, first, last in joined
     ]
@@ -65,13 +65,15 @@ def recording(entry: dict[str, Any], folder: Path) -> tuple[Path | None, str]:
     """The path of an entry's recording, or None and what is absent."""
     _, _, file, *options = shlex.split(entry["command"])
     paths = sorted(folder.rglob(file)) if "sha256" in entry else []
-    known = [path for path in paths if hashlib.sha256(path.read_bytes()).hexdigest() == entry["sha256"]]
-    if not known:
+    path = next(
+        (path for path in paths if hashlib.sha256(path.read_bytes()).hexdigest() == entry["sha256"]), None
+    )
+    if path is None:
         return None, f"{folder} has no {file}" + (" of the known content" if paths else "")
     for option in options:
-        if option.endswith(".toml") and not known[0].with_name(option).is_file():
-            return None, f"{known[0].with_name(option)} is absent"
-    return known[0], ""
+        if option.endswith(".toml") and not path.with_name(option).is_file():
+            return None, f"{path.with_name(option)} is absent"
+    return path, ""
 
 
 def segmented(command: str, path: Path) -> Result:
@@ -79,11 +81,11 @@ def segmented(command: str, path: Path) -> Result:
     _, verb, _, *options = shlex.split(command)
     options = [str(path.with_name(option)) if option.endswith(".toml") else option for option in options]
     with TemporaryDirectory() as scratch:
-        kept = f"{scratch}/result.contacts"
-        words = [sys.executable, "-m", "contact_tracker", verb, "-q", str(path), *options, "-o", kept]
+        output = f"{scratch}/result.contacts"
+        words = [sys.executable, "-m", "contact_tracker", verb, "-q", str(path), *options, "-o", output]
         if code := subprocess.run(words).returncode:
             raise SystemExit(f"{command}: exit code {code}")
-        return Result.load(kept)
+        return Result.load(output)
 
 
 def section(number: int, entry: dict[str, Any], folder: Path) -> str:
@@ -97,9 +99,9 @@ def section(number: int, entry: dict[str, Any], folder: Path) -> str:
     result = segmented(command, path)
     picture = f"images/gallery_{number}.png"
     result.plot().savefig(DOCS / picture, dpi=60)
-    said = FIGURES[entry.get("figure", "contacts")](result)
-    shown = f"![{name}: segments, probabilities, and what is known of the elements, over time.]({picture})"
-    return f"{head}{shown}\n\nResult: {said}.\n\nWhere it is wrong: {entry['wrong']}\n"
+    figures = FIGURES[entry.get("figure", "contacts")](result)
+    image = f"![{name}: segments, probabilities, and what is known of the elements, over time.]({picture})"
+    return f"{head}{image}\n\nResult: {figures}.\n\nWhere it is wrong: {entry['wrong']}\n"
 
 
 def main() -> None:

@@ -56,30 +56,30 @@ class Form(NamedTuple):
 
     def place(self, anchors: Array) -> Array:
         out = np.zeros((*anchors.shape[:-1], self.size))
-        for _, q, own in self.elements:
+        for _, q, span in self.elements:
             if q >= 0:
-                out[..., q : q + 3] = anchors[..., own]
+                out[..., q : q + 3] = anchors[..., span]
         return out
 
     def normalise(self, x: Array, anchors: Array) -> Array:
         out = np.array(x, float)
-        for d, q, own in self.elements:
+        for d, q, span in self.elements:
             if d >= 0:
                 direction = out[..., d : d + 3] = unit(x[..., d : d + 3])
                 if q >= 0:
-                    arm = x[..., q : q + 3] - anchors[..., own]
+                    arm = x[..., q : q + 3] - anchors[..., span]
                     out[..., q : q + 3] -= direction * dot(direction, arm)[..., None]
         return out
 
     def tangent(self, x: Array, anchors: Array) -> Array:
         out, end = np.zeros((*x.shape[:-1], self.size, self.parameters)), 0
-        for d, q, own in self.elements:
+        for d, q, span in self.elements:
             across = EYE
             if d >= 0:
                 direction = x[..., d : d + 3]
                 across = out[..., d : d + 3, end : end + 2] = sphere_tangent(direction)
                 if q >= 0:  # as the line turns, its foot stays the point nearest to the anchor
-                    along = (x[..., q : q + 3] - anchors[..., own])[..., None, :] @ across
+                    along = (x[..., q : q + 3] - anchors[..., span])[..., None, :] @ across
                     out[..., q : q + 3, end : end + 2] = -direction[..., None] * along
                 end += 2
             if q >= 0:
