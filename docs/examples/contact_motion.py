@@ -45,17 +45,17 @@ def main() -> None:
         position_m = np.outer(slip_m, [1.0, 0.0, 0.0]) - rotation.apply(VERTEX_M)
         position_m += SIGMA_M * rng.normal(size=(count, 3))
         stamps = (time_s * 1e9).astype(np.int64)
-        found = contact_motion(geometry, stamps, time_s, noisy.as_quat(), position_m, variance)
-        assert found is not None
+        motion = contact_motion(geometry, stamps, time_s, noisy.as_quat(), position_m, variance)
+        assert motion is not None
         at_s = time_s + number * PART_S
-        speed, sd = 1e3 * found.speed_m_per_s, 1e3 * found.slip_sd_m_per_s
+        speed, sd = 1e3 * motion.speed_m_per_s, 1e3 * motion.slip_sd_m_per_s
         slips.fill_between(at_s, np.maximum(speed - 3 * sd, 0), speed + 3 * sd, color="C0", alpha=0.25, lw=0)
         slips.plot(at_s, speed, "C0", label=None if number else "found, and 3 standard deviations")
         true = 1e3 * np.abs(np.gradient(slip_m, time_s))
         slips.plot(at_s, true, "k--", lw=0.9, label=None if number else "true")
-        turns.plot(at_s, found.roll_rad_per_s, "C4", label=None if number else "roll")
-        turns.plot(at_s, found.spin_rad_per_s, "C1", label=None if number else "spin")
-        slips.text(at_s[0] + 0.3, 31.0, ", ".join(found.kinds), weight="bold")
+        turns.plot(at_s, motion.roll_rad_per_s, "C4", label=None if number else "roll")
+        turns.plot(at_s, motion.spin_rad_per_s, "C1", label=None if number else "spin")
+        slips.text(at_s[0] + 0.3, 31.0, ", ".join(motion.kinds), weight="bold")
         for axes in (slips, turns):
             axes.axvline(at_s[0], color="0.8", lw=0.8)
     slips.set(ylabel="slip (mm/s)", ylim=(0.0, 34.0))

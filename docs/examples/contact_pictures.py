@@ -56,7 +56,7 @@ SCENES: Final = {
 
 def feature_of(body: Polyhedron, kind: str, towards: Array) -> Feature:
     """The face, edge or vertex of ``body`` that lies farthest ``towards`` (3,)."""
-    return max(body.of_kind(kind), key=lambda one: float(one.points.mean(axis=0) @ towards))
+    return max(body.of_kind(kind), key=lambda feature: float(feature.points.mean(axis=0) @ towards))
 
 
 def draw_contact(contact: Contact) -> Figure:

@@ -41,15 +41,15 @@ def main(argv: Sequence[str] | None = None) -> None:
         sequences = pool.map(
             partial(replicate_sequence, seed=SEED, slsqp_every=args.slsqp_every), NOISES, chunksize=1
         )
-        found = list(pool.map(replicate_contact, *zip(*runs, strict=True)))
-        by_noise = {one.noise: one for one in sequences}
+        contacts = list(pool.map(replicate_contact, *zip(*runs, strict=True)))
+        by_noise = {entry.noise: entry for entry in sequences}
     images = args.docs / "images"
     images.mkdir(parents=True, exist_ok=True)
-    first = [next(one for one in found if one.contact is contact) for contact in MOVED]
+    first = [next(entry for entry in contacts if entry.contact is contact) for contact in MOVED]
     draw_geometry(first).savefig(images / "paper_geometry.png", dpi=100)
-    for noise, one in by_noise.items():
-        draw_sequence(one).savefig(images / f"paper_sequence_{noise}.png", dpi=100)
-    (args.docs / "paper.md").write_text(document(found, by_noise), encoding="utf-8")
+    for noise, entry in by_noise.items():
+        draw_sequence(entry).savefig(images / f"paper_sequence_{noise}.png", dpi=100)
+    (args.docs / "paper.md").write_text(document(contacts, by_noise), encoding="utf-8")
 
 
 if __name__ == "__main__":

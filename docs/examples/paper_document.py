@@ -89,15 +89,15 @@ contacts that it [contains](theory.md#containment) are as low as its own.
 """
 
 
-def document(found: Sequence[SingleContact], sequences: Mapping[str, ContactSequence]) -> str:
+def document(contacts: Sequence[SingleContact], sequences: Mapping[str, ContactSequence]) -> str:
     """The whole page."""
-    any_one = next(iter(sequences.values()))
+    first = next(iter(sequences.values()))
     return TEXT.format(
-        recordings=len(found) // (len(MOVED) * len(NOISES)),
-        every=int(any_one.slsqp_window[1] - any_one.slsqp_window[0]),
-        labelled=labelled_sentence(found),
-        errors=error_table(found),
-        over_bound=over_bound_sentence(found),
+        recordings=len(contacts) // (len(MOVED) * len(NOISES)),
+        every=int(first.slsqp_window[1] - first.slsqp_window[0]),
+        labelled=labelled_sentence(contacts),
+        errors=error_table(contacts),
+        over_bound=over_bound_sentence(contacts),
         gain=gain_sentence(sequences),
         phases=phase_table(sequences),
         remarks=remark_sentence(sequences),
@@ -110,42 +110,42 @@ def markdown(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
-def labelled_sentence(found: Sequence[SingleContact]) -> str:
-    shares = [one.labelled for one in found]
-    missed = sum(one.tracker is None for one in found)
+def labelled_sentence(contacts: Sequence[SingleContact]) -> str:
+    shares = [entry.labelled for entry in contacts]
+    missed = sum(entry.tracker is None for entry in contacts)
     none = "it found the contact in every recording" if not missed else f"it missed the contact in {missed}"
     return (
-        f"The tracker was not given the contact; {none} of {len(found)}, "
+        f"The tracker was not given the contact; {none} of {len(contacts)}, "
         f"and labelled {np.mean(shares):.3f} of the time right."
     )
 
 
-def rows_of(found: Sequence[SingleContact], contact: Contact, noise: str) -> list[SingleContact]:
-    return [one for one in found if (one.contact, one.noise) == (contact, noise)]
+def rows_of(contacts: Sequence[SingleContact], contact: Contact, noise: str) -> list[SingleContact]:
+    return [entry for entry in contacts if (entry.contact, entry.noise) == (contact, noise)]
 
 
 def sizes(errors: Sequence[ElementError], side: str, kind: str) -> list[float]:
     """Angles (deg) or distances (mm) of the elements of one side."""
     key: Callable[[ElementError], float] = (
-        (lambda one: one.angle_deg) if kind == "angle" else (lambda one: one.distance_mm)
+        (lambda entry: entry.angle_deg) if kind == "angle" else (lambda entry: entry.distance_mm)
     )
-    return [key(one) for one in errors if one.side == side]
+    return [key(entry) for entry in errors if entry.side == side]
 
 
 class Compared(NamedTuple):
     """A figure that the paper reports, an ``angle`` (deg) or a ``distance`` (mm) of one side's element.
 
-    ``ours`` has by noise SLSQP's and the tracker's median error, and that at the bound.
+    ``errors`` has by noise SLSQP's and the tracker's median error, and that at the bound.
     """
 
     contact: Contact
     side: str
     kind: str
     figure: float
-    ours: dict[str, tuple[float, float, float]]
+    errors: dict[str, tuple[float, float, float]]
 
 
-def compared(found: Sequence[SingleContact]) -> list[Compared]:
+def compared(contacts: Sequence[SingleContact]) -> list[Compared]:
     """All of them, in the paper's order."""
     lines = []
     for (contact, side), (angle_deg, distance_mm) in REPORTED_ERRORS.items():
@@ -155,46 +155,50 @@ def compared(found: Sequence[SingleContact]) -> list[Compared]:
         ):
             if np.isnan(figure):
                 continue
-            ours = {}
+            errors = {}
             for noise in NOISES:
-                some = rows_of(found, contact, noise)
-                slsqp = [size for one in some for size in sizes(one.slsqp_errors, side, kind)]
-                tracker = [size for one in some for size in sizes(one.tracker_errors, side, kind)]
-                bounds = np.array([bound for one in some if (bound := one.bound_of(side, kind)) is not None])
-                ours[noise] = (
+                recordings = rows_of(contacts, contact, noise)
+                slsqp = [size for entry in recordings for size in sizes(entry.slsqp_errors, side, kind)]
+                tracker = [size for entry in recordings for size in sizes(entry.tracker_errors, side, kind)]
+                bounds = np.array(
+                    [bound for entry in recordings if (bound := entry.bound_of(side, kind)) is not None]
+                )
+                errors[noise] = (
                     float(np.median(slsqp)),
                     float(np.median(tracker)) if tracker else float("nan"),
                     float(np.median(errors_at_bound(bounds)) * per),
                 )
-            lines.append(Compared(contact, side, kind, figure, ours))
+            lines.append(Compared(contact, side, kind, figure, errors))
     return lines
 
 
-def error_table(found: Sequence[SingleContact]) -> str:
+def error_table(contacts: Sequence[SingleContact]) -> str:
     header = ["contact", "element", "error", "paper"]
     header += [f"{method}, {noise}" for noise in NOISES for method in ("SLSQP", "tracker")]
     rows = []
-    for contact, side, kind, figure, ours in compared(found):
+    for contact, side, kind, figure, errors in compared(contacts):
         name = {"f": "face", "e": "edge", "v": "vertex"}[contact.value[0 if side == "object" else 2]]
         unit, digits = ("deg", 3) if kind == "angle" else ("mm", 2)
-        cells = [f"{size:.{digits}f}" for noise in NOISES for size in ours[noise][:2]]
-        bound = f"{ours['white'][2]:.{digits}f}"
+        cells = [f"{size:.{digits}f}" for noise in NOISES for size in errors[noise][:2]]
+        bound = f"{errors['white'][2]:.{digits}f}"
         rows.append([contact.value, f"{name}, {side}", f"{kind}, {unit}", f"{figure:g}", *cells, bound])
     return markdown([*header, "bound"], rows)
 
 
-def over_bound_sentence(found: Sequence[SingleContact]) -> str:
+def over_bound_sentence(contacts: Sequence[SingleContact]) -> str:
     """How far both methods are above the bound."""
     parts = []
     for noise in NOISES:
-        ratios = np.array([np.array(ours[noise][:2]) / ours[noise][2] for *_, ours in compared(found)])
+        ratios = np.array(
+            [np.array(errors[noise][:2]) / errors[noise][2] for *_, errors in compared(contacts)]
+        )
         middle, worst = np.nanmedian(ratios, axis=0), np.nanmax(ratios, axis=0)
         parts.append(
             f"with {noise} noise SLSQP's errors are {middle[0]:.1f} times the bound in the median of these rows "
             f"and {worst[0]:.1f} in the worst, the tracker's {middle[1]:.1f} and {worst[1]:.1f}"
         )
     sentence = "; ".join(parts)
-    pairs = [one.ours[noise][:2] for one in compared(found) for noise in NOISES]
+    pairs = [entry.errors[noise][:2] for entry in compared(contacts) for noise in NOISES]
     worse = sum(tracker > slsqp for slsqp, tracker in pairs)
     return (
         f"{sentence[0].upper()}{sentence[1:]}. The tracker's error is the larger one in {worse} of {len(pairs)} pairs. "
@@ -206,42 +210,42 @@ def over_bound_sentence(found: Sequence[SingleContact]) -> str:
 def gain_sentence(sequences: Mapping[str, ContactSequence]) -> str:
     """Where SLSQP is lower than the batched minimiser."""
     parts = []
-    for noise, one in sequences.items():
-        lower = one.slsqp_gain > 1e-4
-        by = f" (by {one.slsqp_gain.max():.3f} at most)" if lower.any() else ""
+    for noise, entry in sequences.items():
+        lower = entry.slsqp_gain > 1e-4
+        by = f" (by {entry.slsqp_gain.max():.3f} at most)" if lower.any() else ""
         parts.append(f"{int(lower.sum())} of {lower.size} minima with {noise} noise{by}")
-    higher = max(float(-one.slsqp_gain.min()) for one in sequences.values())
+    higher = max(float(-entry.slsqp_gain.min()) for entry in sequences.values())
     return (
         "SLSQP's minimum is lower than the curve by more than 0.0001 of its maximum in "
         f"{' and '.join(parts)}. It is higher by up to {higher:.3f}, where three random starts are not enough."
     )
 
 
-def within(one: ContactSequence, contact: Contact) -> NDArray[np.bool_]:
+def within(entry: ContactSequence, contact: Contact) -> NDArray[np.bool_]:
     """(W,) the windows that lie within a contact."""
-    return np.asarray(one.window_truth == contact.column)
+    return np.asarray(entry.window_truth == contact.column)
 
 
 def phase_table(sequences: Mapping[str, ContactSequence]) -> str:
     header = ["noise", "windows in", *(f"curve {contact.value}" for contact in MOVED)]
     rows = []
-    for noise, one in sequences.items():
-        online = one.segmentation.filtered.probability[one.online]
-        offline = one.segmentation.beliefs.probability[one.offline]
+    for noise, entry in sequences.items():
+        online = entry.segmentation.filtered.probability[entry.online]
+        offline = entry.segmentation.beliefs.probability[entry.offline]
         for contact in MOVED:
-            some = within(one, contact)
-            curves = [f"{level:.4f}" for level in np.median(one.curves[some], axis=0)]
-            shares = [f"{p[some, contact.column].mean():.3f}" for p in (online, offline)]
+            inside = within(entry, contact)
+            curves = [f"{level:.4f}" for level in np.median(entry.curves[inside], axis=0)]
+            shares = [f"{p[inside, contact.column].mean():.3f}" for p in (online, offline)]
             rows.append([noise, contact.value, *curves, *shares])
     return markdown([*header, "online", "smoothed"], rows)
 
 
 def remark_sentence(sequences: Mapping[str, ContactSequence]) -> str:
     """The paper's remarks, with the curves with white noise."""
-    one = sequences["white"]
+    entry = sequences["white"]
 
     def level(curve: Contact, inside: Contact) -> float:
-        return float(np.median(one.curves[within(one, inside), MOVED.index(curve)]))
+        return float(np.median(entry.curves[within(entry, inside), MOVED.index(curve)]))
 
     def ratio(curve: Contact, high: Contact, low: Contact) -> str:
         return f"{level(curve, high) / level(curve, low):.0f}"
@@ -260,11 +264,11 @@ def remark_sentence(sequences: Mapping[str, ContactSequence]) -> str:
 def label_table(sequences: Mapping[str, ContactSequence]) -> str:
     header = ["noise", "windows", "number", "lowest curve", "tracker, online", "tracker, offline"]
     rows = []
-    for noise, one in sequences.items():
-        last = one.truth[np.searchsorted(one.poses.stamp_ns, one.windows.stamp_ns)]
-        methods = (one.lowest(), one.online_labels(), one.offline_labels())
+    for noise, entry in sequences.items():
+        last = entry.truth[np.searchsorted(entry.poses.stamp_ns, entry.windows.stamp_ns)]
+        methods = (entry.lowest(), entry.online_labels(), entry.offline_labels())
         columns = [np.array([STATES.index(label) for label in labels]) for labels in methods]
-        for name, truth in (("within one contact", one.window_truth), ("all, by the last pose", last)):
+        for name, truth in (("within one contact", entry.window_truth), ("all, by the last pose", last)):
             scored = truth >= 0
             shares = [f"{np.mean(column[scored] == truth[scored]):.3f}" for column in columns]
             rows.append([noise, name, str(int(scored.sum())), *shares])

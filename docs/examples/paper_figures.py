@@ -25,32 +25,32 @@ PANELS: Final = ((Contact.FF, Contact.EF), (Contact.VF, Contact.EE))
 """The contacts that the paper's Fig. 5 has in (a) and in (b)."""
 
 
-def draw_geometry(found: Sequence[SingleContact]) -> Figure:
+def draw_geometry(recordings: Sequence[SingleContact]) -> Figure:
     """Fig. 4: the cube in the middle of each recording, with the elements that were found.
 
     Solid lines are the tracker's, dashed ones SLSQP's; black dots are the true elements.
     """
     figure = Figure(figsize=(9.0, 8.0), layout="constrained")
-    for place, (one, letter) in enumerate(zip(found, "abcd", strict=False)):
+    for place, (recording, letter) in enumerate(zip(recordings, "abcd", strict=False)):
         axes = figure.add_subplot(2, 2, place + 1, projection="3d", computed_zorder=False)
         assert isinstance(axes, Axes3D)
-        draw_recording(axes, one)
-        axes.set_title(f"({letter}) {one.contact.value}")
+        draw_recording(axes, recording)
+        axes.set_title(f"({letter}) {recording.contact.value}")
     figure.text(0.02, 0.03, "object's element", color=OBJECT, weight="bold")
     figure.text(0.02, 0.01, "surroundings' element", color=SURROUNDINGS, weight="bold")
     figure.text(0.4, 0.01, "solid: tracker, dashed: SLSQP, black: true")
     return figure
 
 
-def draw_recording(axes: Axes3D, one: SingleContact) -> None:
+def draw_recording(axes: Axes3D, recording: SingleContact) -> None:
     """Of both methods, in the world, turned so that the true surroundings' face or the desk is below."""
-    poses = one.simulated.poses
-    truth = one.simulated.truth.intervals[0].geometry
+    poses = recording.simulated.poses
+    truth = recording.simulated.truth.intervals[0].geometry
     assert truth is not None
     rotation, position = poses.rotation[len(poses) // 2], poses.position_m[len(poses) // 2]
-    scene = convex(np.array(json.loads(one.simulated.metadata["surroundings_vertices_m"])))
+    scene = convex(np.array(json.loads(recording.simulated.metadata["surroundings_vertices_m"])))
     upright = turned_to_z(top_normal(np.asarray(scene.vertices)))
-    body = np.array(json.loads(one.simulated.metadata["object_vertices_m"])) @ rotation.T + position
+    body = np.array(json.loads(recording.simulated.metadata["object_vertices_m"])) @ rotation.T + position
     in_body, _ = places(truth, poses)
     touch = rotation @ in_body + position
 
@@ -58,7 +58,7 @@ def draw_recording(axes: Axes3D, one: SingleContact) -> None:
         return np.asarray((points - touch) @ upright.T)
 
     draw_body(axes, convex(view(body)), "#f2c14e", 0.2)
-    estimates = [(one.slsqp, "--"), *([(one.tracker, "-")] if one.tracker else [])]
+    estimates = [(recording.slsqp, "--"), *([(recording.tracker, "-")] if recording.tracker else [])]
     for geometry, style in estimates:
         for element, colour in elements_in_world(geometry, rotation, position):
             turned = facing(moved(element, upright, -upright @ touch), -1.0 if colour is OBJECT else 1.0)
@@ -117,7 +117,7 @@ def turned_to_z(normal: Array) -> Array:
     return rotation
 
 
-def draw_sequence(found: ContactSequence) -> Figure:
+def draw_sequence(sequence: ContactSequence) -> Figure:
     """Fig. 5, and below it what the tracker says on the same axis.
 
     (a), (b): the paper's curves, with dots where SLSQP was run. (c): the online posterior. (d): the smoothed
@@ -125,30 +125,34 @@ def draw_sequence(found: ContactSequence) -> Figure:
     """
     figure = Figure(figsize=(10.0, 9.5), layout="constrained")
     first, second, online, offline = figure.subplots(4, 1, sharex=True)
-    windows = np.arange(len(found.windows.stamp_ns))
+    windows = np.arange(len(sequence.windows.stamp_ns))
     for axes, letter, contacts in zip((first, second), "ab", PANELS, strict=True):
         for contact in contacts:
             column = MOVED.index(contact)
-            axes.plot(windows, found.curves[:, column], color=colour_of(contact), label=contact.value)
+            axes.plot(windows, sequence.curves[:, column], color=colour_of(contact), label=contact.value)
             axes.plot(
-                found.slsqp_window, found.slsqp_points[:, column], ".", color=colour_of(contact), markersize=5
+                sequence.slsqp_window,
+                sequence.slsqp_points[:, column],
+                ".",
+                color=colour_of(contact),
+                markersize=5,
             )
         axes.set(ylabel=f"({letter}) objective / maximum", ylim=(-0.02, 1.02))
         axes.legend(loc="upper left", frameon=False)
     posteriors = (
-        (online, "c", "online", found.segmentation.filtered),
-        (offline, "d", "smoothed", found.segmentation.beliefs),
+        (online, "c", "online", sequence.segmentation.filtered),
+        (offline, "d", "smoothed", sequence.segmentation.beliefs),
     )
     for axes, letter, name, beliefs in posteriors:
-        at = found.window_at(beliefs.stamp_ns)
+        at = sequence.window_at(beliefs.stamp_ns)
         for state in STATES:
             axes.plot(at, beliefs.probability[:, state.column], color=colour_of(state), label=state.value)
         axes.set(ylabel=f"({letter}) {name} posterior", ylim=(-0.02, 1.02))
     offline.set(xlabel=f"window (ends at pose 500 + {STEP} n)", xlim=(0, windows[-1]))
     offline.legend(loc="center left", bbox_to_anchor=(0.01, 0.5), frameon=False, fontsize="small")
-    changes = np.flatnonzero(np.diff(found.truth)) + 1
+    changes = np.flatnonzero(np.diff(sequence.truth)) + 1
     for axes in (first, second, online, offline):
-        mark_changes(axes, found.window_at(found.poses.stamp_ns[changes]))
+        mark_changes(axes, sequence.window_at(sequence.poses.stamp_ns[changes]))
     return figure
 
 

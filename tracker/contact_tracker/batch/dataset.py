@@ -21,7 +21,7 @@ from contact_tracker.batch import remote, segmenting
 from contact_tracker.batch.finding import Recording
 from contact_tracker.batch.segmenting import SUMMARY_COLUMNS, Answer, Content, Row, Settings, row_name
 from contact_tracker.errors import StateError, UsageError
-from contact_tracker.exports.columns import Kind
+from contact_tracker.exports.columns import kinds_of
 from contact_tracker.exports.parquet import read_rows, require_kind, write_merged
 from contact_tracker.files import TEMPORARY, whole_file
 from contact_tracker.processes import Jobs
@@ -34,7 +34,7 @@ _MARK: Final = "dataset.json"
 _SUMMARY: Final = "summary.parquet"
 _SIGNATURES: Final = "signatures.parquet"
 _JOURNAL: Final = "journal.jsonl"
-_SIGNATURE_COLUMNS: Final[dict[str, Kind]] = {"recording": "text", "signature": "text"}
+_SIGNATURE_COLUMNS: Final = kinds_of("text", "recording", "signature")
 OWN_FILES: Final = (_MARK, _SUMMARY, _SIGNATURES, _JOURNAL)
 """The files of a dataset outside of its folders."""
 _LINE_ERRORS: Final = (ValueError, TypeError, KeyError, AttributeError, RecursionError)

@@ -17,7 +17,7 @@ from contact_tracker.batch.finding import read_content, signature_of
 from contact_tracker.config.parameters import Model
 from contact_tracker.config.table_reading import AS_NAMED, TableReading
 from contact_tracker.errors import ContactTrackerError, MissingExtra, UnreadableRecording, printable
-from contact_tracker.exports.columns import COLUMNS, PROBABILITIES, Kind, Rows, columns_of
+from contact_tracker.exports.columns import COLUMNS, PROBABILITIES, Rows, columns_of, kinds_of
 from contact_tracker.exports.parquet import open_parquet
 from contact_tracker.files import whole_file
 from contact_tracker.map.map import Map
@@ -41,38 +41,20 @@ NO_SEGMENTS: Final[Row] = {
     **dict.fromkeys(("segments", *(f"segments_{state}" for state in _KINDS)), 0),
     **dict.fromkeys((f"time_{state}_s" for state in _KINDS), 0.0),
 }
-SUMMARY_COLUMNS: Final[dict[str, Kind]] = {
-    "recording": "text",
-    "exit_code": "integer",
-    "error": "text",
-    "damage": "text",
-    "warnings": "text",
-    "counts": "text",
-    "poses": "integer",
-    "first_ns": "integer",
-    "last_ns": "integer",
-    "duration_s": "number",
-    "ticks": "integer",
-    "segments": "integer",
-    **{f"segments_{state}": "integer" for state in _KINDS},
-    **{f"time_{state}_s": "number" for state in _KINDS},
-    "tick_s": "number",
-    "sigma_position_m": "number",
-    "sigma_rotation_rad": "number",
-    "tick_sigma_position_m": "number",
-    "tick_sigma_rotation_rad": "number",
-    "topic": "text",
-    "frame_id": "text",
-    "child_frame_id": "text",
-    "size_bytes": "integer",
-    "content_hash": "text",
-    "model": "text",
-    "model_hash": "text",
-    "settings_hash": "text",
-    "version": "text",
-    "file": "text",
-    "segments_bytes": "integer",
-    "ticks_bytes": "integer",
+SUMMARY_COLUMNS: Final = {
+    **kinds_of("text", "recording"),
+    **kinds_of("integer", "exit_code"),
+    **kinds_of("text", "error", "damage", "warnings", "counts"),
+    **kinds_of("integer", "poses", "first_ns", "last_ns"),
+    **kinds_of("number", "duration_s"),
+    **kinds_of("integer", "ticks", "segments", *(f"segments_{state}" for state in _KINDS)),
+    **kinds_of("number", *(f"time_{state}_s" for state in _KINDS)),
+    **kinds_of("number", "tick_s", "sigma_position_m", "sigma_rotation_rad"),
+    **kinds_of("number", "tick_sigma_position_m", "tick_sigma_rotation_rad"),
+    **kinds_of("text", "topic", "frame_id", "child_frame_id"),
+    **kinds_of("integer", "size_bytes"),
+    **kinds_of("text", "content_hash", "model", "model_hash", "settings_hash", "version", "file"),
+    **kinds_of("integer", "segments_bytes", "ticks_bytes"),
 }
 
 
@@ -253,7 +235,7 @@ def _segmented(name: str, path: str, settings: Settings, folder: Path) -> Row:
             require_no_link(folder, f"{rows}/{file}")
             target.parent.mkdir(parents=True, exist_ok=True)
             temporary = stack.enter_context(whole_file(target))
-            columns: dict[str, Kind] = {"recording": "text", **COLUMNS[rows]}
+            columns = kinds_of("text", "recording") | COLUMNS[rows]
             appends[rows] = stack.enter_context(open_parquet(columns, temporary, rows == "segments"))
         for piece in tracker.pieces(log, None, Detail.WEIGHTS):
             count(piece.segments, cells)

@@ -33,7 +33,6 @@ from contact_tracker.explanations.further_contacts import (
     search_span,
 )
 from contact_tracker.geometry.elements import ContactGeometry
-from contact_tracker.hypotheses.evidence import DECISIVE
 from contact_tracker.motion.window import Window
 from contact_tracker.states import Contact
 
@@ -77,7 +76,6 @@ class FormationState(NamedTuple):
     ticks_since_search, search_interval : ticks with motion since the last test, and until the next.
     is_open : whether the motion keeps more constraints than the reported contacts explain.
     constraints : of the first contact and of all that are present.
-    reclassified : index of the tracked contact whose kind is compared with others; -1 for none.
     """
 
     first: KnownContact | None = None
@@ -91,7 +89,6 @@ class FormationState(NamedTuple):
     search_interval: float = SEARCH_INTERVAL_TICKS
     is_open: bool = False
     constraints: int = 0
-    reclassified: int = -1
 
 
 EMPTY_FORMATION: Final = FormationState()
@@ -123,20 +120,13 @@ def advance(state: FormationState, ticks: FormationTicks, first: KnownContact) -
     """
     searches = bool(state.queue) or state.ticks_since_search >= state.search_interval
     motion = ConditionalMotion.of(ticks.window, ticks.scales).keeping(first.c)
-    previous, tracked = state.tracked, []
-    for contact in previous:
+    tracked = list[TrackedContact]()
+    for contact in state.tracked:
         evaluated, runs = _evaluated(contact, ticks, motion)
         tracked.append(evaluated)
         for run in runs:
             motion = motion.keeping(contact.elements.c, *run)
     state = state._replace(tracked=tuple(tracked), constraints=_count(tracked, motion, first))
-    if state.reclassified >= 0:
-        return _reclassify(state, ticks, first)
-    pairs = enumerate(zip(previous, tracked, strict=True))
-    refitted = [number for number, (old, new) in pairs if new.refit_at > old.refit_at]
-    if refitted and not state.queue:
-        proposals, number = (tracked[refitted[-1]].elements,), refitted[-1]
-        return state._replace(queue=ticks.kinds, proposals=proposals, searches_all=True, reclassified=number)
     if sum(contact.is_present for contact in tracked) >= MAX_FURTHER:
         return state._replace(queue=(), proposals=())
     if state.queue:
@@ -155,7 +145,7 @@ def _count(tracked: Sequence[TrackedContact], motion: ConditionalMotion, first: 
 def suspend(state: FormationState) -> FormationState:
     """The state while there is no first contact: no further contact is present, and the search is dropped."""
     tracked = tuple(contact._replace(is_present=False) for contact in state.tracked)
-    return state._replace(tracked=tracked, queue=(), proposals=(), is_open=False, reclassified=-1)
+    return state._replace(tracked=tracked, queue=(), proposals=(), is_open=False)
 
 
 def _evaluated(
@@ -213,7 +203,9 @@ def _continue_search(
 ) -> FormationState:
     """Search the next kind; after the last, accept the best proposal or continue with all kinds."""
     run = Run(max(len(motion) - state.span, 0), len(motion))
-    state = _search_next_kind(state, ticks, motion, run)
+    candidate = search_span(ticks, motion, CONTACT_MODELS[state.queue[0].column], run)
+    new = () if candidate is None else (candidate.elements,)
+    state = state._replace(queue=state.queue[1:], proposals=(*state.proposals, *new))
     if state.queue:
         return state
     candidates = [*_present(state.proposals, ticks, motion)]
@@ -232,51 +224,6 @@ def _continue_search(
     if state.searches_all:
         return _accept(state, best, candidates, ticks, motion, first)
     return _queue_all_kinds(state, best, ticks)
-
-
-def _search_next_kind(
-    state: FormationState, ticks: FormationTicks, motion: ConditionalMotion, run: Run
-) -> FormationState:
-    """The state after a search for the next queued kind in ``run``."""
-    candidate = search_span(ticks, motion, CONTACT_MODELS[state.queue[0].column], run)
-    new = () if candidate is None else (candidate.elements,)
-    return state._replace(queue=state.queue[1:], proposals=(*state.proposals, *new))
-
-
-def _reclassify(state: FormationState, ticks: FormationTicks, first: KnownContact) -> FormationState:
-    """Search the next kind; after the last, compare all kinds with the tracked contact over its whole run."""
-    contact, neighbours = state.tracked[state.reclassified], list(state.tracked)
-    del neighbours[state.reclassified]
-    motion = ConditionalMotion.of(ticks.window, ticks.scales).keeping(first.c)
-    for neighbour in neighbours:
-        touching = evaluate(ticks, motion, neighbour.elements) if neighbour.is_present else None
-        for run in touching.presence.runs if touching is not None else ():
-            motion = motion.keeping(neighbour.elements.c, *run)
-    present_fit = evaluate(ticks, motion, contact.elements)
-    ended = state._replace(queue=(), proposals=(), searches_all=False, reclassified=-1)
-    if present_fit is None or not contact.is_present or not _is_now(present_fit.presence, motion):
-        return ended
-    run = present_fit.presence.runs[-1]
-    state = _search_next_kind(state, ticks, motion, run)
-    if state.queue:
-        return state
-    candidates = [present_fit, *allowed(ticks, _present(state.proposals, ticks, motion))]
-    best = max(candidates, key=lambda candidate: candidate.presence.log_odds)
-    if best.presence.log_odds < present_fit.presence.log_odds + DECISIVE:
-        best = present_fit
-    else:
-        refined = refine(ticks, motion, best, best.presence.runs[-1])
-        geometry = None if refined is None else ticks.geometry_of(refined)
-        if refined is None or geometry is None:
-            return ended
-        best = refined
-        contact = contact._replace(elements=best.elements, geometry=geometry)
-    present = [first.c, *(neighbour.elements.c for neighbour in neighbours if neighbour.is_present)]
-    part = motion.moved[slice(*run)]
-    new = count_constraints(part, [*present, best.elements.c]) - count_constraints(part, present)
-    tracked, alike = list(state.tracked), inseparable_kinds(ticks, motion, best, candidates, run, new)
-    tracked[state.reclassified] = contact._replace(inseparable=alike)
-    return ended._replace(tracked=tuple(tracked))
 
 
 def _queue_all_kinds(state: FormationState, best: Candidate, ticks: FormationTicks) -> FormationState:

@@ -25,19 +25,23 @@ PROBABILITIES: Final = tuple(f"p_{state.value.replace('-', '')}" for state in ST
 """Columns of the posterior in the order of ``STATES``: ``p_ff`` to ``p_free``."""
 
 
+def kinds_of(kind: Kind, *names: str) -> dict[str, Kind]:
+    """Columns of one kind."""
+    return dict.fromkeys(names, kind)
+
+
 def _numbers(name: str, unit: str = "") -> dict[str, Kind]:
     """The columns of the three components of a vector."""
-    return {f"{name}_{axis}{unit}": "number" for axis in "xyz"}
+    return kinds_of("number", *(f"{name}_{axis}{unit}" for axis in "xyz"))
 
 
-_ELEMENT: Final[dict[str, Kind]] = {
-    "type": "text",
-    "name": "text",
+_ELEMENT: Final = {
+    **kinds_of("text", "type", "name"),
     **_numbers("axis"),
     **_numbers("point", "_m"),
     **_numbers("axis_sd"),
     **_numbers("point_sd", "_m"),
-    "unobserved": "text",
+    **kinds_of("text", "unobserved"),
 }
 _GEOMETRY: Final = {
     f"{side}_{name}": kind for side in ("object", "environment") for name, kind in _ELEMENT.items()
@@ -51,27 +55,24 @@ _JOINT: Final[dict[str, Kind]] = {
     "joint_pitch_m_per_rad": "number",
 }
 """Columns of the joint's axis in the world frame."""
-_NUMBER: Final[Kind] = "number"
-_MOTION: Final[dict[str, Kind]] = {"motion": "text", **dict.fromkeys(MEANS, _NUMBER)}
-_TASK: Final[dict[str, Kind]] = {
+_MOTION: Final = kinds_of("text", "motion") | kinds_of("number", *MEANS)
+_TASK: Final = {
     **_numbers("task_origin", "_m"),
-    **{f"task_q{part}": "number" for part in "xyzw"},
-    "task_name": "text",
-    "task_constrained": "text",
+    **kinds_of("number", *(f"task_q{part}" for part in "xyzw")),
+    **kinds_of("text", "task_name", "task_constrained"),
     **_numbers("task_sd", "_m"),
     **_numbers("task_sd", "_rad"),
 }
 """Columns of the task frame in the world frame."""
-_ELEMENTS: Final[dict[str, Kind]] = {**_GEOMETRY, "contacts": "text", **_JOINT, "decided": "text"}
+_ELEMENTS: Final = {**_GEOMETRY, **kinds_of("text", "contacts"), **_JOINT, **kinds_of("text", "decided")}
 COLUMNS: Final[dict[Rows, dict[str, Kind]]] = {
     "ticks": {
-        "stamp_ns": "integer",
-        "onset_ns": "integer",
+        **kinds_of("integer", "stamp_ns", "onset_ns"),
         **_LABEL,
-        **dict.fromkeys(PROBABILITIES, _NUMBER),
+        **kinds_of("number", *PROBABILITIES),
         **_ELEMENTS,
     },
-    "segments": {"start_ns": "integer", "end_ns": "integer", **_LABEL, **_ELEMENTS, **_MOTION, **_TASK},
+    "segments": kinds_of("integer", "start_ns", "end_ns") | _LABEL | _ELEMENTS | _MOTION | _TASK,
 }
 """Names and kinds of the columns; ``probability`` is the posterior of the label."""
 OPEN: Final = "open"
