@@ -17,10 +17,6 @@ _DIGITS: Final = 6
 _ENOUGH_VERTICES: Final = 2000
 """Number of vertices at which the search for a hull stops. A hull of 60 faces, in any number of triangles,
 needs 100; a ball would need all its points."""
-_DIRECTIONS: Final = 128
-"""Number of directions whose extreme points are computed first, on both sides. A body of 60 faces has at most
-116 vertices, so that 256 extreme points show that a body is round: in 0.3 s, not 2 s, for 300,000
-triangles."""
 _CHUNK_POINTS: Final = 4096
 """Number of points that are compared with all faces at once, to bound memory."""
 
@@ -152,8 +148,6 @@ def convex(points: Array, tolerance_m: float = 0.0, most_faces: int | None = Non
     """
     stop = f" TA{_ENOUGH_VERTICES}" if most_faces is not None else ""
     try:
-        if most_faces is not None and len(points) > 2 * _DIRECTIONS:
-            points = _outer(points, tolerance_m, most_faces)
         hull = ConvexHull(points, qhull_options=f"Qt C-{tolerance_m:.9f}{stop}")
     except QhullError as error:
         raise ValueError("these points span no solid") from error
@@ -174,41 +168,6 @@ def convex(points: Array, tolerance_m: float = 0.0, most_faces: int | None = Non
     edges = [_edge(vertices, list(pair), faces) for pair in pairs]
     corners = [_corner(vertices, i, faces, pairs) for i in range(len(vertices))]
     return Polyhedron(vertices, (*faces, *edges, *corners))
-
-
-def _outer(points: Array, tolerance_m: float, most_faces: int) -> Array:
-    """The points (n, 3) that determine the hull: extreme points, and all points outside of their hull.
-
-    Raises
-    ------
-    TooManyFaces : there are more extreme points than a body of ``most_faces`` faces has vertices.
-    QhullError : the points span no solid.
-    """
-    number = np.arange(_DIRECTIONS) + 0.5
-    z, turn = number / _DIRECTIONS, np.pi * (1 + 5**0.5) * number  # a spiral over half of the sphere
-    radius = np.sqrt(1 - z * z)
-    directions = np.stack([radius * np.cos(turn), radius * np.sin(turn), z], axis=1)
-    extreme = np.concatenate([_extreme(points, directions), _extreme(points, -directions)])
-    # a vertex may be several points within the tolerance, which rounding can separate into two places
-    places = np.unique(np.round(extreme / max(10.0 * tolerance_m, 10.0**-_DIGITS)), axis=0)
-    if len(places) > 2 * (2 * most_faces - 4):
-        raise TooManyFaces(f"more than {most_faces} faces")
-    faces = np.unique(ConvexHull(extreme, qhull_options="Qt").equations, axis=0)
-    is_outside = _height(points, faces[:, :3], faces[:, 3]) > tolerance_m
-    return np.unique(np.concatenate([extreme, points[is_outside]]), axis=0)
-
-
-def _extreme(points: Array, directions: Array) -> Array:
-    """The farthest of ``points`` (n, 3) in each of the ``directions`` (d, 3); same shape as these."""
-    extreme, height = np.empty_like(directions), np.full(len(directions), -np.inf)
-    for start in range(0, len(points), _CHUNK_POINTS):
-        chunk = points[start : start + _CHUNK_POINTS]
-        along = directions @ chunk.T
-        row = along.argmax(axis=1)
-        highest = along[np.arange(len(directions)), row]
-        is_higher = highest > height
-        extreme[is_higher], height[is_higher] = chunk[row[is_higher]], highest[is_higher]
-    return extreme
 
 
 def _height(points: Array, normals: Array, offsets: Array) -> Array:

@@ -117,8 +117,7 @@ class LinesOfAction:
         rows = np.concatenate(
             [self.moment_nm[..., None], self.common_nm, cross_matrix(self.force_n) * REACH_M], axis=2
         )
-        count = rows.shape[2]
-        moments = np.einsum("t,tia,tjb->iajb", weight, rows, rows).reshape(3 * count, 3 * count)
+        moments = np.einsum("t,tia,tjb->iajb", weight, rows, rows)
         normal = unit(self.direction.sum(axis=0))
         first, second = sphere_tangent(normal).T
         middle, half = 0.5 * np.pi, 0.5 * np.pi
@@ -174,18 +173,16 @@ class LineFits:
 def _log_likelihood(moments: Array, direction: Array, normal: Array) -> Array:
     """Log likelihoods (N,) of lines with ``direction`` (N, 3); positions and errors are marginalised.
 
-    ``moments`` (3 C, 3 C): second moments of rows (3, C), the moment and its derivatives by common errors and
-    by a shift of the line, across itself, along the ``normal`` and within the plane.
+    ``moments`` (3, C, 3, C): second moments of rows (3, C), the moment and its derivatives by common errors
+    and by a shift of the line, whose parts along the ``normal`` and across it and the line count.
     """
-    count, size = len(moments) // 3, len(direction)
-    side = cross(normal, direction)
-    columns = np.zeros((size, 3, count, count - 1))  # from the rows to a row along the direction
-    for column in range(count - 3):
-        columns[:, :, column, column] = direction
-    shifts = np.stack([np.broadcast_to(normal, side.shape), side], axis=2)
-    columns[:, :, count - 3 :, count - 3 :] = direction[:, :, None, None] * shifts[:, None]
-    projected = columns.reshape(size, 3 * count, count - 1)
-    products = np.asarray(projected.swapaxes(1, 2) @ moments @ projected)
+    count, shifts = moments.shape[1], slice(moments.shape[1] - 3, None)
+    normals = np.broadcast_to(normal, direction.shape)
+    basis = np.zeros((len(direction), count, count - 1))  # from a row to one with shifts across the line
+    basis[:, : count - 3, : count - 3] = np.eye(count - 3)
+    basis[:, shifts, shifts] = np.stack([normals, cross(normals, direction)], axis=2)
+    along = np.einsum("ni,iajb,nj->nab", direction, moments, direction, optimize=True)
+    products = np.asarray(basis.swapaxes(1, 2) @ along @ basis)
     information = products[:, 1:, 1:] + np.eye(count - 2)
     pull = products[:, 1:, 0]
     solved = np.asarray(np.linalg.solve(information, pull[..., None])[..., 0], float)
