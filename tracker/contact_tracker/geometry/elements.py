@@ -321,13 +321,7 @@ def _packed(element: Element) -> Iterator[Array]:
     name = () if element.name is None else tuple(element.name.encode())
     kind, named = _KINDS.index(type(element)), element.name is not None
     yield np.array([kind, covariance is not None, len(free_motions), named, len(name), *name], float)
-    match element:
-        case Plane(normal, offset_m):
-            yield from (normal, np.array([offset_m]))
-        case Line(direction, point_m):
-            yield from (direction, point_m)
-        case Point(point_m):
-            yield point_m
+    yield numbers(element)
     if covariance is not None:
         yield covariance.ravel()
     for way in free_motions:
