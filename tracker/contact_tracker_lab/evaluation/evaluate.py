@@ -232,6 +232,6 @@ def evaluate(
 
 
 def _tally(scored: Scoring, tick: Ints, beliefs: Beliefs, is_open: Bools | None = None) -> Tally:
-    """The tally of beliefs, which are open as they say themselves, unless their segments say more."""
+    """The tally of T beliefs; ``is_open`` (T,): whether their segments are open, else they say it themselves."""
     opens = np.asarray(beliefs.rows["inseparable"].any(axis=1)) if is_open is None else is_open
     return tally(scored, tick, beliefs.rows["contact"], beliefs.probability, opens)
