@@ -149,8 +149,8 @@ def circle(axis: Array, angles: Array) -> Array:
 
 
 def across(axis: Array) -> Array:
-    """Two unit vectors (3, 2) that complete the unit vector ``axis`` to a basis; other than ``sphere_tangent``
-    so that sheets on upright walls have level sides."""
+    """Two unit vectors (3, 2) that complete the unit vector ``axis`` to a basis: not ``sphere_tangent``, so
+    that sheets on upright walls have level sides."""
     first = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
     first = first / np.linalg.norm(first)
     return np.stack([first, np.cross(axis, first)], axis=-1)

@@ -232,6 +232,6 @@ def evaluate(
 
 
 def _tally(scored: Scoring, tick: Ints, beliefs: Beliefs, is_open: Bools | None = None) -> Tally:
-    """The tally of T beliefs; ``is_open`` (T,): whether their segments are open, else they say it themselves."""
+    """The tally of T beliefs; ``is_open`` (T,) of their segments, else as they say."""
     opens = np.asarray(beliefs.rows["inseparable"].any(axis=1)) if is_open is None else is_open
     return tally(scored, tick, beliefs.rows["contact"], beliefs.probability, opens)
