@@ -78,7 +78,7 @@ def test_a_recording_is_read_as_the_command_reads_it(log, poses) -> None:
 def test_stamps_may_have_any_unit(unit, factor) -> None:
     few = smooth_poses(30)
     whole = (few.stamp_ns - few.stamp_ns[0]) / factor
-    trajectory = Trajectory.from_arrays(whole, few.position_m, few.quat_xyzw, time_unit=unit)
+    trajectory = Trajectory.from_arrays(whole, few.position_m, few.quat_xyzw, unit=unit)
     np.testing.assert_array_equal(trajectory.stamp_ns, few.stamp_ns - few.stamp_ns[0])
 
 
@@ -107,10 +107,10 @@ def test_masked_poses_are_not_finite(poses) -> None:
     hidden = np.arange(len(poses)) % 10 == 3
     masked = np.ma.array(poses.position_m, mask=hidden[:, None].repeat(3, axis=1))
     stamps = np.ma.array(poses.stamp_ns, mask=np.arange(len(poses)) == 0)
-    found = Trajectory.from_arrays(poses.stamp_ns, masked, poses.quat_xyzw, time_unit="ns")
+    found = Trajectory.from_arrays(poses.stamp_ns, masked, poses.quat_xyzw, unit="ns")
     assert found.counts == {"nonfinite": int(hidden.sum())}
     np.testing.assert_array_equal(found.poses.stamp_ns, poses.stamp_ns[~hidden])
-    found = Trajectory.from_arrays(stamps, masked, poses.quat_xyzw, time_unit="ns")
+    found = Trajectory.from_arrays(stamps, masked, poses.quat_xyzw, unit="ns")
     assert found.counts["nonfinite"] > hidden.sum()
 
 

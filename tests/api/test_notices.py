@@ -143,6 +143,6 @@ def test_counts_are_logged_and_the_program_decides_whether_they_are_shown(caplog
     places = poses.position_m.copy()
     places[::50] = np.nan
     with caplog.at_level(logging.INFO, "contact_tracker"):
-        ct.Trajectory.from_arrays(poses.stamp_ns, places, poses.quat_xyzw, time_unit="ns")
+        ct.Trajectory.from_arrays(poses.stamp_ns, places, poses.quat_xyzw, unit="ns")
     assert caplog.messages == ["poses: noted: nonfinite 4"]
     assert logging.getLogger("contact_tracker").level == logging.NOTSET

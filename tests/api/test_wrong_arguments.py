@@ -59,7 +59,7 @@ class Given(NamedTuple):
         return {"stamps": self.stamp_ns, "positions_m": self.position_m, "quaternions": self.quat_xyzw}
 
     def arrays(self, **changed: Any) -> ct.Trajectory:
-        return ct.Trajectory.from_arrays(**self.columns | {"time_unit": "ns"} | changed)
+        return ct.Trajectory.from_arrays(**self.columns | {"unit": "ns"} | changed)
 
     def measured(self, **changed: Any) -> ct.Wrenches:
         zeros = np.zeros((FEW, 3))
@@ -103,7 +103,7 @@ CALLS: dict[str, tuple[Callable[[Given], Callable[..., Any]], dict[str, tuple[An
         lambda given: given.arrays,
         {
             "order": (None, *NO_TEXTS),
-            "unit": NO_TEXTS,
+            "unit": (None, *NO_TEXTS),
             **{
                 name: tuple(lambda given, name=name, of=of: of(given.columns[name]) for of in NO_ARRAYS)
                 for name in ("stamps", "positions_m", "quaternions")

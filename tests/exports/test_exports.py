@@ -524,7 +524,7 @@ def test_an_output_can_be_read_and_segmented_again(folder, tmp_path) -> None:
     ]
     assert counts[0] == counts[1]
     trajectory = again.trajectory
-    alone = Trajectory.from_arrays(*(column[:400] for column in trajectory.poses.columns), time_unit="ns")
+    alone = Trajectory.from_arrays(*(column[:400] for column in trajectory.poses.columns), unit="ns")
     contact_tracker.segment(alone).to_mcap(tmp_path / "alone.mcap")
     with pytest.raises(contact_tracker.ContactTrackerError, match="topic='/contact/frames'"):
         contact_tracker.read(tmp_path / "alone.mcap")

@@ -134,7 +134,7 @@ def test_learn_once_use_at_once() -> None:
     assert not LearnedElements()
     assert not map_from({}).learned
     first = ct.segment(
-        ct.Trajectory.from_arrays(poses.stamp_ns, poses.position_m, poses.quat_xyzw, time_unit="ns")
+        ct.Trajectory.from_arrays(poses.stamp_ns, poses.position_m, poses.quat_xyzw, unit="ns")
     )
     assert len(first.map.object) >= 2
     rights = []

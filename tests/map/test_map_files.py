@@ -396,7 +396,7 @@ def test_a_block_beside_the_object_does_not_take_the_contacts_of_the_table() -> 
         "object": {"box": {"size_m": size_m.tolist()}},
     }
     poses = slid_and_tilted(np.random.default_rng(1), size_m)
-    trajectory = Trajectory.from_arrays(poses.stamp_ns, poses.position_m, poses.quat_xyzw, time_unit="ns")
+    trajectory = Trajectory.from_arrays(poses.stamp_ns, poses.position_m, poses.quat_xyzw, unit="ns")
     found = segment(trajectory, known=known)
     assert [one.contact.value for one in found.segments] == ["f-f", "e-f"]
     assert all(one.probability > 0.9 for one in found.segments)

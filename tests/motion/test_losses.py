@@ -82,7 +82,7 @@ def test_it_comes_before_the_results_or_as_soon_as_it_is_seen(
 def test_from_arrays_and_online() -> None:
     quat_xyzw = scaled(POSES.quat_xyzw)
     quat_xyzw[:100] = POSES.quat_xyzw[:100]
-    found = Trajectory.from_arrays(POSES.stamp_ns, POSES.position_m, quat_xyzw, time_unit="ns")
+    found = Trajectory.from_arrays(POSES.stamp_ns, POSES.position_m, quat_xyzw, unit="ns")
     assert "300 of 400 poses" in found.damage
     tracker = Tracker()
     for stamp, position, quat in zip(POSES.stamp_ns.tolist(), POSES.position_m, quat_xyzw, strict=True):

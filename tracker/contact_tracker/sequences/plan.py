@@ -71,7 +71,10 @@ class Plan:
     def read(cls, path: str) -> "Plan":
         """The plan in a TOML file (docs/assembly.md); raises UsageError."""
         try:
-            keys = Keys(read_table(path_from(path)))
+            content = read_table(path_from(path))
+            keys = Keys(content)
+            if "tolerance" in content:
+                raise keys.wrong("tolerance", "is called duration_sd now")
             duration_sd = keys.number("duration_sd", DURATION_SD, _LEAST_DURATION_SD, 1.0)
             rows = keys.tables("step")
             keys.finish()

@@ -16,6 +16,7 @@ from contact_tracker.config.table_reading import (
     POSITION,
     QUATERNION,
     TIME,
+    TIME_UNITS_NS,
     TableReading,
     reading_of,
 )
@@ -33,7 +34,10 @@ _ORDERS: Final = {"xyzw": (0, 1, 2, 3), "wxyz": (1, 2, 3, 0)}
 
 
 def stated(unit: Any = None, time_unit: Any = None, **options: Any) -> TableReading:
-    """The reading of a table that arguments state; raises UsageError."""
+    """The reading of a table that arguments state; raises UsageError. A ``unit`` of time counts as
+    ``time_unit``, as in earlier versions."""
+    if isinstance(unit, str) and unit in TIME_UNITS_NS and time_unit is None:
+        unit, time_unit = None, unit
     try:
         return reading_of(unit=unit, time_unit=time_unit, **options)
     except (TypeError, ValueError) as error:
