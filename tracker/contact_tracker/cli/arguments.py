@@ -23,8 +23,8 @@ from contact_tracker.states import states_from
 if TYPE_CHECKING:
     from contact_tracker.config.parameters import Model
     from contact_tracker.ground_truth import Truth
+    from contact_tracker.map.elements import LearnedElements
     from contact_tracker.map.map import Map
-    from contact_tracker.map.world_map import GrowingMap
     from contact_tracker.recording import PoseLog
     from contact_tracker.wrenches.contact_evidence import WrenchEvidence
 
@@ -263,12 +263,10 @@ def check_map_out(args: argparse.Namespace, known_map: "Map") -> None:
     check_output(args.map_out, True, read, written=[args.output])
 
 
-def write_map(path: Path, world: "GrowingMap | None") -> None:
+def write_map(path: Path, learned: "LearnedElements") -> None:
     """Write the learned elements of a map, and print their number."""
-    from contact_tracker.map.elements import NOTHING_LEARNED
     from contact_tracker.map.file import write_learned
 
-    learned = NOTHING_LEARNED if world is None else world.learned
     if not learned:
         warn(f"{path} is not written: no contact is sure enough to learn from")
         return

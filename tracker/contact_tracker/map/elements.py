@@ -209,6 +209,8 @@ def with_offset(
     return replace(body, place_m=np.array([offset])), world
 
 
+MOST_CORNERS: Final = 24
+"""Largest number of points around a touched region."""
 ANYWHERE_M: Final = 1.0
 """Standard deviation of places that nothing is known of, for users."""
 
@@ -222,11 +224,15 @@ class LearnedElements:
     elements : in order of their keys.
     counts : how many contacts touched each.
     information : (P, P) on the free coordinates of all elements, in the order of these.
+    extents : points (N, 3) around the touched region of faces and edges, where they are known.
+    outward : normals (3,) of faces out of the bodies that they bound, where the motion shows the side.
     """
 
     elements: Mapping[Key, MapElement] = field(default_factory=dict)
     counts: Mapping[Key, int] = field(default_factory=dict)
     information: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    extents: Mapping[Key, Array] = field(default_factory=dict)
+    outward: Mapping[Key, Array] = field(default_factory=dict)
 
     def __bool__(self) -> bool:
         return bool(self.elements)
@@ -266,6 +272,27 @@ class LearnedElements:
         sound = (axes * np.maximum(values, 0.0)) @ axes.T
         return replace(self, information=sound / (sd[:, None] * sd))
 
+    def of_side(self, side: int, reach_m: float) -> "LearnedElements":
+        """The elements of one side, whatever those of the other are."""
+        sizes = [element.size for element in self.elements.values()]
+        is_of_side = np.repeat(np.array([key[0] == side for key in self.elements], bool), sizes)
+        rest = ~is_of_side
+        full = self.information + np.diag(rest / self.weak(reach_m))
+        cross = full[np.ix_(is_of_side, rest)]
+        information = full[np.ix_(is_of_side, is_of_side)]
+        information = information - cross @ np.linalg.solve(full[np.ix_(rest, rest)], cross.T)
+        elements = {key: element for key, element in self.elements.items() if key[0] == side}
+        counts = {key: self.counts[key] for key in elements}
+        return LearnedElements(elements, counts, information).with_sides(self)
+
+    def with_sides(self, source: "LearnedElements") -> "LearnedElements":
+        """The same with the extents and outward normals that ``source`` has of the elements."""
+        extents, outward = (
+            {key: value for key, value in values.items() if key in self.elements}
+            for values in (source.extents, source.outward)
+        )
+        return replace(self, extents=extents, outward=outward)
+
     def shifted(self, origins: Origins) -> "LearnedElements":
         """The same in frames in which the present origins are at ``origins``."""
         elements, back = dict(self.elements), np.eye(len(self.information))
@@ -277,7 +304,9 @@ class LearnedElements:
             elements[side, number] = replace(element, place_m=element.place_m + element.direction @ by_m)
             # the offset changes with the normal, too
             back[rows.stop - 1, rows.start : rows.start + 2] = -by_m @ sphere_tangent(element.direction)
-        return replace(self, elements=elements, information=back.T @ self.information @ back)
+        shifts_m = origins.body_m, origins.world_m
+        extents = {key: points_m + shifts_m[key[0]] for key, points_m in self.extents.items()}
+        return replace(self, elements=elements, information=back.T @ self.information @ back, extents=extents)
 
 
 NOTHING_LEARNED = LearnedElements()
