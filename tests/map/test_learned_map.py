@@ -13,12 +13,15 @@ from test_map import BOTTOM, CORNER, EDGE, REACH_M, TABLE, seen, unshared
 
 import contact_tracker as ct
 from contact_tracker.errors import KnowledgeError
-from contact_tracker.geometry.elements import Origins, Plane
+from contact_tracker.geometry.elements import ContactGeometry, Origins, Plane
 from contact_tracker.map.elements import ANYWHERE_M, LearnedElements, MapElement
 from contact_tracker.map.file import learned_text, map_from
 from contact_tracker.map.world_map import MOST_LEARNED, GrowingMap
+from contact_tracker.segmenting import with_offsets
 from contact_tracker.states import Contact
+from contact_tracker.tracking.belief import Segment
 from contact_tracker.tracking.filter_bank import map_findings, map_use
+from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker_lab.simulate import Simulated
 from mcap_logs import smooth_poses
 from short_recordings import FACE_TO_EDGE, recorded, true_contacts
@@ -97,6 +100,29 @@ def test_what_is_known_is_touched_again() -> None:
     assert not map_findings(same)
     used = "the learned map is used: of 1 sure contacts 1 touch its elements of the object, 1 those of the"
     assert map_use(same) == f"{used} surroundings"
+
+
+def test_face_on_face_has_the_offsets_of_the_map() -> None:
+    """Where other contacts have shown them, and the side of both faces."""
+    prior = with_sides(grown().learned)
+    origins = Origins(ORIGIN_M, np.zeros(3))
+    sighting = replace(seen(Contact.FF, (BOTTOM, TABLE), 0), stamp_ns=100)
+    wide = np.diag([1e-6, 1e-6, 0.0, 0.09])
+    height_m = BOTTOM.place_m[0] - TABLE.place_m[0]
+    flush = ContactGeometry(Plane(-BOTTOM.direction, 0.0, wide), Plane(TABLE.direction, height_m, wide))
+    segment = Segment(10, 90, Contact.FF, 0.9, flush)
+    for learned, is_known in ((prior, True), (replace(prior, outward={}), False)):
+        world = GrowingMap(REACH_M).with_prior(learned).at_origins(origins).insert(sighting)
+        ((body, environment),) = [
+            (one.geometry.object, one.geometry.environment)
+            for one in with_offsets(Segmentation((segment,)), world).segments
+        ]
+        assert (body is not flush.object) == is_known
+        if is_known:
+            offsets_m = body.offset_m, environment.offset_m - ORIGIN_M[2]
+            np.testing.assert_allclose(offsets_m, (-BOTTOM.place_m[0], TABLE.place_m[0]), atol=5e-3)
+            assert not any(ContactGeometry(body, environment).has_open_offset)
+            assert 1e-4 < np.sqrt(body.covariance[3, 3]) < 5e-3
 
 
 @pytest.mark.parametrize(

@@ -41,10 +41,10 @@ CONVERGED: Final = 1e-7
 DROPPED_NATS: Final = 7.5
 """Evidence against the prior's elements of a side by which they are dropped: a contact that they do not
 explain costs the price of a new element, 5 nats with ten contacts known and 2.5 with two, and one that they
-explain gains tens. The least sum on 16 recordings of everyday handling is -4.5 with a map of their scene, with
-a map of another one -2.4 to -6.9 for the object and 1 to -18 for the surroundings."""
+explain gains tens. The least sum on 16 recordings of everyday handling is -4.5 with a map of their scene, and
+with another one -2.4 to -6.9 for the object and 1 to -18 for the surroundings."""
 FEW_CONTACTS: Final = 3
-"""Contacts of which one touches what is known of each side, on 14 of these 16 recordings."""
+"""Contacts of which one touches what is known of each side, on all but one of these 16 recordings."""
 MARGIN_S: Final = 1.0
 """Time before a contact in which the next pass may begin the same contact."""
 
