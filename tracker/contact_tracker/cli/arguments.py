@@ -120,11 +120,13 @@ def _without_reading(words: Sequence[str], parser: argparse.ArgumentParser) -> I
 
 
 def add_labels(parser: argparse.ArgumentParser, text: str) -> None:
-    """``--labels`` and ``--map``."""
+    """``--labels`` and ``--meaning``, which was ``--map``."""
     text = f"{text}: start, end and contact, in s since the first pose or as stamps"
     parser.add_argument("--labels", metavar="FILE", help=text)
     text = "states of a label: touch=any, flat='f-f|e-f', or ? for one that is not scored"
-    parser.add_argument("--map", action="append", default=[], metavar="LABEL=STATES", help=text)
+    options: dict[str, Any] = {"action": "append", "default": [], "metavar": "LABEL=STATES"}
+    parser.add_argument("--meaning", help=text, **options)
+    parser.add_argument("--map", dest="meaning", help=argparse.SUPPRESS, **options)
 
 
 def load_labels(args: argparse.Namespace, log: str) -> "Truth":
@@ -138,7 +140,7 @@ def load_labels(args: argparse.Namespace, log: str) -> "Truth":
     if not poses.valid:
         raise poses.no_poses(log)
     stamps = poses.first_ns, poses.last_ns
-    truth, text = read_labels(args.labels, *stamps, meanings_of(args.map), "--map '{}=any'".format)
+    truth, text = read_labels(args.labels, *stamps, meanings_of(args.meaning), "--meaning '{}=any'".format)
     say(text)
     return truth
 

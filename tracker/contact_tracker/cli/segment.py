@@ -140,7 +140,7 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError("--rows needs -o FILE")
     jobs = list_jobs(args)
     is_figure = args.output is not None and args.output.suffix.lower() in FIGURES
-    if (args.labels is not None or args.map) and not (args.labels and is_figure and len(jobs) == 1):
+    if (args.labels is not None or args.meaning) and not (args.labels and is_figure and len(jobs) == 1):
         raise UsageError("--labels FILE needs a single LOG and -o FILE.png, .pdf or .svg; evaluate compares")
     if args.graph and (args.labels is not None or not is_figure):
         raise UsageError("--graph needs -o FILE.png, .pdf or .svg, without --labels")

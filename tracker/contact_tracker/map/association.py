@@ -21,7 +21,7 @@ from scipy.special import gammaln
 
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel, face_face
 from contact_tracker.geometry.elements import Array, Element, Line, Pair, Plane, Point, nearest
-from contact_tracker.geometry.linalg import EYE, sphere_tangent
+from contact_tracker.geometry.linalg import EYE
 from contact_tracker.hmm import log_sum_exp
 from contact_tracker.map.elements import (
     SHIFTS,
@@ -290,7 +290,7 @@ class MapView:
             elements[side, ~number], slots[side, ~number] = MapElement.of(Point(foot_m)), slice(end, end + 3)
             by_known.append(np.zeros((3, len(self.covariance))))
             by_known[-1][:, self.slots[side, number]] = by_free
-            rows, across = self.slots[side, number], sphere_tangent(element.direction)
+            rows, across = self.slots[side, number], element.across
             turns = self.covariance[rows, rows][:2, :2]  # they move what is away from the foot
             if element.kind == "e":
                 free.append(reach_m**2 * (along + across @ turns @ across.T))

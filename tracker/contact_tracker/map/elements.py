@@ -7,7 +7,7 @@ contact's parameters x have senses, which ``Sighting`` and ``pairs`` choose.
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import cache, cached_property
 from math import inf, sqrt
 from typing import Final
 
@@ -62,6 +62,11 @@ class MapElement:
         kind, values = kind_of(element), numbers(element)
         return cls(kind, np.zeros(3), values) if kind == "v" else cls(kind, values[:3], values[3:])
 
+    @cached_property
+    def across(self) -> Array:
+        """Two directions (3, 2) across its own, in which it can turn."""
+        return sphere_tangent(self.direction)
+
     @property
     def size(self) -> int:
         """Number of free coordinates."""
@@ -71,7 +76,7 @@ class MapElement:
         """The element moved by a change of its free coordinates (P,)."""
         if self.kind == "v":
             return replace(self, place_m=self.place_m + change)
-        across, turn, shift = sphere_tangent(self.direction), change[:2], change[2:]
+        across, turn, shift = self.across, change[:2], change[2:]
         moved_m = self.place_m + (across @ shift if self.kind == "e" else shift)
         return MapElement(self.kind, unit(self.direction + across @ turn), moved_m)
 
@@ -79,9 +84,7 @@ class MapElement:
         """Change (P,) of the free coordinates from this element to another one nearby."""
         if self.kind == "v":
             return np.asarray(other.place_m - self.place_m)
-        across, sense = sphere_tangent(self.direction), 1.0
-        if self.direction @ other.direction < 0.0:
-            sense = -1.0
+        across, sense = self.across, -1.0 if self.direction @ other.direction < 0.0 else 1.0
         turn = across.T @ (sense * other.direction)
         if self.kind == "f":
             return np.append(turn, sense * other.place_m - self.place_m)
@@ -94,7 +97,7 @@ class MapElement:
         coordinates; of an edge with its point nearest to ``near_m``, which moves only across it."""
         if self.kind == "v":
             return self.place_m, EYE
-        across, place_m = sphere_tangent(self.direction), self.place_m
+        across, place_m = self.across, self.place_m
         by_free = np.zeros((3 + len(place_m), self.size))
         by_free[:3, :2], by_free[3:, 2:] = across, across if self.kind == "e" else 1.0
         if self.kind == "e" and near_m is not None:
@@ -303,7 +306,7 @@ class LearnedElements:
                 continue
             elements[side, number] = replace(element, place_m=element.place_m + element.direction @ by_m)
             # the offset changes with the normal, too
-            back[rows.stop - 1, rows.start : rows.start + 2] = -by_m @ sphere_tangent(element.direction)
+            back[rows.stop - 1, rows.start : rows.start + 2] = -by_m @ element.across
         shifts_m = origins.body_m, origins.world_m
         extents = {key: points_m + shifts_m[key[0]] for key, points_m in self.extents.items()}
         return replace(self, elements=elements, information=back.T @ self.information @ back, extents=extents)

@@ -133,9 +133,10 @@ class GrowingMap:
         """The map with one more sighting, which replaces an earlier one with the same first tick.
 
         If the prior's elements of a side make the sightings far less probable, they are of another object or
-        place, and are dropped.
+        place, and are dropped. Once both sides are as probable as that is improbable, they are not tested.
         """
-        if not self.prior:
+        totals = np.sum([(0.0, 0.0), *self.prior_log_odds.values()], axis=0)
+        if not self.prior or totals.min() > DROPPED_NATS:
             return self._insert(sighting)
         bare = [self._without_prior(side) for side in (0, 1)]
         with_prior, *without = (
