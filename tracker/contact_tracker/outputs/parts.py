@@ -211,11 +211,9 @@ class KnownParts:
         learned, poses, extent = world.learned, Poses.join(self._poses), self.extent(world)
         if extent is UNKNOWN_EXTENT:
             extent = replace(extent, radius_m=0.0)
-        elements, places, sides = learned.known, dict[Key, list[Array]](), dict[Key, set[float]]()
-        for key, points_m in learned.extents.items():
-            places[key] = [points_m]
-        for key, normal in learned.outward.items():
-            sides[key] = {float(np.sign(normal @ learned.elements[key].direction))}
+        elements, directions = learned.known, {key: e.direction for key, e in learned.elements.items()}
+        places = {key: [points_m] for key, points_m in learned.extents.items()}
+        sides = {key: {float(np.sign(way @ directions[key]))} for key, way in learned.outward.items()}
         for start_ns, end_ns, keys in world.touches:
             if not elements.keys() >= {*keys}:
                 continue
@@ -230,10 +228,10 @@ class KnownParts:
             extents={
                 key: _corners(elements[key], np.concatenate(places[key]))
                 for key in places
-                if not isinstance(elements[key], Point)
+                if not isinstance(elements[key], Point) and not _is_open(elements[key])
             },
             outward={
-                key: sum(signs) * learned.elements[key].direction
+                key: sum(signs) * directions[key]
                 for key, signs in sides.items()
                 if abs(sum(signs)) == 1.0  # shown, and not contradicted
             },
