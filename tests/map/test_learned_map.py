@@ -12,11 +12,13 @@ from scipy.spatial.transform import Rotation
 from test_map import BOTTOM, CORNER, EDGE, REACH_M, TABLE, seen, unshared
 
 import contact_tracker as ct
+from contact_tracker.cli.main import run
 from contact_tracker.errors import KnowledgeError
 from contact_tracker.geometry.elements import ContactGeometry, Origins, Plane
 from contact_tracker.map.elements import ANYWHERE_M, LearnedElements, MapElement
 from contact_tracker.map.file import learned_text, map_from
 from contact_tracker.map.world_map import MOST_LEARNED, GrowingMap
+from contact_tracker.recording import write_recording
 from contact_tracker.segmenting import with_offsets
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Segment
@@ -225,6 +227,23 @@ def assert_true_sides(learned: LearnedElements, recording: Simulated) -> None:
         np.testing.assert_allclose(corners_m @ face.normal, face.offset_m, atol=5e-3)
         if key[0] == 0:
             assert np.ptp(corners_m, axis=0).max() < 1.5 * size_m
+
+
+@pytest.mark.long
+def test_commands_pass_a_map_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """``segment`` writes it, whatever else it writes, and ``live`` goes on learning."""
+    log, scene = str(tmp_path / "log.mcap"), str(tmp_path / "scene.toml")
+    recording = recorded(FACE_TO_EDGE)
+    write_recording(log, recording.poses, None, {})
+    output = ["-o", str(tmp_path / "ticks.csv"), "--rows", "ticks"]
+    assert run(["segment", log, "--map-out", scene, *output]) == 0
+    first = ct.Map.load(scene).learned
+    assert_true_sides(first, recording)
+    assert run(["live", log, "--known", scene, "--map-out", scene]) == 0
+    assert "sure contacts" in capsys.readouterr().err
+    both = ct.Map.load(scene).learned
+    assert sum(both.counts.values()) > sum(first.counts.values())
+    assert_true_sides(both, recording)
 
 
 def test_learn_once_use_at_once() -> None:
