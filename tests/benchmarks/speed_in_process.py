@@ -145,14 +145,9 @@ def filled(learned: LearnedElements, rng: np.random.Generator) -> LearnedElement
         place_m = rng.normal(0.0, 0.3, 1 if kind == "f" else 3)
         key = number % 2, 1 + max(n for _, n in elements)
         elements[key] = MapElement(kind, direction * (kind != "v"), place_m)
-    sizes = [element.size for element in elements.values()]
-    information = 1e6 * np.eye(sum(sizes))
-    information[: len(learned.information), : len(learned.information)] = learned.information
-    order, ends = sorted(elements), np.cumsum(sizes)
-    rows = dict(zip(elements, (np.arange(e - n, e) for n, e in zip(sizes, ends, strict=True)), strict=True))
-    taken = np.concatenate([rows[key] for key in order])
-    counts = {key: learned.counts.get(key, 1) for key in order}
-    return LearnedElements({key: elements[key] for key in order}, counts, information[np.ix_(taken, taken)])
+    known, information = len(learned.information), 1e6 * np.eye(sum(e.size for e in elements.values()))
+    information[:known, :known] = learned.information
+    return LearnedElements(elements, {key: learned.counts.get(key, 1) for key in elements}, information)
 
 
 Stream = tuple[TickGrid, ContactFilter]

@@ -224,7 +224,7 @@ class LearnedElements:
 
     Parameters
     ----------
-    elements : in order of their keys.
+    elements : faces, edges and vertices by their keys.
     counts : how many contacts touched each.
     information : (P, P) on the free coordinates of all elements, in the order of these.
     extents : points (N, 3) around the touched region of faces and edges, where they are known.

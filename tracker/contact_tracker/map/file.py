@@ -446,16 +446,7 @@ def learned_from(keys: Keys) -> LearnedElements:
     keys.finish()
     if not rows:
         return NOTHING_LEARNED
-    learned = _sound(LearnedElements(elements, counts, information))
-    order = sorted(elements)
-    taken = np.concatenate([np.arange(learned.slots[key].start, learned.slots[key].stop) for key in order])
-    return LearnedElements(
-        {key: elements[key] for key in order},
-        {key: counts[key] for key in order},
-        learned.information[np.ix_(taken, taken)],
-        extents,
-        outward,
-    )
+    return _sound(LearnedElements(elements, counts, information, extents, outward))
 
 
 def _one_of(keys: Keys, key: str, choices: tuple[str, ...]) -> str:
