@@ -390,9 +390,9 @@ class MapView:
         """The elements of the last contact, or where the contact of ``model`` needs another kind, elements of
         it that are incident with these; None if it needs the same kinds.
 
-        A contact that gains or loses a constraint keeps its elements or changes to incident ones. Without this
-        prior, labels of six sequences are right for 0.830 of the time online instead of 0.853, and four hard
-        recordings surely wrong for 0.037 of the time offline instead of 0.010.
+        A contact that gains or loses a constraint keeps its elements or changes to incident ones. Without
+        this prior, labels of six sequences are right for 0.830 of the time online instead of 0.853, and
+        four hard recordings surely wrong for 0.037 of the time offline instead of 0.010.
         """
         kinds = kinds_of(model)
         if self.latest is None or all(
