@@ -222,7 +222,7 @@ class KnownParts:
             free_sides = _free_sides(touch, poses, points, world.touches)
             for key, points_m, side in zip(keys, points, free_sides, strict=True):
                 places.setdefault(key, []).append(points_m)
-                sides.setdefault(key, set()).add(side)
+                sides.setdefault(key, set()).update(side)
         return replace(
             learned,
             extents={
@@ -333,9 +333,9 @@ def _free_sides(
     poses: Poses,
     points: tuple[Array, Array],
     touches: Iterable[tuple[int, int, tuple[Key, Key]]],
-) -> tuple[float, float]:
-    """Of each element of a contact that is a face, the side of the space in front of it: 1 along its normal,
-    -1 opposite, 0 if the motion does not show it; ``points`` as of ``_touched_points``.
+) -> tuple[set[float], set[float]]:
+    """Of each element of a contact that is a face, the sides of the space in front of it: 1 along its normal,
+    -1 opposite, both if the motion contradicts itself; ``points`` as of ``_touched_points``.
 
     It is the side to which the touching element leaves the face, or from which it came, but not while the
     object touches something else: it may then hang over the edge of the face.
@@ -345,31 +345,30 @@ def _free_sides(
     rotation, position_m = around.rotation, around.position_m
     during = (around.stamp_ns >= touch.start_ns) & (around.stamp_ns <= touch.end_ns)
 
-    def side(heights_m: Array, key: Hashable) -> float:
+    def side(heights_m: Array, key: Hashable) -> set[float]:
         if not during.any():
-            return 0.0
+            return set()
         heights_m = heights_m - np.median(heights_m[during])
         for start_ns, end_ns, keys in touches:
             if key not in keys:
                 heights_m = np.where(
                     (around.stamp_ns < start_ns) | (around.stamp_ns > end_ns), heights_m, 0.0
                 )
-        high_m, low_m = float(heights_m.max()), -float(heights_m.min())
-        if max(high_m, low_m) < _LIFTED_M or max(high_m, low_m) < _ONE_SIDED * min(high_m, low_m):
-            return 0.0
-        return 1.0 if high_m > low_m else -1.0
+        left_m = {1.0: float(heights_m.max()), -1.0: -float(heights_m.min())}
+        least_m = max(_LIFTED_M, max(left_m.values()) / _ONE_SIDED)
+        return {sign for sign, by_m in left_m.items() if by_m >= least_m}
 
     in_body, in_world = (part.mean(axis=0) for part in points)
     world_side = (
         side((rotation @ in_body + position_m) @ world.normal, touch.keys[1])
         if isinstance(world, Plane)
-        else 0.0
+        else set[float]()
     )
     if not isinstance(body, Plane):
-        return 0.0, world_side
+        return set(), world_side
     if isinstance(world, Plane):  # they face each other
         facing = np.median(rotation @ body.normal @ world.normal)
-        return -world_side * float(np.sign(facing)), world_side
+        return {-sign * float(np.sign(facing)) for sign in world_side}, world_side
     return side(
         np.einsum("nij,ni->nj", rotation, in_world - position_m) @ body.normal, touch.keys[0]
     ), world_side
