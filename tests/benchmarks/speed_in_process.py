@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Iterator
 from copy import copy
+from functools import partial
 from pathlib import Path
 from statistics import median
 from typing import Final
@@ -12,10 +13,15 @@ import numpy as np
 from contact_tracker.arrays import Array
 from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import Model
+from contact_tracker.geometry.linalg import unit
+from contact_tracker.map.elements import LearnedElements, MapElement
+from contact_tracker.map.map import EMPTY_MAP, Map
+from contact_tracker.map.world_map import MOST_LEARNED
 from contact_tracker.motion.pose_validation import PoseGate
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.tick_averaging import TickGrid
 from contact_tracker.recording import open_log
+from contact_tracker.segmenting import OfflineTracker
 from contact_tracker.tracker import Tracker
 from contact_tracker.tracking.belief import Detail
 from contact_tracker.tracking.contact_filter import ContactFilter
@@ -93,6 +99,55 @@ def track(log: Path, model: Model) -> Array:
             taken_s.append(now_s - begin_s)
             begin_s = now_s
     return np.array(taken_s)
+
+
+def mapping(setup: Setup) -> list[Figure]:
+    """Time per tick with a map of as many elements as a file holds, relative to that without a map, and time
+    of all passes of ``segment`` relative to that of the first one, for the log and two takes of a mug.
+
+    The map has the elements of the log, so that contacts agree with it, and others at random. Both are
+    tracked alternately, tick by tick, as in ``growing``.
+    """
+    model, poses = load_model(setup.model), Poses.collect(open_log(str(setup.log)))
+    tracker = OfflineTracker(model)
+    for _ in tracker.pieces(poses):
+        pass
+    assert tracker.map is not None
+    known_map = Map(learned=filled(tracker.map.learned, np.random.default_rng(0)))
+    runs = []
+    for _ in range(setup.runs):
+        streams = [(TickGrid(model), ContactFilter.start(model, known_map=m)) for m in (EMPTY_MAP, known_map)]
+        runs.append(list(zip(*(costs(stream, poses) for stream in streams), strict=False)))
+    without, within = np.median(np.array(runs), axis=0).mean(axis=0)  # of (runs, ticks, 2)
+    figures = [Figure(f"a map of {MOST_LEARNED} elements: a tick", float(within / without), "x", "<= 1.5")]
+    takes = [setup.log.with_name(f"mug_{take}_take.mcap") for take in ("first", "second")]
+    for log in (setup.log, *takes):
+        poses = Poses.collect(open_log(str(log)))
+        first, passes = (
+            cpu_s(partial(segment, model, poses, uses_map), setup.runs) for uses_map in (False, True)
+        )
+        figures.append(Figure(f"{log.stem}: passes with a map", passes / first, "x", "<= 2.2"))
+    return figures
+
+
+def segment(model: Model, poses: Poses, uses_map: bool) -> None:
+    """Segment poses, with passes with a map or in a single one."""
+    for _ in OfflineTracker(model, uses_map=uses_map).pieces(poses):
+        pass
+
+
+def filled(learned: LearnedElements, rng: np.random.Generator) -> LearnedElements:
+    """The elements with others at random, up to ``MOST_LEARNED``, each touched once and known to a
+    millimetre."""
+    elements = dict(learned.elements)
+    for number in range(MOST_LEARNED - len(elements)):
+        kind, direction = "fev"[number // 2 % 3], unit(rng.normal(size=3))
+        place_m = rng.normal(0.0, 0.3, 1 if kind == "f" else 3)
+        key = number % 2, 1 + max(n for _, n in elements)
+        elements[key] = MapElement(kind, direction * (kind != "v"), place_m)
+    known, information = len(learned.information), 1e6 * np.eye(sum(e.size for e in elements.values()))
+    information[:known, :known] = learned.information
+    return LearnedElements(elements, {key: learned.counts.get(key, 1) for key in elements}, information)
 
 
 Stream = tuple[TickGrid, ContactFilter]

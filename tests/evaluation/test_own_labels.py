@@ -121,7 +121,7 @@ def test_a_result_and_the_command_compare_with_labels(
     log = write_log(tmp_path / "a.mcap", [poses_topic(poses, "/a")])
     labels = tmp_path / "labels.csv"
     labels.write_text("start,end,contact\n0,0.5,touch\n0.5,0.9,air\n")
-    options = ["--map", "touch=any", "--map", "air=free"]
+    options = ["--meaning", "touch=any", "--map", "air=free"]  # its former name
     assert run(["evaluate", str(log), "--labels", str(labels), *options, "--json"]) == 0
     shown = capsys.readouterr()
     assert "the times of its 2 labels are taken since the first pose" in shown.err
@@ -171,7 +171,7 @@ def test_labels_of_a_figure_are_read_before_any_work(
     poses = smooth_poses(400)
     slow = replace(poses, stamp_ns=poses.stamp_ns[0] + np.arange(400) * 10**9 // 4)  # labels go on for 99 s
     log = write_log(tmp_path / "a.mcap", [poses_topic(slow, "/a")])
-    labels, words = tmp_path / "labels.csv", ["--map", "touch$\\frac$=any", "-o", str(tmp_path / "a.svg")]
+    labels, words = tmp_path / "labels.csv", ["--meaning", "touch$\\frac$=any", "-o", str(tmp_path / "a.svg")]
     labels.write_text("start,end,contact\n0,1.5,touch$\\frac$\n90,99,free\n")
     command = ["segment", str(log), "--labels", str(labels), "--duration", "2", *words]
     assert run(command) == 0, capsys.readouterr().err
@@ -183,6 +183,6 @@ def test_labels_of_a_figure_are_read_before_any_work(
     monkeypatch.setattr("contact_tracker.segmenting.OfflineTracker.pieces", refuse)
     labels.write_text("start,end,contact\n0,1.5,contct\n")
     assert run(command) == 2
-    assert "'contct' is no state: say which it is, as in --map 'contct=any': " in capsys.readouterr().err
+    assert "'contct' is no state: say which it is, as in --meaning 'contct=any': " in capsys.readouterr().err
     assert run(["segment", "-", *command[2:]]) == 2
     assert "--labels reads the recording twice" in capsys.readouterr().err

@@ -1,25 +1,34 @@
 """Maps that are learned from one recording and used with another."""
 
+import json
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
-from test_map import BOTTOM, CORNER, EDGE, OTHER_CORNER, REACH_M, SHELF, TABLE, seen, unshared
+from test_map import BOTTOM, CORNER, EDGE, REACH_M, TABLE, seen, unshared
 
 import contact_tracker as ct
+from contact_tracker.cli.main import run
 from contact_tracker.errors import KnowledgeError
-from contact_tracker.geometry.elements import Origins
-from contact_tracker.map.elements import LearnedElements, MapElement
+from contact_tracker.geometry.elements import ContactGeometry, Origins, Plane
+from contact_tracker.map.elements import ANYWHERE_M, LearnedElements, MapElement
 from contact_tracker.map.file import learned_text, map_from
 from contact_tracker.map.world_map import MOST_LEARNED, GrowingMap
+from contact_tracker.recording import write_recording
+from contact_tracker.segmenting import with_offsets
 from contact_tracker.states import Contact
-from contact_tracker.tracking.filter_bank import map_use
+from contact_tracker.tracking.belief import Segment
+from contact_tracker.tracking.filter_bank import map_findings, map_use
+from contact_tracker.tracking.segmentation import Segmentation
+from contact_tracker_lab.simulate import Simulated
 from mcap_logs import smooth_poses
 from short_recordings import FACE_TO_EDGE, recorded, true_contacts
 
+FACE = {"side": "object", "kind": "face", "touched": 1, "direction": [0, 0, 1], "offset_m": 0.1}
 ORIGIN_M = np.array([100.0, -20.0, 3.0])
 
 
@@ -34,8 +43,30 @@ def grown(body_m: NDArray[np.float64] | None = None) -> GrowingMap:
     return world
 
 
+def again() -> GrowingMap:
+    """An empty map with what was learned in the same frames."""
+    return GrowingMap(REACH_M).with_prior(grown().learned).at_origins(Origins(ORIGIN_M, np.zeros(3)))
+
+
+def with_sides(learned: LearnedElements) -> LearnedElements:
+    """What is learned, with a touched region of each element, and normals out of the bodies."""
+    ways = {key: element.direction for key, element in learned.elements.items() if element.kind == "f"}
+    corners_m = np.array([[0.1, 0.2, 0.3], [-0.1, 0.2, 0.3], [0.0, -0.3, 0.4]])
+    extents = {key: key[1] * corners_m for key, element in learned.elements.items() if element.kind != "v"}
+    return replace(
+        learned, extents=extents, outward={key: (-1.0) ** key[0] * way for key, way in ways.items()}
+    )
+
+
+def assert_same_sides(learned: LearnedElements, expected: LearnedElements) -> None:
+    for values, true in ((learned.extents, expected.extents), (learned.outward, expected.outward)):
+        assert len(values) == len(true) > 1
+        for key, value in zip(values, sorted(true), strict=True):
+            np.testing.assert_allclose(values[key], true[value], atol=1e-9)
+
+
 def test_a_file_has_all_that_is_known(tmp_path: Path) -> None:
-    learned = grown().learned
+    learned = with_sides(grown().learned)
     path = tmp_path / "scene.toml"
     ct.Map(learned=learned).save(path)
     again = ct.Map.load(path).learned
@@ -45,14 +76,16 @@ def test_a_file_has_all_that_is_known(tmp_path: Path) -> None:
         assert one.kind == other.kind
         np.testing.assert_allclose(one.direction, other.direction, atol=1e-6)
         np.testing.assert_allclose(one.place_m, other.place_m, atol=1e-12)
+    assert_same_sides(again, learned)
 
 
 @pytest.mark.parametrize("body_m", [np.zeros(3), np.array([0.3, -2.0, 1.0])])
 def test_the_origins_of_a_recording_do_not_matter(body_m: NDArray[np.float64]) -> None:
     """What is learned is in the frames of the world and the body, and a map that begins with it says the
     same."""
-    world = grown(body_m)
-    again = GrowingMap(REACH_M).with_prior(world.learned).at_origins(Origins(ORIGIN_M, body_m))
+    world, learned = grown(body_m), with_sides(grown(body_m).learned)
+    again = GrowingMap(REACH_M).with_prior(learned).at_origins(Origins(ORIGIN_M, body_m))
+    assert_same_sides(again.learned, learned)
     np.testing.assert_allclose(again.whole.covariance, world.whole.covariance, rtol=1e-4, atol=1e-9)
     elsewhere = GrowingMap(REACH_M).with_prior(world.learned).at_origins(Origins.zero())
     table = next(one for key, one in elsewhere.elements.items() if key[0] == 1 and one.kind == "f")
@@ -62,23 +95,69 @@ def test_the_origins_of_a_recording_do_not_matter(body_m: NDArray[np.float64]) -
     )
 
 
-def test_what_is_known_is_touched_again_and_another_world_is_noticed() -> None:
+def test_what_is_known_is_touched_again() -> None:
+    same = again().insert(seen(Contact.VF, (CORNER, TABLE), 0, rng=np.random.default_rng(4)))
+    assert set(same.pairs[0]) <= set(same.prior.elements)
+    assert not same.untested_sides
+    assert not map_findings(same)
+    used = "the learned map is used: of 1 sure contacts 1 touch its elements of the object, 1 those of the"
+    assert map_use(same) == f"{used} surroundings"
+
+
+def test_face_on_face_has_the_offsets_of_the_map() -> None:
+    """Where other contacts have shown them, and the side of both faces."""
+    prior = with_sides(grown().learned)
+    origins = Origins(ORIGIN_M, np.zeros(3))
+    sighting = replace(seen(Contact.FF, (BOTTOM, TABLE), 0), stamp_ns=100)
+    wide = np.diag([1e-6, 1e-6, 0.0, 0.09])
+    height_m = BOTTOM.place_m[0] - TABLE.place_m[0]
+    flush = ContactGeometry(Plane(-BOTTOM.direction, 0.0, wide), Plane(TABLE.direction, height_m, wide))
+    segment = Segment(10, 90, Contact.FF, 0.9, flush)
+    for learned, is_known in ((prior, True), (replace(prior, outward={}), False)):
+        world = GrowingMap(REACH_M).with_prior(learned).at_origins(origins).insert(sighting)
+        ((body, environment),) = [
+            (one.geometry.object, one.geometry.environment)
+            for one in with_offsets(Segmentation((segment,)), world).segments
+        ]
+        assert (body is not flush.object) == is_known
+        if is_known:
+            offsets_m = body.offset_m, environment.offset_m - ORIGIN_M[2]
+            np.testing.assert_allclose(offsets_m, (-BOTTOM.place_m[0], TABLE.place_m[0]), atol=5e-3)
+            assert not any(ContactGeometry(body, environment).has_open_offset)
+            assert 1e-4 < np.sqrt(body.covariance[3, 3]) < 5e-3
+
+
+@pytest.mark.parametrize(
+    ("turn_rad", "moved_m", "unused", "text"),
+    [
+        (0.7, 0.05, (0, 1), "the learned map explains no contact"),
+        (0.0, 0.05, (0,), "what the learned map has of the object explains no contact"),
+        (0.7, 0.0, (1,), "what the learned map has of the surroundings explains no contact"),
+    ],
+)
+def test_another_object_or_place_is_noticed(
+    turn_rad: float, moved_m: float, unused: tuple[int, ...], text: str
+) -> None:
+    world, rng = again(), np.random.default_rng(4)
+    turn = Rotation.from_rotvec([turn_rad, 0.3 * turn_rad, 0.0])
+    for number in range(3):
+        face = MapElement("f", turn.apply(TABLE.direction), TABLE.place_m + turn_rad * number)
+        apart_m = moved_m * np.array([1.0, 1.0 + number, -2.0])
+        corner = MapElement("v", np.zeros(3), CORNER.place_m + apart_m)
+        world = world.insert(seen(Contact.VF, (corner, face), 100 * number, rng=rng))
+    assert world.unused_sides == unused
+    assert [finding.text.partition(",")[0] for finding in map_findings(world)] == [text]
+    assert {side for side, _ in world.prior.elements} >= {0, 1} - {*unused}
+
+
+def test_what_is_known_of_one_side_is_what_both_say_of_it() -> None:
     learned = grown().learned
-    rng = np.random.default_rng(4)
-    same = GrowingMap(REACH_M).with_prior(learned).at_origins(Origins(ORIGIN_M, np.zeros(3)))
-    same = same.insert(seen(Contact.VF, (CORNER, TABLE), 0, rng=rng))
-    assert set(same.pairs[0]) <= set(learned.elements)
-    assert not same.prior_is_dropped
-    assert map_use(same) == "the learned map is used: 1 of 1 sure contacts touch its elements"
-    other = GrowingMap(REACH_M).with_prior(learned).at_origins(Origins(ORIGIN_M, np.zeros(3)))
-    turn = Rotation.from_rotvec([0.7, 0.3, 0.0])
-    for number, corner in enumerate((CORNER, OTHER_CORNER, CORNER)):
-        wall = MapElement("f", turn.apply(SHELF.direction), SHELF.place_m + 0.1 * number)
-        moved = MapElement("v", np.zeros(3), corner.place_m + np.array([0.02, 0.01 * number, 0.05]))
-        other = other.insert(seen(Contact.VF, (moved, wall), 100 * number, rng=rng))
-    assert other.prior_is_dropped
-    assert not other.prior
-    assert not map_use(other)
+    for side in (0, 1):
+        of_side = learned.of_side(side, ANYWHERE_M)
+        rows = np.concatenate([np.r_[learned.slots[key]] for key in of_side.elements])
+        np.testing.assert_allclose(
+            of_side.covariance(), learned.covariance()[np.ix_(rows, rows)], rtol=1e-4, atol=1e-15
+        )
 
 
 @pytest.mark.parametrize(
@@ -90,6 +169,12 @@ def test_what_is_known_is_touched_again_and_another_world_is_noticed() -> None:
         ("information", [[1.7e308] * 17] * 17),
         ("element", [{"side": "left", "kind": "face"}]),
         ("element", [{"side": "object", "kind": "plane"}]),
+        ("element", [FACE | {"touched_m": []}]),
+        ("element", [FACE | {"touched_m": [[1, 2]]}]),
+        ("element", [FACE | {"touched_m": [[0, 0, 1e9]]}]),
+        ("element", [FACE | {"touched_m": [[0, 0, 0]] * 25}]),
+        ("element", [FACE | {"outward": [1, 0, 0]}]),
+        ("element", [FACE | {"kind": "vertex", "touched_m": [[0, 0, 0]]}]),
         ("information", (-1e6 * np.eye(17)).tolist()),  # of no Gaussian
     ],
 )
@@ -127,6 +212,40 @@ def test_free_motion_is_open_until_a_contact_agrees_with_the_map() -> None:
     assert belief.probability.max() < 0.9
 
 
+def assert_true_sides(learned: LearnedElements, recording: Simulated) -> None:
+    """Normals out of the bodies, and regions on the touched faces within the object's size."""
+    size_m = np.ptp(json.loads(recording.metadata["object_vertices_m"]), axis=0).max()
+    truth = recording.truth.intervals[0].geometry
+    assert truth is not None
+    faces = {key: element for key, element in learned.elements.items() if element.kind == "f"}
+    assert len(learned.outward) == len(faces) >= 2
+    for key, outward in learned.outward.items():
+        face = (truth.object, truth.environment)[key[0]]
+        assert isinstance(face, Plane)
+        np.testing.assert_allclose(outward, face.normal, atol=0.02)
+        corners_m = learned.extents[key]
+        np.testing.assert_allclose(corners_m @ face.normal, face.offset_m, atol=5e-3)
+        if key[0] == 0:
+            assert np.ptp(corners_m, axis=0).max() < 1.5 * size_m
+
+
+@pytest.mark.long
+def test_commands_pass_a_map_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """``segment`` writes it, whatever else it writes, and ``live`` goes on learning."""
+    log, scene = str(tmp_path / "log.mcap"), str(tmp_path / "scene.toml")
+    recording = recorded(FACE_TO_EDGE)
+    write_recording(log, recording.poses, None, {})
+    output = ["-o", str(tmp_path / "ticks.csv"), "--rows", "ticks"]
+    assert run(["segment", log, "--map-out", scene, *output]) == 0
+    first = ct.Map.load(scene).learned
+    assert_true_sides(first, recording)
+    assert run(["live", log, "--known", scene, "--map-out", scene]) == 0
+    assert "sure contacts" in capsys.readouterr().err
+    both = ct.Map.load(scene).learned
+    assert sum(both.counts.values()) > sum(first.counts.values())
+    assert_true_sides(both, recording)
+
+
 def test_learn_once_use_at_once() -> None:
     """The same contacts again, with the map of the first time: labels come sooner."""
     recording = recorded(FACE_TO_EDGE)
@@ -137,6 +256,7 @@ def test_learn_once_use_at_once() -> None:
         ct.Trajectory.from_arrays(poses.stamp_ns, poses.position_m, poses.quat_xyzw, unit="ns")
     )
     assert len(first.map.object) >= 2
+    assert_true_sides(first.map.learned, recording)
     rights = []
     for tracker in (ct.Tracker(), ct.Tracker(known=first.map)):
         found = [tracker.update(pose.stamp_ns, pose.position_m, pose.quat_xyzw) for pose in poses]

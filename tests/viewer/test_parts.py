@@ -15,6 +15,7 @@ from contact_tracker.explanations.joint_evidence import Joint
 from contact_tracker.explanations.joint_models import JointKind
 from contact_tracker.exports.formats import write_outcome
 from contact_tracker.geometry.elements import ContactGeometry, Line, Plane, Point
+from contact_tracker.map.association import ElementEstimate, Sighting
 from contact_tracker.map.elements import LearnedElements, MapElement
 from contact_tracker.map.file import map_from
 from contact_tracker.map.world_map import GrowingMap
@@ -101,6 +102,36 @@ def test_elements_of_a_map_are_drawn_where_they_are(poses, world) -> None:
     assert [(vertex.side, vertex.name), (face.side, face.name)] == [(0, "vertex 1"), (1, "face 2")]
     np.testing.assert_allclose(vertex.label_m, VERTEX_M)
     np.testing.assert_allclose(face.outline[0][:, 2], 0.5, atol=1e-9)
+    corners_m = np.array([[3.0, 0.0, 0.5], [4.0, 0.0, 0.5], [4.0, 2.0, 0.5]])
+    touched = replace(world, prior=replace(world.prior, extents={(1, 2): corners_m}))
+    _, patch = known_parts(Outcome(Trajectory(poses), Segmentation(), touched=touched))
+    np.testing.assert_allclose(patch.outline[0].min(axis=0), [3.0, 0.0, 0.5], atol=0.02)  # with a margin
+    np.testing.assert_allclose(patch.outline[0].max(axis=0), [4.0, 2.0, 0.5], atol=0.02)
+
+
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+def test_the_side_and_the_patch_of_a_face_are_those_of_the_motion(poses, sense) -> None:
+    """The corner slides 1 m along x on the face, whichever way its normal points, and rises."""
+    elements = {
+        (0, 1): MapElement("v", np.zeros(3), CORNER_M),
+        (1, 2): MapElement("f", sense * Z, np.zeros(1)),
+    }
+    touched = LearnedElements(elements, dict.fromkeys(elements, 1), 1e8 * np.eye(6))
+    estimate = ElementEstimate(
+        Contact.VF, np.zeros(7), np.zeros((7, 6)), np.zeros((6, 6)), np.zeros(6), np.eye(3)
+    )
+    sighting = Sighting(0, 20, estimate, int(poses.stamp_ns[0]), int(poses.stamp_ns[199]))
+    world = GrowingMap(0.3, (sighting,), {0: ((0, 1), (1, 2))}).with_prior(touched)
+    parts = KnownParts()
+    parts.add_poses(poses)
+    learned = parts.learned(world)
+    np.testing.assert_allclose(learned.outward[1, 2], Z)
+    ((key, corners_m),) = learned.extents.items()
+    assert key == (1, 2)
+    np.testing.assert_allclose(np.ptp(corners_m, axis=0), [1.0, 0.0, 0.0], atol=0.06)
+    parts = KnownParts()
+    parts.add_poses(poses[:200])  # without the motion off the face
+    assert not parts.learned(world).outward
 
 
 def test_joints_are_drawn_in_all_outputs(poses, tmp_path) -> None:

@@ -20,7 +20,7 @@ from contact_tracker.ground_truth import Truth
 from contact_tracker.map.map import Map as KnownMap
 from contact_tracker.offline import RecordedEvidence, evidence_as_given, evidence_of, segmented
 from contact_tracker.outputs.outcome import Outcome
-from contact_tracker.outputs.parts import Part, known_parts
+from contact_tracker.outputs.parts import KnownParts, Part, known_parts
 from contact_tracker.outputs.text import counted, table
 from contact_tracker.recording import parts_of, read_labels, read_wrenches
 from contact_tracker.sequences import comparison
@@ -71,7 +71,7 @@ class Result(Outcome):
     def map(self) -> Map | None:
         """The touched elements, for ``known`` with a further recording; None if elements or wrenches were
         given, or if no contact is sure enough."""
-        learned = None if self.learned_world is None else self.learned_world.learned
+        learned = KnownParts.of(self).learned(self.learned_world)
         return Map(learned=learned) if learned else None
 
     @property

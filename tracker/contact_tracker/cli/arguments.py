@@ -23,8 +23,8 @@ from contact_tracker.states import states_from
 if TYPE_CHECKING:
     from contact_tracker.config.parameters import Model
     from contact_tracker.ground_truth import Truth
+    from contact_tracker.map.elements import LearnedElements
     from contact_tracker.map.map import Map
-    from contact_tracker.map.world_map import GrowingMap
     from contact_tracker.recording import PoseLog
     from contact_tracker.wrenches.contact_evidence import WrenchEvidence
 
@@ -120,11 +120,13 @@ def _without_reading(words: Sequence[str], parser: argparse.ArgumentParser) -> I
 
 
 def add_labels(parser: argparse.ArgumentParser, text: str) -> None:
-    """``--labels`` and ``--map``."""
+    """``--labels`` and ``--meaning``, which was ``--map``."""
     text = f"{text}: start, end and contact, in s since the first pose or as stamps"
     parser.add_argument("--labels", metavar="FILE", help=text)
     text = "states of a label: touch=any, flat='f-f|e-f', or ? for one that is not scored"
-    parser.add_argument("--map", action="append", default=[], metavar="LABEL=STATES", help=text)
+    options: dict[str, Any] = {"action": "append", "default": [], "metavar": "LABEL=STATES"}
+    parser.add_argument("--meaning", help=text, **options)
+    parser.add_argument("--map", dest="meaning", help=argparse.SUPPRESS, **options)
 
 
 def load_labels(args: argparse.Namespace, log: str) -> "Truth":
@@ -138,7 +140,7 @@ def load_labels(args: argparse.Namespace, log: str) -> "Truth":
     if not poses.valid:
         raise poses.no_poses(log)
     stamps = poses.first_ns, poses.last_ns
-    truth, text = read_labels(args.labels, *stamps, meanings_of(args.map), "--map '{}=any'".format)
+    truth, text = read_labels(args.labels, *stamps, meanings_of(args.meaning), "--meaning '{}=any'".format)
     say(text)
     return truth
 
@@ -263,12 +265,10 @@ def check_map_out(args: argparse.Namespace, known_map: "Map") -> None:
     check_output(args.map_out, True, read, written=[args.output])
 
 
-def write_map(path: Path, world: "GrowingMap | None") -> None:
+def write_map(path: Path, learned: "LearnedElements") -> None:
     """Write the learned elements of a map, and print their number."""
-    from contact_tracker.map.elements import NOTHING_LEARNED
     from contact_tracker.map.file import write_learned
 
-    learned = NOTHING_LEARNED if world is None else world.learned
     if not learned:
         warn(f"{path} is not written: no contact is sure enough to learn from")
         return

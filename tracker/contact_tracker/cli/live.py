@@ -93,6 +93,7 @@ def _run(args: argparse.Namespace) -> int:
 def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
     """Follow a stream and return the exit code; ``sink`` is the target of a view in a browser."""
     from contact_tracker.cli.source import SavedStream, Source, paced
+    from contact_tracker.motion.poses import Poses
     from contact_tracker.recording import Follow
     from contact_tracker.tracker import Tracker
 
@@ -119,7 +120,11 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
     follow = Follow() if args.follow else None
     log = arguments.open_poses(args, args.log, follow, True)
     tracker = Tracker.start(model, args.lag, known_map, log.source.read_as)
-    source = Source(log, args.log, args)
+    source, parts = Source(log, args.log, args), None
+    if args.map_out is not None:
+        from contact_tracker.outputs.parts import KnownParts
+
+        parts = KnownParts()
     with (
         _viewer(args, known_map, source, sink) as viewer,
         StatusLine() as status,
@@ -164,6 +169,8 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
                 if viewer is not None:
                     for pose in arrival.poses:
                         viewer.pose(pose)
+                if parts is not None and arrival.poses:
+                    parts.add_poses(Poses.collect(arrival.poses))
                 report(tracker.update(arrival))
                 if saved is not None and saved.end_pose():
                     stop_code = 128 + saved.signal
@@ -177,8 +184,8 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
         else:
             saved.save()
     code = source.finish(tracker.report, tracker.outliers, tracker.late)
-    if args.map_out is not None:
-        arguments.write_map(args.map_out, None if tracker.best is None else tracker.best.map)
+    if parts is not None:
+        arguments.write_map(args.map_out, parts.learned(None if tracker.best is None else tracker.best.map))
     if code == DONE and printer.has_left:
         code = DIFFERENT
     return code if stop_code == DONE else stop_code

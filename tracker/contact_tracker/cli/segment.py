@@ -140,7 +140,7 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError("--rows needs -o FILE")
     jobs = list_jobs(args)
     is_figure = args.output is not None and args.output.suffix.lower() in FIGURES
-    if (args.labels is not None or args.map) and not (args.labels and is_figure and len(jobs) == 1):
+    if (args.labels is not None or args.meaning) and not (args.labels and is_figure and len(jobs) == 1):
         raise UsageError("--labels FILE needs a single LOG and -o FILE.png, .pdf or .svg; evaluate compares")
     if args.graph and (args.labels is not None or not is_figure):
         raise UsageError("--graph needs -o FILE.png, .pdf or .svg, without --labels")
@@ -205,8 +205,9 @@ def _segment(
     source = Source(log, args.log, args)
     with progress("segment", "poses", source.expected) as set_done:
         count = 0
-        if args.output is not None and args.rows is None:
-            trajectory = source.trajectory()
+        is_drawn = args.output is not None and args.rows is None
+        trajectory = source.trajectory() if is_drawn or args.map_out is not None else None
+        if is_drawn and trajectory is not None:
             outcome = segmented(trajectory, model, known_map, wrenches, executor, set_done, notes)
             if args.graph:
                 from contact_tracker.exports.sequence_figures import write_contact_graph
@@ -217,7 +218,7 @@ def _segment(
             report, touched, outliers = outcome.report, outcome.touched, outcome.segmentation.outliers
         else:  # incrementally, to save memory
             tracker = OfflineTracker(model, known_map, executor, wrenches, log.source.read_as)
-            pieces = tracker.pieces(source, set_done, Detail.WEIGHTS)
+            pieces = tracker.pieces(source if trajectory is None else trajectory, set_done, Detail.WEIGHTS)
             if args.output is None:
                 segments = [segment for piece in pieces for segment in piece.segments]
             else:
@@ -231,6 +232,10 @@ def _segment(
     code = source.finish(report, outliers)
     if args.output is not None:
         say(f"wrote {args.output}{'' if args.rows is None else f': {count} {args.rows}'}")
-    if args.map_out is not None:
-        arguments.write_map(args.map_out, touched)
+    if args.map_out is not None and trajectory is not None:
+        from contact_tracker.outputs.parts import KnownParts
+
+        parts = KnownParts(vertices_m=trajectory.vertices_m)
+        parts.add_poses(trajectory.poses)
+        arguments.write_map(args.map_out, parts.learned(touched))
     return code

@@ -118,14 +118,17 @@ class Keys:
             raise self.wrong(key, f"must be a list of {size} numbers, none beyond {FARTHEST_M:g}")
         return np.array(value, float)
 
-    def matrix(self, key: str, size: int) -> Array:
-        """``size`` rows of ``size`` finite numbers."""
+    def matrix(self, key: str, columns: int, rows: range, largest: float = LARGEST) -> Array:
+        """Rows of ``columns`` finite numbers, as many as are in ``rows``."""
         value, lists = self._take(key, None), list | tuple | np.ndarray
-        is_square = isinstance(value, lists) and len(value) == size
-        if not is_square or not all(isinstance(row, lists) and len(row) == size for row in value):
-            raise self.wrong(key, f"must be {size} rows of {size} numbers")
-        if not all(_is_number(number, LARGEST) for row in value for number in row):
-            raise self.wrong(key, f"must be {size} rows of {size} numbers, all finite")
+        count = f"{rows[0]}" if len(rows) == 1 else f"{rows[0]} to {rows[-1]}"
+        must_be = f"must be {count} rows of {columns} numbers"
+        if not isinstance(value, lists) or len(value) not in rows:
+            raise self.wrong(key, must_be)
+        if not all(isinstance(row, lists) and len(row) == columns for row in value):
+            raise self.wrong(key, must_be)
+        if not all(_is_number(number, largest) for row in value for number in row):
+            raise self.wrong(key, f"{must_be}, all finite")
         return np.array(value, float)
 
     def lengths(self, key: str) -> Array:

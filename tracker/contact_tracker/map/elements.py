@@ -7,7 +7,7 @@ contact's parameters x have senses, which ``Sighting`` and ``pairs`` choose.
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import cache, cached_property
 from math import inf, sqrt
 from typing import Final
 
@@ -62,6 +62,11 @@ class MapElement:
         kind, values = kind_of(element), numbers(element)
         return cls(kind, np.zeros(3), values) if kind == "v" else cls(kind, values[:3], values[3:])
 
+    @cached_property
+    def across(self) -> Array:
+        """Two directions (3, 2) across its own, in which it can turn."""
+        return sphere_tangent(self.direction)
+
     @property
     def size(self) -> int:
         """Number of free coordinates."""
@@ -71,7 +76,7 @@ class MapElement:
         """The element moved by a change of its free coordinates (P,)."""
         if self.kind == "v":
             return replace(self, place_m=self.place_m + change)
-        across, turn, shift = sphere_tangent(self.direction), change[:2], change[2:]
+        across, turn, shift = self.across, change[:2], change[2:]
         moved_m = self.place_m + (across @ shift if self.kind == "e" else shift)
         return MapElement(self.kind, unit(self.direction + across @ turn), moved_m)
 
@@ -79,9 +84,7 @@ class MapElement:
         """Change (P,) of the free coordinates from this element to another one nearby."""
         if self.kind == "v":
             return np.asarray(other.place_m - self.place_m)
-        across, sense = sphere_tangent(self.direction), 1.0
-        if self.direction @ other.direction < 0.0:
-            sense = -1.0
+        across, sense = self.across, -1.0 if self.direction @ other.direction < 0.0 else 1.0
         turn = across.T @ (sense * other.direction)
         if self.kind == "f":
             return np.append(turn, sense * other.place_m - self.place_m)
@@ -94,7 +97,7 @@ class MapElement:
         coordinates; of an edge with its point nearest to ``near_m``, which moves only across it."""
         if self.kind == "v":
             return self.place_m, EYE
-        across, place_m = sphere_tangent(self.direction), self.place_m
+        across, place_m = self.across, self.place_m
         by_free = np.zeros((3 + len(place_m), self.size))
         by_free[:3, :2], by_free[3:, 2:] = across, across if self.kind == "e" else 1.0
         if self.kind == "e" and near_m is not None:
@@ -209,6 +212,8 @@ def with_offset(
     return replace(body, place_m=np.array([offset])), world
 
 
+MOST_CORNERS: Final = 24
+"""Largest number of points around a touched region."""
 ANYWHERE_M: Final = 1.0
 """Standard deviation of places that nothing is known of, for users."""
 
@@ -219,14 +224,18 @@ class LearnedElements:
 
     Parameters
     ----------
-    elements : in order of their keys.
+    elements : faces, edges and vertices by their keys.
     counts : how many contacts touched each.
     information : (P, P) on the free coordinates of all elements, in the order of these.
+    extents : points (N, 3) around the touched region of faces and edges, where they are known.
+    outward : normals (3,) of faces out of the bodies that they bound, where the motion shows the side.
     """
 
     elements: Mapping[Key, MapElement] = field(default_factory=dict)
     counts: Mapping[Key, int] = field(default_factory=dict)
     information: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    extents: Mapping[Key, Array] = field(default_factory=dict)
+    outward: Mapping[Key, Array] = field(default_factory=dict)
 
     def __bool__(self) -> bool:
         return bool(self.elements)
@@ -266,6 +275,27 @@ class LearnedElements:
         sound = (axes * np.maximum(values, 0.0)) @ axes.T
         return replace(self, information=sound / (sd[:, None] * sd))
 
+    def of_side(self, side: int, reach_m: float) -> "LearnedElements":
+        """The elements of one side, whatever those of the other are."""
+        sizes = [element.size for element in self.elements.values()]
+        is_of_side = np.repeat(np.array([key[0] == side for key in self.elements], bool), sizes)
+        rest = ~is_of_side
+        full = self.information + np.diag(rest / self.weak(reach_m))
+        cross = full[np.ix_(is_of_side, rest)]
+        information = full[np.ix_(is_of_side, is_of_side)]
+        information = information - cross @ np.linalg.solve(full[np.ix_(rest, rest)], cross.T)
+        elements = {key: element for key, element in self.elements.items() if key[0] == side}
+        counts = {key: self.counts[key] for key in elements}
+        return LearnedElements(elements, counts, information).with_sides(self)
+
+    def with_sides(self, source: "LearnedElements") -> "LearnedElements":
+        """The same with the extents and outward normals that ``source`` has of the elements."""
+        extents, outward = (
+            {key: value for key, value in values.items() if key in self.elements}
+            for values in (source.extents, source.outward)
+        )
+        return replace(self, extents=extents, outward=outward)
+
     def shifted(self, origins: Origins) -> "LearnedElements":
         """The same in frames in which the present origins are at ``origins``."""
         elements, back = dict(self.elements), np.eye(len(self.information))
@@ -276,8 +306,10 @@ class LearnedElements:
                 continue
             elements[side, number] = replace(element, place_m=element.place_m + element.direction @ by_m)
             # the offset changes with the normal, too
-            back[rows.stop - 1, rows.start : rows.start + 2] = -by_m @ sphere_tangent(element.direction)
-        return replace(self, elements=elements, information=back.T @ self.information @ back)
+            back[rows.stop - 1, rows.start : rows.start + 2] = -by_m @ element.across
+        shifts_m = origins.body_m, origins.world_m
+        extents = {key: points_m + shifts_m[key[0]] for key, points_m in self.extents.items()}
+        return replace(self, elements=elements, information=back.T @ self.information @ back, extents=extents)
 
 
 NOTHING_LEARNED = LearnedElements()

@@ -18,8 +18,17 @@ from contact_tracker.errors import KeyFault, KnowledgeError
 from contact_tracker.files import read_regular, whole_file
 from contact_tracker.geometry.elements import Array, Line, Plane, Point
 from contact_tracker.geometry.polyhedron import Polyhedron, TooManyFaces, convex
-from contact_tracker.map.elements import ANYWHERE_M, KINDS, NOTHING_LEARNED, Key, LearnedElements, MapElement
+from contact_tracker.map.elements import (
+    ANYWHERE_M,
+    KINDS,
+    MOST_CORNERS,
+    NOTHING_LEARNED,
+    Key,
+    LearnedElements,
+    MapElement,
+)
 from contact_tracker.map.map import (
+    OPPOSITE,
     Accuracy,
     Map,
     NamedElement,
@@ -395,6 +404,10 @@ def learned_text(learned: LearnedElements) -> str:
         place = element.place_m[0] if element.kind == "f" else element.place_m
         mm = 1e3 * math.sqrt(max(float(lengths.max()), 0.0))
         lines.append(f"{name} = {_numbers(place)}  # to {mm:.2g} mm")
+        if (side, number) in learned.extents:
+            lines.append(f"touched_m = {_numbers(learned.extents[side, number])}")
+        if (side, number) in learned.outward:
+            lines.append(f"outward = {_numbers(learned.outward[side, number])}  # the normal out of the body")
     return "\n".join(lines) + "\n"
 
 
@@ -407,6 +420,7 @@ def write_learned(path: Path, learned: LearnedElements) -> None:
 def learned_from(keys: Keys) -> LearnedElements:
     """The map of the table ``learned`` of a file; raises KnowledgeError."""
     rows, elements, counts = keys.tables("element"), dict[Key, MapElement](), dict[Key, int]()
+    extents, outward = dict[Key, Array](), dict[Key, Array]()
     if len(rows) > MOST_LEARNED:
         raise keys.wrong("element", f"{len(rows)} elements are too many; {MOST_LEARNED} are allowed")
     for number, row in enumerate(rows, start=1):
@@ -419,21 +433,20 @@ def learned_from(keys: Keys) -> LearnedElements:
             place_m = np.array([row.number("offset_m", None, -FARTHEST_M, FARTHEST_M)])
         else:
             place_m = row.vector("point_m")
+        if short != "v" and "touched_m" in row:
+            extents[key] = row.matrix("touched_m", 3, range(1, MOST_CORNERS + 1), FARTHEST_M)
+        if short == "f" and "outward" in row:
+            outward[key] = row.direction("outward")
+            if abs(outward[key] @ direction) < -OPPOSITE:
+                raise row.wrong("outward", "must be the direction or its opposite")
         row.finish()
         elements[key] = MapElement(short, direction, place_m)
     size = sum(element.size for element in elements.values())
-    information = keys.matrix("information", size) if rows else np.zeros((0, 0))
+    information = keys.matrix("information", size, range(size, size + 1)) if rows else np.zeros((0, 0))
     keys.finish()
     if not rows:
         return NOTHING_LEARNED
-    learned = _sound(LearnedElements(elements, counts, information))
-    order = sorted(elements)
-    taken = np.concatenate([np.arange(learned.slots[key].start, learned.slots[key].stop) for key in order])
-    return LearnedElements(
-        {key: elements[key] for key in order},
-        {key: counts[key] for key in order},
-        learned.information[np.ix_(taken, taken)],
-    )
+    return _sound(LearnedElements(elements, counts, information, extents, outward))
 
 
 def _one_of(keys: Keys, key: str, choices: tuple[str, ...]) -> str:

@@ -22,7 +22,14 @@ from contact_tracker.geometry.elements import (
     flat,
     nearest,
 )
-from contact_tracker.map.elements import KINDS, kind_of
+from contact_tracker.map.elements import (
+    KINDS,
+    MOST_CORNERS,
+    NOTHING_LEARNED,
+    Key,
+    LearnedElements,
+    kind_of,
+)
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion.poses import Poses
@@ -42,6 +49,12 @@ MOST_TOUCHES: Final = 200
 _EVERY_NS: Final = 100_000_000
 _MARGIN: Final = 0.1
 """Margin about a touched region, and size of a vertex, relative to the object's radius."""
+_LEAVING_NS: Final = 3_000_000_000
+"""Time before and after a contact in which it shows the side of a face."""
+_LIFTED_M: Final = 0.01
+"""Least distance (m) to which a touching element leaves a face."""
+_ONE_SIDED: Final = 5.0
+"""Least ratio of the distance on one side to that on the other one."""
 _RING: Final = np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False)
 _RANK: Final[dict[type[Element], int]] = {Point: 0, Line: 1, Plane: 2}
 
@@ -178,6 +191,8 @@ class KnownParts:
             if touched.keys() >= {*pair}
         ]
         places, spans = dict[Hashable, list[Array]](), dict[Hashable, list[tuple[int, int]]]()
+        if world is not None:
+            places |= {key: [points_m] for key, points_m in world.learned.extents.items()}
         for touch in touches:
             for key, points in zip(touch.keys, _touched_points(touch, poses, extent), strict=True):
                 places.setdefault(key, []).append(points)
@@ -187,6 +202,40 @@ class KnownParts:
             touched_m = places.get(key) or [_region(element, about[side], extent)]
             parts.append(_element_part(side, name, element, touched_m, extent, sorted(spans.get(key, ()))))
         return (*self.bodies, *parts, *_joint_parts(self._segments, poses, extent))
+
+    def learned(self, world: GrowingMap | None) -> LearnedElements:
+        """The elements that contacts have touched, for another recording, with the touched regions and, where
+        the motion shows the side, the normals of faces out of the bodies."""
+        if world is None or not self._poses:
+            return NOTHING_LEARNED
+        learned, poses, extent = world.learned, Poses.join(self._poses), self.extent(world)
+        if extent is UNKNOWN_EXTENT:
+            extent = replace(extent, radius_m=0.0)
+        elements, directions = learned.known, {key: e.direction for key, e in learned.elements.items()}
+        places = {key: [points_m] for key, points_m in learned.extents.items()}
+        sides = {key: {float(np.sign(way @ directions[key]))} for key, way in learned.outward.items()}
+        for start_ns, end_ns, keys in world.touches:
+            if not elements.keys() >= {*keys}:
+                continue
+            touch = Touch(start_ns, end_ns, ContactGeometry(*(elements[key] for key in keys)), keys)
+            points = _touched_points(touch, poses, extent)
+            free_sides = _free_sides(touch, poses, points, world.touches)
+            for key, points_m, side in zip(keys, points, free_sides, strict=True):
+                places.setdefault(key, []).append(points_m)
+                sides.setdefault(key, set()).update(side)
+        return replace(
+            learned,
+            extents={
+                key: _corners(elements[key], np.concatenate(places[key]))
+                for key in places
+                if not isinstance(elements[key], Point) and not _is_open(elements[key])
+            },
+            outward={
+                key: sum(signs) * directions[key]
+                for key, signs in sides.items()
+                if abs(sum(signs)) == 1.0  # shown, and not contradicted
+            },
+        )
 
     def _map_elements(self, world: GrowingMap | None) -> dict[Hashable, tuple[int, str, Element]]:
         """The elements of a map, without those that are a listed element in each of their contacts.
@@ -277,6 +326,66 @@ def _touched_points(touch: Touch, poses: Poses, extent: Extent) -> tuple[Array, 
     in_world = np.stack([_region(world, centre, extent) for centre in centres])
     in_body = np.einsum("nij,nki->nkj", rotation, in_world - position_m[:, None])
     return in_body.reshape(-1, 3), in_world.reshape(-1, 3)
+
+
+def _free_sides(
+    touch: Touch,
+    poses: Poses,
+    points: tuple[Array, Array],
+    touches: Iterable[tuple[int, int, tuple[Key, Key]]],
+) -> tuple[set[float], set[float]]:
+    """Of each element of a contact that is a face, the sides of the space in front of it: 1 along its normal,
+    -1 opposite, both if the motion contradicts itself; ``points`` as of ``_touched_points``.
+
+    It is the side to which the touching element leaves the face, or from which it came, but not while the
+    object touches something else: it may then hang over the edge of the face.
+    """
+    body, world = touch.geometry.object, touch.geometry.environment
+    around = poses_within(poses, touch.start_ns - _LEAVING_NS, touch.end_ns + _LEAVING_NS)
+    rotation, position_m = around.rotation, around.position_m
+    during = (around.stamp_ns >= touch.start_ns) & (around.stamp_ns <= touch.end_ns)
+
+    def side(heights_m: Array, key: Hashable) -> set[float]:
+        if not during.any():
+            return set()
+        heights_m = heights_m - np.median(heights_m[during])
+        for start_ns, end_ns, keys in touches:
+            if key not in keys:
+                heights_m = np.where(
+                    (around.stamp_ns < start_ns) | (around.stamp_ns > end_ns), heights_m, 0.0
+                )
+        left_m = {1.0: float(heights_m.max()), -1.0: -float(heights_m.min())}
+        least_m = max(_LIFTED_M, max(left_m.values()) / _ONE_SIDED)
+        return {sign for sign, by_m in left_m.items() if by_m >= least_m}
+
+    in_body, in_world = (part.mean(axis=0) for part in points)
+    world_side = (
+        side((rotation @ in_body + position_m) @ world.normal, touch.keys[1])
+        if isinstance(world, Plane)
+        else set[float]()
+    )
+    if not isinstance(body, Plane):
+        return set(), world_side
+    if isinstance(world, Plane):  # they face each other
+        facing = np.median(rotation @ body.normal @ world.normal)
+        return {-sign * float(np.sign(facing)) for sign in world_side}, world_side
+    return side(
+        np.einsum("nij,ni->nj", rotation, in_world - position_m) @ body.normal, touch.keys[0]
+    ), world_side
+
+
+def _corners(element: Element, places_m: Array) -> Array:
+    """The points (N, 3), ``MOST_CORNERS`` at most, of an edge or a face around these places (M, 3)."""
+    if isinstance(element, Line):
+        along = (places_m - element.point_m) @ element.direction
+        ends = np.array([[along.min()], [along.max()]])
+        return np.asarray(element.point_m + ends * element.direction)
+    assert isinstance(element, Plane)
+    angles = 2.0 * np.pi * np.arange(MOST_CORNERS) / MOST_CORNERS
+    outermost = (places_m @ scene.circle(element.normal, angles).T).argmax(axis=0)
+    corners_m = places_m[outermost[np.sort(np.unique(outermost, return_index=True)[1])]]
+    off_m = corners_m @ element.normal - element.offset_m
+    return np.asarray(corners_m - off_m[:, None] * element.normal)
 
 
 def _element_part(

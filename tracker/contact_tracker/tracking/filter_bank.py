@@ -616,14 +616,23 @@ def map_use(world: GrowingMap) -> str:
     """How many contacts touch elements of the map of another recording, in words; empty without one."""
     if not world.prior:
         return ""
-    used = sum(any(key in world.prior.elements for key in pair) for pair in world.pairs.values())
-    return f"the learned map is used: {used} of {len(world.pairs)} sure contacts touch its elements"
+    body, environment = (
+        sum(pair[side] in world.prior.elements for pair in world.pairs.values()) for side in (0, 1)
+    )
+    touches = f"{body} touch its elements of the object, {environment} those of the surroundings"
+    return f"the learned map is used: of {len(world.pairs)} sure contacts {touches}"
 
 
 def map_findings(world: GrowingMap) -> tuple[Finding, ...]:
-    """Whether the map of another recording was of no use."""
-    text = "the learned map explains no contact, and is not used: is it of this object and this frame?"
-    return (Finding("map", text, False),) if world.prior_is_dropped else ()
+    """Sides on which the map of another recording explains no contact."""
+    if not world.unused_sides:
+        return ()
+    what, of = {
+        (0,): ("what the learned map has of the object", "object"),
+        (1,): ("what the learned map has of the surroundings", "place and this frame"),
+        (0, 1): ("the learned map", "object and this frame"),
+    }[world.unused_sides]
+    return (Finding("map", f"{what} explains no contact, and is not used: is it of this {of}?", False),)
 
 
 def report_of(filters: FilterBank, is_decided: bool, findings: tuple[Finding, ...]) -> Report | None:

@@ -56,7 +56,7 @@ def with_map(
     result = _better_pass(record, executor) or first
     result = _with_touches(result, first, record.pace, record.state.model.certainty.posterior_power)
     world, allowed = record.state.map, record.state.known_map.allowed
-    if world.is_untested or world.prior_is_dropped:  # its price hid contacts in free motion
+    if world.untested_sides or any(world.prior_is_dropped):  # its price hid contacts in free motion
         result = _with_open_free(result, np.ones(len(result.beliefs), bool), lambda _: allowed)
     yield replace(result, filtered=first.filtered, outliers=first.outliers)
 

@@ -8,6 +8,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import replace
+from functools import cached_property
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -162,9 +163,10 @@ class PassRecord:
         self.is_full = False
         self.best = self
 
-    @property
+    @cached_property
     def map(self) -> GrowingMap | None:
-        """The map of the best pass, or the online map if the recording is too long; None without poses."""
+        """After the passes: the map of the best one, or the online map if the recording is too long. None
+        without poses."""
         if self.state is None:
             return None
         start = self.state.map

@@ -140,7 +140,7 @@ def share_among_indistinguishable(state: FilterState, belief: Belief) -> Belief:
     p_restricted = ambiguity.p_restricted(freedom.underused, state.model.tick_s * freedom.moved_ticks)
     if label is Contact.FREE and state.curved.probability > 0.5:
         alternatives, p_restricted = CONTACTS, max(p_restricted, state.curved.probability)
-    if label is Contact.FREE and state.map.is_untested:
+    if label is Contact.FREE and state.map.untested_sides:
         alternatives = CONTACTS
     inseparable, possible = tuple(filter(state.known_map.allows, alternatives)), state.known_map.allowed
     if not inseparable and not p_restricted:

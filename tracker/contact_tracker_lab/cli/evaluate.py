@@ -43,8 +43,8 @@ def run(args: argparse.Namespace) -> int:
     names = arguments.recordings_in(args.logs, "evaluate")
     if args.labels is not None and len(names) != 1:
         raise UsageError(f"--labels are of one recording, and there are {len(names)}")
-    if args.map and args.labels is None:
-        raise UsageError("--map is of use with --labels only")
+    if args.meaning and args.labels is None:
+        raise UsageError("--meaning is of use with --labels only")
     evaluations = dict[str, "Evaluation"]()
 
     def evaluate_recording(name: str) -> int:
