@@ -525,9 +525,9 @@ def _pairs_by_prior(model: ContactModel, rows: Bank, is_known: Bools) -> _KnownP
 def touching_evidence(
     model: ContactModel, hypothesis: Bank, window: Window, scales: EvidenceParameters
 ) -> Array:
-    """Log-likelihood ratio (7,) of the newest pose if the listed elements of one ``hypothesis`` touch, against
-    any pose with the constraints of each state that the contact contains (T29); 0 for other states, and
-    without listed elements."""
+    """Log-likelihood ratio (7,) of the newest pose if the listed elements of one ``hypothesis`` touch,
+    against any pose with the constraints of each state that the contact contains (T29); 0 for other states,
+    and without listed elements."""
     contained = np.array([model.contact.contains(state) and state is not model.contact for state in STATES])
     if not contained.any() or not hypothesis.elements_known[0]:
         return np.zeros(len(STATES))
