@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.ndimage import gaussian_filter1d
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 import as_values
 from contact_tracker import segmenting
+from contact_tracker.arrays import Array
 from contact_tracker.config.loading import load_model
 from contact_tracker.geometry.lifted_pose import T, lift
 from contact_tracker.motion.pose_validation import LONGEST_WAIT_NS, PoseGate
@@ -280,6 +282,14 @@ def test_candidates_are_larger_than_white_noise_and_in_its_ratio() -> None:
     (first, _), *others = candidates(MODEL, clean)
     assert first == MODEL
     white = np.sqrt(3e-4 * 3e-3 / 20)
+    loose = [
+        model.noise.extra_contact_variance for model, _ in others if any(model.noise.contact_rotation_rad)
+    ]
+    innovation = 1.0 - np.exp(-2.0 * MODEL.tick_s / MODEL.noise.wander_s)
+    tight, wide = sorted({f_f for f_f, *_ in loose})
+    assert tight == pytest.approx((0.0, 1e-4 * innovation))
+    assert wide == pytest.approx((1e-6 * innovation, 1e-4 * innovation))
+    assert not np.any([exact for _, *exact in loose])
     for one, _ in others:
         if one.correlation:
             assert one.noise.wander_position_m > 3e-4 / np.sqrt(20)
@@ -380,6 +390,44 @@ def test_the_prior_has_an_effect_in_the_first_seconds_only() -> None:
     more_evidence = log_weight + np.array([8.0, 0.0, 0.0])  # 13 nats against it: both agree
     assert are_kept(more_evidence, log_prior, 9.0).tolist() == [True, True, False]
     assert are_kept(more_evidence, log_prior, 10.0).tolist() == [True, False, False]
+
+
+@pytest.mark.parametrize(("ahead", "chosen"), [(14.0, 0), (16.0, 1)])
+def test_the_price_of_a_tolerance_also_counts_in_the_end(ahead: float, chosen: int) -> None:
+    price = np.array([0.0, -15.0])
+    assert are_kept(np.array([0.0, ahead - 15.0]), price, 12.0, price).all() == (chosen == 0)
+    assert are_kept(np.array([0.0, ahead - 15.0]), price, 30.0, price).argmax() == chosen
+
+
+def rolling(seed: int) -> Poses:
+    """Poses at 60 Hz of a trolley on an uneven floor (20 s), which rises by 2.5 mm and tilts by 0.28 deg
+    (standard deviations), as a recorded one does."""
+    rng, count, rate_hz = np.random.default_rng(seed), 1200, 60.0
+
+    def wave(time_s: float, size: float) -> Array:
+        smooth = gaussian_filter1d(rng.normal(size=count), time_s * rate_hz, mode="wrap")
+        return size * smooth / smooth.std()
+
+    tilt = np.radians([wave(0.06, 0.2) + wave(1.0, 0.2) for _ in range(2)])
+    yaw, speed = np.cumsum(wave(1.0, 1.0)) / rate_hz, (0.5 + wave(0.5, 0.1)) / rate_hz
+    way = np.cumsum(speed * np.cos(yaw)), np.cumsum(speed * np.sin(yaw)), wave(1.5, 2.5e-3)
+    turn = Rotation.from_euler("zyx", np.c_[yaw, *tilt]) * Rotation.from_rotvec(
+        5e-4 * rng.normal(size=(count, 3))
+    )
+    position_m = np.transpose(way) + 1e-4 * rng.normal(size=(count, 3))
+    return Poses(np.round(np.arange(count) / rate_hz * 1e9).astype(np.int64), position_m, turn.as_quat())
+
+
+@pytest.mark.long
+@needs_kernels
+def test_a_trolley_on_an_uneven_floor_is_on_its_face_to_a_tolerance() -> None:
+    found = Segmentation.join([*OfflineTracker(MODEL).pieces(rolling(3))])
+    assert np.mean([contact is Contact.FF for contact in found.beliefs.contacts]) > 0.9
+    within_m, within_rad = max(found.segments, key=lambda one: one.end_ns - one.start_ns).tolerance
+    assert within_m < 1e-3  # the floor is piecewise flat, as the price of a change allows
+    assert within_rad == pytest.approx(np.radians(0.28), rel=0.4)
+    exact = Segmentation.join([*OfflineTracker(MODEL).pieces(recorded(FACE_TO_EDGE).poses)])
+    assert {segment.tolerance for segment in exact.segments} == {None}
 
 
 @needs_kernels

@@ -113,6 +113,23 @@ def test_a_known_table_in_the_wrong_place_is_not_used(complete):
     assert complete or found.filtered[-1].touching[1] is None
 
 
+@pytest.mark.parametrize(("accuracy", "is_sure"), [(ACCURACY, True), (Accuracy(0.3, 0.5), False)])
+def test_a_known_face_on_a_known_plane_is_certain_at_once(accuracy, is_sure):
+    """Within 0.4 s, before the motion has used all directions; not if the places are hardly known."""
+    recording = simulate(Scenario((Phase(Contact.FREE, 1.0), Phase(Contact.FF, 0.6)), rate_hz=100.0), 3)
+    touching = recording.truth.intervals[-1].geometry
+    place = recording.poses.position_m.mean(axis=0)
+    known_map = Map(
+        listed_object=(NamedElement("bottom", known_to(touching.object, accuracy, np.zeros(3))),),
+        listed_environment=(NamedElement("table", known_to(touching.environment, accuracy, place)),),
+    )
+    beliefs = segment(recording.poses, MODEL, known_map=known_map).filtered
+    certain = beliefs.stamp_ns[beliefs.probability[:, Contact.FF.column] > 0.9]
+    begin_ns = recording.truth.intervals[-1].start_ns
+    assert (beliefs.stamp_ns[-1] in certain) == is_sure
+    assert not is_sure or certain[certain > begin_ns][0] < begin_ns + 0.4e9
+
+
 def test_up_helps_where_little_has_moved():
     """The normal of the face is known from the start, otherwise only after some motion."""
     up = Up(surfaces()[1].normal, 0.02)

@@ -21,7 +21,7 @@ from contact_tracker.outputs import scene
 from contact_tracker.outputs.outcome import Outcome
 from contact_tracker.outputs.parts import SIDES, KnownParts, Part
 from contact_tracker.outputs.scene import GREY, Drawing, Extent, Mesh
-from contact_tracker.outputs.text import COLOUR, Colour, counted, describe, segment_rows
+from contact_tracker.outputs.text import COLOUR, Colour, counted, describe_segment, segment_rows
 from contact_tracker.states import STATES
 from contact_tracker.tracking.belief import Segment
 from contact_tracker.version import __version__
@@ -120,7 +120,7 @@ def _geometry(outcome: Outcome, parts: Sequence[Part], extent: Extent) -> str:
             start_s = (segment.start_ns - outcome.origin_ns) * 1e-9
             common = {
                 "name": f"{segment.contact.value} from {start_s:.1f} s",
-                "text": printable(describe(segment.geometry, segment.inseparable)),
+                "text": printable(describe_segment(segment)),
                 "shown": segment in visible,
                 "segments": [number],
             }

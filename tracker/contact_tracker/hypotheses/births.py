@@ -508,7 +508,11 @@ def _spread(model: ContactModel, pairs: _KnownPairs, zeta: Array) -> Array:
 def _known_pairs(model: ContactModel, begins: BirthProposals) -> _KnownPairs:
     """The known pairs, with the terms of their evidence that do not depend on the pose."""
     is_known = begins.are_both_known
-    rows = begins.rows.pick(is_known.nonzero()[0])
+    return _pairs_by_prior(model, begins.rows.pick(is_known.nonzero()[0]), is_known)
+
+
+def _pairs_by_prior(model: ContactModel, rows: Bank, is_known: Bools) -> _KnownPairs:
+    """The pairs that the priors of these hypotheses (m) give."""
     # known lines have anchors of their own, and other elements need none
     anchors = np.where(np.isnan(rows.line_anchor), 0.0, rows.line_anchor)
     tangent = model.family.tangent(rows.prior_mean, anchors)
@@ -516,6 +520,22 @@ def _known_pairs(model: ContactModel, begins: BirthProposals) -> _KnownPairs:
     deviations = _deviations(along @ rows.prior_information @ tangent)
     by_tangent = along[:, None] @ model.family.rows_derivative(rows.prior_mean)
     return _KnownPairs(is_known, rows.prior_mean, deviations[:, None] @ by_tangent)
+
+
+def touching_evidence(
+    model: ContactModel, hypothesis: Bank, window: Window, scales: EvidenceParameters
+) -> Array:
+    """Log-likelihood ratio (7,) of the newest pose if the listed elements of one ``hypothesis`` touch,
+    against any pose with the constraints of each state that the contact contains (T29); 0 for other states,
+    and without listed elements."""
+    contained = np.array([model.contact.contains(state) and state is not model.contact for state in STATES])
+    if not contained.any() or not hypothesis.elements_known[0]:
+        return np.zeros(len(STATES))
+    pairs = _pairs_by_prior(model, hypothesis, np.ones(1, bool))
+    row_gain, log_ratio = _touching_evidence(model, pairs, window.cut(-1), scales)
+    gain = np.array([row_gain[0, :-1].mean() if model.family.ROWS > 1 else 0.0, row_gain[0, -1]])
+    shared = (_SHARED_ROWS[:, model.contact.column] * gain).sum(axis=-1)
+    return np.where(contained, log_ratio[0] - shared, 0.0)
 
 
 def prepare_weights(proposals: Sequence[BirthProposals]) -> None:

@@ -34,6 +34,8 @@ def noise_text(report: Report) -> str:
         f"{_deviations(report.tick)} a tick",
         f"errors that last {_deviations(report.lasting)}",
     )
+    if used.contact_rotation_rad != nominal.contact_rotation_rad:
+        lasting += ", f-f to a tolerance"
     if not nominal.estimated:
         return f"{per_pose} (as given), {per_tick}{f', {lasting}' if lasts else ''}"
     if not report.is_decided:  # the motion does not determine the noise of a tick, so it is a prior

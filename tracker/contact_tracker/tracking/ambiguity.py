@@ -93,19 +93,23 @@ class Freedom(NamedTuple):
     moved_ticks: float = 0.0
 
 
-def indistinguishable(label: Contact, rivals: CompetingEvidence, freedom: Freedom) -> tuple[Contact, ...]:
+def indistinguishable(
+    label: Contact, rivals: CompetingEvidence, freedom: Freedom, touching: Array | float = 0.0
+) -> tuple[Contact, ...]:
     """The other states that the motion does not distinguish from ``label`` (T23).
 
     These are the states whose evidence is at most ``DECISIVE`` below the label's. If the label's freedom is
     underused, the lack of motion in one more direction is no evidence: then also all states that fit the
     motion, and all states that these contain. Motion of one degree of freedom may be that of a hinge, a
-    slider or a screw: then all states.
+    slider or a screw: then all states. ``touching`` (7,) is the evidence of a single pose against each, if
+    the label's elements are listed (``touching_evidence``): however the object moves, they touch.
     """
+    close = rivals.evidence - touching > rivals.evidence[label.column] - DECISIVE
     if freedom.one_direction:
-        return STATES[: label.column] + STATES[label.column + 1 :]
-    close = rivals.evidence > rivals.evidence[label.column] - DECISIVE
-    if freedom.underused:
+        close[:] = True
+    elif freedom.underused:
         close = CONTAINS[close | rivals.fit_like(label)].any(axis=0)
+    close &= touching < DECISIVE
     close[label.column] = False
     return tuple(compress(STATES, close.tolist()))
 

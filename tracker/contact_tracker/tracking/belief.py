@@ -196,7 +196,8 @@ class Segment:
     averaged over the segment; ``inseparable`` are the states that the segment's motion does not distinguish
     from ``contact``; ``further`` contacts hold for all of the segment or a part; ``joint`` is the joint in
     which the object moves, if any; ``motion`` is the object's at the touching point of ``contact``, and
-    ``task_frame`` what that constrains in the middle of the segment.
+    ``task_frame`` what that constrains in the middle of the segment. ``tolerance`` is the root mean square
+    (m, rad) of the errors of a contact that is not exact; None for an exact one.
     """
 
     start_ns: int
@@ -209,6 +210,7 @@ class Segment:
     joint: Joint | None = None
     motion: ContactMotion | None = field(default=None, repr=False)
     task_frame: TaskFrame | None = field(default=None, repr=False)
+    tolerance: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "further", with_p_label(self.further, self.probability))
@@ -259,4 +261,6 @@ class Segment:
             **_label_json(self),
             "task_frame": {} if self.task_frame is None else self.task_frame.to_json(),
             "motion": {} if self.motion is None else {"kinds": [*self.motion.kinds], **self.motion.means},
+            "tolerance_m": None if self.tolerance is None else self.tolerance[0],
+            "tolerance_rad": None if self.tolerance is None else self.tolerance[1],
         }

@@ -10,6 +10,7 @@ from scipy.special import expit
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.explanations import online_contacts
 from contact_tracker.explanations.further_contacts import FormationTicks, KnownContact
+from contact_tracker.hypotheses.births import touching_evidence
 from contact_tracker.hypotheses.observability import FittedContact, element_estimate, fitted_contact
 from contact_tracker.map.association import MAP_INSERTION_PROBABILITY, Sighting
 from contact_tracker.map.pairs import named_pairs
@@ -136,7 +137,11 @@ def share_among_indistinguishable(state: FilterState, belief: Belief) -> Belief:
     onset = state.onset_of(label)
     rivals = ambiguity.competing_evidence(state.banks, label, onset, state.ticks - 1)
     freedom = ambiguity.freedom_of(label, state.window, onset)
-    alternatives = ambiguity.indistinguishable(label, rivals, freedom)
+    touching: Array | float = 0.0
+    if label is not Contact.FREE and state.known_map.lists_elements:
+        bank = state.banks[label.column].single(int(state.best[label.column, 0]))
+        touching = touching_evidence(CONTACT_MODELS[label.column], bank, state.window, state.scales)
+    alternatives = ambiguity.indistinguishable(label, rivals, freedom, touching)
     p_restricted = ambiguity.p_restricted(freedom.underused, state.model.tick_s * freedom.moved_ticks)
     if label is Contact.FREE and state.curved.probability > 0.5:
         alternatives, p_restricted = CONTACTS, max(p_restricted, state.curved.probability)

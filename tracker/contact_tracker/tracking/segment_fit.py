@@ -27,7 +27,7 @@ from contact_tracker.geometry.lifted_pose import R, T
 from contact_tracker.geometry.rotation import nearest
 from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.bank_update import fit_windows
-from contact_tracker.hypotheses.births import propose_births, propose_measured
+from contact_tracker.hypotheses.births import propose_births, propose_measured, touching_evidence
 from contact_tracker.hypotheses.observability import element_estimate, fitted_contact
 from contact_tracker.hypotheses.refinement import refine
 from contact_tracker.map.association import ElementEstimate
@@ -81,6 +81,7 @@ class SegmentFit:
     joint: Joint | None = None
     estimate: ElementEstimate | None = None
     """Joint estimate of both elements; None without elements."""
+    tolerance: tuple[float, float] | None = None
 
     @property
     def leaves_constraints_unnamed(self) -> bool:
@@ -136,7 +137,14 @@ def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
         np.array([*(f.log_likelihood.max(initial=-np.inf) for f in fits), 0.0]),
         np.array([*(f.rms.min(initial=np.inf) for f in fits), 1.0]),
     )
-    inseparable = tuple(filter(known_map.allows, ambiguity.indistinguishable(label, rivals, freedom)))
+    touching = (
+        0.0
+        if label is Contact.FREE
+        else touching_evidence(CONTACT_MODELS[label.column], fits[label.column], window, scales_of(model))
+    )
+    inseparable = tuple(
+        filter(known_map.allows, ambiguity.indistinguishable(label, rivals, freedom, touching))
+    )
     p_restricted, share = ambiguity.p_restricted(freedom.underused, moved_s), None
     curved, none_fits = np.zeros(1), False
     if label is Contact.FREE:
@@ -150,7 +158,8 @@ def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
         return SegmentFit(label, None, inseparable, p_restricted, curved, share)
     contact, scales = CONTACT_MODELS[label.column], scales_of(model)
     fit = fits[label.column] if share is None else _measured_fit(segment, window, contact, fits[label.column])
-    window = window.with_error(model.noise.extra_contact_variance[label.column])
+    extra_variance = model.noise.extra_contact_variance[label.column]
+    window = window.with_error(extra_variance)
     fitted, information = refine(fit, contact, window, scales)
     pair = named_pairs(known_map, contact)[fitted.known_pair_index[0]]
     located = fitted_contact(
@@ -166,7 +175,17 @@ def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
         p_restricted = ambiguity.p_restricted(True, moved_s)
     estimate = element_estimate(fitted, contact, scales, window, information)
     geometry, curved = located.geometry, np.zeros(1)
-    return SegmentFit(label, geometry, inseparable, p_restricted, curved, share, formation, estimate=estimate)
+    tolerance = _tolerance(contact, fitted.x, window) if any(extra_variance) else None
+    parts = share, formation, None, estimate, tolerance
+    return SegmentFit(label, geometry, inseparable, p_restricted, curved, *parts)
+
+
+def _tolerance(contact: ContactModel, x: Array, window: Window) -> tuple[float, float]:
+    """Root mean square errors (m, rad) of a contact with elements x (1, S) in the ticks with frames."""
+    assert window.frames is not None
+    square = contact.measure(x, window.zeta[window.frames > 0]).residual[0] ** 2
+    angle = square[:-1].mean() if len(square) > 1 else 0.0
+    return float(np.sqrt(square[-1].mean())), float(np.sqrt(angle))
 
 
 def _measured_fit(segment: SegmentTicks, window: Window, contact: ContactModel, by_motion: Bank) -> Bank:
@@ -273,6 +292,7 @@ class FinishedSegment(NamedTuple):
                 _within(contacts, *self._span(first, end)),
                 None if resting[first] else fit.joint,
                 *at_contact(first, end),
+                fit.tolerance,
             )
             for first, end in pairwise([0, *changes])
         )
