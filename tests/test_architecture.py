@@ -17,22 +17,16 @@ LAB = ROOT / "tracker" / "contact_tracker_lab"
 # Data flows down this table: a package imports only from rows above its own, and from itself.
 LAYERS = (
     ("arrays",),
-    ("states", "errors", "files", "suggestions", "version", "geometry", "hmm"),
-    ("config", "contacts"),
+    ("states", "errors", "files", "suggestions", "version", "geometry", "hmm", "interrupts"),
+    ("config", "contacts", "processes"),
     ("motion", "ground_truth", "map"),
     ("hypotheses", "inspection", "paper", "wrenches"),
-    ("explanations",),
-    ("tracking",),
-    ("checks",),
-    ("tracker",),
-    ("segmenting",),
-    ("interrupts",),
-    ("recording", "saved_state", "processes"),
-    ("trajectory",),
-    ("outputs",),
-    ("sequences", "viewer", "offline"),
-    ("exports",),
-    ("batch",),
+    ("explanations", "recording"),
+    ("tracking", "trajectory"),
+    ("checks", "outputs"),
+    ("tracker", "sequences", "viewer"),
+    ("segmenting", "saved_state", "exports"),
+    ("batch", "saved_result"),
     ("cli", "api"),
 )
 LAB_LAYERS = (
@@ -42,9 +36,10 @@ LAB_LAYERS = (
     ("cli", "physics"),
 )
 """Of the second package, which imports any of the first one; the first one imports none of it."""
-FIRST_EDGE_LAYER = LAYERS.index(("segmenting",)) + 1
-CORE = {name for row in LAYERS[:FIRST_EDGE_LAYER] for name in row}
-# Of what comes before the edge: files that users name, and whether kernels are built from the sources
+EDGE = {"interrupts", "processes", "recording", "trajectory", "outputs", "sequences", "viewer", "segmenting"}
+EDGE |= {"saved_state", "saved_result", "exports", "batch", "cli", "api"}
+CORE = {name for row in LAYERS for name in row} - EDGE
+# In the core: files that users name, and whether kernels are built from the sources
 # beside them.
 READS_FILES = {"config/loading.py", "config/keys.py", "config/__init__.py", "hypotheses/compiled/__init__.py"}
 READS_FILES |= {"hypotheses/compiled/sources.py", "files.py", "suggestions.py"}

@@ -265,7 +265,7 @@ def test_wrenches_have_the_clock_of_the_poses(stamped, tmp_path, monkeypatch) ->
     messages = [(stamp + logged_later_ns, wrench_stamped(stamp, wrench)) for stamp in poses.stamp_ns.tolist()]
     path = write_log(tmp_path / "log.mcap", [topic, Topic("/wrench", WRENCH_TYPE, messages)])
     evidence = Mock(side_effect=UsageError("only looked at"))
-    monkeypatch.setattr("contact_tracker.offline.wrench_evidence", evidence)
+    monkeypatch.setattr("contact_tracker.segmenting.wrench_evidence", evidence)
     trajectory = contact_tracker.read(path)
     with pytest.raises(UsageError, match="only looked at"):
         contact_tracker.segment(trajectory, wrench="/wrench")

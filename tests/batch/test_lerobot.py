@@ -13,7 +13,7 @@ from pyarrow.parquet import read_table, write_table
 from command_line import run
 from contact_tracker.batch.lerobot import NAMES, LeRobot
 from contact_tracker.errors import UnreadableRecording, UsageError
-from contact_tracker.offline import segmented
+from contact_tracker.segmenting import segmented
 from contact_tracker.states import STATES
 from lerobot_data import FPS, POSE, write_data_set
 from short_recordings import FACE_TO_EDGE, MODEL, recorded

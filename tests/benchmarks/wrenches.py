@@ -19,9 +19,8 @@ import numpy as np
 
 from contact_tracker.config.loading import load_model
 from contact_tracker.motion.poses import Poses
-from contact_tracker.offline import wrench_evidence
 from contact_tracker.recording import need_truth, open_log, read_wrenches
-from contact_tracker.segmenting import OfflineTracker
+from contact_tracker.segmenting import OfflineTracker, wrench_evidence
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.wrenches.load import NoLoad
 from contact_tracker.wrenches.wrenches import Wrenches

@@ -33,7 +33,6 @@ from contact_tracker.errors import StateError, UsageError
 from contact_tracker.exports.columns import COLUMNS, decided
 from contact_tracker.exports.figure import _draw_bar, _draw_parts, _view_of, draw_on
 from contact_tracker.exports.formats import ROWS, rows_of, write_outcome
-from contact_tracker.exports.saved_result import RESULT
 from contact_tracker.geometry.elements import ContactGeometry, Line, Plane, Point, Unobserved, flat
 from contact_tracker.motion.poses import Poses
 from contact_tracker.outputs.outcome import Outcome
@@ -41,6 +40,7 @@ from contact_tracker.outputs.parts import Part
 from contact_tracker.outputs.scene import EMPTY
 from contact_tracker.paper import window_curves
 from contact_tracker.recording import write_recording
+from contact_tracker.saved_result import RESULT
 from contact_tracker.saved_state import save
 from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking.belief import FurtherContact, Segment

@@ -28,8 +28,8 @@ from contact_tracker.config.loading import load_model
 from contact_tracker.errors import InputError, UsageError
 from contact_tracker.map.map import EMPTY_MAP
 from contact_tracker.motion.poses import Pose, Poses
-from contact_tracker.offline import recorded_evidence
 from contact_tracker.recording import WRENCH_TYPE, WrenchLog, open_log, read_wrenches, write_recording
+from contact_tracker.segmenting import recorded_evidence
 from contact_tracker.states import Contact
 from contact_tracker.wrenches.wrenches import Wrenches
 

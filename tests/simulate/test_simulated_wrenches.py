@@ -11,9 +11,8 @@ import pytest
 from contact_tracker.arrays import Array
 from contact_tracker.config.loading import load_model
 from contact_tracker.geometry.elements import Line
-from contact_tracker.offline import wrench_evidence
 from contact_tracker.recording import open_log, read_wrenches, write_recording
-from contact_tracker.segmenting import OfflineTracker
+from contact_tracker.segmenting import OfflineTracker, wrench_evidence
 from contact_tracker.states import CONTACTS, Contact
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker_lab.evaluation.evaluate import evaluate

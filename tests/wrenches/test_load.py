@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from support.pressed_objects import CENTRE_M, MASS_KG, WEIGHT_N, Pressed, carried, pressed
 
-from contact_tracker.offline import NoLoad, mass_doubt, require_load
+from contact_tracker.segmenting import NoLoad, mass_doubt, require_load
 from contact_tracker.states import Contact
 from contact_tracker.wrenches.load import Load, estimate_load
 from contact_tracker.wrenches.wrenches import Wrenches, about_parent, average, reversed_wrenches

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from contact_tracker.trajectory import Trajectory, read
     from contact_tracker.version import __version__
     from contact_tracker.wrenches.wrenches import Wrenches
-    from contact_tracker_lab.evaluation.report import evaluate
 
 __all__ = [
     "Belief",

@@ -18,11 +18,11 @@ from contact_tracker.exports.columns import COLUMNS, Columns, Kind, Rows, column
 from contact_tracker.exports.formats import FIGURES, ROWS, SUFFIXES
 from contact_tracker.ground_truth import Truth
 from contact_tracker.map.map import Map as KnownMap
-from contact_tracker.offline import RecordedEvidence, evidence_as_given, evidence_of, segmented
 from contact_tracker.outputs.outcome import Outcome
 from contact_tracker.outputs.parts import KnownParts, Part, known_parts
 from contact_tracker.outputs.text import counted, table
 from contact_tracker.recording import parts_of, read_labels, read_wrenches
+from contact_tracker.segmenting import RecordedEvidence, evidence_as_given, evidence_of, segmented
 from contact_tracker.sequences import comparison
 from contact_tracker.sequences.comparison import TOLERANCE, compare_outcomes
 from contact_tracker.sequences.graph import ContactGraph
@@ -188,7 +188,7 @@ class Result(Outcome):
         StateError : the file cannot be read, is no result, is damaged, or was saved by a version whose
             results have other parts.
         """
-        from contact_tracker.exports.saved_result import read_result
+        from contact_tracker.saved_result import read_result
 
         name = path_from(path)
         with errors_as(StateError, name):

@@ -31,7 +31,7 @@ from contact_tracker.config.table_reading import AS_NAMED, TableReading, reading
 from contact_tracker.errors import ContactTrackerError, UnreadableRecording, UsageError
 from contact_tracker.files import read_regular
 from contact_tracker.map.map import EMPTY_MAP, Map
-from contact_tracker.offline import evidence_as_given, segmented
+from contact_tracker.segmenting import evidence_as_given, segmented
 from contact_tracker.states import STATES
 from contact_tracker.trajectory import Trajectory
 from contact_tracker.trajectory.arguments import ModelLike, model_from

@@ -21,12 +21,11 @@ from contact_tracker.exports.columns import COLUMNS, PROBABILITIES, Rows, column
 from contact_tracker.exports.parquet import open_parquet
 from contact_tracker.files import whole_file
 from contact_tracker.map.map import Map
-from contact_tracker.offline import recorded_evidence
 from contact_tracker.outputs.adaptation import report_json
 from contact_tracker.outputs.text import is_open
 from contact_tracker.recording import PoseLog, open_log
 from contact_tracker.saved_state import fingerprint
-from contact_tracker.segmenting import OfflineTracker
+from contact_tracker.segmenting import OfflineTracker, recorded_evidence
 from contact_tracker.tracking.belief import Detail, Segment
 from contact_tracker.version import __version__
 

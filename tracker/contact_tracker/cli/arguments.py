@@ -314,7 +314,7 @@ def load_wrenches(
         return None
     if name == "-":
         raise UsageError("--wrench reads the recording twice, which standard input does not allow")
-    from contact_tracker.offline import recorded_evidence
+    from contact_tracker.segmenting import recorded_evidence
 
     log = open_poses(args, name)
     with progress(f"{name}: load", "poses", log.source.messages) as set_done:

@@ -74,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
 def _segmented(
     source: "Source", trajectory: "Trajectory", model: "Model", known_map: "Map"
 ) -> "tuple[Outcome, int]":
-    from contact_tracker.offline import segmented
+    from contact_tracker.segmenting import segmented
 
     with progress(f"{source.name}: segment", "poses", len(trajectory)) as set_done:
         outcome = segmented(trajectory, model, known_map, progress=set_done)

@@ -190,9 +190,8 @@ def _segment(
     """Segment one recording and return the exit code; ``warnings`` are those so far."""
     from contact_tracker.cli.source import Source
     from contact_tracker.exports.formats import write_outcome, write_pieces
-    from contact_tracker.offline import segmented
     from contact_tracker.outputs.text import table
-    from contact_tracker.segmenting import OfflineTracker
+    from contact_tracker.segmenting import OfflineTracker, segmented
     from contact_tracker.tracking.belief import Detail
 
     read = [*args.logs, *arguments.files_read([args.log], args.model, args.known)]

@@ -79,8 +79,8 @@ def _view(
     log: str, args: argparse.Namespace, model: "Model", known_map: "Map", open_view: "Callable[[str], Draw]"
 ) -> int:
     from contact_tracker.cli.source import Source
-    from contact_tracker.offline import segmented
     from contact_tracker.recording import read_truth
+    from contact_tracker.segmenting import segmented
 
     source = Source(arguments.open_poses(args, log), log, args)
     truth, trajectory = read_truth(log), source.trajectory()

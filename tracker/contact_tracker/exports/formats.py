@@ -52,7 +52,7 @@ FORMATS: Final = {
     ".tex": Format(("segments",)),
     ".toml": Format((), "sequences.plan", "write_plan"),
     ".graphml": Format((), "sequences.graph", "write_graph"),
-    ".contacts": Format((), "exports.saved_result", "write_result"),
+    ".contacts": Format((), "saved_result", "write_result"),
     ".rrd": Format((), "viewer.views", "write_rrd"),
 }
 SUFFIXES: Final = tuple(suffix for suffix in FORMATS if suffix != ".rrd")

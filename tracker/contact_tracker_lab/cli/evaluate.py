@@ -32,8 +32,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     from contact_tracker.motion.poses import Poses
-    from contact_tracker.offline import segmented
     from contact_tracker.recording import need_truth
+    from contact_tracker.segmenting import segmented
     from contact_tracker.tracking.belief import Detail
     from contact_tracker.trajectory import Trajectory
     from contact_tracker_lab.evaluation.evaluate import Answering, evaluate
