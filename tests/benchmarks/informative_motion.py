@@ -25,8 +25,8 @@ from contact_tracker.arrays import Array
 from contact_tracker.config.loading import load_model
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.geometry.lifted_pose import lift
-from contact_tracker.geometry.rotation import from_rotation_vectors, matrices
-from contact_tracker.geometry.rotation import product as turned
+from contact_tracker.geometry.linalg import from_rotation_vectors, matrices
+from contact_tracker.geometry.linalg import product as turned
 from contact_tracker.motion.pose_validation import PoseGate
 from contact_tracker.motion.poses import Pose
 from contact_tracker.motion.window import LEVER_M

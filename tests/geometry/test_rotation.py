@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
-from contact_tracker.geometry import linalg, rotation
+from contact_tracker.geometry import linalg
 
 seeds = st.integers(0, 2**31)
 exact = {"rtol": 0.0, "atol": 1e-14}
@@ -22,10 +22,10 @@ def same_rotation(found, expected):
 def test_products_differences_and_matrices(seed, norm):
     a, b = Rotation.random(20, random_state=seed), Rotation.random(20, random_state=seed + 1)
     p, q = a.as_quat(), b.as_quat()
-    same_rotation(rotation.product(p, q), (a * b).as_quat())
-    same_rotation(rotation.between(p, q), (a.inv() * b).as_quat())
-    np.testing.assert_allclose(rotation.matrices(norm * p), a.as_matrix(), **exact)
-    np.testing.assert_allclose(rotation.matrices(p[0]), a[0].as_matrix(), **exact)
+    same_rotation(linalg.product(p, q), (a * b).as_quat())
+    same_rotation(linalg.between(p, q), (a.inv() * b).as_quat())
+    np.testing.assert_allclose(linalg.matrices(norm * p), a.as_matrix(), **exact)
+    np.testing.assert_allclose(linalg.matrices(p[0]), a[0].as_matrix(), **exact)
 
 
 @settings(max_examples=60, deadline=None)
@@ -33,10 +33,10 @@ def test_products_differences_and_matrices(seed, norm):
 def test_rotation_vectors_there_and_back(seed, angle):
     axis = np.random.default_rng(seed).normal(size=(5, 3))
     vector = angle * axis / np.linalg.norm(axis, axis=1, keepdims=True)
-    quat = rotation.from_rotation_vectors(vector)
+    quat = linalg.from_rotation_vectors(vector)
     np.testing.assert_allclose(quat, Rotation.from_rotvec(vector).as_quat(), **exact)
     for sign in (1.0, -1.0):
-        found = rotation.rotation_vectors(sign * quat)
+        found = linalg.rotation_vectors(sign * quat)
         np.testing.assert_allclose(found, Rotation.from_quat(quat).as_rotvec(), rtol=1e-12, atol=1e-14)
         np.testing.assert_allclose(found, vector, rtol=1e-9, atol=1e-14)
 
@@ -47,13 +47,13 @@ def test_the_nearest_rotation_of_a_mean(seed, spread):
     """Against singular values, as in scipy: of one rotation, and of the mean of several."""
     rng = np.random.default_rng(seed)
     turns = Rotation.random(random_state=rng) * Rotation.from_rotvec(spread * rng.normal(size=(20, 3)))
-    same_rotation(rotation.nearest(turns.as_matrix().mean(axis=0)), turns.mean().as_quat())
+    same_rotation(linalg.nearest(turns.as_matrix().mean(axis=0)), turns.mean().as_quat())
 
 
 @pytest.mark.parametrize("axis", range(3))
 def test_half_a_turn_has_one_of_its_two_vectors(axis):
     quat = np.eye(4)[axis]
-    np.testing.assert_allclose(rotation.rotation_vectors(quat), np.pi * quat[:3], **exact)
+    np.testing.assert_allclose(linalg.rotation_vectors(quat), np.pi * quat[:3], **exact)
 
 
 # --- direct calls of lapack, against numpy and scipy ---

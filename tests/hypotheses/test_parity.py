@@ -14,10 +14,10 @@ from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.explanations.conditional_contact import (
     ConditionalMotion,
     Problem,
-    constraints_of_two,
     moments,
 )
 from contact_tracker.explanations.further_contacts import KnownContact
+from contact_tracker.explanations.online_contacts import constraints_of_two
 from contact_tracker.geometry.elements import Origins
 from contact_tracker.geometry.lifted_pose import lift
 from contact_tracker.hypotheses import gauss_newton, global_search, observability, refinement

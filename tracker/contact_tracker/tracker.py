@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
-from operator import is_not
 from typing import Final, Self
 
 from contact_tracker.checks.check import Stream
@@ -48,7 +47,7 @@ class Tracker:
     late: int = 0
 
     def __post_init__(self) -> None:
-        self._doubt_basis: tuple[object, ...] = (None,)
+        self._checked: tuple[object, object] = None, None
         self._doubt = False
 
     @classmethod
@@ -149,9 +148,8 @@ class Tracker:
         """The beliefs, mixed with uniform ones while the stream may be in doubt."""
         if not beliefs:
             return beliefs
-        basis = *self.inspection.basis, *self.checks.basis
-        if any(map(is_not, basis, self._doubt_basis)):
-            self._doubt_basis, self._doubt = basis, self.may_be_in_doubt
+        if self._checked[0] is not self.inspection or self._checked[1] is not self.checks:
+            self._checked, self._doubt = (self.inspection, self.checks), self.may_be_in_doubt
         if not self._doubt:
             return beliefs
         possible = self.filters.known_map.allowed
@@ -226,7 +224,8 @@ class Tracker:
     def may_be_in_doubt(self) -> bool:
         """Whether labels are unreliable or may prove so: impacts may be shorter than a tick, and the map or
         the conventions of the poses may be wrong."""
-        return self.checks.is_likely(self.stream) or self.is_in_doubt
+        stream = self.stream
+        return self.checks.is_likely(stream) or any(f.doubts_labels for f in self.checks.findings(stream))
 
     @property
     def suspects_mistake(self) -> bool:

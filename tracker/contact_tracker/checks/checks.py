@@ -193,12 +193,6 @@ class Checks(NamedTuple):
         """The named checks updated by poses."""
         return self._replace(**{name: getattr(self, name).update(poses, stream) for name in names})
 
-    @property
-    def basis(self) -> tuple[object, ...]:
-        """Values on which doubts depend, as in ``Inspection.basis``."""
-        compared = self.conventions.nats, self.conventions.mistake, self.conventions.is_settled
-        return self.impacts, *compared, self.clearance, self.contradiction
-
     def update_segments(self, segments: Iterable[Segment], stream: Stream) -> "Checks":
         """The checks updated by the next segments."""
         listed = tuple(segments)

@@ -24,7 +24,7 @@ from contact_tracker.checks.readings import (
 )
 from contact_tracker.config.parameters import Model
 from contact_tracker.geometry.lifted_pose import lift
-from contact_tracker.geometry.rotation import matrices
+from contact_tracker.geometry.linalg import matrices
 from contact_tracker.inspection.stream_checks import Finding
 from contact_tracker.motion.free_motion import can_be_compared
 from contact_tracker.motion.poses import Poses

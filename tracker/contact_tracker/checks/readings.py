@@ -15,7 +15,7 @@ import numpy as np
 from contact_tracker.arrays import Array
 from contact_tracker.config.quantities import LENGTHS
 from contact_tracker.config.table_reading import QUATERNION
-from contact_tracker.geometry import rotation
+from contact_tracker.geometry import linalg
 from contact_tracker.motion.poses import AS_GIVEN, Poses, ReadAs
 
 DELAYS_MS: Final = (-100, -70, -50, -35, -20, -10, -5, 5, 10, 20, 35, 50, 70, 100)
@@ -98,7 +98,7 @@ class Given:
         return self._about[key]
 
     def _angles(self, made_of: Angles, folds: bool) -> Numbers:
-        matrix = rotation.matrices(self.quat_xyzw)
+        matrix = linalg.matrices(self.quat_xyzw)
         i, j = ("xyz".index(axis) for axis in made_of.axes[:2])
         k = 3 - i - j
         sign = 1.0 if (j - i) % 3 == 1 else -1.0
@@ -120,8 +120,8 @@ class Given:
         return Numbers(values, log_volume)
 
     def _vectors(self, folds: bool) -> Numbers:
-        vector = rotation.rotation_vectors(self.quat_xyzw)
-        angle = np.linalg.norm(vector, axis=1, keepdims=True) + rotation.TINY
+        vector = linalg.rotation_vectors(self.quat_xyzw)
+        angle = np.linalg.norm(vector, axis=1, keepdims=True) + linalg.TINY
         if folds:
             vector, angle = vector * (1.0 - 2.0 * pi / angle), 2.0 * pi - angle
         return Numbers(vector, _log_sinc(angle[:, 0]))
@@ -187,7 +187,7 @@ def _by_angles(angles: Angles, made_of: Angles | None, folds: bool, orientations
     numbers = orientations.numbers(made_of, folds)
     middle = numbers.values[:, angles.places[1]]
     volume = np.sin(middle) if angles.is_proper else np.cos(middle)
-    return Turns(rotation.product(rotation.product(first, second), third), _log(volume) - numbers.log_volume)
+    return Turns(linalg.product(linalg.product(first, second), third), _log(volume) - numbers.log_volume)
 
 
 def _by_vector(made_of: Angles, folds: bool, orientations: Given) -> Turns:
@@ -196,7 +196,7 @@ def _by_vector(made_of: Angles, folds: bool, orientations: Given) -> Turns:
     is_long = np.linalg.norm(numbers.values, axis=1) > pi
     vector = np.where(is_long[:, None], folded.values, numbers.values)
     log_volume = _log_sinc(np.linalg.norm(vector, axis=1))
-    return Turns(rotation.from_rotation_vectors(vector), log_volume - numbers.log_volume)
+    return Turns(linalg.from_rotation_vectors(vector), log_volume - numbers.log_volume)
 
 
 def _in_radians(made_of: Angles, is_vector: bool, orientations: Given) -> Turns:
@@ -205,12 +205,12 @@ def _in_radians(made_of: Angles, is_vector: bool, orientations: Given) -> Turns:
     values = np.degrees(orientations.numbers(made_of, False).values)
     is_far = np.abs(values).max(axis=1) > 2.0 * pi
     if is_vector:
-        quat = rotation.from_rotation_vectors(values)
+        quat = linalg.from_rotation_vectors(values)
     else:
         axes = ["xyz".index(axis) for axis in made_of.axes]
         about = np.eye(3)[axes] * values[:, made_of.places, None]
-        first, second, third = np.swapaxes(rotation.from_rotation_vectors(about), 0, 1)
-        quat = rotation.product(rotation.product(first, second), third)
+        first, second, third = np.swapaxes(linalg.from_rotation_vectors(about), 0, 1)
+        quat = linalg.product(linalg.product(first, second), third)
     return Turns(quat, np.where(is_far, _IMPOSSIBLE, 0.0))
 
 

@@ -19,8 +19,15 @@ from scipy.special import chdtrc, chdtri
 
 from contact_tracker.contacts.task_frame import PARALLEL
 from contact_tracker.geometry.elements import Array, ContactGeometry, Element, Line, Plane, Point
-from contact_tracker.geometry.linalg import cross, cross_matrix, dot, sphere_tangent
-from contact_tracker.geometry.rotation import between, matrices, rotation_vectors
+from contact_tracker.geometry.linalg import (
+    between,
+    cross,
+    cross_matrix,
+    dot,
+    matrices,
+    rotation_vectors,
+    sphere_tangent,
+)
 
 SIGNIFICANCE: Final = 0.01
 """Probability, over all ticks of a segment at rest, that it is said to move in one of the ways."""

@@ -134,16 +134,6 @@ def count_constraints(moved: Array, contacts: Sequence[Array]) -> int:
     return int(linalg.median((np.linalg.svd(rows, compute_uv=False) > SAME_ROW).sum(axis=1)))
 
 
-def constraints_of_two(model: ContactModel, x: Array, window: Window) -> int:
-    """Number of independent constraints that two contacts of one kind, with elements x (2, S), impose
-    together in the newest tick."""
-    if not compiled.in_use():
-        return count_constraints(perturbed(window.zeta[-1:]), [*coefficients(model, x)])
-    from contact_tracker.hypotheses.compiled import calls
-
-    return calls.count_constraints(calls.model_of(model, 1.0), calls.ticks_of(window), x, SAME_ROW)
-
-
 AT_FIRST: Final = 0.1
 """Probability that a further contact is present when the first one begins."""
 

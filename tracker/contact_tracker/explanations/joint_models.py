@@ -13,8 +13,7 @@ import numpy as np
 
 from contact_tracker.arrays import Array, Ints
 from contact_tracker.geometry.lifted_pose import R, T
-from contact_tracker.geometry.linalg import cross_matrix, sphere_tangent
-from contact_tracker.geometry.rotation import from_rotation_vectors, matrices
+from contact_tracker.geometry.linalg import cross_matrix, from_rotation_vectors, matrices, sphere_tangent
 
 S_X, S_Y, S_Z, TILT_X, TILT_Y, ANGLE = range(6)
 """Coordinates of the joint's body frame in its world frame: origin (m), tilt of the axis, and angle about the

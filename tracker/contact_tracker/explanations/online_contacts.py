@@ -9,13 +9,16 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.arrays import Array
+from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.explanations.conditional_contact import (
+    SAME_ROW,
     ConditionalMotion,
     Presence,
     Run,
-    constraints_of_two,
+    coefficients,
     count_constraints,
+    perturbed,
 )
 from contact_tracker.explanations.further_contacts import (
     MAX_FURTHER,
@@ -33,6 +36,7 @@ from contact_tracker.explanations.further_contacts import (
     search_span,
 )
 from contact_tracker.geometry.elements import ContactGeometry
+from contact_tracker.hypotheses import compiled
 from contact_tracker.motion.window import Window
 from contact_tracker.states import Contact
 
@@ -111,6 +115,16 @@ def with_first(
     elements = [previous, *(contact.elements for contact in state.tracked), *state.remembered]
     remembered = tuple(elements[:MAX_REMEMBERED])
     return FormationState(first, remembered=remembered, search_interval=0.0, ticks_since_search=moved_ticks)
+
+
+def constraints_of_two(model: ContactModel, x: Array, window: Window) -> int:
+    """Number of independent constraints that two contacts of one kind, with elements x (2, S), impose
+    together in the newest tick."""
+    if not compiled.in_use():
+        return count_constraints(perturbed(window.zeta[-1:]), [*coefficients(model, x)])
+    from contact_tracker.hypotheses.compiled import calls
+
+    return calls.count_constraints(calls.model_of(model, 1.0), calls.ticks_of(window), x, SAME_ROW)
 
 
 def advance(state: FormationState, ticks: FormationTicks, first: KnownContact) -> FormationState:

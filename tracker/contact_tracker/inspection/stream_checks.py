@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from contact_tracker.arrays import Array, Bools
-from contact_tracker.geometry.rotation import between, rotation_vectors
+from contact_tracker.geometry.linalg import between, rotation_vectors
 from contact_tracker.motion.excursions import ARM_M, FAR_M_PER_S2
 from contact_tracker.motion.poses import AS_GIVEN, NO_POSES, Poses, ReadAs
 from contact_tracker.motion.sensor_noise import MEDIAN_OF_CHI_SQ, SCALE, independent_point
@@ -346,12 +346,6 @@ class Inspection(NamedTuple):
     bodies: bool = False
     filtered: bool = False
     read_as: ReadAs = AS_GIVEN
-
-    @property
-    def basis(self) -> tuple[object, ...]:
-        """Values on which doubts depend; they are immutable, so identical objects mean the same doubts."""
-        counts = self.total >= ENOUGH_CONSTANT, self.blocks > 0
-        return self.units, self.bodies, *self.moved, self.turning.distances, *counts
 
 
 NOTHING_INSPECTED: Final = Inspection()

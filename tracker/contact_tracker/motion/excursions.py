@@ -19,7 +19,7 @@ from typing import Final
 
 import numpy as np
 
-from contact_tracker.geometry.rotation import between, product, rotation_vectors
+from contact_tracker.geometry.linalg import between, product, rotation_vectors
 from contact_tracker.motion.poses import NEAR_M, NEAR_TURN, STEPS_KEPT, Array, Pose, Step, reach, step_between
 
 JUMP: Final = 3.0

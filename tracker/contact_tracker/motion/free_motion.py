@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.config.parameters import Model
-from contact_tracker.geometry.rotation import (
+from contact_tracker.geometry.linalg import (
     between,
     from_rotation_vectors,
     nearest,

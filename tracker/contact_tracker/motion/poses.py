@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from contact_tracker.config.table_reading import AS_NAMED, TableReading, reading_of
 from contact_tracker.errors import InvalidPose
-from contact_tracker.geometry.rotation import matrices
+from contact_tracker.geometry.linalg import matrices
 
 Array = NDArray[np.float64]
 

@@ -14,8 +14,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.geometry.linalg import cross_matrix
-from contact_tracker.geometry.rotation import between, matrices, rotation_vectors
+from contact_tracker.geometry.linalg import between, cross_matrix, matrices, rotation_vectors
 from contact_tracker.motion.poses import Poses
 
 Array = NDArray[np.float64]

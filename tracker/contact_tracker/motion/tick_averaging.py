@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from contact_tracker.config.parameters import Model
 from contact_tracker.geometry.elements import Origins
 from contact_tracker.geometry.lifted_pose import R, T, mean_lift
-from contact_tracker.geometry.rotation import between, rotation_vectors
+from contact_tracker.geometry.linalg import between, rotation_vectors
 from contact_tracker.motion import free_motion, sensor_noise
 from contact_tracker.motion.free_motion import NO_EXCESS, FreeMotion, InnovationExcess
 from contact_tracker.motion.poses import NO_OUTLIERS, NO_POSES, Outliers, Poses

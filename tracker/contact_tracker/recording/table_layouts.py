@@ -24,7 +24,7 @@ from contact_tracker.config.table_reading import (
     reading_of,
 )
 from contact_tracker.errors import ChoiceError, UnreadableRecording
-from contact_tracker.geometry.rotation import from_rotation_vectors
+from contact_tracker.geometry.linalg import from_rotation_vectors
 from contact_tracker.suggestions import suggestion
 
 Array = NDArray[np.float64]

@@ -22,7 +22,7 @@ from scipy.linalg import null_space
 
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.geometry.lifted_pose import R, T, lift
-from contact_tracker.geometry.rotation import from_rotation_vectors, matrices
+from contact_tracker.geometry.linalg import from_rotation_vectors, matrices
 from contact_tracker.hypotheses.evidence import DECISIVE
 from contact_tracker.hypotheses.gauss_newton import per_metre
 from contact_tracker.hypotheses.observability import information_spectrum, perturbed_rows

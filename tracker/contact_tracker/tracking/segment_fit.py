@@ -24,7 +24,7 @@ from contact_tracker.explanations.further_contacts import (
 from contact_tracker.explanations.joint_evidence import Joint, find_joint, joint_of
 from contact_tracker.geometry.elements import ContactGeometry, Origins, pack, shifted
 from contact_tracker.geometry.lifted_pose import R, T
-from contact_tracker.geometry.rotation import nearest
+from contact_tracker.geometry.linalg import nearest
 from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.bank_update import fit_windows
 from contact_tracker.hypotheses.births import propose_births, propose_measured, touching_evidence

@@ -7,8 +7,7 @@ import numpy as np
 
 from contact_tracker.arrays import Array, Bools, Ints
 from contact_tracker.errors import UsageError
-from contact_tracker.geometry.linalg import cross
-from contact_tracker.geometry.rotation import between, matrices, nearest, rotation_vectors
+from contact_tracker.geometry.linalg import between, cross, matrices, nearest, rotation_vectors
 from contact_tracker.motion.poses import Poses, real_numbers
 
 GREATEST_N: Final = 1e6
