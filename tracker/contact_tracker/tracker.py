@@ -47,8 +47,7 @@ class Tracker:
     late: int = 0
 
     def __post_init__(self) -> None:
-        self._checked: tuple[object, object] = None, None
-        self._doubt = False
+        self._doubt = self.may_be_in_doubt
 
     @classmethod
     def start(
@@ -91,6 +90,7 @@ class Tracker:
         self.inspect_added()
         last = self.filters.finish()
         self.checks = self.checks.finish()
+        self._doubt = self.may_be_in_doubt
         return [*beliefs, *self._in_doubt(last)]
 
     def add(self, poses: Pose | Poses, detail: Detail = Detail.FORMATION) -> list[Belief]:
@@ -133,23 +133,22 @@ class Tracker:
         """Update the filters and the checks by the poses since their last update, and close the ticks that
         end before ``until_ns``; returns the beliefs of closed ticks."""
         filters, checks, beliefs = self.filters.copied(), self.checks, list[Belief]()
+        is_settled = checks.contradiction.is_settled
         if self.taken_in < len(self.uninspected):
             poses = Poses.join(self.uninspected[self.taken_in :])
             beliefs += filters.add(poses, detail)
-            if not checks.contradiction.is_settled:
+            if not is_settled:
                 checks = checks.update(poses, self._stream(filters), "contradiction")
         if until_ns is not None:
             beliefs += filters.pass_time(until_ns, detail)
         self.filters, self.checks = filters, checks  # together, so that an interrupted call changes nothing
         self.taken_in = len(self.uninspected)
+        if not is_settled:
+            self._doubt = self.may_be_in_doubt
         return self._in_doubt(beliefs)
 
     def _in_doubt(self, beliefs: list[Belief]) -> list[Belief]:
         """The beliefs, mixed with uniform ones while the stream may be in doubt."""
-        if not beliefs:
-            return beliefs
-        if self._checked[0] is not self.inspection or self._checked[1] is not self.checks:
-            self._checked, self._doubt = (self.inspection, self.checks), self.may_be_in_doubt
         if not self._doubt:
             return beliefs
         possible = self.filters.known_map.allowed
@@ -162,6 +161,7 @@ class Tracker:
             self.inspect_poses(poses)
             self.check("conventions", poses)
             self.uninspected, self.many, self.taken_in = [], 0, 0
+            self._doubt = self.may_be_in_doubt
 
     def inspect_poses(self, poses: Poses) -> None:
         """Update the inspection and the checks of poses (``INSPECTED``), but not the filters."""
