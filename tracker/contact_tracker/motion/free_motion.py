@@ -111,6 +111,8 @@ class FreeMotion(NamedTuple):
             return np.zeros(2)
         recent = LOG_BIAS * np.exp(np.minimum(*self.latest.sum(axis=0).T) / len(self.latest))
         beyond = np.maximum(np.minimum(self.spread, recent) - REST_VARIANCE_RATIO * rest, 0.0)
+        if not beyond.any():
+            return np.zeros(2)
         moving = beyond / variance * share
         axes = np.linalg.det(_EYE + (3.0 * moving)[:, None, None] * self.shape)
         correlation = np.maximum(self.autocorrelation, 0.0)

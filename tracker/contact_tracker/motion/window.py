@@ -234,6 +234,12 @@ def newest_rest(window: Window, tick_s: float) -> NewestRest:
         return NO_REST
     count = rest_ticks(tick_s)
     filled = np.flatnonzero(window.frames)[-2 * count :]
+    if (
+        filled.size > count
+    ):  # two ticks of both newest spans alone may scatter too much: the usual case in motion
+        apart = _per_axis(window.zeta[filled[-2], _POSE] - window.zeta[filled[-count], _POSE])
+        if (apart > 2.0 * (count - 1) * REST_VARIANCE_RATIO * window.variance.max(axis=0)).any():
+            return NO_REST
     newest = _still(window, filled[-1 - count :], count)
     is_in_rest, rested = bool(newest[-1:].any()), bool(newest[-2:-1].any())
     completes = is_in_rest and not rested and not _still(window, filled[:-1], count).any()
