@@ -29,7 +29,6 @@ from contact_tracker.hypotheses.bank import Bank, blank
 from contact_tracker.hypotheses.evidence import EvidenceParameters, residual_noise
 from contact_tracker.hypotheses.schedule import burn_in_ticks
 from contact_tracker.map.association import MapView
-from contact_tracker.map.elements import Key, kinds_of
 from contact_tracker.map.map import Map, NamedElement, Up
 from contact_tracker.map.pairs import (
     Frame,
@@ -40,13 +39,15 @@ from contact_tracker.map.pairs import (
     named_pairs,
     pair_priors,
 )
-from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS, STATES, Contact
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Bools = NDArray[np.bool_]
+
+KEPT: Final = 128
+"""Number of proposals kept: those of nine filters for six contacts, twice, as labels and places recur."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,34 +194,12 @@ def join_histories(past: Array, of_new: Array, count: int, rows: Index) -> Array
     return np.concatenate([past, of_new[None].repeat(count, axis=0)])[rows]
 
 
-class CachedProposals(NamedTuple):
-    """The birth ``proposals`` of each contact, with their inputs: the map without the sightings ``left_out``,
-    the ``current`` pair in contact, the ``latest`` pair before it, and the frame."""
-
-    map: GrowingMap
-    left_out: tuple[int, ...]
-    current: tuple[Key, Key] | None
-    latest: tuple[Key, Key] | None
-    frame: Frame | None
-    proposals: tuple[BirthProposals, ...]
-
-    def inputs(self, model: ContactModel) -> tuple[object, ...]:
-        """The inputs of the proposals of one contact: the current pair only if it has the contact's kinds of
-        elements, and the position of the body only if the surroundings' element is no face."""
-        kinds = None if self.current is None else tuple(self.map.elements[key].kind for key in self.current)
-        current = self.current if kinds == kinds_of(model) else None
-        frame = None if self.frame is None else self.frame[: 2 if kinds_of(model)[1] == "f" else 3]
-        return self.map, self.left_out, current, self.latest, frame
-
-
 class TickInput(NamedTuple):
     """The prediction for a tick before its evidence, with the hypotheses that begin in it, numbered one
     contact after the other."""
 
     proposals: tuple[BirthProposals, ...]
     """Per contact."""
-    cached_proposals: CachedProposals
-    """The proposals before they are weighed, for the next tick."""
     onset: int
     """Index of the tick."""
     onset_ns: int
@@ -472,7 +451,7 @@ def proximity_evidence(
     return ProximityEvidence.of(begins, log_share, np.array([angle, row_gain[:, -1].mean()]))
 
 
-@lru_cache(maxsize=8 * len(CONTACT_MODELS))
+@lru_cache(maxsize=KEPT)
 def _prior_alone(begins: BirthProposals) -> ProximityEvidence:
     """The evidence without a known pair: the prior alone."""
     if not begins.count:
@@ -504,7 +483,7 @@ def _spread(model: ContactModel, pairs: _KnownPairs, zeta: Array) -> Array:
     return np.asarray(variance)
 
 
-@lru_cache(maxsize=8 * len(CONTACT_MODELS))  # proposals are the same in many ticks and trackers
+@lru_cache(maxsize=KEPT)
 def _known_pairs(model: ContactModel, begins: BirthProposals) -> _KnownPairs:
     """The known pairs, with the terms of their evidence that do not depend on the pose."""
     is_known = begins.are_both_known

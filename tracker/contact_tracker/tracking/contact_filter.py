@@ -7,6 +7,7 @@ Also the forward pass with it over the ticks of a recording.
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from operator import attrgetter
 from typing import Final, NamedTuple, Self
 
@@ -16,14 +17,15 @@ from scipy.special import expit
 
 import contact_tracker.hmm as hmm
 from contact_tracker.config.parameters import Model
-from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.explanations import online_contacts
 from contact_tracker.explanations.further_contacts import FormationTicks, KnownContact
 from contact_tracker.geometry.lifted_pose import T
 from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.bank_update import TickWeights, marginalise_expired_ticks, update_banks
 from contact_tracker.hypotheses.births import (
-    CachedProposals,
+    KEPT,
+    BirthProposals,
     TickInput,
     prepare_weights,
     propose_births,
@@ -33,9 +35,11 @@ from contact_tracker.hypotheses.births import (
     weigh_births,
 )
 from contact_tracker.hypotheses.observability import FittedContact, element_estimate, fitted_contact
-from contact_tracker.map.association import MAP_INSERTION_PROBABILITY, Sighting
+from contact_tracker.map.association import MAP_INSERTION_PROBABILITY, MapView, Sighting
+from contact_tracker.map.elements import Key, kinds_of
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.map.pairs import Frame, named_pairs
+from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion.free_motion import NO_EXCESS
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.tick_averaging import ORIGIN_M, Tick, TickGrid, with_excess
@@ -66,8 +70,8 @@ def predict_transitions(
     If it completes a ``rest``, the likelihood of the rest in each state counts, once per rest.
     """
     model = state.model
-    cached = _proposals(state, Frame.around(state.origins, window.zeta[-1, T]))
-    proposals, log_odds = cached.proposals, np.zeros(len(STATES))
+    proposals = _proposals(state, Frame.around(state.origins, window.zeta[-1, T]))
+    log_odds = np.zeros(len(STATES))
     exposure = max(window.latest_motion_ratio, REST_EXPOSURE) + state.deferred_exposure
     if state.known_map.lists_elements:  # known elements come into contact by any displacement, however smooth
         exposure = max(exposure, window.displacement_ratio)
@@ -94,7 +98,6 @@ def predict_transitions(
         past = hmm.inherited_past(past, state.log_state_weight, transition)
     return TickInput(
         proposals,
-        cached,
         state.ticks,
         tick.start_ns,
         state.next_hypothesis_id,
@@ -108,30 +111,52 @@ def predict_transitions(
     )
 
 
-def _proposals(state: FilterState, frame: Frame) -> CachedProposals:
-    """Birth proposals of each contact by the present map; those with unchanged inputs are reused."""
+def _proposals(state: FilterState, frame: Frame) -> tuple[BirthProposals, ...]:
+    """Birth proposals of each contact by the present map; as the same objects while their inputs stay the
+    same. The place of the body matters only to edges and vertices of the environment."""
     if state.uses_later_contacts:
         left_out, current = state.map.shown_after(state.ticks, state.model.tick_s), None
-        latest = state.map.latest_before(state.ticks)
+        latest, reach_m = state.map.latest_before(state.ticks), state.map.reach_m
     else:
-        left_out, current, latest = (), state.current_pair, state.map.whole.latest
-    cached, fresh = state.cached_proposals, CachedProposals(state.map, left_out, current, latest, frame, ())
-    if fresh[:-1] == cached[:-1]:
-        return cached
-    view = replace(
-        state.map.without(left_out) if left_out else state.map.whole, current=current, latest=latest
+        left_out, current, latest, reach_m = (), state.current_pair, state.map.whole.latest, None
+    touching = None if current is None else tuple([state.map.elements[key].kind for key in current])
+    frames = {"e": frame, "v": frame, "f": frame._replace(near_m=(0.0, 0.0, 0.0))}
+    view = state.map, left_out, latest, state.model.geometry.revisit_prior, reach_m
+    return tuple(
+        [
+            _births(model, state.known_map, frames[kinds[1]], current if kinds == touching else None, *view)
+            for model, kinds in _KINDS
+        ]
     )
-    share = state.model.geometry.revisit_prior
-    if state.uses_later_contacts:
-        view = view.with_incident_vertices(share, state.map.reach_m)
-    return fresh._replace(
-        proposals=tuple(
-            kept
-            if fresh.inputs(contact) == cached.inputs(contact)
-            else propose_births(contact, state.known_map, view, share, frame)
-            for contact, kept in zip(CONTACT_MODELS, cached.proposals, strict=True)
-        )
-    )
+
+
+_KINDS: Final = [(model, kinds_of(model)) for model in CONTACT_MODELS]
+"""Each contact, and the kinds of its elements."""
+
+
+@lru_cache(maxsize=KEPT)
+def _births(
+    model: ContactModel,
+    known_map: Map,
+    frame: Frame,
+    current: tuple[Key, Key] | None,
+    world: GrowingMap,
+    left_out: tuple[int, ...],
+    latest: tuple[Key, Key] | None,
+    share: float,
+    reach_m: float | None,
+) -> BirthProposals:
+    """Birth proposals of a contact by the map ``world`` without the sightings ``left_out``: the ``latest``
+    pair touched last, and the ``current`` one, of the contact's kinds of elements, touches. With ``reach_m``
+    edges and faces of the map have vertices (``with_incident_vertices``)."""
+    view = replace(_view(world, left_out, share, reach_m), current=current, latest=latest)
+    return propose_births(model, known_map, view, share, frame)
+
+
+@lru_cache(maxsize=16)
+def _view(world: GrowingMap, left_out: tuple[int, ...], share: float, reach_m: float | None) -> MapView:
+    view = world.without(left_out) if left_out else world.whole
+    return view if reach_m is None else view.with_incident_vertices(share, reach_m)
 
 
 @dataclass(eq=False)
@@ -167,9 +192,8 @@ class ContactFilter:
         """Propose the births of the next tick by a map that has changed, before a pose waits for them."""
         state = self.state
         if state.ticks:
-            cached = _proposals(state, Frame.around(state.origins, state.window.zeta[-1, T]))
-            prepare_weights(cached.proposals)
-            self.state = state._replace(cached_proposals=cached)
+            prepare_weights(_proposals(state, Frame.around(state.origins, state.window.zeta[-1, T])))
+        self.state = state._replace(prepared_map=state.map)
 
     @property
     def reported(self) -> Belief | None:
@@ -265,7 +289,6 @@ def update_state(
         outliers = outliers.joined(tick.outliers)
     return state._replace(
         window=change.window,
-        cached_proposals=change.cached_proposals,
         ticks=state.ticks + 1,
         next_hypothesis_id=state.next_hypothesis_id + sum(map(len, map(_BORN, change.proposals))) + 1,
         deferred_exposure=0.0,

@@ -442,7 +442,7 @@ class FilterBank:
         if not rate_is_known or self.grid is None or not self.grid.goes_on(stamp_ns):
             return False
         for filter_ in self.filters:
-            if filter_.state.cached_proposals.map is not filter_.state.map:
+            if filter_.state.prepared_map is not filter_.state.map:
                 filter_.prepare()
         return True
 

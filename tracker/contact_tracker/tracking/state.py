@@ -12,7 +12,6 @@ from contact_tracker.geometry.elements import Origins
 from contact_tracker.hmm import log_sum_exp
 from contact_tracker.hypotheses.bank import Bank, blank
 from contact_tracker.hypotheses.bank_update import LiveHypotheses
-from contact_tracker.hypotheses.births import CachedProposals, uninformed_proposal
 from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.map.elements import Key
 from contact_tracker.map.map import EMPTY_MAP, Map
@@ -51,8 +50,8 @@ class FilterState(NamedTuple):
     """The active hypotheses of all banks, and free motion."""
     map: GrowingMap
     """Elements that contacts have touched."""
-    cached_proposals: CachedProposals
-    """Birth proposals of each contact, as last computed."""
+    prepared_map: GrowingMap
+    """The map by which births were proposed before a tick needed them (``ContactFilter.prepare``)."""
     log_state_weight: Array
     """(7,) log weight of each state at the last boundary, up to a constant."""
     log_birth_weight: Array
@@ -137,7 +136,7 @@ def start(model: Model, lag_s: float = 0.0, known_map: Map = EMPTY_MAP) -> Filte
         banks,
         LiveHypotheses.of(banks, -1),
         empty,
-        CachedProposals(empty, (), None, None, None, tuple(map(uninformed_proposal, CONTACT_MODELS))),
+        empty,
         log_initial(model),
         log_initial(model),
         np.zeros((len(STATES), length, len(STATES))),
