@@ -7,7 +7,9 @@ import numpy as np
 REFINE_STEPS: Final = 1
 FIRST_TICKS: Final = 6.0
 FIRST_STEPS: Final = 3
-"""Gauss-Newton steps in each of the ``FIRST_TICKS`` with motion, in which the estimate changes most."""
+"""Gauss-Newton steps in each of the ``FIRST_TICKS`` with motion, in which the estimate changes most. With one
+step a change of contact within 0.15 s is not seen; without ``RECOVERY_STEPS`` either, labels of 15 everyday
+recordings are right for 0.013 less of the time."""
 REST_WEIGHT: Final = 1e-7
 """Weight of a tick without motion. It keeps the position determined and carries almost no information."""
 DEFER_NATS: Final = 10.0
