@@ -165,9 +165,10 @@ class Tracker:
 
     def inspect_poses(self, poses: Poses) -> None:
         """Update the inspection and the checks of poses (``INSPECTED``), but not the filters."""
-        stream = self.stream
-        for start in range(0, len(poses) if stream.map.lists_elements else 0, BATCH_POSES):
-            self.checks = self.checks.update(poses[start : start + BATCH_POSES], stream, *INSPECTED)
+        if self.filters.known_map.lists_elements:
+            stream = self.stream
+            for start in range(0, len(poses), BATCH_POSES):
+                self.checks = self.checks.update(poses[start : start + BATCH_POSES], stream, *INSPECTED)
         self.inspection = inspect(self.inspection, poses)
 
     def check(self, name: str, poses: Poses) -> None:
