@@ -16,8 +16,7 @@ LAB = ROOT / "tracker" / "contact_tracker_lab"
 
 # Data flows down this table: a package imports only from rows above its own, and from itself.
 LAYERS = (
-    ("arrays",),
-    ("states", "errors", "files", "suggestions", "version", "geometry", "hmm", "interrupts"),
+    ("states", "errors", "files", "suggestions", "arrays", "version", "geometry", "hmm", "interrupts"),
     ("config", "contacts", "processes"),
     ("motion", "ground_truth", "map"),
     ("hypotheses", "inspection", "paper", "wrenches"),

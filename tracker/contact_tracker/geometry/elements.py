@@ -15,7 +15,7 @@ from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 
-from contact_tracker.arrays import Array as Array
+from contact_tracker.geometry.linalg import Array as Array
 
 ANYWHERE_M: Final = 1e3
 """Standard deviation of an unknown offset of a face."""

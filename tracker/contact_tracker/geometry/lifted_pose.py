@@ -9,8 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from contact_tracker.arrays import Array
-from contact_tracker.geometry.linalg import cross_matrix
+from contact_tracker.geometry.linalg import Array, cross_matrix
 
 SIZE: Final = 25
 R: Final = np.arange(0, 9)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import lapack
 
-from contact_tracker.arrays import Array
+Array = NDArray[np.float64]
 
 EYE: Final = np.eye(3)
 ONE: Final = np.eye(1)

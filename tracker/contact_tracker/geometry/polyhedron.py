@@ -8,8 +8,8 @@ from typing import Final
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from contact_tracker.arrays import Array
 from contact_tracker.geometry.elements import Element, Line, Plane, Point
+from contact_tracker.geometry.linalg import Array
 
 KINDS: Final = "vef"
 _DIGITS: Final = 6
