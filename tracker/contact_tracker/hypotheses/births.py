@@ -47,7 +47,7 @@ Index = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
 KEPT: Final = 128
-"""Number of proposals kept: those of nine filters for six contacts, twice, as labels and places recur."""
+"""Number of proposals kept: of six contacts in up to 16 filters, and of labels and places that recur."""
 
 
 @dataclass(frozen=True, eq=False)
