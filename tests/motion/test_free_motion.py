@@ -144,13 +144,6 @@ def test_predictions_continue_the_motion():
     assert np.linalg.norm(at[1] - 0.5 * (at[0] + at[2])) < 0.01
 
 
-def test_the_first_ticks_have_no_excess():
-    """Innovations are not meaningful before the filter has settled."""
-    rng = np.random.default_rng(5)
-    excess = follow(*noisy(rng, *by_hand(rng, 10)))[1]
-    assert (excess[: free_motion.SETTLING_TICKS] == 0.0).all()
-
-
 def test_a_jump_has_no_lasting_effect():
     """One jump of a metre must not count as motion forever."""
     rng = np.random.default_rng(6)

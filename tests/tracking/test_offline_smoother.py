@@ -16,7 +16,7 @@ from contact_tracker.motion.poses import NO_OUTLIERS, Poses, batches
 from contact_tracker.motion.window import Window
 from contact_tracker.states import Contact
 from contact_tracker.tracking.contact_filter import ContactFilter, FilteredTick, ticks_of
-from contact_tracker.tracking.offline_smoother import Segmenter, pieces, segment
+from contact_tracker.tracking.offline_smoother import Segmenter, pieces
 from contact_tracker.tracking.segment_fit import SegmentTicks, fit_segments
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker.tracking.transition_model import tick_transitions
@@ -88,27 +88,6 @@ def test_smoothing_is_better_than_filtering(contacts):
     np.testing.assert_allclose(found.beliefs[-1].probability, found.filtered[-1].probability, atol=0.02)
 
 
-# --- edges -------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("count", [0, 1, 20, 21])
-def test_a_very_short_recording_is_one_segment_or_none(count):
-    poses = recorded(FACE_TO_EDGE).poses[:count]
-    found = segment(poses, MODEL)
-    assert len(found.beliefs) == len(found.filtered) == (count > 0) + (count > 20)
-    assert not count or (found.segments[0].start_ns, found.segments[0].end_ns) == tuple(
-        poses.stamp_ns[[0, -1]]
-    )
-
-
-def test_progress_is_the_number_of_poses_read(monkeypatch):
-    monkeypatch.setattr("contact_tracker.motion.poses.BATCH", 50)
-    poses, counts = recorded(FACE_TO_EDGE).poses[:51], []
-    segment(poses, MODEL, counts.append)
-    pieces_of(poses, counts.append)  # without online beliefs
-    assert counts == 2 * [50, 51]
-
-
 # --- in pieces ---------------------------------------------------------------------------------------------
 
 
@@ -125,10 +104,8 @@ def again_and_again(times):
         for seen in ticks_seen():
             before, before_ns = number * ticks, number * ticks * MODEL.tick_ns
             alive, tick, change = seen.state.live_hypotheses, seen.tick, seen.state.log_transition
-            if number:  # hypotheses end with each repetition
-                change = (
-                    change if seen is not ticks_seen()[0] else tick_transitions(MODEL, 1.0).log_transition
-                )
+            if number and seen is ticks_seen()[0]:  # hypotheses end with each repetition
+                change = tick_transitions(MODEL, 1.0).log_transition
             yield FilteredTick(
                 state=seen.state._replace(
                     log_transition=change,
@@ -140,9 +117,8 @@ def again_and_again(times):
             )
 
 
-def pieces_of(poses, progress=None):
-    ticks = ticks_of(batches(poses), MODEL, progress)
-    return list(pieces(ticks, ContactFilter.start(MODEL), Segmenter()))
+def pieces_of(poses):
+    return list(pieces(ticks_of(batches(poses), MODEL), ContactFilter.start(MODEL), Segmenter()))
 
 
 def in_pieces(executor=None, times=1):
@@ -157,15 +133,16 @@ def in_pieces(executor=None, times=1):
 
 def test_pieces_together_are_the_whole(monkeypatch):
     monkeypatch.setattr("contact_tracker.tracking.offline_smoother.PIECE_TICKS", 10)
-    some, most = in_pieces(times=4)
+    parts, most = in_pieces(times=4)
     monkeypatch.setattr("contact_tracker.tracking.offline_smoother.PIECE_TICKS", 10_000)
     (expected,), _ = in_pieces(times=4)
-    found = Segmentation.join(some)
-    assert sum(len(piece.segments) > 0 for piece in some) >= 3
+    found = Segmentation.join(parts)
+    assert sum(len(piece.segments) > 0 for piece in parts) >= 3
     assert most < 200
-    assert [(s.contact, s.start_ns, s.end_ns) for s in found.segments] == [
-        (s.contact, s.start_ns, s.end_ns) for s in expected.segments
-    ]
+    spans, expected_spans = (
+        [(s.contact, s.start_ns, s.end_ns) for s in x.segments] for x in (found, expected)
+    )
+    assert spans == expected_spans
     np.testing.assert_array_equal(found.filtered.rows["probability"], expected.filtered.probability)
     np.testing.assert_array_equal(found.stamp_ns, expected.stamp_ns)
     np.testing.assert_allclose(found.beliefs.probability, expected.beliefs.probability, atol=1e-5)
@@ -178,18 +155,16 @@ def test_pieces_together_are_the_whole(monkeypatch):
 def test_segments_are_the_same_however_many_poses_are_averaged_ahead(monkeypatch):
     """Intermediate segments use the noise of the ticks so far, not of pending ones."""
     monkeypatch.setattr("contact_tracker.tracking.offline_smoother.PIECE_TICKS", 30)
-    some = {}
+    poses, parts = recorded("f-e e-e f-e e-f e-e").poses, []
     for batch in (20, 10_000):
         monkeypatch.setattr("contact_tracker.motion.poses.BATCH", batch)
-        poses = recorded("f-e e-e f-e e-f e-e").poses
-        some[batch] = pieces_of(poses)
-    assert sum(len(piece.segments) > 0 for piece in some[20]) >= 2
-    expected = Segmentation.join(some.pop(20))
-    for found in map(Segmentation.join, some.values()):
-        for a, b in zip(found.segments, expected.segments, strict=True):
-            assert (a.contact, a.start_ns, a.end_ns) == (b.contact, b.start_ns, b.end_ns)
-            if a.geometry is not None and b.geometry is not None:
-                np.testing.assert_array_equal(*(numbers(s.geometry.environment) for s in (a, b)))
+        parts.append(pieces_of(poses))
+    assert sum(len(piece.segments) > 0 for piece in parts[0]) >= 2
+    expected, found = map(Segmentation.join, parts)
+    for a, b in zip(found.segments, expected.segments, strict=True):
+        assert (a.contact, a.start_ns, a.end_ns) == (b.contact, b.start_ns, b.end_ns)
+        if a.geometry is not None and b.geometry is not None:
+            np.testing.assert_array_equal(*(numbers(s.geometry.environment) for s in (a, b)))
 
 
 def test_segments_do_not_depend_on_the_number_of_online_beliefs():
@@ -205,9 +180,9 @@ def test_segments_do_not_depend_on_the_number_of_online_beliefs():
 
 def test_a_full_buffer_releases_its_older_half(monkeypatch):
     monkeypatch.setattr("contact_tracker.tracking.offline_smoother.ROOM_BYTES", 30_000)
-    some, most = in_pieces()
-    found = Segmentation.join(some)
-    assert len(some) > 3
+    parts, most = in_pieces()
+    found = Segmentation.join(parts)
+    assert len(parts) > 3
     assert most < 30
     np.testing.assert_array_equal(found.stamp_ns, segmented(FACE_TO_EDGE).stamp_ns)
     assert names(found) == FACE_TO_EDGE  # the path is the same
@@ -231,10 +206,10 @@ def test_an_object_that_stays_exactly_at_rest_fills_no_memory(monkeypatch):
         moving.position_m[-1:].repeat(count, axis=0),
         moving.quat_xyzw[-1:].repeat(count, axis=0),
     )
-    some = pieces_of(Poses.join([moving, same]))
-    assert 2 < len(some) < 20
+    parts = pieces_of(Poses.join([moving, same]))
+    assert 2 < len(parts) < 20
     assert max(sizes) <= 60_000
-    assert len(Segmentation.join(some).stamp_ns) > 900
+    assert len(Segmentation.join(parts).stamp_ns) > 900
 
 
 def test_worker_processes_give_the_same_result(monkeypatch):
