@@ -28,12 +28,7 @@ LAYERS = (
     ("batch", "saved_result"),
     ("cli", "api"),
 )
-LAB_LAYERS = (
-    ("simulate", "evaluation"),
-    ("calibration",),
-    ("benchmark",),
-    ("cli", "physics"),
-)
+LAB_LAYERS = (("simulate", "evaluation"), ("calibration",), ("benchmark",), ("cli", "physics"))
 """Of the second package, which imports any of the first one; the first one imports none of it."""
 EDGE = {"interrupts", "processes", "recording", "trajectory", "outputs", "sequences", "viewer", "segmenting"}
 EDGE |= {"saved_state", "saved_result", "exports", "batch", "cli", "api"}
@@ -66,6 +61,7 @@ SINGLE_IMPORTER = {
     "argparse": ("cli", "benchmark/runner.py", "benchmark/benchmark.py", "physics.py"),
     "distributed": "batch/cluster.py",
     "fsspec": "batch/remote.py",
+    "rosbags": (),  # bags are read without it
 }
 IO_MODULES = {"sys", "os", "io", "pathlib", "logging", "subprocess", "socket", "shutil", "tempfile", "time"}
 IO_CALLS = {"open", "print", "input"}

@@ -16,7 +16,7 @@ import pytest
 from mcap.writer import Writer
 from scipy.spatial.transform import Rotation
 
-from command_line import DEVNULL, ENVIRONMENT, PIPE, PROGRAM, ROOT, Done, run, shown_on_a_terminal, started
+from command_line import DEVNULL, ENVIRONMENT, PIPE, PROGRAM, ROOT, Done, run, started
 from contact_tracker.cli import info, main
 from contact_tracker.cli.arguments import output_file
 from contact_tracker.cli.main import COMMANDS, LAB_COMMANDS
@@ -37,8 +37,6 @@ RATE_HZ = 100
 SIGMA_M = 3e-4
 LENGTH_S = 2
 START_NS = 1_700_000_000_000_000_000
-
-
 PROC = Path("/proc")
 needs_proc = pytest.mark.skipif(not PROC.is_dir(), reason="needs a system that lists processes in files")
 
@@ -49,14 +47,12 @@ def wait_until_it_waits(process: "subprocess.Popen[bytes]") -> None:
         assert line, "it has ended"
     before = None
     while True:
-        _, _, values = (
-            (PROC / str(process.pid) / "stat").read_text().rpartition(")")
-        )  # a name may have blanks
-        state, *numbers = values.split()
-        now = state, numbers[10], numbers[11]  # user and system time
-        if state == "S" and now == before:
+        stat = (PROC / str(process.pid) / "stat").read_text()
+        state, *numbers = stat.rpartition(")")[2].split()  # a name may have blanks
+        usage = state, numbers[10], numbers[11]  # user and system time
+        if state == "S" and usage == before:
             return
-        before = now
+        before = usage
         time.sleep(0.2)
 
 
@@ -117,13 +113,12 @@ def test_the_help_of_each_command_has_an_example(command: str) -> None:
 def test_a_link_is_written_where_it_leads(log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "there").mkdir()
     (tmp_path / "out.csv").symlink_to(tmp_path / "there" / "out.csv")
-    asked = []
-    monkeypatch.setattr(
-        "contact_tracker.cli.arguments.os.access", lambda path, mode: bool(asked.append(path))
-    )
+    folders = list[Path]()
+    access = "contact_tracker.cli.arguments.os.access"
+    monkeypatch.setattr(access, lambda path, mode: bool(folders.append(path)))
     with pytest.raises(UsageError, match="there is not writable"):
         output_file(".csv")(str(tmp_path / "out.csv"))
-    assert asked == [tmp_path.resolve() / "there"]
+    assert folders == [tmp_path.resolve() / "there"]
     (tmp_path / "lost.csv").symlink_to(tmp_path / "gone" / "out.csv")
     with pytest.raises(UsageError, match="gone"):
         output_file(".csv")(str(tmp_path / "lost.csv"))
@@ -199,15 +194,10 @@ def test_what_the_call_names_and_the_recording_lacks_is_2(
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.fixture(scope="module")
-def live_json(log: Path) -> str:
+def test_live_json_is_a_belief_per_tick_from_a_file_and_from_a_pipe(log: Path) -> None:
     done = run("live", log, "--json")
     assert done.returncode == 0, done.stderr
-    return done.stdout
-
-
-def test_live_json_is_a_belief_per_tick_from_a_file_and_from_a_pipe(log: Path, live_json: str) -> None:
-    beliefs = [json.loads(line) for line in live_json.splitlines()]
+    beliefs = [json.loads(line) for line in done.stdout.splitlines()]
     stamps = [b["stamp_ns"] for b in beliefs]
     assert len(beliefs) >= 10
     assert stamps == sorted(set(stamps))
@@ -221,10 +211,9 @@ def test_live_json_is_a_belief_per_tick_from_a_file_and_from_a_pipe(log: Path, l
         assert sum(belief["probability"].values()) == pytest.approx(1)
         assert belief["contact"] in NAMES
         assert START_NS <= belief["onset_ns"] <= belief["stamp_ns"]
-        assert set(belief["geometry"]) == (
-            set() if belief["contact"] == "free" else {"object", "environment"}
-        )
-    assert run("live", "-", "--json", stdin=log.read_bytes()).stdout == live_json
+        elements = set() if belief["contact"] == "free" else {"object", "environment"}
+        assert set(belief["geometry"]) == elements
+    assert run("live", "-", "--json", stdin=log.read_bytes()).stdout == done.stdout
 
 
 def test_live_text_has_a_line_per_change_one_when_settled_and_a_summary(log: Path) -> None:
@@ -239,19 +228,6 @@ def test_live_text_has_a_line_per_change_one_when_settled_and_a_summary(log: Pat
         assert contact != before or (settled and not settled_before)
     assert f"{LENGTH_S * RATE_HZ} poses" in done.stderr
     assert "\r" not in done.stderr, "a status line is for terminals"
-
-
-def test_segment_writes_every_tick_as_json_lines_and_a_table_to_stdout(
-    log: Path, live_json: str, tmp_path: Path
-) -> None:
-    assert run("segment", log, "-o", "out.jsonl", cwd=tmp_path).returncode == 0
-    ticks = [json.loads(line)["stamp_ns"] for line in (tmp_path / "out.jsonl").read_text().splitlines()]
-    assert ticks == [json.loads(line)["stamp_ns"] for line in live_json.splitlines()]
-    header, *lines = run("segment", log).stdout.splitlines()
-    assert header.split()[:5] == ["start", "s", "end", "s", "contact"]
-    *lines, open_contacts = lines if lines[-1].startswith("The motion leaves") else [*lines, ""]
-    assert all(line.split()[2] in NAMES for line in lines)
-    assert not open_contacts or open_contacts.endswith(" s.")
 
 
 def test_truncated_input_gives_the_readable_part_and_3(truncated: Path, tmp_path: Path) -> None:
@@ -330,12 +306,6 @@ def test_a_signal_leaves_no_partial_file(log: Path, tmp_path: Path) -> None:
     assert not any(tmp_path.iterdir())
 
 
-def test_a_status_line_shows_on_a_terminal(log: Path) -> None:
-    shown = shown_on_a_terminal("live", log, "--json")
-    assert "\r" in shown
-    assert f"{LENGTH_S * RATE_HZ} poses" in shown
-
-
 def test_view_of_a_pipe_has_every_pose(log: Path, tmp_path: Path) -> None:
     done = run("view", "-", "--save", tmp_path / "a.rrd", stdin=log.read_bytes())
     assert (done.returncode, done.stdout) == (0, ""), done.stderr
@@ -346,8 +316,7 @@ def test_view_of_a_pipe_has_every_pose(log: Path, tmp_path: Path) -> None:
 def test_info_describes_the_poses(log: Path) -> None:
     done = run("info", log, "--json")
     assert done.returncode == 0, done.stderr
-    found = json.loads(done.stdout)
-    (source,) = found["sources"]
+    (source,) = json.loads(done.stdout)["sources"]
     assert source["topic"] == "/object/pose"
     assert source["type"] == "geometry_msgs/msg/PoseStamped"
     assert source["poses"] == LENGTH_S * RATE_HZ
@@ -407,8 +376,8 @@ def test_an_interval_is_the_same_in_columns(tmp_path, monkeypatch, start, durati
         log = open_log(path)
         source = Source(log, args.log, args)
         try:
-            batches = source.batches() if columns else (one.poses for one in source.arrivals())
-            poses = [pose for some in batches for pose in some]
+            batches = source.batches() if columns else (arrival.poses for arrival in source.arrivals())
+            poses = [pose for batch in batches for pose in batch]
         except ChoiceError as error:
             poses = str(error)
         return poses, log.origin_ns, log.first_ns, log.last_ns, log.valid
@@ -420,29 +389,21 @@ def test_an_interval_is_the_same_in_columns(tmp_path, monkeypatch, start, durati
 def test_a_suspicion_that_lasts_is_said_once(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
     args = argparse.Namespace(log=str(log), start=0.0, duration=None, table=AS_NAMED)
     source = Source(open_log(str(log)), args.log, args)
-    for seconds, is_suspected, said in (
-        (0, True, 0),
-        (2, True, 0),
-        (3, False, 0),
-        (4, True, 0),
-        (8, True, 1),
-        (9, False, 0),
-        (10, True, 0),
-        (20, True, 0),
-    ):
-        source.report_suspicion(seconds * 10**9, is_suspected)
-        assert capsys.readouterr().err.count("no label is certain for now") == said
+    reported_s = []
+    for seconds, is_suspected in ((0, 1), (2, 1), (3, 0), (4, 1), (8, 1), (9, 0), (10, 1), (20, 1)):
+        source.report_suspicion(seconds * 10**9, bool(is_suspected))
+        reported_s += [seconds] * capsys.readouterr().err.count("no label is certain for now")
+    assert reported_s == [8]
 
 
 def test_info_reads_a_file_once_however_many_sources_it_has(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("contact_tracker.recording.log.SOURCES_KEPT", 20)
-    poses = list(smooth_poses(60))
     bodies = [f"body {i}" for i in range(24)]
     rows = [
         (pose.stamp_ns, {"transforms": [transform(*pose, "world", name) for name in bodies]})
-        for pose in poses
+        for pose in smooth_poses(60)
     ]
     path = write_log(tmp_path / "x.mcap", [Topic("/tf", "tf2_msgs/msg/TFMessage", rows)])
     done = run("info", "-", stdin=path.read_bytes())
@@ -450,9 +411,9 @@ def test_info_reads_a_file_once_however_many_sources_it_has(
     assert done.stdout.count("60 of ") + done.stdout.count("poses     60") == 20
     assert "more than 20 sources" in done.stdout
     assert done.stdout.count("noise     about") == 20
-    one = run("info", path, "--frame", "body 7")
-    assert one.stdout.startswith("/tf world->body 7")
-    assert "tracking" in one.stdout
+    single = run("info", path, "--frame", "body 7")
+    assert single.stdout.startswith("/tf world->body 7")
+    assert "tracking" in single.stdout
     assert run("info", path, "--frame", "nothing").returncode == 2
 
 
@@ -460,21 +421,15 @@ def test_info_of_many_bodies_takes_little_longer_than_of_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Each is tracked for its share of the updates that one has."""
-    poses = smooth_poses(1500)
+    poses, kind = smooth_poses(1500), "geometry_msgs/msg/TransformStamped"
     bodies = [
-        Topic(
-            f"/{name}",
-            "geometry_msgs/msg/TransformStamped",
-            [(pose.stamp_ns, transform(*pose, "world", name)) for pose in poses],
-        )
+        Topic(f"/{name}", kind, [(pose.stamp_ns, transform(*pose, "world", name)) for pose in poses])
         for name in "abc"
     ]
-    path, updates = str(write_log(tmp_path / "x.mcap", bodies)), list[int]()
+    path, updates, add = str(write_log(tmp_path / "x.mcap", bodies)), list[int](), Tracker.add
 
-    add = Tracker.add
-
-    def counted(tracker: Tracker, some: Poses, detail: Detail) -> list[Belief]:
-        beliefs = add(tracker, some, detail)
+    def counted(tracker: Tracker, batch: Poses, detail: Detail) -> list[Belief]:
+        beliefs = add(tracker, batch, detail)
         updates.append(len(beliefs))
         return beliefs
 

@@ -81,6 +81,7 @@ def test_names_of_any_kind_are_printed_in_lines(code: int, arguments: list[str],
 def test_names_of_any_kind_are_shown_in_progress(command: str, folder: Path) -> None:
     """On a terminal, in which progress and status may move the cursor, but no name."""
     shown = shown_on_a_terminal(command, LOG, cwd=folder)
+    assert "\r" in shown
     assert "poses" in shown or "recordings" in shown
     for odd in (RED, ERASED, BELL, "\u2028"):
         assert odd not in shown

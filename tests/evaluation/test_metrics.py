@@ -130,28 +130,6 @@ def test_missing_beliefs_count_as_wrong_and_uninformative() -> None:
     assert result.macro_f1 == 0.0
 
 
-# --- calibration -----------------------------------------------------------------------------------------
-
-
-def sampled(sharpen: float) -> Tally:
-    """Tally of truth drawn from known posteriors, with the posteriors raised to the power ``sharpen``."""
-    rng = np.random.default_rng(7)
-    p = rng.dirichlet(np.full(7, 0.4), size=100_000)
-    truth = (rng.random(len(p))[:, None] > np.cumsum(p, axis=1)).sum(axis=1).clip(0, 6)
-    scored = scoring(frames(10 * len(p)), make_truth(("free", 10 * len(p))))
-    sharpened = p**sharpen / (p**sharpen).sum(axis=1, keepdims=True)
-    return tally_of(replace(scored, truth=truth), sharpened.argmax(axis=1), sharpened)
-
-
-def test_a_calibrated_belief_has_no_calibration_error() -> None:
-    calibrated, overconfident = sampled(1.0), sampled(3.0)
-    assert calibrated.calibration_error < 0.006
-    assert overconfident.calibration_error > 0.1
-    assert calibrated.log_loss < overconfident.log_loss
-    assert calibrated.brier < overconfident.brier
-    assert calibrated.sure_wrong < overconfident.sure_wrong
-
-
 # --- state by state --------------------------------------------------------------------------------------
 
 

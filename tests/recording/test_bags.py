@@ -4,7 +4,6 @@ import bz2
 import shutil
 import sqlite3
 import struct
-import sys
 import time
 from collections.abc import Callable
 from contextlib import closing
@@ -48,27 +47,21 @@ def test_db3_of_python(tmp_path: Path) -> None:
     assert [source.poses for source in summary.sources] == [len(POSES)]
 
 
-def test_rosbag2_folder_and_its_metadata(tmp_path: Path) -> None:
+def test_metadata_stand_for_a_folder_of_either_format(tmp_path: Path) -> None:
     folder = write_rosbag2(tmp_path / "bag")
     assert_read(folder)
     assert_read(folder / "metadata.yaml")
-
-
-def test_metadata_stands_for_a_folder_of_mcap(tmp_path: Path) -> None:
     write_log(tmp_path / "a.mcap", [poses_topic(POSES)])
     (tmp_path / "metadata.yaml").touch()
     assert_read(tmp_path / "metadata.yaml")
 
 
-def test_parts_in_sqlite_follow_each_other(tmp_path: Path) -> None:
+def test_parts_in_sqlite_follow_each_other_and_a_converted_one_is_taken_once(tmp_path: Path) -> None:
     for part in range(3):
         write_sqlite(tmp_path / f"bag_{part}.db3", POSES[slice(20 * part, 20 * part + 20)])
     assert_read(tmp_path)
-
-
-def test_a_part_that_was_converted_to_mcap_is_taken_once(tmp_path: Path) -> None:
-    path = write_sqlite(tmp_path / "bag_0.db3", POSES)
-    write_log(path.with_suffix(".mcap"), [poses_topic(POSES)])
+    for part in range(3):
+        write_log(tmp_path / f"bag_{part}.mcap", [poses_topic(POSES[slice(20 * part, 20 * part + 20)])])
     assert_read(tmp_path)
 
 
@@ -102,24 +95,16 @@ def bag_record(data: bytes, **fields: bytes) -> bytes:
 def bag_of(chunks: list[tuple[bytes, bytes, int]]) -> bytes:
     """A bag without index of chunks (compression, data, declared size)."""
     head = bag_record(b" " * 4000, op=b"\x03", index_pos=bytes(8), conn_count=bytes(4), chunk_count=bytes(4))
-    return (
-        b"#ROSBAG V2.0\n"
-        + head
-        + b"".join(
-            bag_record(data, op=b"\x05", compression=name, size=struct.pack("<I", size))
-            for name, data, size in chunks
-        )
+    records = (
+        bag_record(data, op=b"\x05", compression=name, size=struct.pack("<I", size))
+        for name, data, size in chunks
     )
+    return b"".join((b"#ROSBAG V2.0\n", head, *records))
 
 
 def connection_record() -> bytes:
-    about = {
-        "topic": b"/pose",
-        "type": b"geometry_msgs/PoseStamped",
-        "md5sum": b"0",
-        "message_definition": b"",
-    }
-    data = bag_record(b"", **about)[4:-4]
+    about = {"topic": b"/pose", "type": b"geometry_msgs/PoseStamped", "md5sum": b"0"}
+    data = bag_record(b"", **about, message_definition=b"")[4:-4]
     return bag_record(data, op=b"\x07", conn=bytes(4), topic=b"/pose")
 
 
@@ -280,14 +265,6 @@ def test_only_mcap_is_followed(tmp_path: Path) -> None:
 def test_bags_are_recordings_that_no_result_replaces(tmp_path: Path) -> None:
     assert may_be_recording(str(write_sqlite(tmp_path / "a.db3", POSES)))
     assert may_be_recording(str(write_rosbag1(tmp_path / "a.bag", POSES)))
-
-
-@pytest.mark.parametrize("name", ["a.db3", "a.bag"])
-def test_bags_need_no_library(tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = (write_sqlite if name == "a.db3" else write_rosbag1)(tmp_path / name, POSES)
-    for module in [name for name in sys.modules if name.partition(".")[0] == "rosbags"]:
-        monkeypatch.setitem(sys.modules, module, None)
-    assert len(Poses.collect(open_log(str(path)))) == len(POSES)
 
 
 def varint(number: int) -> bytes:
