@@ -92,7 +92,7 @@ def test_little_motion_is_segmented(make: Callable[[], Poses], tmp_path: Path, c
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("command", ["live", "view", "info"])
-def test_non_finite_poses_are_counted(
+def test_nan_poses_are_counted(
     command: str, tmp_path: Path, capsys: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("DISPLAY", ":0")

@@ -94,10 +94,7 @@ def die() -> None:
 
 
 def test_processes_that_cannot_start_are_reported() -> None:
-    with (
-        pytest.raises(ContactTrackerError, match="a process has ended"),
-        local_processes(2, die) as call,
-    ):
+    with pytest.raises(ContactTrackerError, match="a process has ended"), local_processes(2, die) as call:
         list(call(square, [(1, (), "")]))
 
 

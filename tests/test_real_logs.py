@@ -95,8 +95,7 @@ def test_given_noise_is_used_and_reported(tmp_path: Path, capsys: Any) -> None:
 
 
 @pytest.mark.parametrize(
-    "value",
-    ["0.3", "0.3mm,0.15", "0.15deg,0.3mm", "0mm,0deg", "-1mm,1deg", "1mm,1deg,1deg", "0.11m,0.1deg"],
+    "value", ["0.3", "0.3mm,0.15", "0.15deg,0.3mm", "0mm,0deg", "-1mm,1deg", "1mm,1deg,1deg", "0.11m,0.1deg"]
 )
 def test_deviations_without_units_or_sense_are_wrong_usage(value: str, capsys: Any) -> None:
     for option in ("--noise", "--accuracy")[: 1 if value == "0mm,0deg" else 2]:  # accuracies may be zero

@@ -217,9 +217,7 @@ CALLS: dict[str, tuple[Callable[[Given], Callable[..., Any]], dict[str, tuple[An
         (lambda given: ct.evaluate(given.result, {}, map={}), "no argument map; did you mean meanings"),
     ],
 )  # fmt: skip
-def test_an_argument_that_there_is_not_is_named(
-    given: Given, call: Callable[[Given], Any], message: str
-) -> None:
+def test_an_unknown_argument_is_named(given: Given, call: Callable[[Given], Any], message: str) -> None:
     with pytest.raises(TypeError, match=message) as raised:
         call(given)
     assert isinstance(raised.value, ct.ContactTrackerError)
@@ -234,9 +232,7 @@ def test_an_argument_that_there_is_not_is_named(
         ("unix_time,x,y,z,rvec_x,rvec_y,rvec_z", "'unix_time'", {}),
     ],
 )
-def test_a_refusal_in_python_proposes_the_call(
-    tmp_path: Path, head: str, message: str, how: dict[str, str]
-) -> None:
+def test_a_refusal_proposes_the_call(tmp_path: Path, head: str, message: str, how: dict[str, str]) -> None:
     """And the proposed call reads the poses."""
     path = tmp_path / "it's {a} file.csv"
     rows = np.c_[np.arange(FEW), np.ones((FEW, 3)), np.linspace(0.0, 0.5, FEW), np.zeros((FEW, 2))]

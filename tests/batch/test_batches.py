@@ -163,7 +163,7 @@ def test_a_change_without_new_size_or_time_is_detected_by_rehash_only(tmp_path, 
     ],
     ids=["memory", "disk", "internal"],
 )
-def test_errors_are_rows_and_those_of_the_system_are_tried_again(
+def test_errors_are_rows_and_system_errors_are_tried_again(
     tmp_path, place, error, code, said, bad_again
 ) -> None:
     """Internal ones in the next version."""

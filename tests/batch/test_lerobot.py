@@ -73,9 +73,7 @@ def write_new(table, path) -> None:
 
 
 @pytest.mark.parametrize(("version", "name"), [("v2.1", "../data"), ("v3.0", ".")])
-def test_a_copy_has_the_contacts_of_its_frames(
-    simulated, outcome, tmp_path, monkeypatch, version, name
-) -> None:
+def test_a_copy_has_contacts_of_its_frames(simulated, outcome, tmp_path, monkeypatch, version, name) -> None:
     """The source is as before, and what else there is copied, but no frames."""
     source = write_data_set(tmp_path / "data", [simulated], version)
     before = content(source)

@@ -78,7 +78,7 @@ class Store(AbstractFileSystem):
     ],
     ids=["size not said", "size wrong", "folder", "too long", "empty files", "full disk"],
 )
-def test_copies_of_recordings_in_stores_have_a_size_limit_and_leave_free_space(
+def test_copies_have_a_size_limit_and_leave_free_space(
     store, name, limit, words, tmp_path, monkeypatch
 ) -> None:
     free = shutil.disk_usage(tmp_path).free

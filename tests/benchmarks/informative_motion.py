@@ -31,11 +31,7 @@ from contact_tracker.motion.pose_validation import PoseGate
 from contact_tracker.motion.poses import Pose
 from contact_tracker.motion.window import LEVER_M
 from contact_tracker.tracker import Tracker
-from contact_tracker.tracking.informative_motion import (
-    SHIFT_M,
-    InformativeMotion,
-    informative_motions,
-)
+from contact_tracker.tracking.informative_motion import SHIFT_M, InformativeMotion, informative_motions
 from contact_tracker_lab.benchmark.runner import Table, measured, parser_of, report
 
 RATE_HZ: Final = 100

@@ -38,15 +38,7 @@ from contact_tracker_lab.evaluation.geometry_errors import angle_rad, deviation,
 from contact_tracker_lab.evaluation.tables import number
 from contact_tracker_lab.simulate import Phase, Scenario, named_scenario, simulate
 from contact_tracker_lab.simulate.jointed import TrueJoint
-from summaries import (
-    NAN,
-    duration_s,
-    median_of_known,
-    read_gated,
-    recordings_in,
-    share_within_3,
-    shares_row,
-)
+from summaries import NAN, duration_s, median_of_known, read_gated, recordings_in, share_within_3, shares_row
 
 COLUMNS: Final = (
     *("joint", "seconds", "recordings", "true kind", "other kind"),

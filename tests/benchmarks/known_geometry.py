@@ -24,14 +24,7 @@ from contact_tracker.config.quantities import deviations
 from contact_tracker.geometry.elements import Element, Line, Plane, Point
 from contact_tracker.geometry.polyhedron import convex
 from contact_tracker.ground_truth import Truth
-from contact_tracker.map.map import (
-    Accuracy,
-    Map,
-    NamedElement,
-    elements_of,
-    known_to,
-    number_name,
-)
+from contact_tracker.map.map import Accuracy, Map, NamedElement, elements_of, known_to, number_name
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import need_truth, read_metadata
 from contact_tracker.segmenting import OfflineTracker

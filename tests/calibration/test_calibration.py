@@ -195,7 +195,7 @@ def test_impossible_calls_are_one_line_and_leave_no_file(
 
 
 @pytest.mark.parametrize(("poses", "labelled"), [(1, False), (2, True), (30, False)])
-def test_too_short_recordings_do_not_change_the_model(
+def test_short_recordings_do_not_change_the_model(
     poses: int, labelled: bool, logs: Path, tmp_path: Path
 ) -> None:
     log = tmp_path / "short.mcap"

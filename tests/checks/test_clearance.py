@@ -107,9 +107,7 @@ def test_an_object_that_stays_behind_all_faces_contradicts_them() -> None:
 
 
 @pytest.mark.parametrize(("height_m", "is_said"), [(0.052, False), (0.048, False), (0.15, True)])
-def test_an_object_that_stays_away_from_all_known_elements_is_reported(
-    height_m: float, is_said: bool
-) -> None:
+def test_an_object_away_from_all_known_elements_is_reported(height_m: float, is_said: bool) -> None:
     known_map = known(plane=[TABLE])
     found = compared(known_map, at_rest(0.0, 0.0, height_m))
     assert said(found) == [], "it may come nearer yet"

@@ -34,13 +34,12 @@ def found(given, *segments):
 
 
 def test_a_face_that_no_contact_is_on_is_named_with_its_distance():
-    (one,) = found(TABLE, on(0.34))
-    assert "surroundings (plane 1)" in one.text
-    assert "parallel to plane 1, 160 mm from it" in one.text
-    assert "\n" not in one.text
-    assert not one.doubts_labels
-    (other,) = found(TABLE, on(0.34, normal=(1.0, 0.0, 0.0)))
-    assert "parallel" not in other.text
+    (finding,) = found(TABLE, on(0.34))
+    assert "surroundings (plane 1)" in finding.text
+    assert "parallel to plane 1, 160 mm from it" in finding.text
+    assert not finding.doubts_labels
+    (turned,) = found(TABLE, on(0.34, normal=(1.0, 0.0, 0.0)))
+    assert "parallel" not in turned.text
     (vertex,) = found(CORNER, on(0.5))
     assert "object (tip)" in vertex.text
 
@@ -127,9 +126,8 @@ def test_no_row_is_on_a_known_face_that_contacts_contradict(tmp_path):
 
 def test_it_is_a_warning_of_a_recording():
     sliding = Trajectory(shipped("paper_experiment")[3000:4200:2])
-    (line,) = segment(
-        sliding, known={"environment": {"plane": [{"normal": [0, 0, 1], "offset_m": 9.0}]}}
-    ).warnings
+    plane = {"normal": [0, 0, 1], "offset_m": 9.0}
+    (line,) = segment(sliding, known={"environment": {"plane": [plane]}}).warnings
     assert "no contact confirms what is given of the surroundings (plane 1)" in line
 
 

@@ -73,10 +73,7 @@ def test_estimates_that_agree_are_no_finding():
 
 
 def test_the_text_has_the_pair_that_differs_most():
-    made = segments(
-        (point(), plane()), (point(0.0), plane((0.01, 0.0, 1.0))), (point(), plane((0.02, 0.0, 1.0)))
-    )
-    found = observed(made)
+    found = observed(segments(*((point(), plane((tilt, 0.0, 1.0))) for tilt in (0.0, 0.01, 0.02))))
     assert (found.near, found.apart) == (6, 3)
     (said,) = findings(found, NONE)
     assert "3 of 6 pairs; the face of the surroundings from 0.00 s and from 2.00 s by 1.1 deg, " in said.text

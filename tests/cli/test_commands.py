@@ -163,7 +163,7 @@ def test_wrong_usage_is_one_line_and_2(arguments: list[str], parts: list[str], t
 
 
 @pytest.mark.parametrize("command", ["live", "segment", "view", "info", "evaluate"])
-def test_input_that_cannot_be_used_is_one_line_and_1(
+def test_unusable_input_is_one_line_and_1(
     command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("DISPLAY", ":0")
@@ -185,9 +185,7 @@ def test_input_that_cannot_be_used_is_one_line_and_1(
         ["segment", "--time-unit", "ms"],
     ],
 )
-def test_what_the_call_names_and_the_recording_lacks_is_2(
-    arguments: list[str], log: Path, tmp_path: Path
-) -> None:
+def test_names_that_the_recording_lacks_are_2(arguments: list[str], log: Path, tmp_path: Path) -> None:
     """Another call would do, so the call is wrong, not the input."""
     command, *options = arguments
     assert_one_line_error(run(command, log, *options, cwd=tmp_path), 2, str(log))
@@ -396,9 +394,7 @@ def test_a_suspicion_that_lasts_is_said_once(log: Path, capsys: pytest.CaptureFi
     assert reported_s == [8]
 
 
-def test_info_reads_a_file_once_however_many_sources_it_has(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_info_reads_a_file_of_many_sources_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("contact_tracker.recording.log.SOURCES_KEPT", 20)
     bodies = [f"body {i}" for i in range(24)]
     rows = [
@@ -544,9 +540,7 @@ def test_the_state_of_another_source_is_named_as_sources_are(log: Path, tmp_path
 
 
 @pytest.mark.parametrize("later_s", [0.1, 40.0])
-def test_the_state_of_another_recording_is_refused_unless_that_ended_before(
-    tmp_path: Path, later_s: float
-) -> None:
+def test_the_state_of_another_recording_is_for_a_later_one(tmp_path: Path, later_s: float) -> None:
     state, poses = tmp_path / "s.state", smooth_poses(60)
     log = write_log(tmp_path / "a.mcap", [poses_topic(poses)])
     shift_ns, shift_m = round(later_s * 1e9), [0.0, 0.0, 0.1]

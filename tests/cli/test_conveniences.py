@@ -81,9 +81,7 @@ def test_quiet_prints_no_messages_and_verbose_prints_the_settings(log: Path) -> 
     ("suffix", "begins"),
     [("MCAP", b"\x89MCAP0"), ("Html", b"<!DOCTYPE html>"), ("PNG", b"\x89PNG"), ("pdf", b"%PDF")],
 )
-def test_every_suffix_is_an_output_in_whatever_case(
-    log: Path, tmp_path: Path, suffix: str, begins: bytes
-) -> None:
+def test_every_suffix_is_an_output_in_any_case(log: Path, tmp_path: Path, suffix: str, begins: bytes) -> None:
     done = run("segment", log, "-o", tmp_path / f"out.{suffix}")
     assert (done.returncode, done.stdout) == (0, ""), done.stderr
     last = done.stderr.splitlines()[-1]

@@ -107,7 +107,7 @@ def test_info_composes_nothing_of_standard_input_and_says_so(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("command", ["segment", "live", "view", "info", "batch"])
-def test_every_command_tells_the_tracker_that_a_frame_moves(
+def test_the_tracker_knows_that_a_frame_moves(
     command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Poses in the frame of another body are not taken for inverse ones then."""
@@ -127,19 +127,6 @@ def test_every_command_tells_the_tracker_that_a_frame_moves(
         done = run(command, path, "--topic", "/table", "--relative-to", "/cup", *output)
         assert done.returncode == 0, done.stderr
     assert set(told) == {True}
-
-
-def test_the_command_that_was_typed_is_proposed_for_columns_that_may_be_meant_in_several_ways(
-    tmp_path: Path,
-) -> None:
-    path, command = tmp_path / "a.csv", "live"
-    numbers = np.column_stack([1e-9 * POSES.stamp_ns, POSES.position_m, POSES.quat_xyzw[:, :3]])
-    np.savetxt(path, numbers, "%.9g", ",", header="time [s],x,y,z,rx,ry,rz", comments="")
-    done = run(command, path, "--unit", "mm")
-    assert (
-        f"contact-tracker {command} {path} --unit mm --rotation-vector or contact-tracker {command} {path}"
-        in (done.stderr)
-    )
 
 
 def test_a_warning_comes_while_the_stream_goes_on_with_the_option_that_is_tried(tmp_path: Path) -> None:

@@ -60,7 +60,7 @@ def test_shares_of_time_are_those_of_the_frames() -> None:
         (EF, [(VF,), (VF,)], 0.0, 0.0),
     ],
 )
-def test_the_reported_set_must_match_exactly(
+def test_the_reported_set_matches(
     label: Contact, others: list[tuple[Contact, ...]], right: float, is_open: float
 ) -> None:
     beliefs = [belief(i, label, *(further(*kinds) for kinds in others)) for i in range(FRAMES)]

@@ -114,9 +114,7 @@ def test_coarse_labels_are_right_with_each_of_their_states(tmp_path: Path) -> No
     assert result.calibration[:, 0].sum() == pytest.approx(9.0)
 
 
-def test_a_result_and_the_command_compare_with_labels(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_results_and_commands_compare_with_labels(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     poses = smooth_poses(200)
     log = write_log(tmp_path / "a.mcap", [poses_topic(poses, "/a")])
     labels = tmp_path / "labels.csv"

@@ -67,10 +67,7 @@ def poses() -> Poses:
 def log(tmp_path_factory, poses) -> Path:
     """Logged later than stamped, beside a topic of something else."""
     chatter = [(int(t) + LOG_OFFSET_NS, {"data": "hello"}) for t in poses.stamp_ns[:3]]
-    topics = [
-        poses_topic(poses, offset_ns=LOG_OFFSET_NS),
-        Topic("/chatter", "std_msgs/msg/String", chatter),
-    ]
+    topics = [poses_topic(poses, offset_ns=LOG_OFFSET_NS), Topic("/chatter", "std_msgs/msg/String", chatter)]
     return write_log(tmp_path_factory.mktemp("exports") / "cube.mcap", topics)
 
 

@@ -155,9 +155,7 @@ MOTIONS: dict[str, Callable[[float], Array]] = {
     ("rate_hz", "turning", "frames"),
     [*product([10.0, 30.0, 200.0], [False, True], [None]), (100.0, False, 70)],
 )
-def test_motion_without_noise_loses_nothing(
-    name: str, rate_hz: float, turning: bool, frames: int | None
-) -> None:
+def test_exact_motion_loses_nothing(name: str, rate_hz: float, turning: bool, frames: int | None) -> None:
     """Also with dropouts of as many frames as there are between two of them."""
     position = MOTIONS[name](rate_hz)
     poses = motion(position, 2.0 * position if turning else None, rate_hz)

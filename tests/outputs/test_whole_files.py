@@ -106,9 +106,7 @@ def test_the_mode_of_what_is_replaced_is_kept(tmp_path, before) -> None:
     ("before", "refused", "after"),
     [(0o640, False, 0o640), (0o660, True, 0o600), (0o664, True, 0o644), (0o674, True, 0o644)],
 )
-def test_the_owner_and_group_of_what_is_replaced_are_kept(
-    tmp_path, before, refused, after, monkeypatch
-) -> None:
+def test_the_owner_and_group_of_a_file_are_kept(tmp_path, before, refused, after, monkeypatch) -> None:
     """Or if the group cannot be kept, the new group has the rights of others."""
     target = tmp_path / "out.csv"
     target.write_text("old")

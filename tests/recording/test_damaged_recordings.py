@@ -76,9 +76,7 @@ def chunk_offsets(path: Path) -> list[tuple[int, int]]:
 @pytest.mark.parametrize(
     "options", [SMALL, {"use_chunking": False}, SMALL | INDEX_LESS], ids=["chunks", "unchunked", "index-less"]
 )
-def test_a_recording_cut_anywhere_gives_what_is_before_the_cut(
-    tmp_path: Path, options: dict[str, Any]
-) -> None:
+def test_a_recording_cut_anywhere_gives_what_precedes(tmp_path: Path, options: dict[str, Any]) -> None:
     poses = smooth_poses(30)
     content = write_log(tmp_path / "whole.mcap", [poses_topic(poses)], **options).read_bytes()
     cut = tmp_path / "cut.mcap"
@@ -173,8 +171,7 @@ NAMELESS = struct.pack("<BQHI", Opcode.SCHEMA, 6, 1, 0)
 
 
 @pytest.mark.parametrize(
-    ("records", "size"),
-    [*((records, 2**25) for records in (EMPTY, PRIVATE, NAMELESS)), (PRIVATE, 2**28)],
+    ("records", "size"), [*((records, 2**25) for records in (EMPTY, PRIVATE, NAMELESS)), (PRIVATE, 2**28)]
 )
 def test_work_is_bounded_by_the_bytes_read(
     tmp_path: Path, records: bytes, size: int, monkeypatch: pytest.MonkeyPatch
@@ -412,9 +409,7 @@ def test_a_long_stream_takes_no_more_memory_than_a_chunk_and_the_prefix(tmp_path
         ("anew", "written anew"),
     ],
 )
-def test_a_file_that_changes_while_it_is_followed_ends_the_stream(
-    tmp_path: Path, change: str, text: str
-) -> None:
+def test_a_followed_file_that_changes_ends_the_stream(tmp_path: Path, change: str, text: str) -> None:
     poses, path = smooth_poses(400), tmp_path / "a.mcap"
     content = write_log(path, [poses_topic(poses)], **SMALL).read_bytes()
     path.write_bytes(content[: len(content) // 2])

@@ -79,7 +79,7 @@ def encoding(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
 
 
 @pytest.mark.parametrize("name", CRAFTED)
-def test_crafted_definitions_are_not_executed(
+def test_definitions_are_not_run(
     tmp_path: Path, encoding: str, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Poses are read by the definition or by the known one of the type, or not at all; nothing is compiled or
@@ -237,7 +237,7 @@ SLOW: Mapping[str, tuple[Callable[[Path], Path], int, int]] = {
 
 
 @pytest.mark.parametrize("name", SLOW)
-def test_no_more_messages_are_decoded_than_the_bytes_explain(
+def test_the_bytes_explain_decoded_messages(
     tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     write, count, most = SLOW[name]
@@ -265,7 +265,7 @@ def test_too_many_levels_are_not_used(tmp_path: Path, levels: Mapping[str, str],
 
 
 @pytest.mark.parametrize("definition", ["? {}", "float64 a{}"])
-def test_many_definitions_take_no_longer_than_their_bytes_explain(
+def test_many_definitions_take_little_time(
     tmp_path: Path, definition: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     length = 1500

@@ -134,7 +134,7 @@ def counted_chunks(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     return sizes
 
 
-def test_overlapping_chunks_are_not_read_by_the_index(
+def test_overlapping_chunks_are_read_once(
     tmp_path: Path, poses: bytes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Each chunk lies in a message of the one before, and reaches to its end."""
@@ -168,7 +168,7 @@ def test_metadata_named_over_and_over_is_read_once(tmp_path: Path, poses: bytes)
     assert len(read_metadata(str(path))["m"]) == 2000
 
 
-def test_records_that_are_cut_off_are_not_read_to_the_end(
+def test_cut_records_are_not_read_to_the_end(
     tmp_path: Path, poses: bytes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """After lost framing, reading continues at the next chunk of the index, here over and over."""
@@ -222,7 +222,7 @@ def two_chunks(poses: bytes) -> tuple[bytes, bytes, bytes]:
 
 
 @pytest.mark.parametrize("error", [0, -9])
-def test_chunks_whose_size_is_wrong_in_the_index_are_read_in_order(
+def test_chunks_of_wrong_size_in_the_index_are_read_in_order(
     tmp_path: Path, poses: bytes, error: int
 ) -> None:
     """Chunks that overlap in log time, as the index says, are read by the index if it is right."""

@@ -168,7 +168,7 @@ def test_poses_in_a_field_of_messages_of_another_type(tmp_path: Path, field: str
 
 @pytest.mark.parametrize("field", [None, "poze"])
 @pytest.mark.parametrize("arguments", [(), ("live", "--json", "x"), ("info", "x", "--topic", "/object")])
-def test_the_command_for_a_field_with_poses_is_named(
+def test_the_command_for_a_field_is_named(
     tmp_path: Path, field: str | None, arguments: tuple[str, ...]
 ) -> None:
     path = wrapped(tmp_path / "a.mcap")
@@ -399,11 +399,7 @@ def test_foxglove_json(tmp_path: Path, kind: str) -> None:
 def test_json_that_is_no_pose_is_counted(tmp_path: Path, message: bytes) -> None:
     good = {"timestamp": {"sec": 1, "nsec": 5}, "frame_id": "w", "pose": named(FIRST)}
     far = {**good, "timestamp": {"sec": 10**30, "nsec": 5}}
-    rows = [
-        (5, json.dumps(good).encode()),
-        (6, message),
-        (7, json.dumps(far).encode()),
-    ]
+    rows = [(5, json.dumps(good).encode()), (6, message), (7, json.dumps(far).encode())]
     path = write_raw(tmp_path / "a.mcap", "foxglove.PoseInFrame", "json", "jsonschema", b"{}", rows)
     log = open_log(str(path))
     assert len(Poses.collect(log)) == 1

@@ -71,7 +71,7 @@ def test_a_proposed_command_reads_files_whose_names_begin_with_a_dash(tmp_path: 
         ("rvec_x,rvec_y,rvec_z", "0.1,-170,0.3", []),
     ],
 )
-def test_no_reading_is_proposed_that_names_or_values_contradict(
+def test_names_and_values_exclude_readings(
     tmp_path: Path, columns: str, values: str, ways: list[str]
 ) -> None:
     text = refusal(tmp_path / "a.csv", columns, values, "segment", "a.csv")
@@ -244,7 +244,7 @@ def test_columns_are_shown_by_their_own_numbers(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("scale", [5, 16384])
-def test_scaled_quaternions_are_those_of_a_trajectory(
+def test_scaled_quaternions_are_equal(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], scale: float
 ) -> None:
     """Which are refused with the reason, whatever their norm."""

@@ -140,9 +140,7 @@ def test_messages_are_those_of_the_reference_reader(seed: int, chunk: int) -> No
 
 @given(seed=st.integers(0, 2**32 - 1), chunk=st.sampled_from([0, 200, 3_000, 200_000]))
 @settings(max_examples=20, deadline=None)
-def test_messages_come_in_the_order_of_log_time_whatever_the_order_of_the_file(
-    tmp_path_factory: Any, seed: int, chunk: int
-) -> None:
+def test_messages_come_in_the_order_of_log_time(tmp_path_factory: Any, seed: int, chunk: int) -> None:
     rng, path = np.random.default_rng(seed), tmp_path_factory.mktemp("unsorted") / "a.mcap"
     with path.open("wb") as file:
         writer = Writer(file, chunk_size=chunk, use_chunking=chunk > 0)
@@ -231,7 +229,7 @@ def with_covariance(pose: Pose, child: str | None) -> Any:
         (TF, "world->box", lambda p: {"transforms": [transform(*p, "world", "box")]}),
     ],
 )
-def test_every_type_of_pose_is_read(
+def test_each_pose_type_is_read(
     tmp_path: Path, kind: str, frames: str, message: Callable[[Pose], Any]
 ) -> None:
     poses = smooth_poses()
@@ -269,9 +267,7 @@ def read_alike(path: str) -> tuple[Poses, dict[str, int]]:
 @pytest.mark.parametrize(
     ("resolution_ns", "rate_hz"), [(10**18, 30.0), (10**18, 1000.0), (10**9, 200.0), (10**8, 200.0)]
 )
-def test_stamps_too_coarse_to_order_poses_are_not_used(
-    tmp_path: Path, resolution_ns: int, rate_hz: float
-) -> None:
+def test_stamps_too_coarse_for_poses_are_not_used(tmp_path: Path, resolution_ns: int, rate_hz: float) -> None:
     poses = smooth_poses(int(3 * rate_hz), rate_hz)
     path = stamped(tmp_path / "a.mcap", poses.stamp_ns // resolution_ns * resolution_ns, poses)
     result, counts = read_alike(path)
@@ -295,7 +291,7 @@ def test_two_poses_per_stamp_keep_their_stamps(tmp_path: Path) -> None:
     ],
     ids=str,
 )
-def test_stamps_that_are_zero_among_others_follow_from_log_time(
+def test_zero_stamps_among_others_follow_from_log_time(
     tmp_path: Path, zeros: Sequence[int], delay_ns: int
 ) -> None:
     poses = smooth_poses(600)
@@ -337,7 +333,7 @@ def in_columns(path: str, **options: Any) -> tuple[Poses, PoseLog]:
 
 @pytest.mark.parametrize("batch", [1, 3, 16, 500])
 @pytest.mark.parametrize("mixed", [False, True])
-def test_columns_equal_single_poses(
+def test_columns_equal_poses(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, batch: int, mixed: bool
 ) -> None:
     """With faults in the messages of either source."""
@@ -441,7 +437,7 @@ def test_a_source_that_comes_late_has_to_be_chosen_or_is_counted(tmp_path: Path,
     assert log.counts == {}
 
 
-def test_sources_of_a_long_file_are_found_by_its_index(
+def test_sources_of_long_files_are_found_by_the_index(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     late = smooth_poses(200, start_ns=START_NS + 20 * 10**9)

@@ -248,11 +248,7 @@ PROPOSALS: dict[str, tuple[str, list[list[str]], str]] = {
         rows([f"{n}" for n in range(120)], POSE),
         "--time-unit 100Hz --columns quaternion=rot,position=location",
     ),
-    "FANUC": (
-        "t,X,Y,Z,W,P,R",
-        rows(T, P_MM, DEGREES),
-        "--unit mm --euler xyz:deg --columns rx=W,ry=P,rz=R",
-    ),
+    "FANUC": ("t,X,Y,Z,W,P,R", rows(T, P_MM, DEGREES), "--unit mm --euler xyz:deg --columns rx=W,ry=P,rz=R"),
     "three angles of Blender": (
         f"frame,{xyz('location_')},{xyz('rotation_euler_')}",
         rows([f"{n}" for n in range(120)], P, DEGREES),
@@ -315,11 +311,7 @@ PROPOSALS: dict[str, tuple[str, list[list[str]], str]] = {
         for form, separator in (('"({})"', ", "), ("({})", ","), ("[{}]", " "), ('"[{}]"', ", "))
     },
     **{above: (f"{above}\nt,{NAMES}", rows(T, P_MM, Q), "--unit mm") for above in ABOVE},
-    "units in a comment below the names": (
-        f"t,{NAMES}\n# s,mm,mm,mm,-,-,-,-",
-        rows(T, P_MM, Q),
-        "--unit mm",
-    ),
+    "units in a comment below the names": (f"t,{NAMES}\n# s,mm,mm,mm,-,-,-,-", rows(T, P_MM, Q), "--unit mm"),
     "lists with their names": (
         *("", [[f"t={t!r} p={p!r} q={q!r}"] for t, p, q in ENTRIES]),
         "--columns quaternion=q,position=p",
@@ -524,7 +516,7 @@ def test_arrays_of_numpy(tmp_path: Path, kind: str) -> None:
         ),
     ],
 )
-def test_what_is_not_read_is_named(
+def test_unread_files_are_named(
     tmp_path: Path, name: str, make: Callable[[Path], object], message: str
 ) -> None:
     make(tmp_path / name)
@@ -661,9 +653,7 @@ def test_columns_without_names_beside_named_ones_have_numbers(tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("arguments", "name"), [({"unit": "cm"}, "x .mm."), ({"euler": "xyz:rad"}, "roll .deg.")]
 )
-def test_a_unit_against_that_in_the_names_is_refused(
-    tmp_path: Path, arguments: dict[str, str], name: str
-) -> None:
+def test_a_unit_against_the_names_is_refused(tmp_path: Path, arguments: dict[str, str], name: str) -> None:
     head = "t [s],x [mm],y [mm],z [mm],roll [deg],pitch [deg],yaw [deg]"
     log = write(tmp_path / "a.csv", [head], rows(T, 1e3 * P, TURN.as_euler("xyz", degrees=True)))
     with pytest.raises(UnreadableRecording, match=f"column '{name}' states the unit"):

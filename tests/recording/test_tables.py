@@ -314,9 +314,7 @@ ROWS_OF_SEVEN = f"{HEADER}\n" + "".join(f"{i / 10},1,2,3,0,0,0,1\n" for i in ran
 @pytest.mark.parametrize(
     "last", ["0.7", "0.7,1,2,3", "0.7,1,2,3,0,0,0", "0.7,1,2,3,0,0,0,", "0.7,1,2,3,0,0,0,-"]
 )
-def test_a_last_line_that_is_cut_off_inside_a_row_is_damage(
-    tmp_path: Path, separator: str, last: str
-) -> None:
+def test_a_last_line_that_ends_inside_a_row_is_damage(tmp_path: Path, separator: str, last: str) -> None:
     path = tmp_path / "a.csv"
     rows = ROWS_OF_SEVEN.partition("\n")[2] if separator == " " else ROWS_OF_SEVEN  # TUM
     path.write_text((rows + last).replace(",", separator))
@@ -389,9 +387,7 @@ def test_the_decompressed_size_of_parquet_is_limited(tmp_path: Path, rows: int, 
         (3000, 100_000, "DELTA_BYTE_ARRAY", "its column t is text: write numbers"),
     ],
 )
-def test_parquet_of_long_texts_is_refused(
-    tmp_path: Path, rows: int, length: int, encoding: str, message: str
-) -> None:
+def test_long_texts_are_refused(tmp_path: Path, rows: int, length: int, encoding: str, message: str) -> None:
     """A page of 120 MB; or short pages, of which all texts together have 300 MB."""
     is_dictionary, numbers = encoding == "dictionary", {name: np.zeros(rows) for name in NAMES}
     path = write_parquet(
@@ -451,7 +447,7 @@ def write_times(path: Path, times: np.ndarray, name: str = "t") -> Path:
         (1_000_000_000, 5_000_000, "nanoseconds", 1),
     ],
 )
-def test_times_whose_steps_are_no_seconds_are_in_the_unit_that_fits(
+def test_times_get_the_unit_that_fits_their_steps(
     tmp_path: Path, first: int, step: int, unit: str, unit_ns: int
 ) -> None:
     """Integers since the start: in seconds the poses would be seconds to months apart."""
@@ -585,9 +581,7 @@ def test_exports_separated_by_other_than_commas(tmp_path: Path, separator: str) 
 
 
 @pytest.mark.parametrize(("rate", "is_rounded"), [(360, True), (120, True), (100, False)])
-def test_motive_times_are_those_of_the_frames_where_they_are_rounded(
-    tmp_path: Path, rate: int, is_rounded: bool
-) -> None:
+def test_rounded_times_of_motive_follow_the_frames(tmp_path: Path, rate: int, is_rounded: bool) -> None:
     """Motive 2.3 and 3 write times to the millisecond, at 360 Hz 0.003, 0.006, 0.008; else those of the file
     are taken, at 200 Hz."""
     path = write_motive(tmp_path / "take.csv", POSES, OTHER)
@@ -615,9 +609,7 @@ def test_names_in_a_comment_hold_for_values_with_blanks_and_tabs(tmp_path: Path,
     np.testing.assert_array_equal(result.stamp_ns, [5 * 10**9, 6 * 10**9])
 
 
-def test_rows_out_of_order_are_reported_with_the_remedy(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_unordered_rows_are_reported_with_remedy(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rows = np.random.default_rng(0).permutation(columns(POSES))
     path = write_csv(tmp_path / "a.csv", rows)
     log = open_log(str(path))

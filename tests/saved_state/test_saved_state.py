@@ -55,7 +55,7 @@ def lines(poses: Poses, cuts: set[int], path: Path, lag_s: float = 0.0, known: b
     ("name", "count", "lag_s", "known"),
     [("vision_30hz", 150, 1.0, False), ("all_states", 300, 0.0, False), ("all_states", 200, 0.0, True)],
 )
-def test_a_restored_stream_continues_bit_for_bit(
+def test_a_restored_stream_goes_on_alike(
     tmp_path: Path, name: str, count: int, lag_s: float, known: bool
 ) -> None:
     poses = shipped(name)[:count]
@@ -203,7 +203,7 @@ def test_pickles_and_other_files_are_refused(tmp_path: Path, saved: tuple[Path, 
         load(path.with_suffix(".npz"))
 
 
-def test_a_state_of_another_version_is_named(
+def test_another_version_is_named(
     tmp_path: Path, saved: tuple[Path, Tracker], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     changed = {**STREAM.schema, "Tick": ["other"]}

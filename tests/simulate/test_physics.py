@@ -51,11 +51,8 @@ def test_intervals_have_elements_and_short_ones_are_not_given() -> None:
     touch = touch_at(BOX, [BLOCK], np.eye(3), np.array([0.0, 0.0, 0.325]))
     free, still = Touch(Contact.FREE), Rigid(np.eye(3), np.zeros(3))
     spans = intervals(STAMP_NS, [touch, touch, free, free, free], ["rest", *4 * ["normal"]], still, still)
-    assert [(one.contact, one.motion) for one in spans] == [
-        ("f-f", "rest"),
-        ("f-f", "normal"),
-        ("free", "normal"),
-    ]
+    assert [span.contact for span in spans] == ["f-f", "f-f", "free"]
+    assert [span.motion for span in spans] == ["rest", "normal", "normal"]
     assert spans[0].geometry is not None
     assert isinstance(spans[0].geometry.environment, Plane)
     assert spans[0].geometry.environment.offset_m == pytest.approx(0.175)

@@ -271,9 +271,9 @@ def test_phases_last_as_specified_and_follow_the_lattice() -> None:
 def test_noise_is_as_specified() -> None:
     sigma = {"sigma_position_m": 0.0012, "sigma_rotation_rad": 0.004}
     scenario = replace(named_scenario("random", 2), **sigma, rate_hz=200.0)
-    noisy, clean = simulate(scenario, 2), quiet("random", 2)
-    shift = noisy.poses.position_m - clean.poses.position_m
-    turn = Rotation.from_quat(clean.poses.quat_xyzw).inv() * Rotation.from_quat(noisy.poses.quat_xyzw)
+    noisy, clean = simulate(scenario, 2).poses, quiet("random", 2).poses
+    shift = noisy.position_m - clean.position_m
+    turn = Rotation.from_quat(clean.quat_xyzw).inv() * Rotation.from_quat(noisy.quat_xyzw)
     np.testing.assert_allclose(shift.std(axis=0), 0.0012, rtol=0.05)
     np.testing.assert_allclose(turn.as_rotvec().std(axis=0), 0.004, rtol=0.05)
     white = np.einsum("ni,ni->i", shift[1:], shift[:-1]) / np.einsum("ni,ni->i", shift, shift)

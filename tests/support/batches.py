@@ -45,11 +45,7 @@ def settings(**options: Any) -> Settings:
 
 
 def run(
-    names: Iterable[object],
-    dataset: Path,
-    new: list[Row] | None = None,
-    rehash: bool = False,
-    **options: Any,
+    names: Iterable[object], dataset: Path, new: list[Row] | None = None, rehash: bool = False, **options: Any
 ) -> Batch:
     """A batch in this process; ``new`` collects the new rows."""
 

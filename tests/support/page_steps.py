@@ -19,11 +19,7 @@ from command_line import Done, run
 ROOT = Path(__file__).resolve().parents[2]
 FENCED = re.compile(r"^```(bash|python|text)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
-SETUP = {
-    "python3 -m venv .venv",
-    ".venv/bin/pip install -q -e '.[all]'",
-    "source .venv/bin/activate",
-}
+SETUP = {"python3 -m venv .venv", ".venv/bin/pip install -q -e '.[all]'", "source .venv/bin/activate"}
 """Installation by the reader, not needed here."""
 
 

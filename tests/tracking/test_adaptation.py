@@ -123,9 +123,7 @@ def after_rest(poses: Poses, rest_s: float) -> Poses:
 
 @pytest.mark.long
 @needs_kernels
-def test_offline_has_the_online_beliefs_but_for_what_it_assumes_at_first(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_offline_has_the_online_beliefs_after_its_start(monkeypatch: pytest.MonkeyPatch) -> None:
     """Before the choice of the model and after it, except for frames that only a tracker with other noise
     leaves out."""
     monkeypatch.setattr(segmenting, "INITIAL_AUTOCORRELATION", 0.0)

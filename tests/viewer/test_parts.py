@@ -62,10 +62,7 @@ def poses() -> Poses:
 @pytest.fixture(scope="module")
 def world() -> GrowingMap:
     """A vertex of the object and a face of the surroundings that an earlier recording has shown."""
-    elements = {
-        (0, 1): MapElement("v", np.zeros(3), VERTEX_M),
-        (1, 2): MapElement("f", Z, np.array([0.5])),
-    }
+    elements = {(0, 1): MapElement("v", np.zeros(3), VERTEX_M), (1, 2): MapElement("f", Z, np.array([0.5]))}
     return GrowingMap(0.3).with_prior(LearnedElements(elements, dict.fromkeys(elements, 3), 1e8 * np.eye(6)))
 
 

@@ -218,7 +218,7 @@ def test_events_have_time_probability_and_geometry(written) -> None:
     assert all("p 0.90" in text for text in texts)
 
 
-def test_the_slip_at_the_touching_point_is_drawn_with_its_noise_and_gaps(
+def test_the_slip_of_the_touching_point_is_drawn_with_its_noise_and_gaps(
     tmp_path, poses, segmentation
 ) -> None:
     stamps = segmentation.beliefs.stamp_ns[:9]
@@ -344,9 +344,7 @@ def with_a_wall(segmentation: Segmentation) -> Segmentation:
 
 
 @pytest.mark.parametrize("live", [False, True])
-def test_a_further_contact_has_its_lane_its_label_and_its_meshes(
-    tmp_path, sparse, segmentation, live
-) -> None:
+def test_a_further_contact_has_its_lane_label_and_meshes(tmp_path, sparse, segmentation, live) -> None:
     path = tmp_path / "two.rrd"
     if live:
         play(path, sparse, with_a_wall(segmentation).filtered)
@@ -483,9 +481,7 @@ def test_a_part_has_the_times_of_the_whole(log, tmp_path) -> None:
     assert rows(begin, canvas.TRUTH, states) == [(0, ["free"])], "what comes later is not shown"
 
 
-def test_several_are_shown_and_an_unusable_one_is_named_or_none_in_a_file(
-    log, tmp_path, monkeypatch, capsys
-) -> None:
+def test_several_are_shown_and_an_unusable_one_is_named(log, tmp_path, monkeypatch, capsys) -> None:
     shown = list[Path]()
 
     def show(recording: rr.RecordingStream, blueprint: Any) -> None:

@@ -123,7 +123,7 @@ def test_a_viewer_that_does_not_answer_is_ended(waits, tmp_path, monkeypatch, fr
     ],
     ids=["nothing", "analytics", "their log"],
 )
-def test_a_viewer_is_started_locally_with_what_the_user_has_chosen(
+def test_a_viewer_has_the_environment_of_the_user(
     asked, kept, tmp_path, monkeypatch, at_home, free_port
 ) -> None:
     monkeypatch.delenv("RUST_LOG", raising=False)
@@ -140,9 +140,7 @@ def test_a_viewer_is_started_locally_with_what_the_user_has_chosen(
 
 
 @LINUX
-def test_a_viewer_has_no_analytics_and_is_reachable_from_this_machine_only(
-    windowless, at_home, free_port
-) -> None:
+def test_a_viewer_has_no_analytics_and_answers_this_machine_only(windowless, at_home, free_port) -> None:
     """It answers on the loopback address only."""
     with LiveViewer(sink=to_viewer(free_port)):
         pass
