@@ -137,7 +137,10 @@ def test_the_lever_is_the_change_of_the_distance_per_turn_of_the_body(model, see
     x = x_of(model.contact, t.object, t.environment)
     step = 1e-6
     turned = Rotation.from_rotvec(step * np.eye(3)).as_matrix() @ t.rotation
-    slopes = model.measure(x[None], lifted_pose.lift(turned, t.position_m)).residual[0, -1] / step
+    slopes = (
+        model.measure(x[None], lifted_pose.lift(turned, t.position_m.repeat(3, axis=0))).residual[0, -1]
+        / step
+    )
     measured = model.measure(x[None], lifted_pose.lift(t.rotation, t.position_m))
     assume(scale_sq(model, x, t.rotation, t.position_m)[0] > 0.01)
     assert np.sum(np.square(slopes)) == pytest.approx(measured.lever_sq[0, 0], rel=1e-3, abs=1e-6)
