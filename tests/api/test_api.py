@@ -21,9 +21,9 @@ from contact_tracker.explanations.joint_evidence import Joint
 from contact_tracker.explanations.joint_models import JointKind
 from contact_tracker.geometry.elements import Line
 from contact_tracker.motion.pose_validation import PoseGate
-from contact_tracker.motion.poses import Poses
+from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.recording import WRENCH_TYPE, write_recording
-from mcap_logs import Topic, header, poses_topic, smooth_poses, transform, wrench_stamped, write_log
+from mcap_logs import START_NS, Topic, header, poses_topic, smooth_poses, tf_topic, wrench_stamped, write_log
 from short_recordings import FACE_TO_EDGE, recorded
 
 WXYZ = [3, 0, 1, 2]
@@ -214,11 +214,9 @@ def test_mistakes_are_errors_of_the_package(poses) -> None:
 
 
 def test_a_frame_in_another_is_composed_of_the_transforms_between(tmp_path) -> None:
-    moving, mount = smooth_poses(40), (0, (1.0, 2.0, 3.0), (0.0, 0.0, 0.0, 1.0))
-    rows = [(p.stamp_ns, {"transforms": [transform(*p, frame="base", child="tool")]}) for p in moving]
-    fixed = [(int(moving.stamp_ns[0]), {"transforms": [transform(*mount, frame="world", child="base")]})]
-    kind = "tf2_msgs/msg/TFMessage"
-    path = write_log(tmp_path / "tf.mcap", [Topic("/tf_static", kind, fixed), Topic("/tf", kind, rows)])
+    moving = smooth_poses(40)
+    mount = tf_topic([Pose(START_NS, (1.0, 2.0, 3.0), (0.0, 0.0, 0.0, 1.0))], "world", "base", "/tf_static")
+    path = write_log(tmp_path / "tf.mcap", [mount, tf_topic(moving, "base", "tool")])
     child = contact_tracker.read(path, child="tool")
     composed = contact_tracker.read(path, parent="world", child="tool")
     np.testing.assert_allclose(child.position_m, moving.position_m)

@@ -30,7 +30,7 @@ from contact_tracker.states import STATES
 from contact_tracker.tracker import Tracker
 from contact_tracker.tracking.belief import Belief, Detail
 from mcap_logs import START_NS as LOGS_START_NS
-from mcap_logs import Topic, poses_topic, smooth_poses, transform, write_log
+from mcap_logs import Topic, poses_topic, smooth_poses, tf_topic, transform, write_log
 
 NAMES = [state.value for state in STATES]
 RATE_HZ = 100
@@ -396,12 +396,9 @@ def test_a_suspicion_that_lasts_is_said_once(log: Path, capsys: pytest.CaptureFi
 
 def test_info_reads_a_file_of_many_sources_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("contact_tracker.recording.log.SOURCES_KEPT", 20)
-    bodies = [f"body {i}" for i in range(24)]
-    rows = [
-        (pose.stamp_ns, {"transforms": [transform(*pose, "world", name) for name in bodies]})
-        for pose in smooth_poses(60)
-    ]
-    path = write_log(tmp_path / "x.mcap", [Topic("/tf", "tf2_msgs/msg/TFMessage", rows)])
+    poses = smooth_poses(60)
+    others = [(poses, "world", f"body {i}") for i in range(1, 24)]
+    path = write_log(tmp_path / "x.mcap", [tf_topic(poses, "world", "body 0", beside=others)])
     done = run("info", "-", stdin=path.read_bytes())
     assert done.returncode == 0, "even of what can be read only once"
     assert done.stdout.count("60 of ") + done.stdout.count("poses     60") == 20

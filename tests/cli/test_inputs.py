@@ -18,19 +18,15 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log
 from contact_tracker.states import Contact
 from contact_tracker.tracker import Tracker
-from mcap_logs import START_NS, Topic, poses_topic, smooth_poses, transform, write_log
+from mcap_logs import START_NS, Topic, poses_topic, smooth_poses, tf_topic, write_log
 from short_recordings import shipped
 
 POSES = smooth_poses(300)
 
 
 def write_chain(path: Path, *more: Topic) -> Path:
-    pairs = zip(POSES, smooth_poses(300, seed=4), strict=True)
-    rows = [
-        (a.stamp_ns, {"transforms": [transform(*a, "world", "flange"), transform(*b, "flange", "cup")]})
-        for a, b in pairs
-    ]
-    return write_log(path, [Topic("/tf", "tf2_msgs/msg/TFMessage", rows), poses_topic(POSES, "/tray"), *more])
+    chain = tf_topic(POSES, "world", "flange", beside=[(smooth_poses(300, seed=4), "flange", "cup")])
+    return write_log(path, [chain, poses_topic(POSES, "/tray"), *more])
 
 
 def test_what_is_assumed_and_what_comes_late_is_warned_of(tmp_path: Path) -> None:

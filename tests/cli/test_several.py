@@ -6,7 +6,7 @@ import pytest
 
 from command_line import Done, run
 from contact_tracker.recording import write_recording
-from mcap_logs import Topic, poses_topic, smooth_poses, transform, write_log
+from mcap_logs import poses_topic, smooth_poses, tf_topic, write_log
 
 
 def segment(folder: Path, *arguments: str) -> Done:
@@ -19,13 +19,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("several")
     for number in (1, 2):
         write_recording(str(path / f"take{number}.mcap"), smooth_poses(150, 100.0, number), None, {})
-    rows = [
-        (p.stamp_ns, {"transforms": [transform(*p, frame="world", child=child)]})
-        for p in smooth_poses(100, 100.0)
-        for child in ("cup", "lid")
-    ]
     topics = [poses_topic(smooth_poses(100, 100.0), name=name) for name in ("/a/pose", "/b/pose")]
-    write_log(path / "four.mcap", [*topics, Topic("/tf", "tf2_msgs/msg/TFMessage", rows)])
+    poses = smooth_poses(100, 100.0)
+    frames = tf_topic(poses, "world", "cup", beside=[(poses, "world", "lid")])
+    write_log(path / "four.mcap", [*topics, frames])
     return path
 
 

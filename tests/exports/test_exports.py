@@ -511,17 +511,15 @@ def test_a_forged_result_is_refused_or_can_be_used(result, tmp_path) -> None:
     assert 3 < refused < 40
 
 
-def test_an_output_can_be_read_and_segmented_again(folder, tmp_path) -> None:
+def test_an_output_can_be_read_and_segmented_again(poses, tmp_path) -> None:
     """The result channels in it are replaced."""
-    again = contact_tracker.segment(folder / "out.mcap")
-    again.to_mcap(tmp_path / "again.mcap")
-    counts = [
-        Counter(channel.topic for _, channel, _ in make_reader(path.open("rb")).iter_messages())
-        for path in (folder / "out.mcap", tmp_path / "again.mcap")
-    ]
+    source, counts = write_log(tmp_path / "in.mcap", [poses_topic(poses[:400])]), []
+    for name in ("out.mcap", "again.mcap"):
+        contact_tracker.segment(source).to_mcap(source := tmp_path / name)
+        messages = make_reader(source.open("rb")).iter_messages()
+        counts.append(Counter(channel.topic for _, channel, _ in messages))
     assert counts[0] == counts[1]
-    trajectory = again.trajectory
-    alone = Trajectory.from_arrays(*(column[:400] for column in trajectory.poses.columns), unit="ns")
+    alone = Trajectory.from_arrays(*(column[:400] for column in poses.columns), unit="ns")
     contact_tracker.segment(alone).to_mcap(tmp_path / "alone.mcap")
     with pytest.raises(contact_tracker.ContactTrackerError, match="topic='/contact/frames'"):
         contact_tracker.read(tmp_path / "alone.mcap")

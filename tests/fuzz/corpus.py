@@ -13,7 +13,7 @@ from contact_tracker.config.loading import load_model
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log
 from contact_tracker.saved_state import save
-from mcap_logs import Topic, poses_topic, smooth_poses, transform, write_log
+from mcap_logs import Topic, poses_topic, smooth_poses, tf_topic, write_log
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -22,10 +22,8 @@ ROOT = Path(__file__).resolve().parents[2]
 def recordings() -> tuple[bytes, ...]:
     """Small MCAP files: chunked and not, compressed and not, with one source and with several."""
     poses = Poses.collect(open_log(str(ROOT / "recordings" / "vision_30hz.mcap")))[:90]
-    tf = [
-        (pose.stamp_ns, {"transforms": [transform(*pose, "world", name) for name in ("a", "b", "c")]})
-        for pose in smooth_poses(40)
-    ]
+    moving = smooth_poses(40)
+    tf = tf_topic(moving, "world", "a", beside=[(moving, "world", child) for child in "bc"])
     truth = [(int(poses.stamp_ns[0]), {"data": "v-f"}), (int(poses.stamp_ns[50]), {"data": "free"})]
     topics = [poses_topic(poses), Topic("/contact/truth", "std_msgs/msg/String", truth)]
     made = list[bytes]()
@@ -38,7 +36,7 @@ def recordings() -> tuple[bytes, ...]:
             {"use_chunking": False},
         ):
             made.append(write_log(path, topics, **options).read_bytes())
-        made.append(write_log(path, [Topic("/tf", "tf2_msgs/msg/TFMessage", tf)]).read_bytes())
+        made.append(write_log(path, [tf]).read_bytes())
     return tuple(made)
 
 

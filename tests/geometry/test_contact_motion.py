@@ -1,6 +1,5 @@
 """Kinds of motion at a contact, by motions of known speed."""
 
-import tracemalloc
 from typing import Any, Final
 
 import numpy as np
@@ -19,6 +18,7 @@ from contact_tracker.contacts.contact_motion import (
 from contact_tracker.geometry.elements import Array, ContactGeometry, Line, Plane, Point
 from contact_tracker.tracking.offline_smoother import segment
 from short_recordings import FACE_TO_EDGE, MODEL, recorded
+from traced_memory import memory_below
 
 TICKS: Final = 120
 TIME_S: Final = np.arange(TICKS) * 0.1
@@ -199,11 +199,8 @@ def test_covariances_of_ticks_are_those_of_the_dense_inverse() -> None:
 def test_a_long_contact_takes_memory_for_its_ticks_only() -> None:
     ticks = 9_000
     values = SIGMA_M * np.random.default_rng(3).normal(size=(ticks, 3))
-    tracemalloc.start()
-    smooth_rates(0.1 * np.arange(ticks), values, np.full(ticks, SIGMA_M**2))
-    most = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    assert most < 15e6  # before, 65 MB in one of several arrays
+    with memory_below(15e6):  # before, 65 MB in one of several arrays
+        smooth_rates(0.1 * np.arange(ticks), values, np.full(ticks, SIGMA_M**2))
 
 
 def test_rates_are_as_far_off_as_their_deviations_say() -> None:

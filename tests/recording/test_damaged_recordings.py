@@ -4,7 +4,6 @@ import os
 import struct
 import threading
 import time
-import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -34,6 +33,7 @@ from contact_tracker.recording.bytestream import TooMuchWork, WorkBudget
 from contact_tracker.recording.mcap_file import MAGIC
 from contact_tracker.states import Contact
 from mcap_logs import START_NS, Topic, poses_topic, smooth_poses, write_log
+from traced_memory import memory_below
 
 SMALL = {"chunk_size": 700, "compression": CompressionType.ZSTD}
 INDEX_LESS = {"index_types": IndexType.NONE, "use_statistics": False, "repeat_channels": False}
@@ -179,16 +179,13 @@ def test_work_is_bounded_by_the_bytes_read(
     counted = list[int]()
     monkeypatch.setattr(WorkBudget, "spend", _counting(counted))
     path = _claiming(tmp_path / "a.mcap", Opcode.CHUNK, size, records)
-    tracemalloc.start()
-    result, damage = read(path)
-    summary = summarise(str(path))
-    _, peak = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
+    with memory_below(100e6):
+        result, damage = read(path)
+        summary = summarise(str(path))
     assert len(result) == 100, "what was readable is kept"
     assert summary.sources[0].poses == 100
     assert "unreadable chunk" in damage
     assert sum(counted) < 4 * 50_000, "each pass looks at no more records than the bytes explain"
-    assert peak < 100e6
 
 
 def _counting(counted: list[float]) -> Callable[[WorkBudget, float], None]:
@@ -220,13 +217,10 @@ def test_a_compressed_file_of_gigabytes_is_read_up_to_the_limit(tmp_path: Path) 
     at = chunk_offsets(tmp_path / "a.mcap")[5][0]
     path = tmp_path / "b.mcap.zst"
     path.write_bytes(compressor.compress(content[:at] + head) + zeros)
-    tracemalloc.start()
-    result, damage = read(path)
-    _, peak = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
+    with memory_below(100e6):
+        result, damage = read(path)
     assert len(result) > 20
     assert "write it without compression" in damage
-    assert peak < 100e6
 
 
 def test_any_number_of_damages_makes_one_line(tmp_path: Path) -> None:
@@ -391,13 +385,9 @@ def test_a_long_stream_takes_no_more_memory_than_a_chunk_and_the_prefix(tmp_path
         tmp_path / "a.mcap", [poses_topic(smooth_poses(12_000))], chunk_size=16_384, **INDEX_LESS
     )
     next(iter(open_log(str(path))))  # caches of the libraries are filled
-    tracemalloc.start()
-    try:
+    assert path.stat().st_size > 600_000
+    with memory_below(600_000):
         assert sum(1 for _ in open_log(str(path))) == 12_000
-        _, peak = tracemalloc.get_traced_memory()
-    finally:
-        tracemalloc.stop()
-    assert peak < 600_000 < path.stat().st_size
 
 
 @pytest.mark.parametrize(
@@ -456,13 +446,9 @@ def test_a_record_beyond_all_memory_is_not_read(tmp_path: Path) -> None:
     with path.open("wb") as file:
         file.write(MAGIC + struct.pack("<BQ", 6, 300 * 2**20))
         file.truncate(301 * 2**20)
-    tracemalloc.start()
-    try:
-        with pytest.raises((UnreadableRecording, NoPoses), match="no MCAP record at byte 8"):
-            list(open_log(str(path)))
-        assert tracemalloc.get_traced_memory()[1] < 50 * 2**20
-    finally:
-        tracemalloc.stop()
+    refused = pytest.raises((UnreadableRecording, NoPoses), match="no MCAP record at byte 8")
+    with memory_below(50 * 2**20), refused:
+        list(open_log(str(path)))
 
 
 def test_messages_of_a_channel_that_nothing_describes_are_counted(tmp_path: Path) -> None:

@@ -1,7 +1,7 @@
 """Poses in frames other than the published one: chains of transforms, and relative to other bodies."""
 
-import tracemalloc
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -13,20 +13,10 @@ from contact_tracker.errors import AmbiguousSource, ChoiceError
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.recording import PoseSource, open_log
 from contact_tracker.recording.transforms import TransformTree
-from mcap_logs import START_NS, Topic, poses_topic, smooth_poses, transform, write_log
+from mcap_logs import START_NS, TF, Topic, joined, poses_topic, smooth_poses, tf_topic, transform, write_log
+from traced_memory import memory_below
 
-TF = "tf2_msgs/msg/TFMessage"
 MOUNT = Pose(START_NS, (0.1, -0.2, 0.3), tuple(Rotation.from_euler("xyz", [0.3, -0.5, 0.7]).as_quat()))
-
-
-def tf(poses: Poses | list[Pose], parent: str, child: str, topic: str = "/tf") -> Topic:
-    rows = [(p.stamp_ns, {"transforms": [transform(*p, frame=parent, child=child)]}) for p in poses]
-    return Topic(topic, TF, rows)
-
-
-def joined(*topics: Topic) -> Topic:
-    """One topic, that of the first, with the messages of all."""
-    return Topic(topics[0].name, TF, [message for topic in topics for message in topic.messages])
 
 
 def matrix(position: np.ndarray, quat: np.ndarray) -> np.ndarray:
@@ -75,8 +65,8 @@ OBJECT = faster(100, 31.0, 2, START_NS + 50_000_000)
 
 def write_arm(path: Path, **options: int) -> Path:
     """world -> flange moves, flange -> camera is mounted, camera -> object moves."""
-    arm = joined(tf(FLANGE, "world", "flange"), tf(OBJECT, "camera", "object"))
-    static = tf([MOUNT], "flange", "camera", "/tf_static")
+    arm = joined(tf_topic(FLANGE, "world", "flange"), tf_topic(OBJECT, "camera", "object"))
+    static = tf_topic([MOUNT], "flange", "camera", "/tf_static")
     return write_log(path, [arm, static], **options)
 
 
@@ -97,7 +87,9 @@ def test_a_chain_up_and_down_the_tree(tmp_path: Path) -> None:
     """From one branch to another; the transforms of the first are inverted."""
     source = faster(300, 80.0, 7)
     topics = joined(
-        tf(FLANGE, "world", "flange"), tf(OBJECT, "flange", "object"), tf(source, "world", "tool")
+        tf_topic(FLANGE, "world", "flange"),
+        tf_topic(OBJECT, "flange", "object"),
+        tf_topic(source, "world", "tool"),
     )
     path = write_log(tmp_path / "a.mcap", [topics])
     result = Poses.collect(open_log(str(path), frame="tool->object"))
@@ -112,8 +104,8 @@ def test_a_chain_up_and_down_the_tree(tmp_path: Path) -> None:
 def test_relative_to_a_frame(tmp_path: Path) -> None:
     """A PoseStamped in the camera's frame is transformed to the world."""
     topics = [
-        tf(FLANGE, "world", "flange"),
-        tf([MOUNT], "flange", "camera", "/tf_static"),
+        tf_topic(FLANGE, "world", "flange"),
+        tf_topic([MOUNT], "flange", "camera", "/tf_static"),
         poses_topic(OBJECT, frame="camera"),
     ]
     path = str(write_log(tmp_path / "a.mcap", topics))
@@ -127,23 +119,11 @@ def test_relative_to_a_frame(tmp_path: Path) -> None:
 def test_a_chain_on_a_clock_that_starts_at_zero(tmp_path: Path) -> None:
     """The clock of a simulation: zero is no missing stamp there."""
     pair = faster(100, 31.0, 1), faster(100, 31.0, 2)
-    rows = [
-        (int(a.stamp_ns), [(a, "world", "flange"), (b, "flange", "object")])
-        for a, b in zip(*pair, strict=True)
-    ]
-    messages = [
-        (
-            log_time_ns,
-            {
-                "transforms": [
-                    transform(p.stamp_ns - START_NS, *p[1:], frame=parent, child=child)
-                    for p, parent, child in some
-                ]
-            },
-        )
-        for log_time_ns, some in rows
-    ]
-    path = write_log(tmp_path / "a.mcap", [Topic("/tf", TF, messages)])
+    ticking = tuple(replace(poses, stamp_ns=poses.stamp_ns - START_NS) for poses in pair)
+    topic = tf_topic(ticking[0], "world", "flange", beside=[(ticking[1], "flange", "object")])
+    path = write_log(
+        tmp_path / "a.mcap", [replace(topic, messages=[(ns + START_NS, body) for ns, body in topic.messages])]
+    )
     log = open_log(str(path), frame="world->object")
     first, second = map(by, pair)
     assert_is(Poses.collect(log), pair[0].stamp_ns - START_NS, lambda i, t: first[i] @ second[i])
@@ -163,7 +143,7 @@ def test_relative_to_another_body(tmp_path: Path) -> None:
 def test_poses_without_interpolation_are_counted(tmp_path: Path) -> None:
     kept = np.r_[20:100, 250:350]  # from 0.2 to 1.0 s and from 2.6 to 3.6 s
     parent = FLANGE[kept]
-    topics = joined(tf(parent, "world", "flange"), tf(OBJECT, "flange", "object"))
+    topics = joined(tf_topic(parent, "world", "flange"), tf_topic(OBJECT, "flange", "object"))
     log = open_log(str(write_log(tmp_path / "a.mcap", [topics])), frame="world->object")
     result = Poses.collect(log)
     stamps = OBJECT.stamp_ns
@@ -177,14 +157,18 @@ def test_poses_without_interpolation_are_counted(tmp_path: Path) -> None:
 
 def test_a_parent_that_rests_is_known_between_rare_messages(tmp_path: Path) -> None:
     rare = [MOUNT._replace(stamp_ns=START_NS + i * 2_000_000_000) for i in range(3)]
-    topics = joined(tf(rare, "world", "base"), tf(OBJECT, "base", "object"))
+    topics = joined(tf_topic(rare, "world", "base"), tf_topic(OBJECT, "base", "object"))
     log = open_log(str(write_log(tmp_path / "a.mcap", [topics])), frame="world->object")
     assert len(Poses.collect(log)) == len(OBJECT)
 
 
 def test_bad_poses_of_the_parent_are_left_out(tmp_path: Path) -> None:
     bad = Pose(int(FLANGE.stamp_ns[50]) + 1000, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0))
-    topics = joined(tf(FLANGE, "world", "flange"), tf([bad], "world", "flange"), tf(OBJECT, "flange", "o"))
+    topics = joined(
+        tf_topic(FLANGE, "world", "flange"),
+        tf_topic([bad], "world", "flange"),
+        tf_topic(OBJECT, "flange", "o"),
+    )
     log = open_log(str(write_log(tmp_path / "a.mcap", [topics])), frame="world->o")
     assert len(Poses.collect(log)) == len(OBJECT)
     assert log.counts == {"bad_parent": 1}
@@ -195,8 +179,8 @@ def test_a_frame_that_may_move_is_named(tmp_path: Path, which: dict[str, str]) -
     path = write_log(
         tmp_path / "a.mcap",
         [
-            joined(tf(FLANGE, "world", "flange"), tf(OBJECT, "camera", "object")),
-            tf([MOUNT], "flange", "camera", "/tf_static"),
+            joined(tf_topic(FLANGE, "world", "flange"), tf_topic(OBJECT, "camera", "object")),
+            tf_topic([MOUNT], "flange", "camera", "/tf_static"),
             poses_topic(OBJECT, "/p", "camera"),
         ],
     )
@@ -209,7 +193,7 @@ def test_static_and_selected_frames_are_not_reported(tmp_path: Path) -> None:
     path = str(write_arm(tmp_path / "a.mcap"))
     assert open_log(path, frame="camera->object").note is None
     assert open_log(path, frame="flange").note is None
-    topics = [tf(OBJECT, "camera", "object"), tf([MOUNT], "world", "camera", "/tf_static")]
+    topics = [tf_topic(OBJECT, "camera", "object"), tf_topic([MOUNT], "world", "camera", "/tf_static")]
     assert open_log(str(write_log(tmp_path / "b.mcap", topics))).note is None
 
 
@@ -232,25 +216,20 @@ def test_a_pose_with_a_leading_stamp_does_not_delay_others(tmp_path: Path, follo
     from contact_tracker.recording import Follow
 
     parent, body = faster(1200, 100.0, 1), faster(900, 100.0, 2)
-    messages = [
-        *((p.stamp_ns, {"transforms": [transform(*p, frame="world", child="f")]}) for p in parent),
-        *((p.stamp_ns, {"transforms": [transform(*p, frame="f", child="o")]}) for p in body),
-    ]
     early = body.stamp_ns[100]
     lead = transform(early + 3600 * 10**9, [0, 0, 0], [0, 0, 0, 1], "f", "o")
-    messages.append((early + 1, {"transforms": [lead]}))
-    path = write_log(tmp_path / "a.mcap", [Topic("/tf", TF, messages)], chunk_size=5000)
+    leading = Topic("/tf", TF, [(early + 1, {"transforms": [lead]})])
+    topic = joined(tf_topic(parent, "world", "f"), tf_topic(body, "f", "o"), leading)
+    path = write_log(tmp_path / "a.mcap", [topic], chunk_size=5000)
     log = open_log(str(path), frame="world->o", follow=Follow() if follow else None)
     assert len(Poses.collect(log)) == len(body)
     assert log.counts == {"no_parent": 1}
 
 
 def test_ambiguous_sources_come_with_a_hint_on_composition(tmp_path: Path) -> None:
-    rows = [
-        (pose.stamp_ns, {"transforms": [transform(*pose, "world", "arm"), transform(*pose, "arm", "cup")]})
-        for pose in smooth_poses(40)
-    ]
-    path = write_log(tmp_path / "a.mcap", [Topic("/tf", "tf2_msgs/msg/TFMessage", rows)])
+    poses = smooth_poses(40)
+    topic = tf_topic(poses, "world", "arm", beside=[(poses, "arm", "cup")])
+    path = write_log(tmp_path / "a.mcap", [topic])
     with pytest.raises(AmbiguousSource, match="or compose them by --frame 'world->cup': /tf arm->cup"):
         open_log(str(path))
 
@@ -259,12 +238,8 @@ def test_a_long_line_of_frames_takes_little_memory() -> None:
     names = [f"frame_{i:05}" for i in range(20_000)]
     sources = [PoseSource("/tf", TF, a, b) for a, b in pairwise(names)]
     tree = TransformTree(sources)
-    tracemalloc.start()
-    try:
+    with memory_below(50 * 2**20):
         steps = tree.chain(names[0], names[-1])
-        assert tracemalloc.get_traced_memory()[1] < 50 * 2**20
-    finally:
-        tracemalloc.stop()
     assert [step.source for step in steps] == sources
     assert tree.chain(names[0], "nowhere") is None
     assert tree.chain(names[3], names[3]) == ()
@@ -272,8 +247,8 @@ def test_a_long_line_of_frames_takes_little_memory() -> None:
 
 def test_misspelt_topics_and_frames_are_named(tmp_path: Path) -> None:
     topics = [
-        tf(FLANGE, "world", "flange"),
-        tf([MOUNT], "flange", "camera", "/tf_static"),
+        tf_topic(FLANGE, "world", "flange"),
+        tf_topic([MOUNT], "flange", "camera", "/tf_static"),
         poses_topic(OBJECT, frame="camera"),
     ]
     path = str(write_log(tmp_path / "a.mcap", topics))

@@ -38,17 +38,18 @@ from contact_tracker.recording.reading import Reading
 from contact_tracker.states import Contact
 from mcap_logs import (
     START_NS,
+    TF,
     Topic,
     header,
+    joined,
     pose_stamped,
     poses_topic,
     smooth_poses,
+    tf_topic,
     transform,
     vector,
     write_log,
 )
-
-TF = "tf2_msgs/msg/TFMessage"
 
 
 def assert_same(result: Poses, expected: Poses) -> None:
@@ -377,19 +378,14 @@ def test_of_several_topics_one_has_to_be_chosen(tmp_path: Path, indexed: bool) -
         assert chosen.counts == {}
 
 
-def tf_log(path: Path, pairs: dict[tuple[str, str], Poses]) -> str:
-    columns = [[transform(*p, *pair) for p in poses] for pair, poses in pairs.items()]
-    rows = [
-        (START_NS + i, {"transforms": list(transforms)})
-        for i, transforms in enumerate(zip(*columns, strict=True))
-    ]
-    fixed = [(START_NS, {"transforms": [transform(START_NS, (1, 2, 3), (0, 0, 0, 1), "box", "lid")]})]
-    return str(write_log(path, [Topic("/tf_static", TF, fixed), Topic("/tf", TF, rows)]))
+def tf_log(path: Path, first: tuple[Poses, str, str], second: tuple[Poses, str, str]) -> str:
+    fixed = tf_topic([Pose(START_NS, (1, 2, 3), (0, 0, 0, 1))], "box", "lid", "/tf_static")
+    return str(write_log(path, [fixed, tf_topic(*first, beside=[second])]))
 
 
 def test_of_several_objects_on_one_topic_one_has_to_be_chosen(tmp_path: Path) -> None:
     a, b = smooth_poses(seed=1), smooth_poses(seed=2)
-    path = tf_log(tmp_path / "x.mcap", {("world", "box"): a, ("world", "hand"): b})
+    path = tf_log(tmp_path / "x.mcap", (a, "world", "box"), (b, "world", "hand"))
     with pytest.raises(AmbiguousSource, match=r"/tf world->box .*; /tf world->hand"):
         open_log(path)
     assert_same(Poses.collect(open_log(path, frame="box")), a)
@@ -397,7 +393,7 @@ def test_of_several_objects_on_one_topic_one_has_to_be_chosen(tmp_path: Path) ->
     assert open_log(path, topic="/tf_static").source.frames == "box->lid"
     with pytest.raises(ChoiceError, match=r"cup.*/tf world->box"):
         open_log(path, frame="cup")
-    path = tf_log(tmp_path / "y.mcap", {("camera", "box"): a, ("world", "box"): b})
+    path = tf_log(tmp_path / "y.mcap", (a, "camera", "box"), (b, "world", "box"))
     with pytest.raises(AmbiguousSource, match="camera->box"):
         open_log(path, frame="box")
     assert_same(Poses.collect(open_log(path, frame="world->box")), b)
@@ -405,12 +401,8 @@ def test_of_several_objects_on_one_topic_one_has_to_be_chosen(tmp_path: Path) ->
 
 def test_a_body_whose_parent_changes_is_never_lost_silently(tmp_path: Path) -> None:
     early, late = smooth_poses(900), smooth_poses(50, start_ns=START_NS + 4 * 10**9)
-    rows = [
-        (pose.stamp_ns, {"transforms": [transform(*pose, parent, "box")]})
-        for poses, parent in ((early, "map"), (late, "world"))
-        for pose in poses
-    ]
-    path = str(write_log(tmp_path / "x.mcap", [Topic("/tf", TF, rows)]))
+    topic = joined(tf_topic(early, "map", "box"), tf_topic(late, "world", "box"))
+    path = str(write_log(tmp_path / "x.mcap", [topic]))
     with pytest.raises(AmbiguousSource, match=r"/tf map->box .*; /tf world->box "):
         Poses.collect(open_log(path, frame="box"))
     log = open_log(path, frame="map->box", count_late=True)

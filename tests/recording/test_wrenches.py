@@ -13,6 +13,7 @@ import pytest
 from mcap.writer import IndexType
 from scipy.spatial.transform import Rotation, Slerp
 from support.mcap_logs import (
+    TF,
     Topic,
     pose_stamped,
     poses_topic,
@@ -33,7 +34,6 @@ from contact_tracker.segmenting import recorded_evidence
 from contact_tracker.states import Contact
 from contact_tracker.wrenches.wrenches import Wrenches
 
-TF = "tf2_msgs/msg/TFMessage"
 PRESSED = pressed(Contact.VF, seed=3, noise=True, seconds=3.0)
 START_NS = int(PRESSED.poses.stamp_ns[0])
 MOUNT = (np.array([0.05, -0.02, 0.11]), Rotation.from_euler("xyz", [0.3, -0.5, 0.7]))

@@ -1,7 +1,7 @@
 """MCAP files for tests, written with the reference libraries: any type, any chunking, any topic."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ from mcap.writer import Writer
 from mcap_ros2.writer import Writer as RosWriter
 from scipy.spatial.transform import Rotation
 
-from contact_tracker.motion.poses import Poses
+from contact_tracker.motion.poses import Pose, Poses
 
 START_NS = 1_700_000_000_000_000_000
 
@@ -115,6 +115,27 @@ def poses_topic(poses: Poses, name: str = "/object/pose", frame: str = "world", 
     """The poses as PoseStamped, logged ``offset_ns`` after their header stamps."""
     messages = [(p.stamp_ns + offset_ns, pose_stamped(*p, frame=frame)) for p in poses]
     return Topic(name, "geometry_msgs/msg/PoseStamped", messages)
+
+
+TF = "tf2_msgs/msg/TFMessage"
+
+
+def tf_topic(
+    poses: Iterable[Pose],
+    parent: str,
+    child: str,
+    name: str = "/tf",
+    beside: Iterable[tuple[Iterable[Pose], str, str]] = (),
+) -> Topic:
+    """Transforms from ``child`` to ``parent``; those of chains ``beside`` are in the same messages."""
+    chains = [[transform(*p, *pair) for p in chain] for chain, *pair in ((poses, parent, child), *beside)]
+    rows = zip(poses, zip(*chains, strict=True), strict=True)
+    return Topic(name, TF, [(pose.stamp_ns, {"transforms": list(parts)}) for pose, parts in rows])
+
+
+def joined(*topics: Topic) -> Topic:
+    """The messages of all topics on the first one."""
+    return replace(topics[0], messages=[message for topic in topics for message in topic.messages])
 
 
 def smooth_poses(count: int = 60, rate_hz: float = 200.0, seed: int = 0, start_ns: int = START_NS) -> Poses:

@@ -1,6 +1,5 @@
 """An object at rest and gaps in a stream: no information, any contact open, little computation and memory."""
 
-import tracemalloc
 from functools import cache
 
 import numpy as np
@@ -22,6 +21,7 @@ from contact_tracker.tracking.transition_model import REST_EXPOSURE
 from pose_filter import after as after_tick
 from pose_filter import forward
 from short_recordings import FACE_TO_EDGE, recorded
+from traced_memory import memory_below
 
 MODEL = load_model()
 RATE_HZ = 200.0
@@ -219,8 +219,5 @@ def test_trackers_side_by_side_take_little_memory_in_gaps():
     poses = with_gaps(100, 5.0, steady=14)
     state, _ = as_values.advance(as_values.start(MODEL), poses[:80])
     assert len(state.filters.filters) > 3
-    tracemalloc.start()
-    as_values.advance(state, poses[80:], Detail.WEIGHTS)
-    _, most = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    assert most < 20e6
+    with memory_below(20e6):
+        as_values.advance(state, poses[80:], Detail.WEIGHTS)

@@ -218,9 +218,7 @@ def test_events_have_time_probability_and_geometry(written) -> None:
     assert all("p 0.90" in text for text in texts)
 
 
-def test_the_slip_of_the_touching_point_is_drawn_with_its_noise_and_gaps(
-    tmp_path, poses, segmentation
-) -> None:
+def test_the_slip_at_the_contact_is_drawn_with_noise_and_gaps(tmp_path, sparse, segmentation) -> None:
     stamps = segmentation.beliefs.stamp_ns[:9]
     ones, slip = np.ones(len(stamps)), np.outer(np.arange(len(stamps)), [0.6, 0.8, 0.0])
     both, three = np.ones((len(stamps), 2)), np.ones((len(stamps), 3))
@@ -228,7 +226,7 @@ def test_the_slip_of_the_touching_point_is_drawn_with_its_noise_and_gaps(
     first, *others = segmentation.segments
     moving = replace(segmentation, segments=(replace(first, motion=motion), *others))
     path = tmp_path / "slip.rrd"
-    write_outcome(outcome(poses, moving), path)
+    write_outcome(outcome(sparse, moving), path)
     drawn = np.array([value for _, value in rows(path, canvas.MOTION, "Scalars:scalars")])
     np.testing.assert_allclose(drawn[:-1, 0], np.arange(len(stamps)), atol=1e-12)
     np.testing.assert_allclose(drawn[:-1, 1], 0.3)
