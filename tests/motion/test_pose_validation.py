@@ -102,19 +102,13 @@ def test_a_leading_stamp_loses_its_own_pose_only(where: set[int], lead_ns: int, 
 
 
 @pytest.mark.parametrize("ahead", [31 * MS, 10**9, 3600 * 10**9])
-@pytest.mark.parametrize("many", [0, 1, 2, 30])
-def test_a_leading_stamp_among_the_first_drops_no_other_pose(ahead: int, many: int) -> None:
-    bad = pose(5 * MS * many + ahead, -1.0)
-    kept, counts = pass_through([*regular(many), bad, *regular(40, many + 1)])
-    assert places(kept) == places(regular(many) + regular(40, many + 1))
-    assert counts == {"leading_stamp": 1}
-
-
-def test_two_or_three_leading_stamps_in_a_row_are_still_the_minority() -> None:
-    bad = [pose(2 * 10**9 + 5 * MS * i, -1.0) for i in range(3)]
-    kept, counts = pass_through([*regular(30), *bad, *regular(30, 33)])
-    assert places(kept) == places(regular(30) + regular(30, 33))
-    assert counts == {"leading_stamp": 3}
+@pytest.mark.parametrize(("before", "leading"), [(0, 1), (1, 1), (2, 1), (30, 1), (30, 3)])
+def test_leading_stamps_drop_no_other_pose(ahead: int, before: int, leading: int) -> None:
+    ahead = max(ahead, 10**9) if leading > 1 else ahead  # three that are nearer pass for a gap
+    bad = [pose(5 * MS * (before + i) + ahead, -1.0) for i in range(leading)]
+    kept, counts = pass_through([*regular(before), *bad, *regular(40, before + leading)])
+    assert places(kept) == places(regular(before) + regular(40, before + leading))
+    assert counts == {"leading_stamp": leading}
 
 
 @pytest.mark.parametrize("when", range(1, 25, 3))
@@ -133,23 +127,17 @@ def test_poses_are_held_no_longer_than_needed() -> None:
     assert [len(gate.admit(p)) for p in regular(3, 26)] == [0, 0, 3]  # 0.1 s: two have to follow
     after_a_gap = [len(gate.admit(p)) for p in regular(30, 10_000)]
     assert after_a_gap == [0] * FOLLOWERS + [FOLLOWERS + 1] + [1] * (29 - FOLLOWERS)
-
-
-def test_in_slow_streams_two_that_follow_are_enough() -> None:
     gate = PoseGate()
-    rows = [pose(400 * MS * i, 0.001 * i) for i in (0, 1, 2, 3, 4, 100, 101, 102, 103)]
-    assert [len(gate.admit(p)) for p in rows] == [0, 1, 0, 3, 1, 0, 0, 3, 1]
+    slow = [pose(400 * MS * i, 0.001 * i) for i in (0, 1, 2, 3, 4, 100, 101, 102, 103)]
+    assert [len(gate.admit(p)) for p in slow] == [0, 1, 0, 3, 1, 0, 0, 3, 1]
 
 
 def test_at_the_end_one_leading_stamp_is_dropped_and_two_are_not() -> None:
-    for many in (1, 2, 5):
-        kept, counts = pass_through(regular(30) + regular(many, 300))
-        assert len(kept) == 30 + (many if many > 1 else 0)
-        assert counts == ({"gap": 1} if many > 1 else {"leading_stamp": 1})
-
-
-def test_poses_without_periods_to_compare_with_all_pass() -> None:
-    for stamps in ([7], [0, 10], [0, 10**12]):
+    for count in (1, 2, 5):
+        kept, counts = pass_through(regular(30) + regular(count, 300))
+        assert len(kept) == 30 + (count if count > 1 else 0)
+        assert counts == ({"gap": 1} if count > 1 else {"leading_stamp": 1})
+    for stamps in ([7], [0, 10], [0, 10**12]):  # without periods to compare with
         assert len(pass_through([pose(ns, i / 1000) for i, ns in enumerate(stamps)])[0]) == len(stamps)
 
 

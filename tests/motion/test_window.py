@@ -21,27 +21,16 @@ def window(*x_m: float, turn_rad: float = 0.0) -> Window:
     return Window(np.arange(count), lift(rotation, position_m), variance, np.zeros((count, 2)))
 
 
-def test_predictable_motion_is_displacement() -> None:
-    smooth = window(0.0, 0.01, 0.02)
+def test_the_displacement_of_the_newest_tick_is_relative_to_the_noise() -> None:
+    """Also in predictable motion. Per axis, so over three axes by a factor of the square root of three."""
+    smooth, three = window(0.0, 0.01, 0.02), np.sqrt(3.0)
     assert smooth.motion_ratio.max() == 0.0
     assert smooth.displacement_ratio == pytest.approx(1.0, abs=0.05)
-
-
-def test_only_the_newest_tick_counts() -> None:
-    assert window(0.0, 0.5, 0.5).displacement_ratio == 0.0
+    assert window(1.0).displacement_ratio == window(0.0, 0.5, 0.5).displacement_ratio == 0.0
     assert window(0.0, 0.0, 0.5).displacement_ratio > 0.99
-
-
-def test_a_displacement_as_large_as_the_noise_is_half_a_motion() -> None:
-    """Per axis, so over three axes by a factor of the square root of three."""
-    assert window(0.0, np.sqrt(3.0) * SIGMA_M).displacement_ratio == pytest.approx(0.5)
-    assert window(0.0, 0.0, turn_rad=np.sqrt(3.0) * SIGMA_RAD).displacement_ratio == pytest.approx(
-        0.5, abs=1e-3
-    )
-
-
-def test_a_window_of_one_tick_has_not_moved() -> None:
-    assert window(1.0).displacement_ratio == 0.0
+    assert window(0.0, three * SIGMA_M).displacement_ratio == pytest.approx(0.5)
+    turned = window(0.0, 0.0, turn_rad=three * SIGMA_RAD)
+    assert turned.displacement_ratio == pytest.approx(0.5, abs=1e-3)
 
 
 TICK_S, TICKS = 0.1, 60

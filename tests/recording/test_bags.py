@@ -209,28 +209,23 @@ def test_compressed_parts(tmp_path: Path, ending: str) -> None:
 
 
 def test_damaged_databases_are_named(tmp_path: Path) -> None:
+    """SQLite quotes a schema that is no text in its error, which Python then cannot decode."""
     (tmp_path / "c.db3").write_bytes(b"SQLite format 3\0" + bytes(100))
     with closing(sqlite3.connect(tmp_path / "d.db3")) as file:
         file.execute("create table topics(id)")
         file.commit()
+    path = write_sqlite(tmp_path / "e.db3", POSES)
+    content = path.read_bytes()
+    path.write_bytes(content.replace(b"CREATE TABLE topics", b"CREA\xcaE TABLE topics"))
+    assert path.read_bytes() != content
     for name, message in (
         ("c.db3", "cannot be opened as a rosbag2 database"),
         ("d.db3", "as a rosbag2 database: no such column: name"),
+        ("e.db3", "as a rosbag2 database: its tables are malformed"),
     ):
         for read in (open_log, summarise):
             with pytest.raises(UnreadableRecording, match=message):
                 read(str(tmp_path / name))
-
-
-def test_schemas_that_are_no_text_are_named(tmp_path: Path) -> None:
-    """SQLite quotes it in its error, which Python then cannot decode."""
-    path = write_sqlite(tmp_path / "bag_0.db3", POSES)
-    content = path.read_bytes()
-    path.write_bytes(content.replace(b"CREATE TABLE topics", b"CREA\xcaE TABLE topics"))
-    assert path.read_bytes() != content
-    for read in (open_log, summarise):
-        with pytest.raises(UnreadableRecording, match="as a rosbag2 database: its tables are malformed"):
-            read(str(path))
 
 
 @pytest.mark.parametrize(

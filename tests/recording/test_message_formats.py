@@ -188,17 +188,13 @@ def test_one_element_of_a_list_in_json(tmp_path: Path) -> None:
     assert_read(path, OTHER, frame="0", table=TableReading(field="seen.at"))
 
 
-def test_names_of_gazebo_are_beside_the_poses(tmp_path: Path) -> None:
-    text = f"string[] name\ngeometry_msgs/Pose[] pose\n{RULE}{PARTS}"
+def test_a_marker_and_states_of_gazebo_whose_names_are_beside_the_poses(tmp_path: Path) -> None:
+    text, kind = f"string[] name\ngeometry_msgs/Pose[] pose\n{RULE}{PARTS}", "gazebo_msgs/msg/ModelStates"
     rows = [(p.stamp_ns, {"name": ["floor", "cup"], "pose": [named(FIRST), named(p)]}) for p in POSES]
-    path = write_ros2(tmp_path / "a.mcap", [("/states", "gazebo_msgs/msg/ModelStates", text, rows)])
-    assert_read(path, POSES, frame="cup")
-
-
-def test_one_marker_is_a_source(tmp_path: Path) -> None:
+    assert_read(write_ros2(tmp_path / "a.mcap", [("/states", kind, text, rows)]), POSES, frame="cup")
     rows = [(p.stamp_ns, {"header": header(p.stamp_ns), "ns": "a", "id": 1, "pose": named(p)}) for p in POSES]
-    kind = "visualization_msgs/msg/Marker"
-    assert_read(write_ros2(tmp_path / "a.mcap", [("/m", kind, f"{MARKER}{RULE}{PARTS}", rows)]))
+    text, kind = f"{MARKER}{RULE}{PARTS}", "visualization_msgs/msg/Marker"
+    assert_read(write_ros2(tmp_path / "b.mcap", [("/m", kind, text, rows)]))
 
 
 def test_a_pose_without_header_has_its_log_time(tmp_path: Path) -> None:
