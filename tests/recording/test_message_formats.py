@@ -188,7 +188,7 @@ def test_one_element_of_a_list_in_json(tmp_path: Path) -> None:
     assert_read(path, OTHER, frame="0", table=TableReading(field="seen.at"))
 
 
-def test_a_marker_and_states_of_gazebo_whose_names_are_beside_the_poses(tmp_path: Path) -> None:
+def test_markers_and_states_of_gazebo(tmp_path: Path) -> None:
     text, kind = f"string[] name\ngeometry_msgs/Pose[] pose\n{RULE}{PARTS}", "gazebo_msgs/msg/ModelStates"
     rows = [(p.stamp_ns, {"name": ["floor", "cup"], "pose": [named(FIRST), named(p)]}) for p in POSES]
     assert_read(write_ros2(tmp_path / "a.mcap", [("/states", kind, text, rows)]), POSES, frame="cup")
