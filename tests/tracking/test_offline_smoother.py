@@ -149,6 +149,8 @@ def test_pieces_together_are_the_whole(monkeypatch):
     for a, b in zip(found.segments, expected.segments, strict=True):  # the noise estimate was less accurate
         assert a.geometry.environment.normal @ b.geometry.environment.normal > np.cos(2e-3)
     assert len(found.segments) == 8
+    (nothing,) = pieces_of(())
+    assert len(nothing.segments) == len(nothing.beliefs) == 0
 
 
 @pytest.mark.long
