@@ -48,6 +48,6 @@ def test_a_map_that_does_not_win_changes_nothing(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(offline_smoother, "MOST_TICKS", 10)
     alone = Segmentation.join(list(OfflineTracker(load_model()).pieces(shipped("robot_1khz"))))
     np.testing.assert_array_equal(found.beliefs.probability, alone.beliefs.probability)
-    assert [(one.contact, one.start_ns) for one in found.segments] == [
-        (one.contact, one.start_ns) for one in alone.segments
+    assert [(segment.contact, segment.start_ns) for segment in found.segments] == [
+        (segment.contact, segment.start_ns) for segment in alone.segments
     ]

@@ -275,7 +275,7 @@ def test_wrenches_have_the_clock_of_the_poses(stamped, tmp_path, monkeypatch) ->
 
 def test_task_frames_of_contacts_at_a_time(result) -> None:
     """While an edge slides on the table, its frame is on both, and two of six coordinates are constrained."""
-    middle = next(one for one in result.segments if one.contact.value == "e-f")
+    middle = next(segment for segment in result.segments if segment.contact.value == "e-f")
     seconds = ((middle.start_ns + middle.end_ns) / 2 - result.origin_ns) * 1e-9
     (frame,) = result.task_frames(seconds)
     assert frame.contact is middle.contact

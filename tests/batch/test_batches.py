@@ -87,7 +87,7 @@ def test_batch_and_segment_write_the_same(tmp_path) -> None:
     assert (row["warnings"] or "").splitlines() == list(result.warnings)
     for state in STATES:
         name = state.value.replace("-", "")
-        spans = [one.end_ns - one.start_ns for one in result.segments if one.contact is state]
+        spans = [segment.end_ns - segment.start_ns for segment in result.segments if segment.contact is state]
         assert (row[f"segments_{name}"], row[f"time_{name}_s"]) == (len(spans), sum(spans) / 1e9)
     assert row["segments_ff"] > 0
     assert row["sigma_position_m"] == pytest.approx(result.report.noise[0])

@@ -139,7 +139,7 @@ def test_statistics_are_those_of_the_new_columns(simulated, outcome, tmp_path, v
     first = whole[frames["episode_index"].to_numpy() == 0]
     meta = tmp_path / "copy" / "meta"
     if version == "v2.1":
-        found = [json.loads(one) for one in (meta / "episodes_stats.jsonl").read_text().splitlines()]
+        found = [json.loads(line) for line in (meta / "episodes_stats.jsonl").read_text().splitlines()]
         assert [one["episode_index"] for one in found] == [0, 1, 2]
         assert found[2]["stats"] == features
         assert_statistics(found[0]["stats"], first, stale)
@@ -151,7 +151,7 @@ def test_statistics_are_those_of_the_new_columns(simulated, outcome, tmp_path, v
         assert absent["stats/action/mean"] == stale["mean"]
         assert absent["stats/subtask_index/mean"] is None
         names = ("action", "subtask_index", "contact_probability")
-        nested = {one: {key: row[f"stats/{one}/{key}"] for key in stale} for one in names}
+        nested = {name: {key: row[f"stats/{name}/{key}"] for key in stale} for name in names}
         assert_statistics(nested, first, stale)
 
 
@@ -197,9 +197,9 @@ def test_the_command_with_an_episode_that_cannot_be_used(simulated, tmp_path) ->
     source = write_data_set(tmp_path / "data", [simulated, simulated], "v3.0")
     (file,) = source.rglob("file-000.parquet")
     frames = read_table(file).to_pylist()
-    for one in frames:
-        if one["episode_index"] == 1:
-            one["observation.state"] = [0.0] * 8
+    for frame in frames:
+        if frame["episode_index"] == 1:
+            frame["observation.state"] = [0.0] * 8
     write_table(pyarrow.Table.from_pylist(frames), file)
     done = run("batch", "data", "-o", "copy", cwd=tmp_path)
     assert done.returncode == 3, done.stderr

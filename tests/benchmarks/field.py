@@ -68,7 +68,7 @@ def main() -> int:
     parser.add_argument("--model", default="default", metavar="NAME|FILE")
     parser.add_argument("--accuracy", metavar="MM,DEG", help="systematic errors of the poses")
     args = parser.parse_args()
-    paths = [str(path) for some in find_sets(args.folder, args.set).values() for path in some]
+    paths = [str(path) for files in find_sets(args.folder, args.set).values() for path in files]
     model = model_from(args.model, accuracy=args.accuracy)
     jobs = {name: [(path, name, model) for path in paths] for name in args.only}
     rows = [row(*case) for case in measured(measure, jobs, args.processes)]

@@ -131,7 +131,7 @@ def _evaluated(found: Segmentation, poses: Poses, first: TruthInterval, second: 
         if one is not best
     )
     beliefs, span = list(found.filtered), (second.start_ns, second.end_ns)
-    inside = [one for one in beliefs if span[0] <= one.stamp_ns <= span[1]]
+    inside = [belief for belief in beliefs if span[0] <= belief.stamp_ns <= span[1]]
     true_reports = [belief for belief in inside if any(_names(one, second) for one in belief.further)]
     right_ns = {
         belief.stamp_ns

@@ -154,7 +154,7 @@ def next_move(held: Held, strategy: str, tracker: Tracker, rng: np.random.Genera
 def run(name: str, strategy: str, seed: int) -> tuple[float, float]:
     """Seconds after the first three until the contact is decided, and until its probability is above 0.9;
     ``LONGEST_S`` if it never is."""
-    model = next(one for one in CONTACT_MODELS if one.contact.value == name)
+    model = next(model for model in CONTACT_MODELS if model.contact.value == name)
     rng = np.random.default_rng(seed)
     held, tracker, gate = Held.of(model, rng), Tracker.start(load_model()), PoseGate()
     first, times_s = held.allowed(rng.normal(size=6)), [float(LONGEST_S)] * 2

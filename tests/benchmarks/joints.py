@@ -113,7 +113,7 @@ def measure_file(path: str) -> Without:
 
 
 def _false(poses: Poses, truth: Truth | None) -> Without:
-    found = [one for one in _segments(poses) if one.joint is not None]
+    found = [segment for segment in _segments(poses) if segment.joint is not None]
     singular_ns = sum(
         max(min(one.end_ns, interval.end_ns) - max(one.start_ns, interval.start_ns), 0)
         for one in found

@@ -179,9 +179,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     from contact_tracker_lab.benchmark import runner  # large, so after the measurements
     from contact_tracker_lab.evaluation.tables import table
 
-    print(table(COLUMNS, [one.cells() for one in figures]))
+    print(table(COLUMNS, [figure.cells() for figure in figures]))
     if args.tables:
-        aims = runner.Table(COLUMNS, [one.cells() for one in figures if one.target])
+        aims = runner.Table(COLUMNS, [figure.cells() for figure in figures if figure.target])
         runner.keep(args.tables, runner.typed_command(), {"aims": aims})
     return 0
 

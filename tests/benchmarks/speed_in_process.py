@@ -70,7 +70,7 @@ def averaging(setup: Setup) -> list[Figure]:
 def average(poses: Poses, model: Model) -> int:
     """Average poses into ticks; returns the number of ticks that they close."""
     grid = TickGrid(model)
-    return sum(len(grid.add(some)) for some in poses.batches())
+    return sum(len(grid.add(batch)) for batch in poses.batches())
 
 
 def online(setup: Setup) -> list[Figure]:

@@ -64,14 +64,14 @@ def _about(twists: Array, at_m: Array) -> Array:
 
 def measure(name: str, seed: int) -> Compared | None:
     """Of a recording; None if no such contact or joint is found."""
-    contact = next((one for one in CONTACTS if one.value == name), None)
+    contact = next((contact for contact in CONTACTS if contact.value == name), None)
     scenario = Scenario((Phase(contact, SECONDS),)) if contact else named_scenario(name, seed)
     made = simulate(scenario, seed)
     poses = made.poses[made.poses.stamp_ns < made.poses.stamp_ns[0] + SECONDS * 1e9]
     given = Trajectory.from_arrays(poses.stamp_ns, poses.position_m, poses.quat_xyzw, time_unit="ns")
     result = segment(given)
     row = int(np.abs(given.stamp_ns - given.stamp_ns[0] - SECONDS * 5e8).argmin())
-    frames = [one for one in result.task_frames(SECONDS / 2.0) if one.contact.value == name]
+    frames = [frame for frame in result.task_frames(SECONDS / 2.0) if frame.contact.value == name]
     if not frames:
         return None
     pose = T_world_body(poses.position_m[row], poses.quat_xyzw[row])

@@ -100,7 +100,7 @@ def main() -> int:
     jobs = {model: [(path, model) for path in paths] for model in args.model}
     for model, results in measured(measure, jobs, args.processes):
         for level in LEVELS:
-            total = np.sum([one[level] for one in results], axis=0)
+            total = np.sum([result[level] for result in results], axis=0)
             accuracies = (number(confusion.trace() / confusion.sum()) for confusion in total)
             rows.append([model, level, str(total[0].sum()), *accuracies])
         print(f"{model}, offline with {level} known: truth by row, label by column")

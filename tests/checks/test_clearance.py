@@ -113,8 +113,8 @@ def test_an_object_away_from_all_known_elements_is_reported(height_m: float, is_
     assert said(found) == [], "it may come nearer yet"
     texts = found.findings(stream_of(known_map, is_end=True), [])
     assert bool(texts) is is_said
-    assert all("mm off table" in one.text for one in texts)
-    assert not any(one.doubts_labels for one in texts)
+    assert all("mm off table" in text.text for text in texts)
+    assert not any(text.doubts_labels for text in texts)
     with_body = known(plane=[TABLE], box=[BENCH | {"position_m": [5.0, 0.0, 0.0]}])
     of_some = replace(known_map, object_complete=False)
     for other in (with_body, of_some):  # edges and vertices of the body, or other vertices, may touch

@@ -37,7 +37,7 @@ def poses_of(name: str) -> Poses:
 def tracked(poses: Poses, known_map: Map) -> tuple[list[str], Segmentation]:
     tracker = OfflineTracker(MODEL, known_map)
     found = Segmentation.join(list(tracker.pieces(poses)))
-    return [one.text for one in tracker.report.findings if one.kind == "knowledge"], found
+    return [finding.text for finding in tracker.report.findings if finding.kind == "knowledge"], found
 
 
 @needs_kernels
@@ -83,7 +83,7 @@ def test_a_correct_direction_is_not_reported_while_a_box_only_tilts_about_an_edg
     normal = np.array([0.0, -0.6, 0.8])
     tracker = OfflineTracker(MODEL, up(list(normal)))
     assert list(tracker.pieces(tilting(np.random.default_rng(0), normal)))
-    assert [one.text for one in tracker.report.findings if one.kind == "knowledge"] == []
+    assert [finding.text for finding in tracker.report.findings if finding.kind == "knowledge"] == []
 
 
 @needs_kernels

@@ -53,7 +53,7 @@ def accuracy_finding(poses, accuracy=None):
     tracker = OfflineTracker(model_from("default", accuracy=accuracy))
     for _ in tracker.pieces(gate(poses)):
         pass
-    return [one for one in tracker.report.findings if one.kind == "accuracy"]
+    return [finding for finding in tracker.report.findings if finding.kind == "accuracy"]
 
 
 @pytest.mark.long

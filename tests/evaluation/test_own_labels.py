@@ -52,7 +52,7 @@ ENCODINGS = {"commas": "utf-8-sig", "spreadsheet": "utf-16"}
 @pytest.mark.parametrize("kind", FILES)
 def test_files_of_labels(tmp_path: Path, kind: str) -> None:
     truth = read(tmp_path / "labels.csv", FILES[kind], encoding=ENCODINGS.get(kind, "utf-8"))
-    found = [(one.start_ns, one.end_ns + 1, one.contact) for one in truth.intervals]
+    found = [(interval.start_ns, interval.end_ns + 1, interval.contact) for interval in truth.intervals]
     assert found == [(FIRST_NS + s * 10**6, FIRST_NS + e * 10**6, contact) for s, e, contact in EXPECTED]
 
 
@@ -96,7 +96,7 @@ def test_coarse_labels_are_right_with_each_of_their_states(tmp_path: Path) -> No
     """Labels at 100 Hz: f-f to 2 s, e-f to 5 s, free to 10 s; touch is true to 5.5 s."""
     text = "start,end,label\n0,3,flat\n3,5.5,touch\n5.5,9,free\n9,10,unclear\n"
     truth = read(tmp_path / "a.csv", text, MAP)
-    states = [one.coarse.states for one in truth.intervals if one.coarse]
+    states = [interval.coarse.states for interval in truth.intervals if interval.coarse]
     assert states == [(Contact.FF, Contact.EF), CONTACTS]
     stamps = FIRST_NS + np.arange(0, 10 * 10**9, 10**7)
     found = np.repeat([STATES.index(one) for one in (Contact.FF, Contact.EF, Contact.FREE)], [200, 300, 500])

@@ -128,7 +128,7 @@ def test_rows_are_those_that_are_asked_for_in_each_table(folder, result, tmp_pat
         with open(folder / f"{rows}.csv", newline="") as file:
             table = [*csv.DictReader(file)]
         assert len(frame) == len(lines) == len(table) == len(entries)
-        assert [row["contact"] for row in table] == [one["contact"] for one in lines]
+        assert [row["contact"] for row in table] == [line["contact"] for line in lines]
         for name in frame.column_names:
             if name not in ("contacts", "joint"):
                 for cell, value in zip((row[name] for row in table), frame[name].to_pylist(), strict=True):
@@ -222,7 +222,7 @@ def test_mcap_has_the_recording_and_what_foxglove_draws(folder, log, result) -> 
         assert_scene(scene, segment)
     ((_, _, message, known),) = out.iter_decoded_messages(topics=["/contact/map"])
     assert message.log_time == result.trajectory.stamp_ns[0] + LOG_OFFSET_NS
-    shown = [(one.frame_id, one.texts[0].text) for one in known.entities]
+    shown = [(entity.frame_id, entity.texts[0].text) for entity in known.entities]
     assert shown == [(("object", "world")[part.side], part.name) for part in result.parts]
     assert {"object", "world"} == {frame for frame, _ in shown}
 
@@ -358,13 +358,13 @@ def test_subtitles_follow_each_other_as_segments_do(folder, result) -> None:
 def test_the_figure_shows_every_segment_and_state(result) -> None:
     *known, posterior, paper = result.plot(curves=True).axes
     for side, axes in enumerate(known):
-        names = [one.name for one in result.parts if one.side == side]
+        names = [part.name for part in result.parts if part.side == side]
         assert [text.get_text() for text in axes.texts] == names
     assert len(posterior.collections) == len(result.segments)
     hatched = [bool(bars.get_hatch()) for bars in posterior.collections]
     assert hatched == [bool(segment.inseparable) for segment in result.segments]
     colours = [bars.get_facecolor()[0] for bars in posterior.collections]
-    for text in (one for one in posterior.texts if one.get_text() in list(Contact)):  # no hatching behind
+    for text in (label for label in posterior.texts if label.get_text() in list(Contact)):  # not hatched
         assert (colours == np.array(text.get_bbox_patch().get_facecolor())).all(axis=1).any()
     assert [line.get_label() for line in posterior.lines] == [state.value for state in STATES]
     np.testing.assert_array_equal(posterior.lines[0].get_ydata(), result.beliefs.probability[:, 0])
@@ -377,7 +377,7 @@ def test_the_figure_shows_every_segment_and_state(result) -> None:
     assert (len(own.lines), len(other.lines)) == (0, len(STATES))
     assert len(result.plot().axes) == 3
     figure = pyplot.figure(figsize=(10.0, 4.2), layout="constrained")
-    part = next(one for one in result.parts if one.touched_ns)
+    part = next(part for part in result.parts if part.touched_ns)
     _draw_parts(figure, [part._replace(side=0, name=name) for name in ("a\x07", "face 2", "face 3")], 0)
     axes, legend = figure.axes[0], figure.subfigs[0].legends[0]
     boxes = [text.get_window_extent() for text in axes.texts]
@@ -443,7 +443,7 @@ def test_a_known_upward_is_upward_in_the_figure() -> None:
 def test_what_was_touched_is_drawn_with_prior_knowledge_too(poses, given, parts) -> None:
     """Under the name by which it is listed, or as without."""
     found = contact_tracker.segment(Trajectory(poses[1000:1500]), known=given, noise="0.3mm,0.15deg")
-    assert [(one.side, one.name) for one in found.parts] == parts
+    assert [(part.side, part.name) for part in found.parts] == parts
     assert found.map is None
 
 

@@ -49,10 +49,10 @@ WHOLE[:, :3, :3], WHOLE[:, :3, 3] = MATRICES, P
 def rows(*columns: np.ndarray | Sequence[str]) -> list[list[str]]:
     """The cells of columns, of text or of numbers (N,) or (N, k)."""
     cells = [
-        [[repr(value) for value in row] for row in np.reshape(one, (len(one), -1)).tolist()]
-        if isinstance(one, np.ndarray)
-        else [[text] for text in one]
-        for one in columns
+        [[repr(value) for value in row] for row in np.reshape(column, (len(column), -1)).tolist()]
+        if isinstance(column, np.ndarray)
+        else [[text] for text in column]
+        for column in columns
     ]
     return [[cell for part in parts for cell in part] for parts in zip(*cells, strict=True)]
 

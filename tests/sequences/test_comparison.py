@@ -54,7 +54,7 @@ def with_segments(result, segments):
 
 
 def verdicts(found):
-    return [one.verdict for one in found.steps]
+    return [step.verdict for step in found.steps]
 
 
 @pytest.mark.parametrize(
@@ -68,7 +68,7 @@ def verdicts(found):
 )
 def test_steps_that_are_missing_and_new(first, kept, expected) -> None:
     """Where both takes are sure of all steps."""
-    sure = [replace(one, probability=0.99) for one in first.segments]
+    sure = [replace(segment, probability=0.99) for segment in first.segments]
     first, second = with_segments(first, sure), with_segments(first, [sure[k] for k in kept])
     found = compare_outcomes(first, second)
     assert verdicts(found) == expected
@@ -155,7 +155,7 @@ def test_open_segments_are_no_difference(first) -> None:
 
 
 def test_boundaries_are_as_sure_as_the_beliefs(first, simulated) -> None:
-    true_s = [(one.start_ns - first.origin_ns) * 1e-9 for one in simulated.truth.intervals]
+    true_s = [(interval.start_ns - first.origin_ns) * 1e-9 for interval in simulated.truth.intervals]
     for one in steps_of(first)[1:]:
         assert np.abs(np.array(true_s) - one.start_s).min() < 4.0 * one.boundary_sd_s[0] + 0.1
 
@@ -163,7 +163,7 @@ def test_boundaries_are_as_sure_as_the_beliefs(first, simulated) -> None:
 def test_what_python_makes_of_it(first, tmp_path) -> None:
     found = contact_tracker.compare(first, with_segments(first, first.segments[:2]))
     table = found.to_pandas()
-    assert list(table.verdict) == [one.verdict for one in found.steps]
+    assert list(table.verdict) == [step.verdict for step in found.steps]
     assert all(len(line) <= 80 for line in str(found).splitlines())
     found.save(tmp_path / "steps.csv")
     rows = list(csv.DictReader((tmp_path / "steps.csv").open()))

@@ -56,7 +56,7 @@ def beliefs(*steps, p=0.97, delay=5):
 
 def followed(plan, *steps):
     follower = PlanFollower(plan)
-    return [follower.update(one) for one in beliefs(*steps)], follower
+    return [follower.update(belief) for belief in beliefs(*steps)], follower
 
 
 @pytest.mark.parametrize(
@@ -124,7 +124,7 @@ def test_leaving_the_plan_is_said_once(plan, steps, since_s) -> None:
 def test_a_plan_is_the_same_after_its_file(plan, tmp_path) -> None:
     (tmp_path / "again.toml").write_text(plan.toml, encoding="utf-8")
     assert Plan.read(str(tmp_path / "again.toml")) == plan
-    assert [one.name for one in plan.steps] == ["f-f", "e-f|v-f", "free", "f-f"]
+    assert [step.name for step in plan.steps] == ["f-f", "e-f|v-f", "free", "f-f"]
 
 
 @pytest.mark.parametrize(
@@ -171,12 +171,12 @@ def test_the_graph_has_all_segments_and_transitions(folder) -> None:
         for node in root.findall("g:graph/g:node", name)
     ]
     assert sum(int(one["count"]) for one in data) == len(result.segments)
-    total_s = sum((one.end_ns - one.start_ns) * 1e-9 for one in result.segments)
+    total_s = sum((segment.end_ns - segment.start_ns) * 1e-9 for segment in result.segments)
     assert sum(float(one["seconds"]) for one in data) == pytest.approx(total_s, abs=0.01)
     assert next(one["label"] for one in data).startswith("f-f: face")
     edges = root.findall("g:graph/g:edge", name)
     assert sum(len(times) for times in result.graph.edges.values()) == len(result.segments) - 1
-    assert {(one.get("source"), one.get("target")) for one in edges} == {
+    assert {(edge.get("source"), edge.get("target")) for edge in edges} == {
         (f"n{a}", f"n{b}") for a, b in result.graph.edges
     }
 
@@ -186,7 +186,7 @@ def test_live_says_once_that_a_plan_is_left(folder) -> None:
     (path / "other.toml").write_text("[[step]]\ncontact='f-f'\n[[step]]\ncontact='f-v'\n", encoding="utf-8")
     done = run("live", "log.mcap", "--expect", "other.toml", cwd=path)
     assert done.returncode == DIFFERENT, done.stderr
-    (line,) = [one for one in done.stdout.splitlines() if "plan: left" in one]
+    (line,) = [line for line in done.stdout.splitlines() if "plan: left" in line]
     assert len(line) <= 80
     done = run("live", "log.mcap", "--expect", "plan.toml", "--state", "s", cwd=path)
     assert (done.returncode, "--state" in done.stderr) == (2, True)

@@ -51,7 +51,7 @@ def write_data_set(
     info = {"codebase_version": version, "fps": FPS, "total_episodes": len(tables), "features": features}
     (folder / "meta" / "info.json").write_text(json.dumps(info), encoding="utf-8")
     described = json.dumps({"info": {"features": {name: {} for name in tables[0].column_names}}})
-    tables = [one.replace_schema_metadata({"huggingface": described}) for one in tables]
+    tables = [table.replace_schema_metadata({"huggingface": described}) for table in tables]
     if version == "v3.0":
         write_table(pyarrow.concat_tables(tables), folder / "data" / "chunk-000" / "file-000.parquet")
         return folder

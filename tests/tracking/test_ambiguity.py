@@ -368,7 +368,7 @@ def test_a_smooth_carry_is_no_contact_with_something_new(seed, lag_s):
         if online.reported is not None:
             labels.add(online.reported.contact)
     assert Contact.FREE in labels
-    assert not {one for one in labels if one.codimension == 1}
+    assert not {label for label in labels if label.codimension == 1}
 
 
 def test_a_contact_that_has_shown_itself_stays_when_its_motion_is_older_than_the_window():
@@ -391,4 +391,4 @@ def test_a_contact_that_has_shown_itself_stays_when_its_motion_is_older_than_the
     established = next(
         i for i, one in enumerate(beliefs) if one.contact is Contact.VF and one.probability.max() > 0.9
     )
-    assert {one.contact for one in beliefs[established:]} == {Contact.VF}
+    assert {belief.contact for belief in beliefs[established:]} == {Contact.VF}

@@ -41,7 +41,7 @@ def reported(tilt_rad: float, fit: SegmentFit, known_map: Map = EMPTY_MAP) -> tu
     ticks = SegmentTicks(window, fit.contact, MODEL, known_map, Origins.zero())
     segments, beliefs = finished_with(ticks, 0.994, 100_000_000).with_fit(fit)
     for belief in beliefs:
-        (part,) = (one for one in segments if one.start_ns <= belief.stamp_ns <= one.end_ns)
+        (part,) = (segment for segment in segments if segment.start_ns <= belief.stamp_ns <= segment.end_ns)
         assert belief.inseparable == part.inseparable
     return segments
 

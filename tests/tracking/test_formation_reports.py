@@ -120,7 +120,7 @@ def test_a_further_contact_is_never_more_probable_than_the_label_beside_it() -> 
 
 def test_a_change_between_labels_that_are_all_open_is_no_news() -> None:
     def belief(contact: Contact, is_open: bool) -> Belief:
-        others = tuple(one for one in STATES if one is not contact) if is_open else ()
+        others = tuple(state for state in STATES if state is not contact) if is_open else ()
         return belief_at(5, contact, inseparable=others)
 
     changes = Changes()

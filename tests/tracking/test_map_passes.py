@@ -86,5 +86,5 @@ def test_a_rest_in_free_motion_stays_open_to_all() -> None:
     found = passed([0.99] * 8, [0.005] * 8)
     resting = replace(found, segments=(replace(found.segments[0], inseparable=CONTACTS),))
     opened = _with_touches(resting, found, 9.0, 1.0)
-    assert [one.inseparable for one in opened.segments] == [CONTACTS]
+    assert [segment.inseparable for segment in opened.segments] == [CONTACTS]
     np.testing.assert_allclose(opened.beliefs.probability[:, -1], 0.6)

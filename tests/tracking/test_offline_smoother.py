@@ -68,8 +68,8 @@ def test_geometry_lies_within_its_standard_deviations(contacts):
 def test_every_tick_has_the_noise_that_is_known_at_the_end():
     """The model's prior, 0.5 mm, is not used for the first ticks."""
     first, *_, last = ticks = list(forward(recorded(FACE_TO_EDGE).poses[:200], MODEL))
-    deviation_m, _ = np.sqrt(window_of([one.tick for one in ticks], MODEL).variance).T
-    frames = np.sqrt([one.tick.count for one in ticks])
+    deviation_m, _ = np.sqrt(window_of([filtered.tick for filtered in ticks], MODEL).variance).T
+    frames = np.sqrt([filtered.tick.count for filtered in ticks])
     per_tick = np.hypot(last.tick.noise.sigma_position_m / frames, MODEL.noise.floor_position_m)
     np.testing.assert_allclose(deviation_m, per_tick, rtol=1e-9)
     assert np.sqrt(first.state.window.variance[-1, 0]) > 1.05 * per_tick[0]
@@ -225,7 +225,7 @@ def test_worker_processes_give_the_same_result(monkeypatch):
 
 
 def test_of_a_very_long_segment_the_moving_parts_are_fitted(monkeypatch):
-    window = window_of([one.tick for one in ticks_seen()], MODEL).cut(0, 35)
+    window = window_of([filtered.tick for filtered in ticks_seen()], MODEL).cut(0, 35)
     rest = replace(window, innovation_excess=np.full_like(window.innovation_excess, 1e-12))
     long = Window.join([rest, window, rest])
     long = replace(long, index=np.arange(len(long)))

@@ -70,7 +70,7 @@ def test_rest_changes_no_hypothesis_and_opens_the_belief_once():
             assert new.words is old.words
         assert now.belief.contact is before.belief.contact
         assert now.belief.stamp_ns == now.tick.stamp_ns
-    beliefs = [one.belief for one in ticks[MOVED // 20 : waited[-1] + 1]]
+    beliefs = [tick.belief for tick in ticks[MOVED // 20 : waited[-1] + 1]]
     opened = next(i for i, belief in enumerate(beliefs) if len(belief.inseparable) == 6)
     assert rest_ticks(MODEL.tick_s) - 1 <= opened <= rest_ticks(MODEL.tick_s)
     assert all(len(belief.inseparable) == 6 for belief in beliefs[opened:])
@@ -80,8 +80,8 @@ def test_rest_changes_no_hypothesis_and_opens_the_belief_once():
 
 def test_time_at_rest_counts_once_the_object_moves_on():
     ticks = seen(5.0)
-    activity = [float(one.state.window.motion_ratio[-1]) for one in ticks]
-    exposed = np.array([one.state.hazard_exposure for one in ticks])
+    activity = [float(tick.state.window.motion_ratio[-1]) for tick in ticks]
+    exposed = np.array([tick.state.hazard_exposure for tick in ticks])
     waited = still(ticks)
     assert exposed[waited[-1] + 1] > len(waited) * REST_EXPOSURE
     np.testing.assert_allclose(exposed.sum(), np.maximum(activity, REST_EXPOSURE).sum())
@@ -175,8 +175,8 @@ def test_a_quick_change_between_two_rests_is_where_it_is(tip_s: float) -> None:
 def test_live_and_best_hypotheses_are_up_to_date_after_every_tick():
     ticks = seen(5.0)
     assert still(ticks)
-    for one in ticks:
-        state = one.state
+    for tick in ticks:
+        state = tick.state
         for found, expected in zip(
             state.live_hypotheses, LiveHypotheses.of(state.banks, state.ticks - 1), strict=True
         ):

@@ -69,7 +69,7 @@ def world() -> GrowingMap:
 def test_bodies_are_whole_and_a_listed_face_is_the_patch_that_was_touched(poses, tmp_path) -> None:
     segment = Segment(int(poses.stamp_ns[0]), int(poses.stamp_ns[199]), Contact.VF, 0.9, ON_TABLE)
     outcome = Outcome(Trajectory(poses), Segmentation((segment,)), known_map=KNOWLEDGE)
-    parts = {(one.side, one.name): one for one in known_parts(outcome)}
+    parts = {(part.side, part.name): part for part in known_parts(outcome)}
     assert list(parts) == [(0, "object"), (1, "shelf"), (1, "table")]
     for key, middle, size in (
         ((0, "object"), [0.0, 0.0, 0.0], [0.2, 0.1, 0.1]),
@@ -156,7 +156,7 @@ def test_joints_are_drawn_in_all_outputs(poses, tmp_path) -> None:
         np.testing.assert_allclose(part.label_m[:2], element.point_m[:2], atol=1e-9)
     *_, axes = result.plot().axes
     assert {f"f-f {name}" for name in names[:1]} <= {text.get_text() for text in axes.texts}
-    rows = [kind for one in segments for _, _, kind, *_ in segment_rows(one, 0)]
+    rows = [kind for segment in segments for _, _, kind, *_ in segment_rows(segment, 0)]
     assert rows == ["f-f", "= hinge", "f-f", "= hinge", "f-f", "= ball", "f-f", "= hinge"]
     write_outcome(result, tmp_path / "out.html")
     write_outcome(result, tmp_path / "out.mcap")

@@ -324,7 +324,7 @@ def test_a_recording_beside_others_has_its_name_and_the_list_open(tmp_path, spar
 
 def column(reader: RrdReader, store: Any, name: str, entity: str | None = None) -> list[Any]:
     chunks = reader.stream(store=store).to_chunks()
-    batches = [one.to_record_batch() for one in chunks if entity in (None, one.entity_path)]
+    batches = [chunk.to_record_batch() for chunk in chunks if entity in (None, chunk.entity_path)]
     return [value for b in batches if name in b.schema.names for value in b.column(name).to_pylist()]
 
 
