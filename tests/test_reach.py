@@ -32,10 +32,10 @@ def tracked(name: str) -> tuple[OfflineTracker, Segmentation]:
 )
 def test_labels_are_right_geometry_within_its_deviations_and_nothing_is_reported(name, offline, online):
     tracker, segmentation = tracked(name)
-    found = evaluate(shipped(name), read_truth(str(SHIPPED / f"{name}.mcap")), segmentation)
-    assert found.offline.accuracy(Subset.ALL) >= offline
-    assert found.online.accuracy(Subset.ALL) >= online
-    assert found.geometry.within_3_sd >= 0.95
+    evaluation = evaluate(shipped(name), read_truth(str(SHIPPED / f"{name}.mcap")), segmentation)
+    assert evaluation.offline.accuracy(Subset.ALL) >= offline
+    assert evaluation.online.accuracy(Subset.ALL) >= online
+    assert evaluation.geometry.within_3_sd >= 0.95
     assert tracker.report.findings == ()
     if name == "paper_experiment":  # white noise as the model has it
         assert tracker.report.chosen == load_model()

@@ -59,12 +59,12 @@ def test_poses_of_an_episode(simulated, tmp_path, version, names, euler, reading
     folder = write_data_set(tmp_path / "data", [simulated] * 2, version, names, euler)
     data = LeRobot.open(folder, **reading)
     assert [number for number, _ in data.episodes()] == [0, 1]
-    found = data.trajectory(1)
+    trajectory = data.trajectory(1)
     poses = simulated.poses[:: 200 // FPS]
-    np.testing.assert_allclose(found.position_m, poses.position_m, atol=1e-6)
-    turned = np.abs((found.quat_xyzw * poses.quat_xyzw).sum(axis=1))
+    np.testing.assert_allclose(trajectory.position_m, poses.position_m, atol=1e-6)
+    turned = np.abs((trajectory.quat_xyzw * poses.quat_xyzw).sum(axis=1))
     np.testing.assert_allclose(turned, 1.0, atol=1e-6)
-    np.testing.assert_allclose(np.diff(found.stamp_ns), 1e9 / FPS, rtol=1e-3)
+    np.testing.assert_allclose(np.diff(trajectory.stamp_ns), 1e9 / FPS, rtol=1e-3)
 
 
 def write_new(table, path) -> None:
@@ -204,8 +204,8 @@ def test_the_command_with_an_episode_that_cannot_be_used(simulated, tmp_path) ->
     done = run("batch", "data", "-o", "copy", cwd=tmp_path)
     assert done.returncode == 3, done.stderr
     assert "episode 1: no pose that can be used" in done.stderr
-    found = read_table(tmp_path / "copy" / "data" / "chunk-000" / "file-000.parquet")
-    episode, subtask = (found[name].to_numpy() for name in ("episode_index", "subtask_index"))
+    table = read_table(tmp_path / "copy" / "data" / "chunk-000" / "file-000.parquet")
+    episode, subtask = (table[name].to_numpy() for name in ("episode_index", "subtask_index"))
     assert {NAMES[k] for k in subtask[episode == 1]} == {"unknown"}
     assert {NAMES[k] for k in subtask[episode == 0]} == {"f-f", "e-f"}
 
@@ -214,11 +214,11 @@ def test_forces_of_a_feature_are_the_wrench(simulated, outcome, tmp_path) -> Non
     """Of all entries or of some; what is said of them is reported for the episode."""
     source = write_data_set(tmp_path / "data", [simulated], "v3.0")
     data, lines, evidence = LeRobot.open(source), [], object()
-    found = data.wrenches(0, "observation.state[1:5],observation.state[5:7]")
+    wrenches = data.wrenches(0, "observation.state[1:5],observation.state[5:7]")
     frames = read_table(source / "data" / "chunk-000" / "file-000.parquet")
     state = np.array(frames["observation.state"].to_pylist())
-    np.testing.assert_array_equal(np.hstack([found.force_n, found.moment_nm]), state[:, 1:7])
-    assert found.stamp_ns.tolist() == data.trajectory(0).stamp_ns.tolist()
+    np.testing.assert_array_equal(np.hstack([wrenches.force_n, wrenches.moment_nm]), state[:, 1:7])
+    assert wrenches.stamp_ns.tolist() == data.trajectory(0).stamp_ns.tolist()
     options = {"report": lines.append, "wrench": "observation.state[1:7]", "mass_kg": 2.0}
     with (
         patch("contact_tracker.batch.lerobot.segmented", return_value=outcome) as segmented_with,
@@ -227,7 +227,7 @@ def test_forces_of_a_feature_are_the_wrench(simulated, outcome, tmp_path) -> Non
         given.return_value = evidence, "", ("a doubt",)
         data.annotate(tmp_path / "copy", MODEL, **options)
     assert segmented_with.call_args.args[-1] is evidence
-    np.testing.assert_array_equal(given.call_args.args[0].force_n, found.force_n)
+    np.testing.assert_array_equal(given.call_args.args[0].force_n, wrenches.force_n)
     assert given.call_args.args[-1] == 2.0
     assert [line.endswith("episode 0: a doubt") for line in lines] == [True]
 

@@ -82,11 +82,11 @@ class Measured(NamedTuple):
 def measure(name: str, seed: int, online: bool) -> Measured:
     """Simulate, segment and evaluate one recording, with ``online`` also its online beliefs."""
     made = simulate(ALONE.get(name, name), seed)
-    found = _segmented(gate(made.poses), online)
+    segmentation = _segmented(gate(made.poses), online)
     interval = made.truth.intervals[0]
     if not interval.further:
-        return single(found, made.poses)
-    return _evaluated(found, made.poses, interval, interval.further[0])
+        return single(segmentation, made.poses)
+    return _evaluated(segmentation, made.poses, interval, interval.further[0])
 
 
 def measure_file(path: str) -> Measured:

@@ -74,11 +74,11 @@ def measure(kind: JointKind, seconds: float, seed: int) -> Measured:
     made = simulate(replace(scenario, phases=(phase._replace(duration_s=seconds),)), seed)
     assert made.joint is not None
     poses = gate(made.poses)
-    found = _segments(poses)
-    whole = sum(duration_s(one) for one in found)
-    right = [one for one in found if one.joint is not None and one.joint.kind is kind]
+    segments = _segments(poses)
+    whole = sum(duration_s(one) for one in segments)
+    right = [one for one in segments if one.joint is not None and one.joint.kind is kind]
     named = sum(map(duration_s, right)) / whole
-    other = sum(duration_s(one) for one in found if one.joint is not None) / whole - named
+    other = sum(duration_s(one) for one in segments if one.joint is not None) / whole - named
     if not right:
         return Measured(named, other)
     best = max(right, key=duration_s)

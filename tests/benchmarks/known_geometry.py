@@ -80,11 +80,11 @@ class Measured(NamedTuple):
 
 def touched(truth: Truth) -> list[Element]:
     """The elements of the surroundings that are touched, each once."""
-    found = list[Element]()
+    elements = list[Element]()
     for element in (one.geometry.environment for one in truth.intervals if one.geometry is not None):
-        if not any(type(one) is type(element) and is_same(one, element) for one in found):
-            found.append(element)
-    return found
+        if not any(type(one) is type(element) and is_same(one, element) for one in elements):
+            elements.append(element)
+    return elements
 
 
 def known(path: Path, level: str, poses: Poses, truth: Truth, off: tuple[float, float]) -> Map:
@@ -111,10 +111,10 @@ def measure(path: Path, level: str, off: tuple[float, float]) -> Measured:
     """Track and evaluate one recording."""
     poses, truth = read_gated(path), need_truth(str(path))
     tracker = OfflineTracker(load_model(), known(path, level, poses, truth, off))
-    found = Segmentation.join(list(tracker.pieces(poses, detail=Detail.GEOMETRY)))
+    segmentation = Segmentation.join(list(tracker.pieces(poses, detail=Detail.GEOMETRY)))
     report = tracker.report
     is_warned = report is not None and any(one.kind == "knowledge" for one in report.findings)
-    return Measured(evaluate(poses, truth, found), is_warned)
+    return Measured(evaluate(poses, truth, segmentation), is_warned)
 
 
 def displacement(text: str) -> tuple[float, float]:

@@ -41,9 +41,9 @@ def shares(beliefs: Beliefs) -> list[float]:
 def measure(name: str, seed: int) -> tuple[list[list[float]], np.ndarray]:
     """Shares (2 x 3), offline and online, of one recording, and its ticks by label (7,)."""
     poses = gate(poses_of(MOTIONS[name], np.random.default_rng(seed)))
-    found = segmenting.segment(poses, load_model())
-    labels = np.bincount(found.beliefs.rows["contact"], minlength=len(STATES))
-    return [shares(found.beliefs), shares(found.filtered)], labels
+    segmentation = segmenting.segment(poses, load_model())
+    labels = np.bincount(segmentation.beliefs.rows["contact"], minlength=len(STATES))
+    return [shares(segmentation.beliefs), shares(segmentation.filtered)], labels
 
 
 def main() -> int:

@@ -139,11 +139,11 @@ def run_variant(constant: tuple[str, str, float] | None, logs: Sequence[Path], s
         poses = Poses.collect(open_log(str(log)))
         poses = poses[: int(np.searchsorted(poses.stamp_ns, poses.stamp_ns[0] + round(seconds * 1e9)))]
         tracker = OfflineTracker(load_model())
-        found = Segmentation.join(list(tracker.pieces(poses, None, Detail.SHARED)))
-        for beliefs in (found.beliefs, found.filtered):
+        segmentation = Segmentation.join(list(tracker.pieces(poses, None, Detail.SHARED)))
+        for beliefs in (segmentation.beliefs, segmentation.filtered):
             digest.update(np.ascontiguousarray(beliefs.rows["contact"]).tobytes())
             digest.update(np.ascontiguousarray(beliefs.probability).tobytes())
-        score, name = evaluate(poses, need_truth(str(log)), found), log.parent.name
+        score, name = evaluate(poses, need_truth(str(log)), segmentation), log.parent.name
         totals[name] = totals[name] + score if name in totals else score
     both = {name: (total.offline, total.online) for name, total in totals.items()}
     accuracy = {name: (float(a.accuracy()), float(b.accuracy())) for name, (a, b) in both.items()}

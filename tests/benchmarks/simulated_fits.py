@@ -96,10 +96,10 @@ def fit_simulated(contact: Contact, noise: Noise, seed: int) -> Fitted:
     bound = cramer_rao(CONTACT_MODELS[contact.column], true, true_poses, sigma)
     model, poses = noise.model, _with_compliance(measured.poses, true, noise, seed)
     poses = with_systematic_errors(_with_wander(poses, model.noise, seed), model.systematic, seed)
-    found = fitted_geometry(poses, contact, model)
-    whole = Segment(int(true_poses.stamp_ns[0]), int(true_poses.stamp_ns[-1]), contact, 1.0, found)
+    geometry = fitted_geometry(poses, contact, model)
+    whole = Segment(int(true_poses.stamp_ns[0]), int(true_poses.stamp_ns[-1]), contact, 1.0, geometry)
     compared = geometry_errors(true_poses, measured.truth, [whole])
-    return Fitted(errors(found, true, true_poses), bound, tuple(row.deviation for row in compared.rows))
+    return Fitted(errors(geometry, true, true_poses), bound, tuple(row.deviation for row in compared.rows))
 
 
 def _with_compliance(poses: Poses, true: ContactGeometry, noise: Noise, seed: int) -> Poses:

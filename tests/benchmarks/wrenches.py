@@ -60,8 +60,8 @@ def measure(path: Path, way: str, seed: int) -> Evaluation:
             )
         except NoLoad as reason:
             print(f"{path.stem}: {reason}", file=sys.stderr)
-    found = Segmentation.join(list(OfflineTracker(model, wrenches=evidence).pieces(poses)))
-    return evaluate(poses, need_truth(str(path)), found)
+    segmentation = Segmentation.join(list(OfflineTracker(model, wrenches=evidence).pieces(poses)))
+    return evaluate(poses, need_truth(str(path)), segmentation)
 
 
 def row(name: str, way: str, evaluations: list[Evaluation]) -> list[str]:

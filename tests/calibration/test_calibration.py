@@ -102,17 +102,17 @@ def run_all(function: Callable[..., Any], jobs: Sequence[tuple[Any, ...]]) -> li
 def test_held_out_recordings_are_scored_by_models_not_trained_on_them(logs: Path) -> None:
     names = sorted(map(str, logs.glob("*.mcap")))
     sources = (Source(names[0]), Source(names[1], use_truth=False))
-    found = calibrate(Plan(sources, MODEL, select(["transitions"]), 2), run_all)
-    assert [study.labelled for study in found.studies] == [True, False]
-    assert found.learned.model.noise == MODEL.noise
-    assert [held_out.chain is not None for held_out in found.held_out] == [True, False]
+    calibration = calibrate(Plan(sources, MODEL, select(["transitions"]), 2), run_all)
+    assert [study.labelled for study in calibration.studies] == [True, False]
+    assert calibration.learned.model.noise == MODEL.noise
+    assert [held_out.chain is not None for held_out in calibration.held_out] == [True, False]
     other = calibrate(Plan(sources[:1], MODEL, select(["transitions"]), 0), run_all)
     again = score_model(sources[1], other.learned.model)
-    assert found.held_out[1].after.log_evidence == pytest.approx(again.log_evidence)
-    assert found.held_out[1].after.log_evidence != found.held_out[1].before.log_evidence
-    assert tallies(found.held_out[1].after)[0].log_loss == pytest.approx(tallies(again)[0].log_loss)
-    for which, loss in zip(("before", "after"), found.log_loss, strict=True):
-        all_tallies = [one for h in found.held_out for one in tallies(getattr(h, which))]
+    assert calibration.held_out[1].after.log_evidence == pytest.approx(again.log_evidence)
+    assert calibration.held_out[1].after.log_evidence != calibration.held_out[1].before.log_evidence
+    assert tallies(calibration.held_out[1].after)[0].log_loss == pytest.approx(tallies(again)[0].log_loss)
+    for which, loss in zip(("before", "after"), calibration.log_loss, strict=True):
+        all_tallies = [one for h in calibration.held_out for one in tallies(getattr(h, which))]
         lost = sum(one.log_loss_s for one in all_tallies)
         assert loss == pytest.approx(lost / sum(one.seconds() for one in all_tallies))
 
@@ -154,8 +154,8 @@ def test_a_search_lowers_the_loss_of_its_recordings(logs: Path, monkeypatch: pyt
     monkeypatch.setattr("contact_tracker_lab.calibration.parameters.EVALUATIONS", 2)
     names = sorted(map(str, logs.glob("*.mcap")))[:1]
     parameter = next(key for key, how in select(["motion", "geometry"]).items() if how is How.SEARCH)
-    found = calibrate(Plan((Source(names[0]),), MODEL, {parameter: How.SEARCH}, 0), run_all)
-    (searched,) = found.learned.searched
+    calibration = calibrate(Plan((Source(names[0]),), MODEL, {parameter: How.SEARCH}, 0), run_all)
+    (searched,) = calibration.learned.searched
     assert searched.after <= searched.before
     assert len(searched.tried) > 2
     least = min(searched.before, *(loss for _, loss in searched.tried))
@@ -202,9 +202,9 @@ def test_short_recordings_do_not_change_the_model(
     few = Poses.collect(open_log(str(logs / "log_0.mcap")))[:poses]
     write_recording(str(log), few, read_truth(str(logs / "log_0.mcap")) if labelled else None, {})
     wanted = select(["transitions", "noise.floor_position_m"])
-    found = calibrate(Plan((Source(str(log)),), MODEL, wanted, 0), run_all)
-    assert found.learned.model.noise == MODEL.noise
-    assert sum(found.learned.model.transitions.counts.moving_s) < poses / 50.0 + 0.1
+    calibration = calibrate(Plan((Source(str(log)),), MODEL, wanted, 0), run_all)
+    assert calibration.learned.model.noise == MODEL.noise
+    assert sum(calibration.learned.model.transitions.counts.moving_s) < poses / 50.0 + 0.1
 
 
 def test_the_readable_part_of_a_damaged_recording_is_learned_from(

@@ -36,8 +36,8 @@ def poses_of(name: str) -> Poses:
 
 def tracked(poses: Poses, known_map: Map) -> tuple[list[str], Segmentation]:
     tracker = OfflineTracker(MODEL, known_map)
-    found = Segmentation.join(list(tracker.pieces(poses)))
-    return [finding.text for finding in tracker.report.findings if finding.kind == "knowledge"], found
+    segmentation = Segmentation.join(list(tracker.pieces(poses)))
+    return [finding.text for finding in tracker.report.findings if finding.kind == "knowledge"], segmentation
 
 
 @needs_kernels
@@ -96,9 +96,9 @@ def test_a_table_that_fits_does_not_excuse_a_box_that_does_not(width_m: float, f
     box = {"size_m": [0.2, width_m, 0.08]}
     known = map_from({"environment": {"plane": [table]}, "object": {"box": box}})
     tracker = OfflineTracker(MODEL, known)
-    found = Segmentation.join(list(tracker.pieces(slid_and_tilted(np.random.default_rng(0), size_m))))
+    segmentation = Segmentation.join(list(tracker.pieces(slid_and_tilted(np.random.default_rng(0), size_m))))
     assert (tracker.report.findings == ()) == fits, tracker.report.findings
-    assert (found.beliefs.probability.max() > 0.9) == fits
+    assert (segmentation.beliefs.probability.max() > 0.9) == fits
 
 
 @pytest.mark.long

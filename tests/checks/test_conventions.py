@@ -171,9 +171,9 @@ def test_a_wrong_statement_on_rotations_is_named_with_the_right_one(mistake: str
         read = quaternions("rotation_vector", numbers, "rad")
     else:
         read = turns(poses).inv().as_quat()
-    found = mistake_in(replace(poses, quat_xyzw=read), read_as=ReadAs(table=table, path="a.csv"))
-    assert said in found
-    assert "quaternions" not in found
+    result = mistake_in(replace(poses, quat_xyzw=read), read_as=ReadAs(table=table, path="a.csv"))
+    assert said in result
+    assert "quaternions" not in result
 
 
 def test_an_order_of_columns_is_undone_by_the_command_that_is_named(tmp_path: Path) -> None:
@@ -280,10 +280,10 @@ def test_readings_that_explain_the_motion_alike_are_all_named(mistake: str) -> N
 def test_while_a_mistake_is_found_no_label_is_certain() -> None:
     box = slid_and_tilted(np.random.default_rng(1), np.array([0.2, 0.12, 0.08]))
     tracker = OfflineTracker(MODEL)
-    found = Segmentation.join(list(tracker.pieces(turned_axes(box))))
+    segmentation = Segmentation.join(list(tracker.pieces(turned_axes(box))))
     (finding,) = tracker.report.findings
     assert "orientations" in finding.text
-    assert max(belief.probability.max() for belief in found.beliefs) < 0.9
+    assert max(belief.probability.max() for belief in segmentation.beliefs) < 0.9
 
 
 @pytest.mark.long
@@ -296,8 +296,8 @@ def test_poses_that_were_asked_for_in_a_moving_frame_are_not_inverse(frame_moves
     assert ["inverse" in finding.text for finding in state.findings] == ([] if frame_moves else [True])
     assert state.is_in_doubt is not frame_moves
     tracker = OfflineTracker(MODEL, read_as=ReadAs(frame_moves))
-    found = Segmentation.join(list(tracker.pieces(poses)))
-    is_certain = max(belief.probability.max() for belief in found.beliefs) > 0.9
+    segmentation = Segmentation.join(list(tracker.pieces(poses)))
+    is_certain = max(belief.probability.max() for belief in segmentation.beliefs) > 0.9
     assert bool(is_certain) is frame_moves
 
 
@@ -341,8 +341,8 @@ def test_radians_that_are_taken_for_degrees_are_found(way: str) -> None:
     assert mistake_in(poses, estimate_noise(poses), read_as) == ""
     numbers = turns(poses).as_rotvec() if way == "--rotation-vector" else turns(poses).as_euler("xyz")
     taken = replace(poses, quat_xyzw=quaternions("euler", numbers, "xyz:deg"))
-    found = mistake_in(taken, estimate_noise(taken), read_as)
-    assert f"contact-tracker segment a.csv {way}" in found
+    mistake = mistake_in(taken, estimate_noise(taken), read_as)
+    assert f"contact-tracker segment a.csv {way}" in mistake
 
 
 def test_each_order_of_quaternions_undoes_its_mistake() -> None:

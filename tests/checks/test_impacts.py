@@ -61,11 +61,11 @@ def found_in(poses: Poses, known_map: Map = KNOWN, batch: int = 50) -> Impacts:
 @pytest.mark.parametrize("rate_hz", [60.0, 148.0, 240.0, 1000.0])
 @pytest.mark.parametrize("restitution", [0.0, 0.4])
 def test_a_dropped_object_is_reported(rate_hz: float, restitution: float) -> None:
-    found = found_in(moving(dropped(rate_hz, restitution), rate_hz))
-    (finding,) = said(found, TICK_S)
+    impacts = found_in(moving(dropped(rate_hz, restitution), rate_hz))
+    (finding,) = said(impacts, TICK_S)
     assert finding.doubts_labels
     assert "--model impacts" in finding.text
-    assert said(found, clearance.LONGEST_TICK_S) == [], "such ticks are short enough"
+    assert said(impacts, clearance.LONGEST_TICK_S) == [], "such ticks are short enough"
 
 
 def test_a_body_of_faces_is_hit_like_a_single_face() -> None:
@@ -99,9 +99,9 @@ NO_IMPACTS = {
 
 @pytest.mark.parametrize("name", NO_IMPACTS)
 def test_other_motion_is_no_impact(name: str) -> None:
-    found = found_in(NO_IMPACTS[name])
-    assert said(found, TICK_S) == []
-    assert not (found.is_near and name.startswith("put down"))
+    impacts = found_in(NO_IMPACTS[name])
+    assert said(impacts, TICK_S) == []
+    assert not (impacts.is_near and name.startswith("put down"))
 
 
 def test_beside_a_body_its_faces_end() -> None:
@@ -116,8 +116,8 @@ def test_beside_a_body_its_faces_end() -> None:
 def test_bursts_of_poses_keep_little() -> None:
     burst_ns = np.add.outer(np.arange(300) * 50_000_000, np.arange(10)).ravel()
     poses = moving(heights(np.full(3000, ON_TABLE_M)), 100.0)
-    found = found_in(Poses(burst_ns, poses.position_m, poses.quat_xyzw))
-    assert len(found.recent) < 120
+    impacts = found_in(Poses(burst_ns, poses.position_m, poses.quat_xyzw))
+    assert len(impacts.recent) < 120
 
 
 def test_before_an_impact_the_labels_are_in_doubt() -> None:
@@ -136,5 +136,5 @@ def test_batches_make_no_difference(batch: int) -> None:
 def test_without_known_faces_and_vertices_nothing_is_said() -> None:
     only_table = map_from({"environment": {"plane": [TABLE]}})
     for known_map in (EMPTY_MAP, only_table):
-        found = found_in(moving(dropped(148.0, 0.0), 148.0), known_map)
-        assert (found.top_m_per_s, found.is_near, len(found.recent)) == (0.0, False, 0)
+        impacts = found_in(moving(dropped(148.0, 0.0), 148.0), known_map)
+        assert (impacts.top_m_per_s, impacts.is_near, len(impacts.recent)) == (0.0, False, 0)

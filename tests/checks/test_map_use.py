@@ -151,8 +151,8 @@ def moved(height_m=0.0, across_m=0.0, tilt_deg=0.0, names=("edge", "table"), pro
 
 
 def movements(*segments):
-    found = MapUse().update_segments(segments, stream_of(KNOWN))
-    return [one.text for one in found.findings(stream_of(KNOWN), []) if "contacts move" in one.text]
+    use = MapUse().update_segments(segments, stream_of(KNOWN))
+    return [one.text for one in use.findings(stream_of(KNOWN), []) if "contacts move" in one.text]
 
 
 @pytest.mark.parametrize(

@@ -57,14 +57,14 @@ def test_the_parts_of_a_model_have_their_sizes_and_order(model):
     np.testing.assert_array_equal(np.flatnonzero(turned), layout.turns(family.FORM))
     np.testing.assert_array_equal(np.flatnonzero(~turned), layout.shifts(family.FORM))
     covariance = np.diag(np.arange(1.0, family.SIZE + 1.0))
-    found = model.geometry(x, covariance, 0.5)
+    geometry = model.geometry(x, covariance, 0.5)
     kinds = {"f": Plane, "e": Line, "v": Point}
-    sides = type(found.object), type(found.environment)
+    sides = type(geometry.object), type(geometry.environment)
     assert tuple(kinds[kind] for kind in model.contact.value.split("-")) == sides
     if model.contact in (Contact.EE, Contact.VF):
-        first = len(found.object.covariance)
-        np.testing.assert_array_equal(found.object.covariance, covariance[:first, :first])
-        np.testing.assert_array_equal(found.environment.covariance, covariance[first:, first:])
+        first = len(geometry.object.covariance)
+        np.testing.assert_array_equal(geometry.object.covariance, covariance[:first, :first])
+        np.testing.assert_array_equal(geometry.environment.covariance, covariance[first:, first:])
 
 
 # --- the exact relation to the paper's objectives -------------------------------------------------------
@@ -269,9 +269,9 @@ def test_the_offset_of_touching_faces_is_unobservable():
     root = rng.normal(size=(7, 7))
     covariance, reach_sq = root @ root.T, np.diag([0.0, 0.0, 0.0, 0.5**2])
     x = random_x(model, rng)
-    found = model.geometry(x, covariance, 0.5)
-    assert (found.object.offset_m, found.environment.offset_m) == (0.0, x[6])
+    geometry = model.geometry(x, covariance, 0.5)
+    assert (geometry.object.offset_m, geometry.environment.offset_m) == (0.0, x[6])
     expected = reach_sq.copy()
     expected[:3, :3] = covariance[:3, :3]
-    np.testing.assert_allclose(found.object.covariance, expected)
-    np.testing.assert_allclose(found.environment.covariance, covariance[3:, 3:] + reach_sq)
+    np.testing.assert_allclose(geometry.object.covariance, expected)
+    np.testing.assert_allclose(geometry.environment.covariance, covariance[3:, 3:] + reach_sq)

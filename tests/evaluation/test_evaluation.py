@@ -145,9 +145,9 @@ def test_deviations_are_known_only_with_a_covariance_and_far_ones_stay_finite() 
 def test_the_true_geometry_has_no_error_however_it_is_signed(seed: int, contact: Contact) -> None:
     rng = np.random.default_rng(seed)
     true, poses = geometry(contact, rng), random_poses(rng, 50)
-    found = ContactGeometry(flipped(true.object), true.environment)
+    result = ContactGeometry(flipped(true.object), true.environment)
     truth = Truth((interval(contact, 0, 49, true),))
-    for answer in (true, found, ContactGeometry(true.object, flipped(true.environment))):
+    for answer in (true, result, ContactGeometry(true.object, flipped(true.environment))):
         errors = geometry_errors(poses, truth, [segment(contact, 0, 49, answer)])
         assert (errors.true_segments, errors.found_segments, len(errors.rows)) == (1, 1, 2)
         assert np.all(errors.angle_deg < 1e-6)
@@ -168,8 +168,8 @@ def test_a_shifted_environment_is_off_by_its_shift(seed: int, contact: Contact) 
             shifted = Line(direction, point_m + 0.7 * direction + 0.005 * aside / np.linalg.norm(aside))
         case Point(point_m):
             shifted = Point(point_m + 0.005 * unit(rng))
-    found = segment(contact, 0, 49, ContactGeometry(true.object, shifted))
-    errors = geometry_errors(poses, Truth((interval(contact, 0, 49, true),)), [found])
+    apart = segment(contact, 0, 49, ContactGeometry(true.object, shifted))
+    errors = geometry_errors(poses, Truth((interval(contact, 0, 49, true),)), [apart])
     on_object, on_environment = errors.rows
     assert on_object.distance_mm == pytest.approx(0, abs=1e-9)
     assert on_environment.distance_mm == pytest.approx(5.0)
@@ -244,13 +244,13 @@ def recorded(seed: int, right: float) -> tuple[Poses, Truth, Segmentation]:
 @pytest.mark.parametrize("late_ns", [0, 200_000_000])
 def test_by_arrival_a_label_counts_from_when_it_is_given_out(late_ns: int) -> None:
     poses, truth, whole = recorded(3, 0.9)
-    found = evaluate(poses, truth, whole, Answers(whole.filtered, whole.filtered.stamp_ns + late_ns))
+    result = evaluate(poses, truth, whole, Answers(whole.filtered, whole.filtered.stamp_ns + late_ns))
     shifted = Beliefs.of(replace(belief, stamp_ns=belief.stamp_ns + late_ns) for belief in whole.filtered)
     later = evaluate(poses, truth, replace(whole, filtered=shifted))
-    assert found.arrival.accuracy() == later.online.accuracy()
-    assert (found + found).arrival is not None
-    assert (found + later).arrival is None
-    assert (found.arrival.accuracy() == found.online.accuracy()) is (late_ns == 0)
+    assert result.arrival.accuracy() == later.online.accuracy()
+    assert (result + result).arrival is not None
+    assert (result + later).arrival is None
+    assert (result.arrival.accuracy() == result.online.accuracy()) is (late_ns == 0)
 
 
 def test_wrong_elements_in_the_truth_are_refused_before_scoring() -> None:

@@ -41,11 +41,11 @@ def true(first: Contact, *others: tuple[Contact, int, int]) -> Truth:
 def test_shares_of_time_are_those_of_the_frames() -> None:
     """True from 40 to 59; found from 45 to 64."""
     beliefs = [belief(i, EF, *([further(VF)] if 45 <= i < 65 else [])) for i in range(FRAMES)]
-    found = score(true(EF, (VF, 40, 59)), beliefs)
-    assert found.several_s == pytest.approx(0.20)
-    assert (found.right, found.open) == pytest.approx((0.75, 0.0))
-    assert found.alone_s == pytest.approx(0.80)
-    assert found.false == pytest.approx(5 / 80)
+    scores = score(true(EF, (VF, 40, 59)), beliefs)
+    assert scores.several_s == pytest.approx(0.20)
+    assert (scores.right, scores.open) == pytest.approx((0.75, 0.0))
+    assert scores.alone_s == pytest.approx(0.80)
+    assert scores.false == pytest.approx(5 / 80)
 
 
 @pytest.mark.parametrize(
@@ -64,8 +64,8 @@ def test_the_reported_set_matches(
     label: Contact, others: list[tuple[Contact, ...]], right: float, is_open: float
 ) -> None:
     beliefs = [belief(i, label, *(further(*kinds) for kinds in others)) for i in range(FRAMES)]
-    found = score(true(EF, (VF, 0, FRAMES)), beliefs)
-    assert (found.right, found.open) == pytest.approx((right, is_open))
+    scores = score(true(EF, (VF, 0, FRAMES)), beliefs)
+    assert (scores.right, scores.open) == pytest.approx((right, is_open))
 
 
 def test_three_at_once_are_found_in_any_order() -> None:
@@ -77,12 +77,12 @@ def test_three_at_once_are_found_in_any_order() -> None:
 
 def test_frames_without_truth_are_not_scored() -> None:
     beliefs = [belief(i, EF, further(VF)) for i in range(FRAMES)]
-    found = score(Truth((TruthInterval(0, FRAMES * STEP_NS, None),)), beliefs)
-    assert (found.several_s, found.alone_s) == (0.0, 0.0)
-    assert np.isnan([found.right, found.open, found.false]).all()
+    scores = score(Truth((TruthInterval(0, FRAMES * STEP_NS, None),)), beliefs)
+    assert (scores.several_s, scores.alone_s) == (0.0, 0.0)
+    assert np.isnan([scores.right, scores.open, scores.false]).all()
 
 
 def test_without_beliefs_nothing_is_found() -> None:
-    found = score(true(EF, (VF, 0, FRAMES)), [])
-    assert (found.right, found.false_s) == (0.0, 0.0)
-    assert found.several_s > 0.9
+    scores = score(true(EF, (VF, 0, FRAMES)), [])
+    assert (scores.right, scores.false_s) == (0.0, 0.0)
+    assert scores.several_s > 0.9

@@ -368,9 +368,9 @@ def test_the_figure_shows_every_segment_and_state(result) -> None:
         assert (colours == np.array(text.get_bbox_patch().get_facecolor())).all(axis=1).any()
     assert [line.get_label() for line in posterior.lines] == [state.value for state in STATES]
     np.testing.assert_array_equal(posterior.lines[0].get_ydata(), result.beliefs.probability[:, 0])
-    found = window_curves.curves(result.trajectory.poses)
+    rows = window_curves.curves(result.trajectory.poses)
     assert [line.get_label() for line in paper.lines] == [contact.value for contact in CONTACTS]
-    for line, curve in zip(paper.lines, found.normalised.T, strict=True):
+    for line, curve in zip(paper.lines, rows.normalised.T, strict=True):
         np.testing.assert_array_equal(line.get_ydata(), curve)
     _, (own, other) = pyplot.subplots(2)
     assert result.plot(ax=other).axes == [own, other]

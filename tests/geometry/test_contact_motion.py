@@ -62,9 +62,9 @@ def measured(
     place = position_m + noise * SIGMA_M * rng.normal(size=(TICKS, 3))
     variance = np.tile([SIGMA_M**2, SIGMA_RAD**2], (TICKS, 1))
     stamps = np.arange(TICKS, dtype=np.int64) * 10**8
-    found = contact_motion(geometry, stamps, TIME_S, turned.as_quat(), place, variance)
-    assert found is not None
-    return found
+    motion = contact_motion(geometry, stamps, TIME_S, turned.as_quat(), place, variance)
+    assert motion is not None
+    return motion
 
 
 def moving(contact: str, way: str, seed: int = 0) -> ContactMotion:
@@ -79,18 +79,18 @@ def moving(contact: str, way: str, seed: int = 0) -> ContactMotion:
 def test_the_kind_and_the_speed_are_those_of_the_motion(contact: str, way: str) -> None:
     if (contact, way) == ("f-f", "rolls"):
         pytest.skip("faces that touch cannot")
-    found = moving(contact, way)
-    assert found.kinds == (way,)
+    result = moving(contact, way)
+    assert result.kinds == (way,)
     speeds = {
-        "slides": (found.speed_m_per_s, found.slip_sd_m_per_s, SPEED),
-        "rolls": (found.roll_rad_per_s, found.turn_sd_rad_per_s, TURN),
-        "pivots": (found.spin_rad_per_s, found.turn_sd_rad_per_s, TURN),
+        "slides": (result.speed_m_per_s, result.slip_sd_m_per_s, SPEED),
+        "rolls": (result.roll_rad_per_s, result.turn_sd_rad_per_s, TURN),
+        "pivots": (result.spin_rad_per_s, result.turn_sd_rad_per_s, TURN),
     }
     for name, (speed, sd, true) in speeds.items():
         np.testing.assert_array_less(np.abs(speed - (true if name == way else 0.0)), 5.0 * sd + 1e-3 * true)
     expected = {"v-f": (0, 1), "e-f": (0, 1), "f-f": (0, 1), "f-v": (1, 0), "f-e": (1, 0), "e-e": (0, 1)}
     if way == "slides":  # e-e along the surroundings' edge
-        over = np.sqrt(np.mean(found.over_m_per_s**2, axis=0))
+        over = np.sqrt(np.mean(result.over_m_per_s**2, axis=0))
         np.testing.assert_allclose(over, SPEED * np.array(expected[contact]), atol=1e-4)
 
 
@@ -120,8 +120,8 @@ def test_slow_motion_is_found_where_the_noise_allows_it() -> None:
         place = position_m + noise * SIGMA_M * rng.normal(size=(TICKS, 3))
         turned = Rotation.from_rotvec(noise * SIGMA_RAD * rng.normal(size=(TICKS, 3))) * rotation
         variance = np.tile(np.square([noise * SIGMA_M, noise * SIGMA_RAD]), (TICKS, 1))
-        found = contact_motion(GEOMETRY["v-f"], stamps, TIME_S, turned.as_quat(), place, variance)
-        kinds.append(found.kinds)
+        motion = contact_motion(GEOMETRY["v-f"], stamps, TIME_S, turned.as_quat(), place, variance)
+        kinds.append(motion.kinds)
     assert kinds == [("slides",), ("rests",)]
 
 
@@ -222,9 +222,9 @@ def test_ticks_without_frames_are_no_motion_and_no_rest() -> None:
     poses = recorded(FACE_TO_EDGE).poses
     second = (poses.stamp_ns - poses.stamp_ns[0]) * 1e-9
     hidden = ((second > 1.0) & (second < 1.6)) | ((second > 2.2) & (second < 2.8))
-    found = segment(poses[~hidden], MODEL)
-    assert any(one.motion for one in found.segments)
-    for one in found.segments:
+    segmentation = segment(poses[~hidden], MODEL)
+    assert any(one.motion for one in segmentation.segments)
+    for one in segmentation.segments:
         if one.motion is not None:
             at = (one.motion.stamp_ns - poses.stamp_ns[0]) * 1e-9
             assert not (((at > 1.15) & (at < 1.55)) | ((at > 2.35) & (at < 2.75))).any()

@@ -47,8 +47,8 @@ def fit(model, rotation, position, iterations=200, tolerance=1e-12):
     many = np.broadcast_to(moments, (count, *moments.shape))
     weight = np.full((count, model.family.ROWS), 2.0)
     anchors = np.broadcast_to(ANCHORS, (count, 6))
-    found = minimise(model.family, many, weight, no_prior(model, count), anchors, x, iterations, tolerance)
-    return found, int(np.argmin(found.cost))
+    minimum = minimise(model.family, many, weight, no_prior(model, count), anchors, x, iterations, tolerance)
+    return minimum, int(np.argmin(minimum.cost))
 
 
 def sum_of_squares(model, moments, x):
@@ -120,8 +120,8 @@ def test_too_few_steps_or_poses_are_a_status_and_give_a_finite_fit(model):
     prior = Prior.around(np.zeros((1, size)), weak, model.family.SPREAD)
     for which in (slice(0, 0), slice(0, 1), np.zeros(100, int), slice(None)):
         moments = moments_of(model, rotation[which], position[which])[None]
-        found = minimise(model.family, moments, weight, prior, anchors, x, 50)
-        assert all(np.isfinite(part).all() for part in (found.x, found.cost, found.hessian))
+        minimum = minimise(model.family, moments, weight, prior, anchors, x, 50)
+        assert all(np.isfinite(part).all() for part in (minimum.x, minimum.cost, minimum.hessian))
     hurried = minimise(model.family, moments, weight, no_prior(model, 1), anchors, x, 1)
     assert not hurried.converged[0]
     assert np.isfinite(hurried.x).all()

@@ -198,8 +198,8 @@ def noisy(contact):
 
 
 def covariances(poses, contact, model):
-    found = fitted_geometry(poses, contact, model)
-    return found.object.covariance, found.environment.covariance
+    geometry = fitted_geometry(poses, contact, model)
+    return geometry.object.covariance, geometry.environment.covariance
 
 
 def test_covariances_are_consistent_with_errors_that_depend_on_the_pose(monkeypatch):

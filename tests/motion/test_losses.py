@@ -82,8 +82,8 @@ def test_it_comes_before_the_results_or_as_soon_as_it_is_seen(
 def test_from_arrays_and_online() -> None:
     quat_xyzw = scaled(POSES.quat_xyzw)
     quat_xyzw[:100] = POSES.quat_xyzw[:100]
-    found = Trajectory.from_arrays(POSES.stamp_ns, POSES.position_m, quat_xyzw, unit="ns")
-    assert "300 of 400 poses" in found.damage
+    trajectory = Trajectory.from_arrays(POSES.stamp_ns, POSES.position_m, quat_xyzw, unit="ns")
+    assert "300 of 400 poses" in trajectory.damage
     tracker = Tracker()
     for stamp, position, quat in zip(POSES.stamp_ns.tolist(), POSES.position_m, quat_xyzw, strict=True):
         tracker.update(stamp, position, quat)
@@ -103,5 +103,5 @@ def test_from_arrays_and_online() -> None:
     ],
 )
 def test_what_is_a_loss(counts: dict[str, int], total: int, words: str | None) -> None:
-    found = remark_on_loss(counts, total)
-    assert (found is None) if words is None else (words in str(found))
+    remark = remark_on_loss(counts, total)
+    assert (remark is None) if words is None else (words in str(remark))

@@ -96,10 +96,10 @@ def test_a_follower_with_other_noise_computes_its_own_innovations():
 
 def test_a_tick_is_the_mean_of_its_frames():
     poses = moving(np.random.default_rng(2), 3.0, 200.0, 3e-4, 2e-3)
-    found = averaged(poses)
-    assert len(found) == 30
+    ticks = averaged(poses)
+    assert len(ticks) == 30
     zeta = lift(poses.rotation, poses.position_m - poses.position_m[0])
-    for k, tick in enumerate(found):
+    for k, tick in enumerate(ticks):
         frames = slice(20 * k, 20 * k + 20)
         assert (tick.start_ns, tick.stamp_ns) == tuple(poses.stamp_ns[frames][[0, -1]])
         assert tick.count + tick.outliers.total == 20
@@ -111,8 +111,8 @@ def test_a_tick_is_the_mean_of_its_frames():
 @pytest.mark.parametrize(("rate_hz", "most"), [(30.0, 3e-2), (200.0, 1e-3), (1000.0, 1e-3)])
 def test_fast_motion_is_not_taken_for_outliers(rate_hz, most):
     poses = moving(np.random.default_rng(3), 30.0, rate_hz, 3e-4, 2.6e-3, rms_m=0.1, rms_rad=0.6)
-    found = averaged(poses)
-    assert sum(tick.outliers.total for tick in found) <= most * len(poses)
+    ticks = averaged(poses)
+    assert sum(tick.outliers.total for tick in ticks) <= most * len(poses)
 
 
 @pytest.mark.parametrize(("rate_hz", "missed"), [(30.0, 0.03), (200.0, 0.001)])
@@ -165,8 +165,8 @@ def test_spikes_are_left_out_from_the_beginning(start):
     row = 7 if start == "stream" else int(np.flatnonzero(np.diff(clean.stamp_ns) > 1e8)[0]) + 8
     position = clean.position_m.copy()
     position[row] += 0.05
-    found = averaged(replace(clean, position_m=position))
-    spoiled = next(tick for tick in found if tick.start_ns <= clean.stamp_ns[row] <= tick.stamp_ns)
+    ticks = averaged(replace(clean, position_m=position))
+    spoiled = next(tick for tick in ticks if tick.start_ns <= clean.stamp_ns[row] <= tick.stamp_ns)
     stamp_ns = int(clean.stamp_ns[row])
     assert spoiled.outliers == (1, (stamp_ns,))
     several = reduce(Outliers.joined, [spoiled.outliers] * 4)
@@ -179,9 +179,9 @@ def test_an_object_that_jumps_is_followed():
     """If all frames of a tick are implausible they are accepted, and later ones are not lost."""
     poses = moving(np.random.default_rng(6), 10.0, 200.0, 3e-4, 2e-3)
     position = poses.position_m + np.where(np.arange(2000) >= 1000, 1.0, 0.0)[:, None]
-    found = averaged(replace(poses, position_m=position))
-    assert all(tick.count > 0 for tick in found)
-    np.testing.assert_allclose(found[-1].zeta[T], position[-20:].mean(axis=0) - position[0], atol=1e-3)
+    ticks = averaged(replace(poses, position_m=position))
+    assert all(tick.count > 0 for tick in ticks)
+    np.testing.assert_allclose(ticks[-1].zeta[T], position[-20:].mean(axis=0) - position[0], atol=1e-3)
 
 
 # --- the grid ---------------------------------------------------------------------------------------------
@@ -236,24 +236,24 @@ def test_ticks_of_a_pose_that_got_stuck_are_empty():
 def test_a_gap_is_followed_tick_by_tick():
     poses = moving(np.random.default_rng(10), 6.0, 200.0, 3e-4, 2e-3)
     present = (poses.stamp_ns < START_NS + 2_030_000_000) | (poses.stamp_ns >= START_NS + 3_560_000_000)
-    found = averaged(poses[present])
-    assert len(found) == 60
-    empty = [k for k, tick in enumerate(found) if tick.count == 0]
+    ticks = averaged(poses[present])
+    assert len(ticks) == 60
+    empty = [k for k, tick in enumerate(ticks) if tick.count == 0]
     assert empty == list(range(21, 35))
-    assert all(found[k].innovation_excess == NO_EXCESS for k in empty)
-    assert (found[20].count, found[35].count) == (6, 8)
+    assert all(ticks[k].innovation_excess == NO_EXCESS for k in empty)
+    assert (ticks[20].count, ticks[35].count) == (6, 8)
     # the grid is the same after the gap
-    assert found[36].start_ns == START_NS + 36 * TICK_NS
+    assert ticks[36].start_ns == START_NS + 36 * TICK_NS
 
 
 @pytest.mark.parametrize("seconds", [4.0, 60.0, 1e6])
 def test_a_long_gap_costs_no_more_than_a_short_one(seconds):
     poses = moving(np.random.default_rng(11), 2.0, 200.0, 3e-4, 2e-3)
     late = poses.stamp_ns + np.where(np.arange(400) >= 205, round(seconds * 1e9), 0)
-    found = averaged(replace(poses, stamp_ns=late))
-    missed = sum(tick.count == 0 for tick in found)
+    ticks = averaged(replace(poses, stamp_ns=late))
+    missed = sum(tick.count == 0 for tick in ticks)
     assert missed == pytest.approx(min(seconds, tick_averaging.LONGEST_GAP_S) / MODEL.tick_s, abs=1)
-    assert sum(tick.count + tick.outliers.total for tick in found) == 400
+    assert sum(tick.count + tick.outliers.total for tick in ticks) == 400
 
 
 @settings(max_examples=40, deadline=None)
@@ -268,14 +268,14 @@ def test_no_frame_is_lost_and_time_runs_forward_whatever_the_stamps(seed, gaps, 
     rng = np.random.default_rng(seed)
     stamp_ns = START_NS + np.cumsum([0, *gaps]).astype(np.int64)
     poses = replace(moving(rng, len(stamp_ns) / 30.0, 30.0, 3e-4, 2e-3), stamp_ns=stamp_ns)
-    found = averaged(poses, replace(MODEL, tick_s=tick_s))
-    assert sum(tick.count + tick.outliers.total for tick in found) == len(poses)
-    assert found[0].start_ns == stamp_ns[0]
-    assert found[-1].stamp_ns == stamp_ns[-1]
-    for tick, after in pairwise(found):
+    ticks = averaged(poses, replace(MODEL, tick_s=tick_s))
+    assert sum(tick.count + tick.outliers.total for tick in ticks) == len(poses)
+    assert ticks[0].start_ns == stamp_ns[0]
+    assert ticks[-1].stamp_ns == stamp_ns[-1]
+    for tick, after in pairwise(ticks):
         assert tick.start_ns <= tick.stamp_ns < after.start_ns
-    assert all(np.isfinite(tick.zeta).all() for tick in found)
-    assert all(tick.stamp_ns - tick.start_ns <= tick_s * 1e9 for tick in found)
+    assert all(np.isfinite(tick.zeta).all() for tick in ticks)
+    assert all(tick.stamp_ns - tick.start_ns <= tick_s * 1e9 for tick in ticks)
 
 
 @pytest.mark.parametrize("batch", [7])
@@ -285,9 +285,9 @@ def test_stamps_that_run_backward_close_no_tick_again(late, batch):
     poses = moving(np.random.default_rng(13), 2.0, 200.0, 3e-4, 2e-3)
     stamp_ns, (row, like) = poses.stamp_ns.copy(), late
     stamp_ns[row] = START_NS + like * 5_000_000
-    found = averaged(replace(poses, stamp_ns=stamp_ns), batch=batch)
-    assert sum(tick.count + tick.outliers.total for tick in found) == len(poses)
-    assert 19 <= len(found) <= 21
+    ticks = averaged(replace(poses, stamp_ns=stamp_ns), batch=batch)
+    assert sum(tick.count + tick.outliers.total for tick in ticks) == len(poses)
+    assert 19 <= len(ticks) <= 21
 
 
 @pytest.mark.parametrize(("gap_s", "without_excess"), [(0.5, 0), (1.8, 0), (2.5, 5)])
@@ -308,8 +308,8 @@ def test_after_a_gap_motion_goes_on_unless_it_was_long(gap_s, without_excess):
 def test_an_object_that_rests_through_a_gap_is_known_to_rest():
     rest = moving(np.random.default_rng(15), 6.0, 200.0, 3e-4, 2e-3, rms_m=0.0, rms_rad=0.0)
     at_s = (rest.stamp_ns - START_NS) * 1e-9
-    found = averaged(rest[(at_s < 2.0) | (at_s >= 3.0)])
-    assert np.mean([tick.innovation_excess == NO_EXCESS for tick in found]) > 0.95
+    ticks = averaged(rest[(at_s < 2.0) | (at_s >= 3.0)])
+    assert np.mean([tick.innovation_excess == NO_EXCESS for tick in ticks]) > 0.95
 
 
 def test_noise_of_means_falls_with_their_frames_to_the_floor():

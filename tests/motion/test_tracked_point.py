@@ -35,8 +35,8 @@ def noisy_poses(point_m: Array, rng: np.random.Generator) -> Poses:
 def test_the_point_is_found_wherever_the_origin_is(seed: int, away_m: float) -> None:
     rng = np.random.default_rng(seed)
     point_m = away_m * Rotation.random(random_state=rng).as_matrix()[0]
-    found = independent_point(noisy_poses(point_m, rng))
-    np.testing.assert_allclose(found, point_m, atol=8.0 * POSITION_M / ROTATION_RAD / np.sqrt(COUNT))
+    point = independent_point(noisy_poses(point_m, rng))
+    np.testing.assert_allclose(point, point_m, atol=8.0 * POSITION_M / ROTATION_RAD / np.sqrt(COUNT))
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -44,8 +44,8 @@ def test_a_far_origin_is_found_by_the_first_poses(seed: int) -> None:
     """Those that decide online."""
     rng = np.random.default_rng(seed)
     point_m = 10.0 * Rotation.random(random_state=rng).as_matrix()[0]
-    found = independent_point(noisy_poses(point_m, rng)[:RATIO_POSES])
-    np.testing.assert_allclose(found, point_m, atol=0.2)
+    point = independent_point(noisy_poses(point_m, rng)[:RATIO_POSES])
+    np.testing.assert_allclose(point, point_m, atol=0.2)
 
 
 def test_it_is_the_origin_where_no_noise_shows_another() -> None:
@@ -68,15 +68,15 @@ def test_elements_are_in_the_users_body_frame(expected: ct.Result, away_m: float
     """With another origin of the body the labels stay, and its elements move by as much."""
     aside = away_m * np.array([0.6, -0.48, 0.64])
     poses = recorded(FACE_TO_EDGE).poses.of_point(aside)
-    found = ct.segment(ct.Trajectory(poses))
-    assert [one.contact for one in found.segments] == [one.contact for one in expected.segments]
-    same = found.beliefs.rows["contact"] == expected.beliefs.rows["contact"]
+    result = ct.segment(ct.Trajectory(poses))
+    assert [one.contact for one in result.segments] == [one.contact for one in expected.segments]
+    same = result.beliefs.rows["contact"] == expected.beliefs.rows["contact"]
     assert same.mean() > 0.99
-    faces = found.segments[0].geometry
+    faces = result.segments[0].geometry
     assert faces.has_open_offset == (True, True)
     height_m = poses.position_m[100:500] @ faces.environment.normal - faces.environment.offset_m
     assert np.abs(height_m).max() < 0.02 * max(away_m, 0.3)  # the face is as if through the body's origin
-    before, after = (one.segments[-1].geometry for one in (expected, found))
+    before, after = (one.segments[-1].geometry for one in (expected, result))
     edge, again = shifted(before.object, -aside), after.object
     off = again.point_m - edge.point_m
     assert np.linalg.norm(off - edge.direction * (edge.direction @ off)) < 0.004

@@ -33,20 +33,20 @@ def belief(contact: Contact, geometry: ContactGeometry | None) -> Belief:
 
 
 def test_a_json_line_reads_back_exactly() -> None:
-    found = json.loads(json_line(belief(Contact.EF, ON_FACE)))
-    assert found["stamp_ns"] == ORIGIN_NS + 2_500_000_000
-    assert found["onset_ns"] == ORIGIN_NS + 1_000_000_000
-    assert found["contact"] == "e-f"
-    assert found["probability"] == {s.value: 0.94 if s is Contact.EF else 0.01 for s in STATES}
-    assert found["geometry"]["object"]["line"]["point_m"] == EDGE.point_m.tolist()
-    assert found["geometry"]["environment"]["plane"]["offset_m"] == 0.25
-    assert found["geometry"]["environment"]["plane"]["normal_sd"] == pytest.approx([2e-3, 1e-3, 0])
+    content = json.loads(json_line(belief(Contact.EF, ON_FACE)))
+    assert content["stamp_ns"] == ORIGIN_NS + 2_500_000_000
+    assert content["onset_ns"] == ORIGIN_NS + 1_000_000_000
+    assert content["contact"] == "e-f"
+    assert content["probability"] == {s.value: 0.94 if s is Contact.EF else 0.01 for s in STATES}
+    assert content["geometry"]["object"]["line"]["point_m"] == EDGE.point_m.tolist()
+    assert content["geometry"]["environment"]["plane"]["offset_m"] == 0.25
+    assert content["geometry"]["environment"]["plane"]["normal_sd"] == pytest.approx([2e-3, 1e-3, 0])
 
 
 def test_unknown_deviations_are_null_and_a_probability_that_is_none_is_refused() -> None:
     unknown = ContactGeometry(Point(np.zeros(3)), FACE)
-    found = json.loads(json_line(belief(Contact.VF, unknown)))
-    assert found["geometry"]["object"]["point_sd_m"] == [None, None, None]
+    content = json.loads(json_line(belief(Contact.VF, unknown)))
+    assert content["geometry"]["object"]["point_sd_m"] == [None, None, None]
     broken = belief(Contact.FREE, None)
     broken.probability[0] = np.nan
     with pytest.raises(ValueError, match="JSON"):

@@ -186,10 +186,10 @@ def test_slsqp_finds_the_contact(contact):
     rng = np.random.default_rng(3)
     t = touching(contact, rng, 200)
     k = matrix(contact, *motion(t.rotation, t.position_m - t.position_m.mean(axis=0)))
-    found = minimise_slsqp(contact, k, rng, starts=6)
-    assert found.converged > 0
-    assert found.value < 1e-8
-    assert value(contact, k, found.object, found.environment) == pytest.approx(found.value, abs=1e-12)
+    minimum = minimise_slsqp(contact, k, rng, starts=6)
+    assert minimum.converged > 0
+    assert minimum.value < 1e-8
+    assert value(contact, k, minimum.object, minimum.environment) == pytest.approx(minimum.value, abs=1e-12)
 
 
 @each_contact
@@ -306,9 +306,9 @@ def test_a_window_without_neighbours_is_no_higher_than_slsqp():
     rng, model = np.random.default_rng(1), CONTACT_MODELS[Contact.EE.column]
     poses = simulate(Scenario((Phase(Contact.EE, 2.5),)), 3).poses
     position_m = poses.position_m - poses.position_m.mean(axis=0)
-    found = minimise_windows(model, poses.rotation, position_m, len(poses), 1)
+    minimum = minimise_windows(model, poses.rotation, position_m, len(poses), 1)
     slsqp = minimise_slsqp(Contact.EE, matrix(Contact.EE, *motion(poses.rotation, position_m)), rng, 6)
-    assert found.value[0] <= 1.02 * slsqp.value
+    assert minimum.value[0] <= 1.02 * slsqp.value
 
 
 def test_long_recordings_in_pieces_give_the_same(monkeypatch):

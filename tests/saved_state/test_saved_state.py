@@ -127,10 +127,10 @@ def test_a_damaged_state_is_refused_or_is_the_same(
     path = tmp_path / "damaged"
     path.write_bytes(data)
     try:
-        found = load(path)
+        loaded = load(path)
     except StateError:
         return
-    assert fingerprint(found) == fingerprint(saved[1])
+    assert fingerprint(loaded) == fingerprint(saved[1])
 
 
 def rewritten(path: Path, target: Path, tree: Any) -> Path:

@@ -70,11 +70,11 @@ def test_steps_that_are_missing_and_new(first, kept, expected) -> None:
     """Where both takes are sure of all steps."""
     sure = [replace(segment, probability=0.99) for segment in first.segments]
     first, second = with_segments(first, sure), with_segments(first, [sure[k] for k in kept])
-    found = compare_outcomes(first, second)
-    assert verdicts(found) == expected
+    result = compare_outcomes(first, second)
+    assert verdicts(result) == expected
     turned = compare_outcomes(second, first)
     names = {Verdict.MISSING: Verdict.NEW, Verdict.NEW: Verdict.MISSING}
-    assert sorted(verdicts(turned)) == sorted(names.get(one, one) for one in verdicts(found))
+    assert sorted(verdicts(turned)) == sorted(names.get(one, one) for one in verdicts(result))
 
 
 @pytest.mark.parametrize(("factor", "verdict"), [(2.0, "longer"), (0.4, "shorter"), (1.1, "same")])
@@ -83,10 +83,10 @@ def test_a_step_that_takes_another_time(first, factor, verdict) -> None:
     duration_ns = round(factor * (own.end_ns - own.start_ns))
     changed = replace(own, end_ns=own.start_ns + duration_ns)
     # of the first contact: its sighting is that of its time
-    found = compare_outcomes(first, with_segments(first, [first.segments[0], changed, *first.segments[2:]]))
-    assert verdicts(found) == ["same", verdict, "same", "same"]
+    result = compare_outcomes(first, with_segments(first, [first.segments[0], changed, *first.segments[2:]]))
+    assert verdicts(result) == ["same", verdict, "same", "same"]
     by_s = (factor - 1.0) * (own.end_ns - own.start_ns) * 1e-9
-    assert found.steps[1].longer_s == pytest.approx(by_s, abs=0.01)
+    assert result.steps[1].longer_s == pytest.approx(by_s, abs=0.01)
 
 
 def test_moved_surroundings_are_said_and_not_compared(first) -> None:
@@ -95,9 +95,9 @@ def test_moved_surroundings_are_said_and_not_compared(first) -> None:
     origins = Origins(touched.origins.world_m + away_m, touched.origins.body_m)
     moved = contact_tracker.Result(**vars(first) | {"touched": replace(touched, origins=origins)})
     with pytest.warns(ContactTrackerWarning, match="no touched element of the surroundings"):
-        found = contact_tracker.compare(first, moved)
-    assert Verdict.ELSEWHERE not in verdicts(found)
-    assert "warning: no touched element" in str(found)
+        result = contact_tracker.compare(first, moved)
+    assert Verdict.ELSEWHERE not in verdicts(result)
+    assert "warning: no touched element" in str(result)
 
 
 def test_a_moved_step_is_elsewhere_by_how_far(first) -> None:
@@ -128,9 +128,9 @@ def test_a_moved_step_is_elsewhere_by_how_far(first) -> None:
 
 
 def test_places_are_not_compared_where_elements_are_given(first) -> None:
-    found = compare_outcomes(first, contact_tracker.Result(**vars(first) | {"touched": None}))
-    assert [note for note in found.notes if "given" in note]
-    assert not found.differences
+    result = compare_outcomes(first, contact_tracker.Result(**vars(first) | {"touched": None}))
+    assert [note for note in result.notes if "given" in note]
+    assert not result.differences
 
 
 def test_open_segments_are_no_difference(first) -> None:
@@ -138,15 +138,15 @@ def test_open_segments_are_no_difference(first) -> None:
     opened = replace(first.segments[1], inseparable=others, probability=0.4)
     second = with_segments(first, [first.segments[0], opened, *first.segments[2:]])
     name = "a$_{b$c.mcap"
-    found = compare_outcomes(first, replace(second, trajectory=replace(first.trajectory, name=name)))
-    assert verdicts(found) == ["same", "open", "same", "same"]
+    result = compare_outcomes(first, replace(second, trajectory=replace(first.trajectory, name=name)))
+    assert verdicts(result) == ["same", "open", "same", "same"]
     for steps, told in (
-        (found.steps, "3 same, 1 open: no step is known to differ"),
-        (found.steps[1:2], "1 open: whether steps differ is not known"),
+        (result.steps, "3 same, 1 open: no step is known to differ"),
+        (result.steps[1:2], "1 open: whether steps differ is not known"),
         ((), "neither take has a step"),
     ):
-        assert [*replace(found, steps=steps).lines()][-1] == told
-    figure = draw_comparison(found)
+        assert [*replace(result, steps=steps).lines()][-1] == told
+    figure = draw_comparison(result)
     figure.draw_without_rendering()
     (axes,) = figure.axes
     shown = [text.get_text() for text in axes.get_legend().get_texts()]
@@ -161,18 +161,18 @@ def test_boundaries_are_as_sure_as_the_beliefs(first, simulated) -> None:
 
 
 def test_what_python_makes_of_it(first, tmp_path) -> None:
-    found = contact_tracker.compare(first, with_segments(first, first.segments[:2]))
-    table = found.to_pandas()
-    assert list(table.verdict) == [step.verdict for step in found.steps]
-    assert all(len(line) <= 80 for line in str(found).splitlines())
-    found.save(tmp_path / "steps.csv")
+    result = contact_tracker.compare(first, with_segments(first, first.segments[:2]))
+    table = result.to_pandas()
+    assert list(table.verdict) == [step.verdict for step in result.steps]
+    assert all(len(line) <= 80 for line in str(result).splitlines())
+    result.save(tmp_path / "steps.csv")
     rows = list(csv.DictReader((tmp_path / "steps.csv").open()))
     assert [row["verdict"] for row in rows] == list(table.verdict)
     assert list(rows[0]) == list(table)
-    found.save(tmp_path / "steps.png")
+    result.save(tmp_path / "steps.png")
     assert (tmp_path / "steps.png").read_bytes().startswith(b"\x89PNG")
     with pytest.raises(UsageError, match=r"\.csv"):
-        found.save(tmp_path / "steps.txt")
+        result.save(tmp_path / "steps.txt")
     with pytest.raises(UsageError, match="tolerance"):
         contact_tracker.compare(first, first, tolerance=0.0)
 

@@ -77,8 +77,8 @@ def test_probabilities_are_those_of_all_alignments(seed, n, m, rate) -> None:
 def test_sure_steps_are_missing_or_new(first, second, missing, new) -> None:
     evidence = np.log(7.0 * (1e-4 + (1.0 - 7e-4) * np.eye(7)))
     alike = np.ones((len(first), len(second)), bool)
-    found = align(evidence[first], evidence[second], np.zeros((*alike.shape, 7)), alike)
-    assert [own[0] for own, other in found.steps if not other] == missing
-    assert [other[0] for own, other in found.steps if not own] == new
-    assert np.all(found.missing[missing] > 0.8)
-    assert np.all(found.new[new] > 0.8)
+    alignment = align(evidence[first], evidence[second], np.zeros((*alike.shape, 7)), alike)
+    assert [own[0] for own, other in alignment.steps if not other] == missing
+    assert [other[0] for own, other in alignment.steps if not own] == new
+    assert np.all(alignment.missing[missing] > 0.8)
+    assert np.all(alignment.new[new] > 0.8)

@@ -116,11 +116,11 @@ def test_they_decide_what_motion_leaves_open(tmp_path: Path) -> None:
     path = str(tmp_path / "pressed.mcap")
     write_recording(path, made.poses, made.truth, made.metadata, wrenches=made.wrenches)
     log = open_log(path)
-    found = read_wrenches(path, "/object/wrench", log.source, made.poses)
-    assert found.noted == ""
-    assert np.array_equal(found.wrenches.force_n, made.wrenches.force_n)
-    assert np.array_equal(found.wrenches.moment_nm, made.wrenches.moment_nm)
-    evidence, load = wrench_evidence(made.poses, found.wrenches, model)
+    wrenches = read_wrenches(path, "/object/wrench", log.source, made.poses)
+    assert wrenches.noted == ""
+    assert np.array_equal(wrenches.wrenches.force_n, made.wrenches.force_n)
+    assert np.array_equal(wrenches.wrenches.moment_nm, made.wrenches.moment_nm)
+    evidence, load = wrench_evidence(made.poses, wrenches.wrenches, model)
     assert load.mass_kg == pytest.approx(MASS_KG, rel=0.05)
     result = Segmentation.join(list(OfflineTracker(model, wrenches=evidence).pieces(made.poses)))
     by_wrenches = evaluate(made.poses, made.truth, result)
@@ -140,7 +140,7 @@ def test_free_motion_at_the_start_is_known_by_its_missing_force(contact: Contact
     made, model = simulate(scenario, 1), load_model()
     evidence, _ = wrench_evidence(made.poses, made.wrenches, model)
     assert evidence.shows_contact_at_start() is not is_free
-    found = Segmentation.join(list(OfflineTracker(model, wrenches=evidence).pieces(made.poses)))
-    first, *_ = found.segments
+    segmentation = Segmentation.join(list(OfflineTracker(model, wrenches=evidence).pieces(made.poses)))
+    first, *_ = segmentation.segments
     assert first.contact is contact
-    assert evaluate(made.poses, made.truth, found).offline.accuracy() > 0.95
+    assert evaluate(made.poses, made.truth, segmentation).offline.accuracy() > 0.95

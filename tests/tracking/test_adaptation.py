@@ -81,15 +81,15 @@ def test_a_contact_that_changes_in_a_long_gap_does_so_in_its_middle() -> None:
     gap_s, poses = (19.0, 26.0), shipped(PAPER)[1000:7000]  # f-f, e-f and v-f
     whole = segmenting.segment(poses, MODEL)
     time_s = (poses.stamp_ns - poses.stamp_ns[0]) / 1e9
-    found = segmenting.segment(poses[(time_s < gap_s[0]) | (time_s > gap_s[1])], MODEL)
-    assert [one.contact for one in found.segments] == [one.contact for one in whole.segments]
-    for one, other in zip(found.segments[1:3], whole.segments[1:3], strict=True):
+    segmentation = segmenting.segment(poses[(time_s < gap_s[0]) | (time_s > gap_s[1])], MODEL)
+    assert [one.contact for one in segmentation.segments] == [one.contact for one in whole.segments]
+    for one, other in zip(segmentation.segments[1:3], whole.segments[1:3], strict=True):
         assert np.linalg.norm(one.geometry.object.point_m - other.geometry.object.point_m) < 0.004
-    change_s = (found.segments[2].start_ns - poses.stamp_ns[0]) / 1e9
+    change_s = (segmentation.segments[2].start_ns - poses.stamp_ns[0]) / 1e9
     assert gap_s[0] - 0.5 < change_s < gap_s[1]  # the ticks before it fit both
-    stamps_s = (found.beliefs.stamp_ns - poses.stamp_ns[0]) / 1e9
+    stamps_s = (segmentation.beliefs.stamp_ns - poses.stamp_ns[0]) / 1e9
     inside = (stamps_s > gap_s[0] + 0.2) & (stamps_s < min(gap_s[1], gap_s[0] + 5.0) - 0.2)
-    p_first, p_second = found.beliefs.probability[inside][:, [Contact.EF.column, Contact.VF.column]].T
+    p_first, p_second = segmentation.beliefs.probability[inside][:, [Contact.EF.column, Contact.VF.column]].T
     assert p_first[0] > 0.35 > 0.3 > p_first[-1]
     assert p_second[0] < 0.65 < 0.7 < p_second[-1]
 
@@ -258,9 +258,9 @@ def test_correlated_errors_are_found_by_the_evidence() -> None:
     position, turn = poses.position_m + lasting_m * errors[2000:, :3], 5.0 * lasting_m * errors[2000:, 3:]
     moved = replace(poses, position_m=position, quat_xyzw=turned(poses, turn))
     tracked = OfflineTracker(MODEL)
-    found = Segmentation.join(list(tracked.pieces(moved)))
+    segmentation = Segmentation.join(list(tracked.pieces(moved)))
     assert tracked.report.lasting[0] == pytest.approx(lasting_m, rel=0.6)
-    offline, _ = accuracies(poses, found)
+    offline, _ = accuracies(poses, segmentation)
     assert offline > 0.9
 
 
@@ -270,8 +270,8 @@ def test_contacts_are_found_in_few_poses() -> None:
     """Differences of such poses are mostly motion; the evidence finds that the noise is smaller."""
     poses = thinned(shipped(PAPER), 5.0, 0.01, np.random.default_rng(5))
     tracked = OfflineTracker(MODEL)
-    found = Segmentation.join(list(tracked.pieces(poses)))
-    assert accuracies(poses, found)[0] > 0.9
+    segmentation = Segmentation.join(list(tracked.pieces(poses)))
+    assert accuracies(poses, segmentation)[0] > 0.9
     assert tracked.report.chosen.noise.estimate_share < 1.0
 
 

@@ -341,12 +341,12 @@ def test_precise_knowledge_does_not_hide_other_unobserved_directions(seed, digit
     rng = np.random.default_rng(seed)
     ways, root = (rng.normal(size=(5, 5)) + 3.0 * np.eye(5) for _ in range(2))
     eigenvalues, prior = 1.0 + 10.0 ** np.array(digits), root @ root.T
-    found = observability.posterior_covariance(eigenvalues, ways, prior)
+    covariance = observability.posterior_covariance(eigenvalues, ways, prior)
     exact = np.vectorize(Fraction, otypes=[object])
     dual = exact_inverse(exact(ways))
     true = exact_inverse(dual.T @ np.diag(exact(eigenvalues - 1.0)) @ dual + exact(prior)).astype(float)
     sd = np.sqrt(true.diagonal())
-    np.testing.assert_allclose(found / np.outer(sd, sd), true / np.outer(sd, sd), atol=1e-6)
+    np.testing.assert_allclose(covariance / np.outer(sd, sd), true / np.outer(sd, sd), atol=1e-6)
 
 
 @pytest.mark.parametrize(("seed", "lag_s"), [(10, 0.0), (11, 0.0), (11, 0.5)])

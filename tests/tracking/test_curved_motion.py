@@ -26,9 +26,9 @@ FREE = Contact.FREE.column
 def test_a_rolling_disc_is_not_surely_free():
     """The rim is hard to find in most pieces of the motion; one found in a piece is used in others."""
     poses = gate(poses_of(MOTIONS["disc of 0.1 m that rolls on a face"], np.random.default_rng(1), 12.0))
-    found = segment(poses, MODEL)
-    assert np.mean(found.beliefs.probability[20:, FREE] > 0.9) < 0.15
-    assert any(set(one.inseparable) == set(CONTACTS) for one in found.segments)
+    segmentation = segment(poses, MODEL)
+    assert np.mean(segmentation.beliefs.probability[20:, FREE] > 0.9) < 0.15
+    assert any(set(one.inseparable) == set(CONTACTS) for one in segmentation.segments)
 
 
 @needs_kernels
@@ -64,21 +64,21 @@ def test_where_some_contacts_cannot_be_curved_motion_is_any_of_the_others(with_m
     possible = {Contact.FF, Contact.EF, Contact.VF} if with_map else set(CONTACTS)
     assert not with_map or set(known_map.allowed) == possible
     poses = gate(poses_of(MOTIONS["vertex on a sphere of 0.2 m"], np.random.default_rng(1), 8.0))
-    found = segment(poses, MODEL, known_map=known_map)
-    longest = max(found.segments, key=lambda one: one.end_ns - one.start_ns)
+    segmentation = segment(poses, MODEL, known_map=known_map)
+    longest = max(segmentation.segments, key=lambda one: one.end_ns - one.start_ns)
     assert longest.contact is Contact.FREE
     assert set(longest.inseparable) == possible
     assert longest.probability < 0.5
-    assert found.filtered.probability[-20:, FREE].max() < (0.5 if with_map else 0.9)
-    assert found.beliefs.probability.sum(axis=1) == pytest.approx(1.0)
+    assert segmentation.filtered.probability[-20:, FREE].max() < (0.5 if with_map else 0.9)
+    assert segmentation.beliefs.probability.sum(axis=1) == pytest.approx(1.0)
     impossible = [contact.column for contact in CONTACTS if contact not in possible]
-    assert not found.beliefs.probability[:, impossible].any()
+    assert not segmentation.beliefs.probability[:, impossible].any()
 
 
 @needs_kernels
 def test_free_motion_is_free():
-    found = segment(gate(poses_of(MOTIONS["free"], np.random.default_rng(1), 10.0)), MODEL)
-    longest = max(found.segments, key=lambda one: one.end_ns - one.start_ns)
+    segmentation = segment(gate(poses_of(MOTIONS["free"], np.random.default_rng(1), 10.0)), MODEL)
+    longest = max(segmentation.segments, key=lambda one: one.end_ns - one.start_ns)
     assert longest.contact is Contact.FREE
     assert longest.inseparable == ()
     assert longest.probability > 0.9

@@ -41,12 +41,12 @@ def test_each_motion_is_between_the_label_and_a_rival_and_the_same_in_both_frame
     held, filter_ = held_in(contact, 4, origin_m)
     belief = filter_.state.belief
     assert belief.inseparable
-    found = informative_motions(filter_.state)
-    assert found
-    evidence = [one.evidence_nats for one in found]
+    motions = informative_motions(filter_.state)
+    assert motions
+    evidence = [one.evidence_nats for one in motions]
     assert evidence == sorted(evidence, reverse=True)
     twists = []
-    for one in found:
+    for one in motions:
         assert {one.allowed_by, one.forbidden_by} <= {belief.contact, *belief.inseparable}
         assert belief.contact in (one.allowed_by, one.forbidden_by)
         assert np.linalg.norm(one.turn_world_rad) * LEVER_M <= SHIFT_M * 1.2

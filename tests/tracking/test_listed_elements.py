@@ -108,9 +108,9 @@ def test_a_known_table_in_the_wrong_place_is_not_used(complete):
         Plane(normal, float(normal @ place) + plane.offset_m - plane.normal @ place - 0.03), ACCURACY
     )
     known_map = known(wrong, listed_object=(), object_complete=False, environment_complete=complete)
-    found = segment(recorded().poses[:150], MODEL, known_map=known_map)
-    assert found.filtered.probability.sum(axis=1) == pytest.approx(1.0)
-    assert complete or found.filtered[-1].touching[1] is None
+    segmentation = segment(recorded().poses[:150], MODEL, known_map=known_map)
+    assert segmentation.filtered.probability.sum(axis=1) == pytest.approx(1.0)
+    assert complete or segmentation.filtered[-1].touching[1] is None
 
 
 @pytest.mark.parametrize(("accuracy", "is_sure"), [(ACCURACY, True), (Accuracy(0.3, 0.5), False)])
@@ -172,17 +172,17 @@ def test_rests_on_the_table_are_found_by_the_map(shared_recordings: Path) -> Non
         pytest.skip("everyday recordings are not here")
     poses = Poses.collect(open_log(str(path)))
     poses = poses[poses.stamp_ns < poses.stamp_ns[0] + 28.5e9]  # up to the third rest
-    found = Segmentation.join(list(OfflineTracker(load_model()).pieces(poses)))
+    segmentation = Segmentation.join(list(OfflineTracker(load_model()).pieces(poses)))
     truth = read_truth(str(path))
-    of_tick = truth.at(found.stamp_ns)
+    of_tick = truth.at(segmentation.stamp_ns)
     is_rest = np.array(
         [
             i >= 0 and truth.intervals[i].motion == "rest" and truth.intervals[i].contact is Contact.FF
             for i in of_tick
         ]
     )
-    is_ff = found.beliefs.rows["contact"] == Contact.FF.column
+    is_ff = segmentation.beliefs.rows["contact"] == Contact.FF.column
     assert is_rest.sum() > 50
     assert is_ff[is_rest].mean() > 0.6  # 0.1 by each contact's own motion
-    assert len(found.filtered) == len(found.beliefs)
-    np.testing.assert_array_equal(found.filtered.stamp_ns, found.stamp_ns)
+    assert len(segmentation.filtered) == len(segmentation.beliefs)
+    np.testing.assert_array_equal(segmentation.filtered.stamp_ns, segmentation.stamp_ns)

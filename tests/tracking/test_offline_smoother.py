@@ -78,14 +78,14 @@ def test_every_tick_has_the_noise_that_is_known_at_the_end():
 @each_recording
 def test_smoothing_is_better_than_filtering(contacts):
     """Smoothing is never much worse than filtering; in the last tick both agree."""
-    found = segmented(contacts)
-    held = true_contacts(recorded(contacts), found.stamp_ns)
+    result = segmented(contacts)
+    held = true_contacts(recorded(contacts), result.stamp_ns)
     smoothed, filtered = (
         np.mean([np.log(b.probability[c.column] + 1e-12) for b, c in zip(beliefs, held, strict=True)])
-        for beliefs in (found.beliefs, found.filtered)
+        for beliefs in (result.beliefs, result.filtered)
     )
     assert smoothed > filtered
-    np.testing.assert_allclose(found.beliefs[-1].probability, found.filtered[-1].probability, atol=0.02)
+    np.testing.assert_allclose(result.beliefs[-1].probability, result.filtered[-1].probability, atol=0.02)
 
 
 # --- in pieces ---------------------------------------------------------------------------------------------
@@ -136,19 +136,19 @@ def test_pieces_together_are_the_whole(monkeypatch):
     parts, most = in_pieces(times=4)
     monkeypatch.setattr("contact_tracker.tracking.offline_smoother.PIECE_TICKS", 10_000)
     (expected,), _ = in_pieces(times=4)
-    found = Segmentation.join(parts)
+    result = Segmentation.join(parts)
     assert sum(len(piece.segments) > 0 for piece in parts) >= 3
     assert most < 200
     spans, expected_spans = (
-        [(s.contact, s.start_ns, s.end_ns) for s in x.segments] for x in (found, expected)
+        [(s.contact, s.start_ns, s.end_ns) for s in x.segments] for x in (result, expected)
     )
     assert spans == expected_spans
-    np.testing.assert_array_equal(found.filtered.rows["probability"], expected.filtered.probability)
-    np.testing.assert_array_equal(found.stamp_ns, expected.stamp_ns)
-    np.testing.assert_allclose(found.beliefs.probability, expected.beliefs.probability, atol=1e-5)
-    for a, b in zip(found.segments, expected.segments, strict=True):  # the noise estimate was less accurate
+    np.testing.assert_array_equal(result.filtered.rows["probability"], expected.filtered.probability)
+    np.testing.assert_array_equal(result.stamp_ns, expected.stamp_ns)
+    np.testing.assert_allclose(result.beliefs.probability, expected.beliefs.probability, atol=1e-5)
+    for a, b in zip(result.segments, expected.segments, strict=True):  # the noise estimate was less accurate
         assert a.geometry.environment.normal @ b.geometry.environment.normal > np.cos(2e-3)
-    assert len(found.segments) == 8
+    assert len(result.segments) == 8
     (nothing,) = pieces_of(())
     assert len(nothing.segments) == len(nothing.beliefs) == 0
 
@@ -172,22 +172,22 @@ def test_segments_are_the_same_however_many_poses_are_averaged_ahead(monkeypatch
 def test_segments_do_not_depend_on_the_number_of_online_beliefs():
     """Landmarks of hypotheses do not depend on the number of online beliefs."""
     poses = recorded(FACE_TO_EDGE).poses
-    found = Segmentation.join(pieces_of(poses))
+    result = Segmentation.join(pieces_of(poses))
     expected = segmented(FACE_TO_EDGE)
-    assert [b.to_json() for b in found.beliefs] == [b.to_json() for b in expected.beliefs]
-    assert [s.start_ns for s in found.segments] == [s.start_ns for s in expected.segments]
-    assert len(found.filtered) == 0
+    assert [b.to_json() for b in result.beliefs] == [b.to_json() for b in expected.beliefs]
+    assert [s.start_ns for s in result.segments] == [s.start_ns for s in expected.segments]
+    assert len(result.filtered) == 0
     assert len(expected.filtered) > 30
 
 
 def test_a_full_buffer_releases_its_older_half(monkeypatch):
     monkeypatch.setattr("contact_tracker.tracking.offline_smoother.ROOM_BYTES", 30_000)
     parts, most = in_pieces()
-    found = Segmentation.join(parts)
+    result = Segmentation.join(parts)
     assert len(parts) > 3
     assert most < 30
-    np.testing.assert_array_equal(found.stamp_ns, segmented(FACE_TO_EDGE).stamp_ns)
-    assert names(found) == FACE_TO_EDGE  # the path is the same
+    np.testing.assert_array_equal(result.stamp_ns, segmented(FACE_TO_EDGE).stamp_ns)
+    assert names(result) == FACE_TO_EDGE  # the path is the same
 
 
 def test_an_object_that_stays_exactly_at_rest_fills_no_memory(monkeypatch):

@@ -137,8 +137,8 @@ def taking_off(seed: int, vibration_m: float) -> Poses:
 def test_a_drone_takes_off_where_its_rest_ends(seed: int, vibration_m: float) -> None:
     """While it rests and its motors run it is not said to be free, and its label is the most probable
     state."""
-    found = segment(taking_off(seed, vibration_m), MODEL)
-    segments, beliefs = found.segments, found.beliefs
+    segmentation = segment(taking_off(seed, vibration_m), MODEL)
+    segments, beliefs = segmentation.segments, segmentation.beliefs
     assert (beliefs.probability.argmax(axis=1) == beliefs.rows["contact"]).all()
     flight = next(one for one in segments if one.end_ns > 3.5e9)
     assert flight.contact is Contact.FREE

@@ -27,17 +27,17 @@ def evidence_of(made: Pressed) -> WrenchEvidence:
 
 
 def log_evidence_of(made: Pressed) -> np.ndarray:
-    found = evidence_of(made).of_window(made.touch_ns, made.end_ns)
-    return found.log_evidence
+    evidence = evidence_of(made).of_window(made.touch_ns, made.end_ns)
+    return evidence.log_evidence
 
 
 @cache
 def seen(contact: Contact, seed: int, disturbed: bool = False) -> tuple[Pressed, WindowEvidence]:
     """An object that is pressed, and the evidence while it is."""
     made = pressed(contact, seed, noise=disturbed, bias=disturbed)
-    found = evidence_of(made).of_window(made.touch_ns, made.end_ns)
-    assert found is not None
-    return made, found
+    evidence = evidence_of(made).of_window(made.touch_ns, made.end_ns)
+    assert evidence is not None
+    return made, evidence
 
 
 def deviation(found: Element, true: np.ndarray) -> tuple[float, float]:
@@ -83,9 +83,9 @@ def test_lines_in_all_directions_are_unknown() -> None:
 
 def test_a_free_object_is_identified() -> None:
     made = pressed(Contact.FV)
-    found = evidence_of(made).of_window(int(made.poses.stamp_ns[0]), made.touch_ns - 1)
-    assert found.log_evidence.argmax() == Contact.FREE.column
-    assert not found.elements
+    evidence = evidence_of(made).of_window(int(made.poses.stamp_ns[0]), made.touch_ns - 1)
+    assert evidence.log_evidence.argmax() == Contact.FREE.column
+    assert not evidence.elements
 
 
 @pytest.mark.parametrize("contact", CONTACTS)
