@@ -63,11 +63,14 @@ def exact_seconds(poses: Poses) -> list[str]:
 
 @pytest.mark.parametrize("head", ["", "timestamp tx ty tz qx qy qz qw", "a trajectory\nof two lines"])
 def test_tum(tmp_path: Path, head: str) -> None:
-    """As written by numpy, with times to the microsecond."""
+    """As written by numpy, with times to the microsecond, and by any white space to the nanosecond."""
     path = tmp_path / "a.txt"
     np.savetxt(path, columns(POSES), fmt=["%.6f", *["%.12f"] * 7], header=head)
     assert_read(path, time_ns=501)
     assert list_sources(str(path))[0].topic == "a.txt"
+    rows = zip(exact_seconds(POSES), rows_of(POSES), strict=True)
+    path.write_text("".join(f" {t}\t{'   '.join(map(repr, row))}\r\n" for t, row in rows))
+    assert_read(path)
 
 
 SPELLINGS = (

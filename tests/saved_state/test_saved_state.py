@@ -199,6 +199,24 @@ def test_pickles_and_other_files_are_refused(tmp_path: Path) -> None:
         load(Path("/dev/zero"))
 
 
+class RunByPickle:
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Path.touch, (self.path,)
+
+
+def test_a_pickle_in_an_array_is_not_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, write = tmp_path / "a.state", np.lib.format.write_array
+    with monkeypatch.context() as patch:
+        patch.setattr(np.lib.format, "write_array", lambda file, array, **_: write(file, array))
+        path.write_bytes(packed(["array", 0], [np.array([RunByPickle(tmp_path / "run")])]))
+    with pytest.raises(StateError, match="no saved state"):
+        load(path)
+    assert list(tmp_path.iterdir()) == [path]
+
+
 def test_another_version_is_named(
     tmp_path: Path, saved: tuple[Path, Tracker], monkeypatch: pytest.MonkeyPatch
 ) -> None:
