@@ -135,6 +135,8 @@ def test_deviations_are_known_only_with_a_covariance_and_far_ones_stay_finite() 
     assert np.isnan(deviation(replace(origin, covariance=np.zeros((3, 3))), origin, np.zeros(3)).sd)
     sure = replace(origin, covariance=1e-6 * np.eye(3))
     assert deviation(sure, Point(np.array([0, 0, 1.0])), np.zeros(3)).sd == pytest.approx(1000)
+    on_line = Point(np.zeros(3), np.diag([0.01, 0, 0]))  # by its one free direction
+    assert deviation(on_line, Point(np.array([0.25, 0, 0])), np.zeros(3)).sd == pytest.approx(2.5)
 
 
 # --- segments --------------------------------------------------------------------------------------------
