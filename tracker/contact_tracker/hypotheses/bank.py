@@ -12,23 +12,22 @@ from typing import Any, Final, Generic, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array, Ints
 from contact_tracker.contacts import ContactModel
 from contact_tracker.states import STATES
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 Entry = TypeVar("Entry", np.int64, np.float64, np.bool_)
 
 
 @cache
-def _upper(side: int) -> tuple[Index, Index]:
+def _upper(side: int) -> tuple[Ints, Ints]:
     """Rows and columns of an upper triangle."""
     rows, columns = np.triu_indices(side)
     return rows, columns
 
 
 @cache
-def entries(side: int) -> Index:
+def entries(side: int) -> Ints:
     """Index (side, side) of each entry of a symmetric matrix in its stored form."""
     index, upper = np.zeros((side, side), np.int64), _upper(side)
     index[upper] = np.arange(len(upper[0]))
@@ -210,7 +209,7 @@ class Bank(Table):
         return Bank, (self.words, self.layout, self.onsets, self.lag_history)
 
     @cached_property
-    def onset_index(self) -> Index:
+    def onset_index(self) -> Ints:
         """Row (H,) of each hypothesis in the table of onsets; raises ValueError if one has none."""
         onsets = self.onsets.onset
         row = onsets.searchsorted(self.onset)
@@ -274,7 +273,7 @@ class Bank(Table):
         vars(bank)["onset_index"] = _FIRST
         return bank
 
-    def pick(self, rows: Index) -> "Bank":
+    def pick(self, rows: Ints) -> "Bank":
         """The hypotheses in ``rows``, which need not be in order."""
         words, past = self.words.take(rows, axis=0), self.lag_history.take(rows, axis=0)
         return Bank(words, self.layout, self.onsets, past)
@@ -283,7 +282,7 @@ class Bank(Table):
         """A copy with some columns (O, ...) of the onsets replaced."""
         return replace(self, onsets=self.onsets.replace_columns(**columns))
 
-    def replace_rows(self, rows: Index, source: "Bank", source_rows: Index) -> "Bank":
+    def replace_rows(self, rows: Ints, source: "Bank", source_rows: Ints) -> "Bank":
         """A copy whose ``rows`` have the geometry and evidence of the ``source_rows`` of ``source``."""
         copy = self.copy()
         for name in FITTED_COLUMNS:

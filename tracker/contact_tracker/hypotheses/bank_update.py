@@ -8,8 +8,8 @@ from operator import attrgetter
 from typing import Final, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array, Ints
 from contact_tracker.config.parameters import Model
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.geometry.lifted_pose import R
@@ -43,11 +43,6 @@ from contact_tracker.hypotheses.refit import (
 from contact_tracker.hypotheses.schedule import REST_WEIGHT
 from contact_tracker.motion.window import Window
 
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Index = NDArray[np.int64]
-
-
 _TABLES: Final = attrgetter("words", "onsets.words")
 _BIRTHS: Final = attrgetter("rows.words", "is_given")
 
@@ -55,8 +50,8 @@ _BIRTHS: Final = attrgetter("rows.words", "is_given")
 class LiveHypotheses(NamedTuple):
     """The hypotheses (A,) of all banks after a tick, free motion last."""
 
-    state: Index
-    onset: Index
+    state: Ints
+    onset: Ints
     log_likelihood: Array
 
     @classmethod
@@ -84,7 +79,7 @@ class TickWeights(NamedTuple):
     """(7,) log weight of each state relative to the best hypothesis; -inf for an empty bank."""
     residual: Array
     """(6,) whitened residual of each contact."""
-    best: Index
+    best: Ints
     """(6, 3) row, onset tick and onset time (ns) of the best hypothesis in each bank; -1 if it is empty."""
     live_hypotheses: LiveHypotheses
 

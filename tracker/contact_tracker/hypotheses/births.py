@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import contact_tracker.hmm as hmm
+from contact_tracker.arrays import Array, Bools, Ints
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.contacts.family import directions
 from contact_tracker.geometry.elements import (
@@ -41,10 +42,6 @@ from contact_tracker.map.pairs import (
 )
 from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS, STATES, Contact
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 KEPT: Final = 128
 """Number of proposals kept: of six contacts in up to 16 filters, and of labels and places that recur."""
@@ -186,7 +183,7 @@ def add(bank: Bank, model: ContactModel, birth: Birth) -> Bank:
     return extended
 
 
-def join_histories(past: Array, of_new: Array, count: int, rows: Index) -> Array:
+def join_histories(past: Array, of_new: Array, count: int, rows: Ints) -> Array:
     """Lag histories (R, L, 7) of ``rows`` of: the old hypotheses, ``past`` (H, L, 7), then ``count`` new ones
     with the common history ``of_new`` (L, 7)."""
     if not past.shape[1]:

@@ -17,14 +17,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array, Ints
 from contact_tracker.contacts import ContactModel
 from contact_tracker.contacts.family import Family, Measurement
 from contact_tracker.geometry.linalg import dot
 from contact_tracker.hypotheses.gauss_newton import Prior
 from contact_tracker.motion.window import Window
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 SAME_FIT_RATIO: Final = 1.2
 """A contact fits as well if its whitened residual is at most this times the best one's, or the noise."""
@@ -206,16 +204,16 @@ class EvidenceSums:
     """(B, K) of the residuals, relative to that of the position."""
     chi_sq: Array
     """(B,) squared residuals over their noise variance."""
-    ticks: Index
+    ticks: Ints
     """(B,) number of ticks."""
-    ticks_after_onset: Index
+    ticks_after_onset: Ints
     """(B,) number of ticks without the onset."""
 
 
 def sum_evidence(
     model: ContactModel,
     x: Array,
-    onset: Index,
+    onset: Ints,
     window: Window,
     scales: EvidenceParameters,
     certain: NDArray[np.bool_],

@@ -12,11 +12,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array, Ints
 from contact_tracker.contacts.family import Family, directions, shifts, turns
 from contact_tracker.geometry.linalg import adapted, dot
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +80,7 @@ class Fit:
     at: Array
     converged: NDArray[np.bool_]
 
-    def pick(self, rows: Index) -> "Fit":
+    def pick(self, rows: Ints) -> "Fit":
         """The fits in ``rows``."""
         return Fit(self.x[rows], self.cost[rows], self.hessian[rows], self.at[rows], self.converged[rows])
 
@@ -94,9 +92,9 @@ def minimise(
     prior: Prior,
     anchors: Array,
     x: Array,
-    iterations: int | Index,
+    iterations: int | Ints,
     tolerance: float = TOLERANCE,
-    of: Index | None = None,
+    of: Ints | None = None,
 ) -> Fit:
     """Fit one family to W windows from B starts.
 
@@ -179,7 +177,7 @@ def complete(
     prior: Prior,
     anchors: Array,
     x: Array,
-    of: Index | None = None,
+    of: Ints | None = None,
 ) -> tuple[Array, Array]:
     """x (B, S) with its coordinates at their optimum for the given directions, and its cost (B,).
 

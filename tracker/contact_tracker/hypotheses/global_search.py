@@ -6,8 +6,8 @@ from functools import cache
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array, Bools, Ints
 from contact_tracker.contacts import ContactModel
 from contact_tracker.hypotheses import gauss_newton
 from contact_tracker.hypotheses.bank import Bank
@@ -28,10 +28,6 @@ from contact_tracker.hypotheses.schedule import (
     burn_in_ticks,
 )
 from contact_tracker.map.pairs import known_entries
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 
 def within_far_margin(bank: Bank) -> Bools:
@@ -65,7 +61,7 @@ def residual(bank: Bank) -> float:
     return float(bank.rms[ticks.argmin()]) if ticks.min(initial=np.inf) < np.inf else np.nan
 
 
-def best_of(group: Index, joint: Array) -> Bools:
+def best_of(group: Ints, joint: Array) -> Bools:
     """Whether each entry is the best of its group."""
     order = np.lexsort((-joint, group))
     sorted_group, first, best = group[order], np.ones(len(group), bool), np.zeros(len(group), bool)
@@ -87,11 +83,11 @@ def is_due(model: ContactModel, tick: int) -> bool:
 
 def search(
     bank: Bank,
-    rows: Index,
+    rows: Ints,
     model: ContactModel,
     scales: EvidenceParameters,
     drawn: Array,
-    evaluate: Callable[[Bank, Index], Bank],
+    evaluate: Callable[[Bank, Ints], Bank],
 ) -> Bank:
     """Search minima of ``rows`` from many starts, and replace those for which a better one is found.
 
@@ -116,7 +112,7 @@ def search(
     return bank.replace_rows(rows[improved], candidates, best[improved])
 
 
-def select_for_search(bank: Bank, model: ContactModel) -> Index:
+def select_for_search(bank: Bank, model: ContactModel) -> Ints:
     """Rows that search: for each age, the best hypothesis without a prior and the best with one."""
     age = np.minimum(bank.effective_ticks.astype(np.int64), len(IS_SEARCH_AGE) - 1)
     searches = within_far_margin(bank) | (bank.effective_ticks <= burn_in_ticks(model.needed))
@@ -128,7 +124,7 @@ def select_for_search(bank: Bank, model: ContactModel) -> Index:
 
 
 def _search_rows(
-    bank: Bank, rows: Index, model: ContactModel, scales: EvidenceParameters, drawn: Array
+    bank: Bank, rows: Ints, model: ContactModel, scales: EvidenceParameters, drawn: Array
 ) -> Array:
     """The best geometries (R, n, S) of ``rows``, independent of their present ones.
 

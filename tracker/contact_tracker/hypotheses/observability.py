@@ -9,8 +9,8 @@ from functools import cache, cached_property
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array
 from contact_tracker.config.parameters import SystematicErrors
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.contacts.family import directions
@@ -39,8 +39,6 @@ from contact_tracker.map.elements import LOOSE_M, LOOSE_RAD
 from contact_tracker.map.pairs import NamedPair
 from contact_tracker.motion.window import Window
 from contact_tracker.states import Contact
-
-Array = NDArray[np.float64]
 
 OBSERVED_RATIO: Final = 10.0
 """A direction is observed if the window has this many times the information of prior and noise."""

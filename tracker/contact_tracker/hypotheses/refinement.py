@@ -11,6 +11,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array, Ints
 from contact_tracker.contacts import ContactModel
 from contact_tracker.geometry import linalg
 from contact_tracker.geometry.linalg import adapted
@@ -20,9 +21,6 @@ from contact_tracker.hypotheses.evidence import EvidenceParameters, residual_noi
 from contact_tracker.hypotheses.gauss_newton import Prior
 from contact_tracker.hypotheses.refit import anchors_of, prior_of
 from contact_tracker.motion.window import Window
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 LEARNING_STEPS: Final = 15
 """Iterations of expectation-maximisation."""
@@ -43,7 +41,7 @@ class Ar1Noise(NamedTuple):
 
 
 def estimate_ar1(
-    errors: Ar1Noise, whitened: Array, jacobian: Array, prior_information: Array, index: Index
+    errors: Ar1Noise, whitened: Array, jacobian: Array, prior_information: Array, index: Ints
 ) -> Ar1Noise:
     """Estimate the errors from the whitened residuals (K, W) of a fit, by expectation-maximisation.
 
@@ -76,7 +74,7 @@ def estimate_ar1(
     return Ar1Noise(weight, correlation)
 
 
-def whiten_ar1(rows: Array, correlation: Array, index: Index) -> Array:
+def whiten_ar1(rows: Array, correlation: Array, index: Ints) -> Array:
     """Innovations of rows (K, W, ...) given the tick before, scaled to the same variance."""
     decay = correlation[:, None] ** np.diff(index)
     decay = decay.reshape(*decay.shape, *(1,) * (rows.ndim - 2))
@@ -84,7 +82,7 @@ def whiten_ar1(rows: Array, correlation: Array, index: Index) -> Array:
     return np.concatenate([rows[:, :1], later], axis=1)
 
 
-def _innovation_products(rows: Array, correlation: Array, index: Index) -> Array:
+def _innovation_products(rows: Array, correlation: Array, index: Ints) -> Array:
     """Sums (K, Z, Z) over ticks of products of the innovations of rows (K, W, Z)."""
     new = whiten_ar1(rows, correlation, index)
     return _products(new, new)

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array, Bools, Ints
 from contact_tracker.contacts import ContactModel
 from contact_tracker.hypotheses import gauss_newton
 from contact_tracker.hypotheses.bank import Bank
@@ -32,10 +32,6 @@ from contact_tracker.hypotheses.schedule import (
     REST_WEIGHT,
 )
 from contact_tracker.motion.window import Window
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 NO_REFIT: Final = -1
 
@@ -157,13 +153,13 @@ def refit(
     return refit_in_steps(bank, model, window, scales, steps)
 
 
-def _steps_due(bank: Bank) -> Index:
+def _steps_due(bank: Bank) -> Ints:
     """Regular number of steps (H,) in a tick."""
     return REFINE_STEPS + (FIRST_STEPS - REFINE_STEPS) * (bank.effective_ticks < FIRST_TICKS)
 
 
 def refit_in_windows(
-    bank: Bank, owner: Index, model: ContactModel, windows: Sequence[Window], scales: EvidenceParameters
+    bank: Bank, owner: Ints, model: ContactModel, windows: Sequence[Window], scales: EvidenceParameters
 ) -> Bank:
     """``refit`` with a window per hypothesis: ``owner`` (H,) is its index in ``windows``, ascending."""
     prior, anchors = prior_at_anchors(bank, model, scales)
@@ -181,7 +177,7 @@ def refit_in_windows(
 
 
 def refit_in_steps(
-    bank: Bank, model: ContactModel, window: Window, scales: EvidenceParameters, steps: Index
+    bank: Bank, model: ContactModel, window: Window, scales: EvidenceParameters, steps: Ints
 ) -> Bank:
     """Take ``steps`` (H,) Gauss-Newton steps and evaluate the evidence there; ``NO_REFIT`` leaves a row
     alone.

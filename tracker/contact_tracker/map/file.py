@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from contact_tracker.arrays import Ints
 from contact_tracker.config.keys import FARTHEST_M, SIZES_M, Keys, read_toml
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.errors import KeyFault, KnowledgeError
@@ -43,7 +44,6 @@ from contact_tracker.map.pairs import named_pairs
 from contact_tracker.map.world_map import MOST_LEARNED
 from contact_tracker.version import __version__
 
-Ints = NDArray[np.int64]
 Number = TypeVar("Number", np.int64, np.float64)
 
 _HEADER: Final = 80

@@ -19,8 +19,9 @@ from typing import Final
 
 import numpy as np
 
+from contact_tracker.arrays import Array
 from contact_tracker.geometry.linalg import between, product, rotation_vectors
-from contact_tracker.motion.poses import NEAR_M, NEAR_TURN, STEPS_KEPT, Array, Pose, Step, reach, step_between
+from contact_tracker.motion.poses import NEAR_M, NEAR_TURN, STEPS_KEPT, Pose, Step, reach, step_between
 
 JUMP: Final = 3.0
 """A jump is longer than this many usual steps."""

@@ -12,8 +12,8 @@ from math import exp
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array
 from contact_tracker.config.parameters import Model
 from contact_tracker.geometry.linalg import (
     between,
@@ -22,8 +22,6 @@ from contact_tracker.geometry.linalg import (
     product,
     rotation_vectors,
 )
-
-Array = NDArray[np.float64]
 
 # Share of the innovations that is attributed to white jerk. It minimises the prediction error of hand and
 # robot motion alike; between 0.03 and 0.3 it hardly matters.

@@ -13,11 +13,10 @@ from typing import Any, Final, NamedTuple, Protocol, Self, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from contact_tracker.arrays import Array
 from contact_tracker.config.table_reading import AS_NAMED, TableReading, reading_of
 from contact_tracker.errors import InvalidPose
 from contact_tracker.geometry.linalg import matrices
-
-Array = NDArray[np.float64]
 
 BATCH: Final = 500
 """Number of poses per batch, where latency does not matter."""

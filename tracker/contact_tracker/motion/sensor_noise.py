@@ -12,12 +12,10 @@ from math import comb, sqrt
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array
 from contact_tracker.geometry.linalg import between, cross_matrix, matrices, rotation_vectors
 from contact_tracker.motion.poses import Poses
-
-Array = NDArray[np.float64]
 
 ORDER: Final = 3
 STRIDE: Final = 2

@@ -7,6 +7,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array
 from contact_tracker.config.parameters import Model
 from contact_tracker.geometry.elements import Origins
 from contact_tracker.geometry.lifted_pose import R, T, mean_lift
@@ -15,8 +16,6 @@ from contact_tracker.motion import free_motion, sensor_noise
 from contact_tracker.motion.free_motion import NO_EXCESS, FreeMotion, InnovationExcess
 from contact_tracker.motion.poses import NO_OUTLIERS, NO_POSES, Outliers, Poses
 from contact_tracker.motion.sensor_noise import NoiseBuffer, NoiseEstimate
-
-Array = NDArray[np.float64]
 
 NEIGHBOURS: Final = 5
 NOISY_M: Final = 2e-5

@@ -8,16 +8,13 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array, Bools, Ints
 from contact_tracker.config.parameters import Model
 from contact_tracker.geometry import linalg
 from contact_tracker.geometry.lifted_pose import R, T, lift_of_inverse
 from contact_tracker.geometry.linalg import EYE
 from contact_tracker.motion.free_motion import NOW_TICKS, REST_VARIANCE_RATIO
 from contact_tracker.motion.tick_averaging import Tick, tick_anisotropy, tick_variances
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 REST_S: Final = 1.0
 """Shortest time in one place that is a rest."""
@@ -34,7 +31,7 @@ _TURN: Final = len(R)
 class Window:
     """The latest W ticks, oldest first."""
 
-    index: Index
+    index: Ints
     """(W,) numbers of the ticks on the grid."""
     zeta: Array
     """(W, 25) mean lifted poses."""

@@ -7,9 +7,9 @@ from itertools import chain, groupby, pairwise
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from contact_tracker.arrays import Array
 from contact_tracker.config.quantities import ANGLE_UNITS, LENGTHS_M, NAMED_NS, TIMES_NS
 from contact_tracker.config.table_reading import (
     ANGLE,
@@ -27,7 +27,6 @@ from contact_tracker.errors import ChoiceError, UnreadableRecording
 from contact_tracker.geometry.linalg import from_rotation_vectors
 from contact_tracker.suggestions import suggestion
 
-Array = NDArray[np.float64]
 Rows = Callable[[], Sequence[Sequence[str]]]
 """Gives the first rows of a table."""
 _PLAUSIBLE: Final = 0.1

@@ -9,8 +9,8 @@ from itertools import chain, islice, product
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array
 from contact_tracker.config.quantities import ANGLE_UNITS
 from contact_tracker.config.table_reading import REST, TIME, TableReading, reading_of
 from contact_tracker.errors import ChoiceError, UnreadableRecording
@@ -38,8 +38,6 @@ from contact_tracker.recording.table_layouts import (
     with_body,
 )
 from contact_tracker.recording.table_times import unit_of_dates
-
-Array = NDArray[np.float64]
 
 _LIKE_TIME: Final = re.compile(
     r".*(?:time|stamp|date|zeit|temps|tiempo|clock|ticks)|(?:.*[_ .])?(?:ts|epoch|utc)", re.IGNORECASE

@@ -15,6 +15,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array, Ints
 from contact_tracker.explanations.curved_contact import curved_evidence, fit_curved
 from contact_tracker.geometry.elements import ContactGeometry, Plane
 from contact_tracker.geometry.lifted_pose import R
@@ -27,9 +28,6 @@ from contact_tracker.map.map import Map
 from contact_tracker.motion.free_motion import NOW_TICKS
 from contact_tracker.motion.window import DIRECTIONS, Window, used_directions
 from contact_tracker.states import CONTACTS, STATES, Contact
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 SAME_SPAN: Final = 0.25
 """Share of the contact's age by which onsets of the same span may differ, since few old ones are kept."""
@@ -411,7 +409,7 @@ def same_span(age_ticks: int) -> int:
     return int(max(SAME_SPAN_TICKS, SAME_SPAN * age_ticks))
 
 
-def _evidence(bank: Bank, since: Index) -> Array:
+def _evidence(bank: Bank, since: Ints) -> Array:
     """A contact's evidence against free motion ``since`` some ticks, interpolated between its hypotheses: the
     best of each onset, without those far behind."""
     weight = bank.log_weight

@@ -4,17 +4,13 @@ from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from typing import Any, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from contact_tracker.arrays import Array
 from contact_tracker.contacts.contact_motion import ContactMotion
 from contact_tracker.contacts.task_frame import TaskFrame
 from contact_tracker.explanations.joint_evidence import Joint
 from contact_tracker.geometry.elements import ContactGeometry, flat
 from contact_tracker.hypotheses.observability import FittedContact
 from contact_tracker.states import STATES, Contact
-
-Array = NDArray[np.float64]
 
 
 class Detail(IntEnum):

@@ -12,10 +12,10 @@ from operator import attrgetter
 from typing import Final, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import expit
 
 import contact_tracker.hmm as hmm
+from contact_tracker.arrays import Array, Ints
 from contact_tracker.config.parameters import Model
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.explanations import online_contacts
@@ -57,9 +57,6 @@ from contact_tracker.tracking.transition_model import (
     lift_after_rest,
     tick_transitions,
 )
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 
 def predict_transitions(
@@ -557,7 +554,7 @@ class FilteredTick(NamedTuple):
     belief: Belief
 
     @property
-    def numbers(self) -> Index:
+    def numbers(self) -> Ints:
         """Numbers (A,) that identify the active hypotheses in the whole recording."""
         return np.append(Bank.of_all(self.state.banks, "number"), self.state.next_hypothesis_id - 1)
 

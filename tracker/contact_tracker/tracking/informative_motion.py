@@ -17,9 +17,9 @@ from math import cos, degrees, radians, sqrt
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import null_space
 
+from contact_tracker.arrays import Array
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.geometry.lifted_pose import R, T, lift
 from contact_tracker.geometry.linalg import from_rotation_vectors, matrices
@@ -30,8 +30,6 @@ from contact_tracker.motion.window import LEVER_M, LEVERS_M, STRIDE_TICKS, twist
 from contact_tracker.states import Contact
 from contact_tracker.tracking import ambiguity
 from contact_tracker.tracking.state import FilterState
-
-Array = NDArray[np.float64]
 
 TURN_RAD: Final = radians(15.0)
 """A motion is proposed up to this turn, or a shift as long as it turns ``LEVER_M``: small enough to be made

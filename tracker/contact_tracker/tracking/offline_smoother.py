@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import contact_tracker.hmm as hmm
+from contact_tracker.arrays import Array
 from contact_tracker.config.parameters import Model
 from contact_tracker.hypotheses.bank_update import LiveHypotheses
 from contact_tracker.map.association import MAP_INSERTION_PROBABILITY, Sighting
@@ -41,8 +42,6 @@ from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker.tracking.state import FilterState
 from contact_tracker.tracking.transition_model import FREE, PACE_SHAPE, leave_per_s
 from contact_tracker.wrenches.contact_evidence import WrenchEvidence
-
-Array = NDArray[np.float64]
 
 PIECE_TICKS: Final = 1200
 """Ticks per piece, about; a shorter recording is one piece."""

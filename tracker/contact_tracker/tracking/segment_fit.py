@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit
 
+from contact_tracker.arrays import Array
 from contact_tracker.config.parameters import Model
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.contacts.contact_motion import ContactMotion, contact_motion
@@ -43,8 +44,6 @@ from contact_tracker.tracking.belief import FurtherContact, Segment
 from contact_tracker.tracking.segmentation import BELIEF, Beliefs
 from contact_tracker.tracking.state import scales_of
 from contact_tracker.wrenches.contact_evidence import WindowEvidence
-
-Array = NDArray[np.float64]
 
 LONGEST_TICKS: Final = 6000
 """Largest number of ticks of a segment that are fitted."""

@@ -8,13 +8,12 @@ from typing import Any, Final, Self, overload
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array
 from contact_tracker.explanations.joint_evidence import Joint
 from contact_tracker.geometry.elements import ContactGeometry, pack, unpack
 from contact_tracker.motion.poses import NO_OUTLIERS, Outliers
 from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking.belief import Belief, FurtherContact, Segment
-
-Array = NDArray[np.float64]
 
 BELIEF: Final = np.dtype(
     [

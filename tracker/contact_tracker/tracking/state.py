@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array
 from contact_tracker.config.parameters import Model
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.explanations.online_contacts import EMPTY_FORMATION, FormationState
@@ -23,8 +24,6 @@ from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.ambiguity import NO_CURVED_MOTION, CurvedMotion
 from contact_tracker.tracking.belief import Belief
 from contact_tracker.tracking.transition_model import log_initial
-
-Array = NDArray[np.float64]
 
 
 def _constant(array: NDArray[Any]) -> NDArray[Any]:

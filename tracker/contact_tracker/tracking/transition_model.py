@@ -8,13 +8,11 @@ from functools import lru_cache
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import expm
 
+from contact_tracker.arrays import Array
 from contact_tracker.config.parameters import Model, Transitions
 from contact_tracker.states import CONTACTS, STATES, Contact
-
-Array = NDArray[np.float64]
 
 REST_EXPOSURE: Final = 0.02
 """Exposure to change of a tick without visible motion, in ticks of motion: contacts change by moving."""
