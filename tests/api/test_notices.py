@@ -104,6 +104,21 @@ def test_python_warns_of_what_the_command_warns_of(faulty, tmp_path) -> None:
     assert all(html.escape(text) in result._repr_html_() for text in expected)
 
 
+@pytest.mark.parametrize(
+    ("on_the_command_line", "in_python"),
+    [
+        ("--up does not fit the motion", "up does not fit the motion"),
+        (
+            "--states is checked; leave out --plane if it is wrong",
+            "states is checked; leave out plane if it is wrong",
+        ),
+        ("read them by --unit mm --rate 100", "read them by unit='mm' rate='100'"),
+    ],
+)
+def test_a_verb_after_an_option_is_no_value(on_the_command_line: str, in_python: str) -> None:
+    assert python_words(on_the_command_line) == in_python
+
+
 def plain(text: str) -> str:
     """Without the numbers, which change while a stream goes on."""
     return re.sub(r"[\d.e+-]+", "", text)

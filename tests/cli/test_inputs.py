@@ -165,6 +165,13 @@ def test_a_link_to_itself_is_one_line(tmp_path: Path, words: list[str], code: in
     assert_one_line_error(run(*paths), code, "loop")
 
 
+def test_an_empty_table_is_empty_whatever_is_said_of_its_columns(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").touch()
+    for options in ((), ("--unit", "mm", "--euler", "xyz:deg")):
+        done = run("segment", tmp_path / "a.csv", *options)
+        assert (done.returncode, done.stderr.endswith("a.csv: it is empty\n")) == (1, True)
+
+
 def test_a_pattern_that_the_shell_has_not_replaced(tmp_path: Path) -> None:
     for name in ("a.mcap", "b.mcap"):
         write_log(tmp_path / name, [poses_topic(smooth_poses(60))])

@@ -107,7 +107,7 @@ def test_one_command_says_all_that_is_not_known(tmp_path: Path, head: str, words
         open_log(str(path), table=table)
     text = str(raised.value)
     assert f"read them by contact-tracker segment {path} {way}" in text
-    assert ("your unit instead of mm (positions reach " in text) == ("--unit mm" in way)
+    assert ("your unit instead of mm (positions are about " in text) == ("--unit mm" in way)
     command = re.search(r"contact-tracker (segment .*?)(?= or\b|, with|\. Orders|$)", text)
     assert command is not None
     table = build_parser().parse_args(shlex.split(command[1])).table

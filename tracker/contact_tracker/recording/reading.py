@@ -158,7 +158,8 @@ class Reading:
         if follow is None and is_wanted is not None:
             _refuse_unrelated(path, parts_of(path))
         self.is_table = is_table_file(path)
-        if table.is_of_table and not self.is_table:
+        is_empty = os.path.isfile(path) and not os.path.getsize(path)
+        if table.is_of_table and not self.is_table and not is_empty:
             raise ChoiceError(f"{_shown(path)}: {NO_TABLE}")
         if table.field is not None and self.is_table:
             raise ChoiceError(

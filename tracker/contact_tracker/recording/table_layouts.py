@@ -174,7 +174,7 @@ def in_unit(reading: TableReading, body: Body, values: Array) -> tuple[TableRead
     reach = 0.0 if body.has_unit or not np.isfinite(sizes).any() else float(np.nanmedian(sizes))
     if reach <= _FARTHEST_M:
         return reading, ""
-    return replace(reading, unit="mm"), f"your unit instead of mm (positions reach {reach:.4g})"
+    return replace(reading, unit="mm"), f"your unit instead of mm (positions are about {reach:.4g})"
 
 
 def check_angles(values: Array, body: Body, reading: TableReading, path: str) -> None:

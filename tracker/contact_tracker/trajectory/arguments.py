@@ -88,7 +88,7 @@ _OPTIONS: Final = (
 """Options of the command line that are arguments in Python, too."""
 _OPTION: Final = re.compile(
     rf"(?<![^\s(])--({'|'.join(_OPTIONS)})(?![\w-])"
-    r"(?: (?!or |and |for |beside )('[^']*'|[^\s;()]*[^\s,;().]))?"
+    r"(?: (?!(?:or|and|for|beside|does|do|is|are|if|by|to) )('[^']*'|[^\s;()]*[^\s,;().]))?"
 )
 """One of these, and its value."""
 
