@@ -99,6 +99,8 @@ def test_from_arrays_and_online() -> None:
         ({"nonfinite": 500}, 1000, None),
         ({"nonfinite": 300, "default_pose": 201}, 1000, "300 of them as nonfinite"),
         ({"undecodable": 501}, 500, "do not match their definition"),
+        ({"no_parent": 601}, 600, "601 of 1201 poses"),
+        ({"parent_gap": 400, "no_parent": 300}, 800, None),
         ({"backward_stamp": 600, "clock_reset": 30}, 1000, None),
     ],
 )

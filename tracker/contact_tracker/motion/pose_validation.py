@@ -322,9 +322,13 @@ _CAUSES: Final[Mapping[str, str]] = MappingProxyType(
         "default_pose": "one pose comes back bit for bit, as where the object is hidden",
         "excursion": "they jump away and back, as those of another body",
         "undecodable": "the messages do not match their definition",
+        "no_parent": "they are before or after the poses of the frame that they are relative to",
+        "parent_gap": "the frame that they are relative to was not known for more than a second",
     }
 )
 """Why poses are dropped, by kind; of quaternions see ``_cause_of_norm``."""
+_BEFORE_THE_GATE: Final = "undecodable", "no_parent", "parent_gap"
+"""Kinds of poses that do not reach the gate, which counts the others."""
 
 
 def remark_on_loss(
@@ -336,7 +340,7 @@ def remark_on_loss(
     """
     lost = {kind: counts.get(kind, 0) for kind in (*_CAUSES, "bad_quaternion")}
     lost["backward_stamp"] -= RESET_RUN * counts.get("clock_reset", 0)
-    total += lost["undecodable"]
+    total += sum(lost[kind] for kind in _BEFORE_THE_GATE)
     if lost["repeated_stamp"] <= MOST_REPEATED * total:
         total -= lost.pop("repeated_stamp")
     dropped = sum(lost.values())
