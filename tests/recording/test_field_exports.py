@@ -162,6 +162,18 @@ def test_entries_of_several_bodies_are_a_source_for_each(tmp_path: Path, kind: s
     assert_read(path, *options, frame="a" if kind == "lines.jsonl" else "5")
 
 
+def test_more_bodies_than_half_of_the_first_rows_are_a_source_for_each(tmp_path: Path) -> None:
+    lines = [[T[i], f"cup {k}", *P[i] + k, *Q[i]] for i in range(3) for k in range(40)]
+    path = write(tmp_path / "a.csv", [f"t,name,{NAMES}"], [[str(value) for value in line] for line in lines])
+    assert len(Poses.collect(open_log(str(path), frame="cup 39"))) == 3
+
+
+@pytest.mark.parametrize("last", [2, 16, 50])
+def test_numbers_of_rows_that_begin_anew_are_no_bodies(tmp_path: Path, last: int) -> None:
+    path = write(tmp_path / "a.csv", [f"t,packet_id,{NAMES}"], rows(T, np.arange(120) % last, POSE))
+    assert_read(path)
+
+
 DTRACK = "fr {}\nts {:.9f}\n6dcal 2\n6d 2 [1 1.0][9 9 9 9 9 9][1 0 0 0 1 0 0 0 1] [0 1.000][{}][{}]\n"
 
 

@@ -520,15 +520,44 @@ def layout(columns: Columns, reading: TableReading) -> TableLayout:
 
 
 def with_body(layout: TableLayout, columns: Columns, rows: Rows) -> TableLayout:
-    """The layout with the column of the names of bodies, if rows are of several ones: names in such a column
-    change at most rows and come back, as numbers of rows do not."""
+    """The layout with the column of the names of bodies, if the first rows are of several ones."""
     for place, name in enumerate(columns.plain if len(layout.bodies) == 1 else ()):
         if _OF_BODY.fullmatch(name) and place not in layout.places:
-            names = [row[place].strip(BLANKS) for row in rows() if len(row) > place]
-            runs = 1 + sum(a != b for a, b in pairwise(names))
-            if 1 < len(set(names)) <= runs / 2 and runs > len(names) / 2:
+            position, last = layout.bodies[0].columns[:3], max(place, *layout.places)
+            first = [row for row in rows() if len(row) > last]
+            names = [row[place].strip(BLANKS) for row in first]
+            times = (
+                [row[layout.time] for row in first] if layout.time >= 0 else [*map(str, range(len(first)))]
+            )
+            positions = np.array([numbers([row[i] for i in position]) for row in first]).reshape(-1, 3)
+            if _are_bodies(names, times, positions):
                 return replace(layout, body=place)
     return layout
+
+
+def _are_bodies(names: Sequence[str], times: Sequence[str], positions: Array) -> bool:
+    """Whether N names, which change at most rows and come back, are of bodies: rows of one time have
+    different ones, or positions (N, 3) of one name are nearer to each other than those of successive rows
+    are, as they are not if rows are numbered, again and again."""
+    pairs = [*pairwise(range(len(names)))]
+    changes = [(i, j) for i, j in pairs if names[i] != names[j]]
+    if not 1 < len({*names}) <= len(changes) or 2 * len(changes) < len(names):
+        return False
+    at_one_time = [pair for pair in pairs if times[pair[0]] == times[pair[1]]]
+    if len(at_one_time) > 1 and {*changes}.issuperset(at_one_time):
+        return True
+    latest, of_one_name = dict[str, int](), list[tuple[int, int]]()
+    for i, name in enumerate(names):
+        if name in latest:
+            of_one_name.append((latest[name], i))
+        latest[name] = i
+    places = np.nan_to_num(positions, posinf=0.0, neginf=0.0)
+    with np.errstate(over="ignore"):
+        steps, between = (
+            float(np.median(np.abs(np.diff(places[np.array(both)], axis=1)).max(axis=2)))
+            for both in (of_one_name, changes)
+        )
+    return 2.0 * steps < between
 
 
 def are_named_angles(names: Sequence[str]) -> bool:
