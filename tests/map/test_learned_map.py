@@ -146,7 +146,8 @@ def test_another_object_or_place_is_noticed(
         corner = MapElement("v", np.zeros(3), CORNER.place_m + apart_m)
         world = world.insert(seen(Contact.VF, (corner, face), 100 * number, rng=rng))
     assert world.unused_sides == unused
-    assert [finding.text.partition(",")[0] for finding in map_findings(world)] == [text]
+    assert [finding.text.partition(":")[0] for finding in map_findings(world)] == [text]
+    assert bool(map_use(world)) == (len(unused) < 2)
     assert {side for side, _ in world.prior.elements} >= {0, 1} - {*unused}
 
 

@@ -78,7 +78,7 @@ class Keys:
         """Reject keys that were not read."""
         for key in self._table:
             if key not in self._asked:
-                hint = suggestion(key, self._asked) or f"; known are {', '.join(self._asked)}"
+                hint = suggestion(key, self._asked) or f"; known are {', '.join(dict.fromkeys(self._asked))}"
                 raise self.wrong(key, f"unknown{hint}")
 
     def real(self, key: str, default: float | None = None) -> float:

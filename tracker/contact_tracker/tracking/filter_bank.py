@@ -645,8 +645,9 @@ class Report(NamedTuple):
 
 
 def map_use(world: GrowingMap) -> str:
-    """How many contacts touch elements of the map of another recording, in words; empty without one."""
-    if not world.prior:
+    """How many contacts touch elements of the map of another recording, in words; empty without one, and if
+    it explains no contact (``map_findings``)."""
+    if not world.prior or len(world.unused_sides) == 2:
         return ""
     body, environment = (
         sum(pair[side] in world.prior.elements for pair in world.pairs.values()) for side in (0, 1)
@@ -664,7 +665,7 @@ def map_findings(world: GrowingMap) -> tuple[Finding, ...]:
         (1,): ("what the learned map has of the surroundings", "place and this frame"),
         (0, 1): ("the learned map", "object and this frame"),
     }[world.unused_sides]
-    return (Finding("map", f"{what} explains no contact, and is not used: is it of this {of}?", False),)
+    return (Finding("map", f"{what} explains no contact: is it of this {of}?", False),)
 
 
 def report_of(filters: FilterBank, is_decided: bool, findings: tuple[Finding, ...]) -> Report | None:
