@@ -274,6 +274,29 @@ def test_json_without_entries_is_refused(tmp_path: Path, text: str) -> None:
         open_log(str(tmp_path / "a.json"))
 
 
+@pytest.mark.parametrize("orient", ["columns", "split"])
+def test_rows_of_a_document_in_another_order_or_damaged_are_noticed(tmp_path: Path, orient: str) -> None:
+    frame = pandas.DataFrame(np.c_[T, POSE], columns=["time", *NAMES.split(",")])
+    content = json.loads(frame.to_json(orient=orient, double_precision=15))
+    if orient == "split":
+        content["data"] += [None, "lost"]
+    else:
+        content["x"] = dict(reversed(content["x"].items()))
+    (path := tmp_path / "a.json").write_text(json.dumps(content))
+    assert_read(path)
+    if orient == "columns":
+        content["x"]["1000"] = content["x"].pop("7")
+        path.write_text(json.dumps(content))
+        with pytest.raises(UnreadableRecording, match="without entries in a list"):
+            open_log(str(path))
+
+
+def test_numbers_of_any_size_are_no_poses(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.csv", [], [["1e308"] * 8] * 80)
+    with warnings.catch_warnings(action="error"), pytest.raises(UnreadableRecording, match="have no names"):
+        open_log(str(path))
+
+
 @pytest.mark.parametrize("orient", ["columns", "split", "records", "index"])
 def test_json_of_pandas_is_read(tmp_path: Path, orient: str) -> None:
     frame = pandas.DataFrame(np.c_[T, POSE], columns=["t", *NAMES.split(",")])

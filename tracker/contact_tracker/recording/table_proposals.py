@@ -150,6 +150,7 @@ def _clock(values: Array, taken: Collection[int]) -> tuple[int | None, bool]:
     return frames, True
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def may_be_trajectory(rows: Sequence[Sequence[str]]) -> bool:
     """Whether rows of eight values may be of a time and a pose: their last four values have mostly the same
     norm, as scaled quaternions have and angles that change have not; and the pose is not before the time."""
@@ -274,6 +275,7 @@ class _Proposal:
         orders = f". {_ORDERS}" if any(reading.euler for reading in readings) else ""
         return f"{' or '.join(texts)}{', with ' * bool(about)}{' and '.join(about)}{orders}"
 
+    @np.errstate(over="ignore", invalid="ignore")  # numbers may be of any size
     def text(self) -> str | None:
         """The meaning with its commands; None if nothing fits."""
         columns, reading = self._columns, self._reading

@@ -268,11 +268,14 @@ def _entries_in(file: IO[str]) -> Iterator[str]:
         lists = {name: value for name, value in content.items() if isinstance(value, list)}
         if not lists and content and all(map(_has_rows, content.values())):  # as pandas writes columns
             index = list(next(iter(content.values())))
-            lists = {"index": index} | {name: list(value.values()) for name, value in content.items()}
+            if all(value.keys() == {*index} for value in content.values()):
+                columns = {name: [value[row] for row in index] for name, value in content.items()}
+                lists = {"index": index} | columns
         names = next((value for value in lists.values() if all(isinstance(name, str) for name in value)), [])
         rows_of = [v for v in lists.values() if v and isinstance(v[0], list) and len(v[0]) == len(names)]
         if len(rows_of) == 1 and names:  # names of the columns, and rows
-            lists = {"data": [dict(zip(names, row, strict=False)) for row in rows_of[0]]}
+            cells = (row if isinstance(row, list) else [] for row in rows_of[0])
+            lists = {"data": [dict(zip(names, row, strict=False)) for row in cells]}
         objects = [value for value in lists.values() if _has_objects(value)]
         longest = max(map(len, lists.values()), default=0)
         rows = {name: value for name, value in lists.items() if len(value) == longest}
