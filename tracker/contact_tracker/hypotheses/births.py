@@ -7,7 +7,7 @@ with the elements in contact against the elements anywhere (docs/theory.md, T29)
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Final, NamedTuple, Self
 
 import numpy as np
@@ -43,9 +43,6 @@ from contact_tracker.map.pairs import (
 from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS, STATES, Contact
 
-KEPT: Final = 128
-"""Number of proposals kept: of six contacts in up to 16 filters, and of labels and places that recur."""
-
 
 @dataclass(frozen=True, eq=False)
 class BirthProposals:
@@ -66,6 +63,13 @@ class BirthProposals:
     def log_share(self) -> Array:
         """Log share (n,) of the contact's birth weight."""
         return self.rows.log_likelihood
+
+    @cached_property
+    def prior_alone(self) -> "ProximityEvidence":
+        """The evidence without a known pair: the prior alone."""
+        if not self.count:
+            return ProximityEvidence(np.zeros(0), _IMPOSSIBLE, np.zeros(2), self)
+        return ProximityEvidence.of(self, self.log_share.copy(), np.zeros(2))
 
     def sharing(self, log_share: Array) -> "BirthProposals":
         """A copy with other log shares (n,)."""
@@ -375,7 +379,7 @@ def weigh_births(
             weighed.append(BirthProposals(rows, begins.is_given[kept], begins.are_both_known[kept]))
             continue
         newest = window.cut(-1).with_error(variance) if len(pairs.x) else window
-        evidence = proximity_evidence(model, begins, newest, scales) if len(pairs.x) else _prior_alone(begins)
+        evidence = proximity_evidence(model, begins, newest, scales) if len(pairs.x) else begins.prior_alone
         log_odds[column], gain[column] = evidence.log_odds, evidence.gain
         weighed.append(evidence.proposals)
     return tuple(weighed), log_odds, gain
@@ -440,20 +444,12 @@ def proximity_evidence(
     """Weigh the birth proposals of one contact by the newest tick: the reference of the compiled kernel."""
     pairs = _known_pairs(model, begins)
     if not len(pairs.x):
-        return _prior_alone(begins)
+        return begins.prior_alone
     log_share = begins.log_share.copy()
     row_gain, log_ratio = _touching_evidence(model, pairs, newest, scales)
     log_share[pairs.is_known] += log_ratio
     angle = row_gain[:, :-1].mean() if model.family.ROWS > 1 else 0.0
     return ProximityEvidence.of(begins, log_share, np.array([angle, row_gain[:, -1].mean()]))
-
-
-@lru_cache(maxsize=KEPT)
-def _prior_alone(begins: BirthProposals) -> ProximityEvidence:
-    """The evidence without a known pair: the prior alone."""
-    if not begins.count:
-        return ProximityEvidence(np.zeros(0), _IMPOSSIBLE, np.zeros(2), begins)
-    return ProximityEvidence.of(begins, begins.log_share.copy(), np.zeros(2))
 
 
 def _touching_evidence(
@@ -480,7 +476,7 @@ def _spread(model: ContactModel, pairs: _KnownPairs, zeta: Array) -> Array:
     return np.asarray(variance)
 
 
-@lru_cache(maxsize=KEPT)
+@lru_cache(maxsize=128)  # of six contacts in up to 16 filters, and of labels and places that recur
 def _known_pairs(model: ContactModel, begins: BirthProposals) -> _KnownPairs:
     """The known pairs, with the terms of their evidence that do not depend on the pose."""
     is_known = begins.are_both_known

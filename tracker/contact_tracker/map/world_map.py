@@ -186,6 +186,11 @@ class GrowingMap:
         )
 
     @cached_property
+    def derived(self) -> dict[object, object]:
+        """What others compute of this map and keep while it lives (``tracking/contact_filter.py``)."""
+        return {}
+
+    @cached_property
     def untested_sides(self) -> set[int]:
         """The sides of which no contact has touched the prior's elements yet: of another object or in another
         scene, its price of new elements hides contacts in free motion."""

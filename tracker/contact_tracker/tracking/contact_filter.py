@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from operator import attrgetter
-from typing import Final, NamedTuple, Self
+from typing import Final, NamedTuple, Self, cast
 
 import numpy as np
 from scipy.special import expit
@@ -24,7 +24,6 @@ from contact_tracker.geometry.lifted_pose import T
 from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.bank_update import TickWeights, marginalise_expired_ticks, update_banks
 from contact_tracker.hypotheses.births import (
-    KEPT,
     BirthProposals,
     TickInput,
     prepare_weights,
@@ -116,36 +115,58 @@ def _proposals(state: FilterState, frame: Frame) -> tuple[BirthProposals, ...]:
         latest, reach_m = state.map.latest_before(state.ticks), state.map.reach_m
     else:
         left_out, current, latest, reach_m = (), state.current_pair, state.map.whole.latest, None
-    touching = None if current is None else tuple([state.map.elements[key].kind for key in current])
+    share, kept = state.model.geometry.revisit_prior, state.map.derived
+    inputs = state.known_map, frame, current, left_out, latest, share, reach_m
+    proposals = kept.get(inputs)
+    if proposals is None:
+        if len(kept) >= KEPT:
+            kept.clear()
+        proposals = kept[inputs] = _births(state.map, *inputs)
+    return cast(tuple[BirthProposals, ...], proposals)
+
+
+_KINDS: Final = [(model, kinds_of(model)) for model in CONTACT_MODELS]
+"""Each contact, and the kinds of its elements."""
+KEPT: Final = 8
+"""Number of inputs of a map for which proposals are kept: of labels and places that recur."""
+
+
+def _births(
+    world: GrowingMap,
+    known_map: Map,
+    frame: Frame,
+    current: tuple[Key, Key] | None,
+    left_out: tuple[int, ...],
+    latest: tuple[Key, Key] | None,
+    share: float,
+    reach_m: float | None,
+) -> tuple[BirthProposals, ...]:
+    """Birth proposals of each contact by the map ``world`` without the sightings ``left_out``: the ``latest``
+    pair touched last, and the ``current`` one touches. With ``reach_m`` edges and faces of the map have
+    vertices (``with_incident_vertices``)."""
+    touching = None if current is None else tuple([world.elements[key].kind for key in current])
     frames = {"e": frame, "v": frame, "f": frame._replace(near_m=(0.0, 0.0, 0.0))}
-    view = state.map, left_out, latest, state.model.geometry.revisit_prior, reach_m
+    of_map = world, known_map, left_out, latest, share, reach_m
     return tuple(
         [
-            _births(model, state.known_map, frames[kinds[1]], current if kinds == touching else None, *view)
+            _births_of(model, frames[kinds[1]], current if kinds == touching else None, *of_map)
             for model, kinds in _KINDS
         ]
     )
 
 
-_KINDS: Final = [(model, kinds_of(model)) for model in CONTACT_MODELS]
-"""Each contact, and the kinds of its elements."""
-
-
-@lru_cache(maxsize=KEPT)
-def _births(
+@lru_cache(maxsize=128)  # of six contacts, as the label or the place changes
+def _births_of(
     model: ContactModel,
-    known_map: Map,
     frame: Frame,
     current: tuple[Key, Key] | None,
     world: GrowingMap,
+    known_map: Map,
     left_out: tuple[int, ...],
     latest: tuple[Key, Key] | None,
     share: float,
     reach_m: float | None,
 ) -> BirthProposals:
-    """Birth proposals of a contact by the map ``world`` without the sightings ``left_out``: the ``latest``
-    pair touched last, and the ``current`` one, of the contact's kinds of elements, touches. With ``reach_m``
-    edges and faces of the map have vertices (``with_incident_vertices``)."""
     view = replace(_view(world, left_out, share, reach_m), current=current, latest=latest)
     return propose_births(model, known_map, view, share, frame)
 
