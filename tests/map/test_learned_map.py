@@ -151,6 +151,17 @@ def test_another_object_or_place_is_noticed(
     assert {side for side, _ in world.prior.elements} >= {0, 1} - {*unused}
 
 
+def test_of_a_known_object_elsewhere_only_the_place_is_dropped() -> None:
+    """However many new faces there are."""
+    world, rng = again(), np.random.default_rng(4)
+    for number in range(10):
+        face = MapElement("f", Rotation.from_rotvec([0.7, 0.2, 0.0]).apply(TABLE.direction), 0.7 * np.ones(1))
+        face = replace(face, place_m=face.place_m + number)
+        world = world.insert(seen(Contact.VF, (CORNER, face), 100 * number, rng=rng))
+    assert world.prior_is_dropped == (False, True)
+    assert {side for side, _ in world.prior.elements} == {0}
+
+
 def test_what_is_known_of_one_side_is_what_both_say_of_it() -> None:
     learned = grown().learned
     for side in (0, 1):

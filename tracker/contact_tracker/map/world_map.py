@@ -133,20 +133,26 @@ class GrowingMap:
         """The map with one more sighting, which replaces an earlier one with the same first tick.
 
         If the prior's elements of a side make the sightings far less probable, they are of another object or
-        place, and are dropped. Once both sides are as probable as that is improbable, they are not tested.
+        place, and are dropped. Once those of all its sides are as probable as that is improbable, they are
+        not tested.
         """
-        totals = np.sum([(0.0, 0.0), *self.prior_log_odds.values()], axis=0)
-        if not self.prior or totals.min() > DROPPED_NATS:
+        sides = sorted({side for side, _ in self.prior.elements})
+        totals = np.sum([(0.0, 0.0), *self.prior_log_odds.values()], axis=0)[sides]
+        if (totals > DROPPED_NATS).all():
             return self._insert(sighting)
-        bare = [self._without_prior(side) for side in (0, 1)]
-        with_prior, *without = (
-            log_marginal(sighting, world.without((sighting.first,)), self.reach_m) for world in (self, *bare)
-        )
+        bare = {side: self._without_prior(side) for side in sides}
+
+        def log_evidence(world: GrowingMap) -> float:
+            return log_marginal(sighting, world.without((sighting.first,)), self.reach_m)
+
+        odds, with_prior = [0.0, 0.0], log_evidence(self)
+        for side in sides:
+            odds[side] = with_prior - log_evidence(bare[side])
         kept = {first: odds for first, odds in self.prior_log_odds.items() if first in self.pairs}
-        prior_log_odds = {**kept, sighting.first: (with_prior - without[0], with_prior - without[1])}
-        totals = np.sum([*prior_log_odds.values()], axis=0)
+        prior_log_odds = {**kept, sighting.first: (odds[0], odds[1])}
+        totals = np.sum([*prior_log_odds.values()], axis=0)[sides]
         if totals.min() < -DROPPED_NATS:
-            return bare[int(totals.argmin())].insert(sighting)
+            return bare[sides[int(totals.argmin())]].insert(sighting)
         return replace(self, prior_log_odds=prior_log_odds)._insert(sighting)
 
     def _without_prior(self, side: int) -> "GrowingMap":
