@@ -14,7 +14,7 @@ import pytest
 from pyarrow import parquet
 from scipy.spatial.transform import Rotation
 
-from contact_tracker import Trajectory
+from contact_tracker import ContactTrackerWarning, Trajectory, read
 from contact_tracker.cli.main import build_parser, run
 from contact_tracker.config.table_reading import AS_NAMED, reading_of
 from contact_tracker.errors import UnreadableRecording, UsageError
@@ -268,3 +268,12 @@ def test_names_of_many_marks_take_no_longer(mark: str) -> None:
     with pytest.raises(UnreadableRecording):
         layout_of_names([f"{mark * 100}{i}" for i in range(300)], AS_NAMED)
     assert time.perf_counter() - begin < 1.0
+
+
+def test_unwrapped_angles_that_exceed_a_turn_later_are_read_on(tmp_path: Path) -> None:
+    turn = np.linspace(0.0, 7.0, 12000)
+    rows = np.column_stack([0.01 * np.arange(12000), np.full((12000, 3), 0.2), turn, np.zeros((12000, 2))])
+    np.savetxt(tmp_path / "a.csv", rows, "%.6g", ",", header="time [s],x,y,z,rx,ry,rz", comments="")
+    with pytest.warns(ContactTrackerWarning, match="larger than a turn"):
+        trajectory = read(tmp_path / "a.csv", euler="xyz:rad")
+    assert len(trajectory) == 12000

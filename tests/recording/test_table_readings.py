@@ -687,3 +687,6 @@ def test_degrees_that_are_read_as_radians_are_refused(tmp_path, how):
     rows[:, 4] = np.where(np.arange(300) % 50 == 7, 9999.0, 0.01 * turn_deg)
     saved("rx,ry,rz")
     assert len(read(path, **how)) >= 295
+    rows[:, 4] = np.where(np.arange(300) == 7, 8.0, 0.01 * turn_deg)  # a single row is an outlier
+    saved("rx,ry,rz")
+    assert len(read(path, **how)) == 300

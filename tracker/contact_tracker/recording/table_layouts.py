@@ -34,6 +34,7 @@ _PLAUSIBLE: Final = 0.1
 _FARTHEST_M: Final = 10.0
 """Largest coordinate (m) of positions in metres; larger ones are probably in millimetres."""
 _LOST_DEG: Final = 999.0
+_OUTLIER_SHARE: Final = 0.01
 """Least number in columns of angles that stands for a lost pose."""
 
 
@@ -162,9 +163,11 @@ class Body:
 
 
 def are_no_radians(numbers: Array) -> bool:
-    """Whether an angle, or a component of a rotation vector, exceeds one turn in radians."""
+    """Whether angles, or components of rotation vectors, of the rows (N, 3) exceed one turn in radians: in
+    more rows than are outliers."""
     sizes = np.abs(numbers)
-    return bool(((sizes > 2.0 * np.pi) & (sizes < _LOST_DEG)).any())
+    rows = ((sizes > 2.0 * np.pi) & (sizes < _LOST_DEG)).any(axis=1).sum()
+    return bool(rows > _OUTLIER_SHARE * len(numbers))
 
 
 def in_unit(reading: TableReading, body: Body, values: Array) -> tuple[TableReading, str]:
@@ -177,18 +180,19 @@ def in_unit(reading: TableReading, body: Body, values: Array) -> tuple[TableRead
     return replace(reading, unit="mm"), f"your unit instead of mm (positions are about {reach:.4g})"
 
 
-def check_angles(values: Array, body: Body, reading: TableReading, path: str) -> None:
-    """Raise UnreadableRecording if angles among the ``values`` (N, k) of a body's columns exceed a turn in
-    radians, which the names of the columns do not state to be their unit."""
+def doubt_angles(values: Array, body: Body, reading: TableReading, path: str) -> str:
+    """What to do if angles among the ``values`` (N, k) of a body's columns exceed a turn in radians, without
+    names of columns that state radians; empty if they do not."""
     order, _, unit = body.how.rpartition(":")
     has_angles = body.kind in ("euler", "rotation_vector") and unit == "rad" and not body.has_angle_unit
-    if has_angles and are_no_radians(values[:, 3:]):
-        way, about = in_unit(reading.with_(reading_of(euler=f"{order or 'xyz'}:deg")), body, values)
-        command = f"{way.command(path)}{', with ' * bool(about)}{about}"
-        raise UnreadableRecording(
-            f"its angles as radians are larger than a turn: if they are degrees, read them by {command}; if "
-            "not, write the unit into the names of their columns, as in 'rx [rad]'"
-        )
+    if not has_angles or not are_no_radians(values[:, 3:]):
+        return ""
+    way, about = in_unit(reading.with_(reading_of(euler=f"{order or 'xyz'}:deg")), body, values)
+    command = f"{way.command(path)}{', with ' * bool(about)}{about}"
+    return (
+        f"its angles as radians are larger than a turn: if they are degrees, read them by {command}; if "
+        "not, write the unit into the names of their columns, as in 'rx [rad]'"
+    )
 
 
 @dataclass(frozen=True)

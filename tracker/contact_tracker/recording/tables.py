@@ -24,7 +24,7 @@ from contact_tracker.recording.table_layouts import (
     ProposedReading,
     TableLayout,
     are_numbers,
-    check_angles,
+    doubt_angles,
     numbers,
 )
 from contact_tracker.recording.table_times import NEVER, TableTimes
@@ -172,7 +172,7 @@ def read_table(
     read_as = ReadAs(False, reading, path, layout.quaternion, layout.has_angles)
     sources = tuple(PoseSource(topic, layout.kind, "", body.name, None, read_as) for body in layout.bodies)
     is_read = is_wanted(Channel(topic, ROWS, layout.kind, "", b""))
-    times, count, lost, why = TableTimes(path, layout, reading, assume), 0, 0, ""
+    times, count, lost, why, doubt = TableTimes(path, layout, reading, assume), 0, 0, "", ""
     for columns in table if is_read else ():
         rows_read = len(next(iter(columns.values())))
         texts = [*map(str, range(count, count + rows_read) if layout.time < 0 else columns[layout.time])]
@@ -185,8 +185,11 @@ def read_table(
             why = why or _without_time(texts[row], columns, row, layout)
             lost += int((~good).sum())
         values = [(_values(columns, body), body) for body in layout.bodies]
-        for rows, body in values:
-            check_angles(rows, body, reading, path)
+        doubts = (doubt_angles(rows, body, reading, path) for rows, body in values if not doubt)
+        if doubt_of_batch := next(filter(None, doubts), ""):
+            if count == rows_read:
+                raise UnreadableRecording(doubt_of_batch)
+            assume(doubt := doubt_of_batch)  # unwrapped angles grow with time: a stream goes on
         poses = (body.poses(rows) for rows, body in values)
         by_body = tuple(Poses(stamps, rows[:, :3], rows[:, 3:])[good] for rows in poses)
         if layout.body is None:

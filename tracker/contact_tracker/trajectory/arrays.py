@@ -23,7 +23,7 @@ from contact_tracker.config.table_reading import (
 from contact_tracker.errors import ChoiceError, UnreadableRecording, UsageError
 from contact_tracker.geometry.elements import Array
 from contact_tracker.motion.poses import real_number, real_numbers
-from contact_tracker.recording.table_layouts import are_no_radians, check_angles, quaternions
+from contact_tracker.recording.table_layouts import are_no_radians, doubt_angles, quaternions
 from contact_tracker.recording.table_proposals import FIRST_ROWS, layout_of_names
 from contact_tracker.suggestions import closest
 from contact_tracker.trajectory.arguments import python_words
@@ -244,10 +244,8 @@ def columns_of(table: Any, reading: TableReading) -> tuple[NDArray[Any], float |
         values = rows(np.ma.column_stack(columns), "columns of a pose", len(columns))
     except ValueError as error:
         raise UsageError("columns of a pose have different lengths") from error
-    try:
-        check_angles(values, body, reading, "")
-    except UnreadableRecording as error:
-        raise UsageError(python_words(str(error))) from error
+    if doubt := doubt_angles(values, body, reading, ""):
+        raise UsageError(python_words(doubt))
     poses = body.poses(values)
     if layout.time < 0:
         return np.arange(len(values)), layout.time_ns, poses
