@@ -13,7 +13,7 @@ motion, so that only several directions at once tell the states apart soon.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from math import cos, degrees, radians, sqrt
+from math import degrees, radians
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -38,8 +38,6 @@ SHIFT_M: Final = TURN_RAD * LEVER_M
 SMALL: Final = 0.1
 """A turn smaller than this share of the shift is left out; in the text also a shift smaller than this share
 of the turn."""
-ALIKE: Final = cos(radians(30.0))
-"""Least cosine between directions of which a user would make the same motion."""
 PROJECTIONS: Final = 3
 """Newton steps by which a motion along the tangent is brought back into the contact that allows it."""
 
@@ -67,11 +65,10 @@ class InformativeMotion:
     shift_world_m: Array
     evidence_nats: float
 
-    def is_like(self, motion: "InformativeMotion") -> bool:
-        """Whether ``motion`` is for the same two states and in nearly the same direction, or the opposite."""
-        states = {self.allowed_by, self.forbidden_by}
-        cosine = _product(self, motion) / sqrt(_product(self, self) * _product(motion, motion))
-        return states == {motion.allowed_by, motion.forbidden_by} and abs(cosine) >= ALIKE
+    @property
+    def states(self) -> frozenset[Contact]:
+        """The two states that it would tell apart."""
+        return frozenset((self.allowed_by, self.forbidden_by))
 
     def to_json(self) -> dict[str, Any]:
         """An entry of ``suggestions``."""
@@ -89,12 +86,6 @@ class InformativeMotion:
         if shift_m > SMALL * LEVER_M * angle_rad:
             parts.append(f"shift along {_text(self.shift_world_m / shift_m)} by {1e3 * shift_m:.2g} mm")
         return f"{' and '.join(parts)} (world): {self.allowed_by} or {self.forbidden_by}"
-
-
-def _product(first: InformativeMotion, second: InformativeMotion) -> float:
-    """Inner product (m2) of two motions in the world, whose turns count by ``LEVER_M``."""
-    turns, shifts = first.turn_world_rad @ second.turn_world_rad, first.shift_world_m @ second.shift_world_m
-    return float(LEVER_M**2 * turns + shifts)
 
 
 def informative_motions(state: FilterState) -> tuple[InformativeMotion, ...]:
