@@ -19,10 +19,10 @@ from contact_tracker.map.elements import ANYWHERE_M, LearnedElements, MapElement
 from contact_tracker.map.file import learned_text, map_from
 from contact_tracker.map.world_map import MOST_LEARNED, GrowingMap
 from contact_tracker.recording import write_recording
-from contact_tracker.segmenting import with_offsets
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Segment
 from contact_tracker.tracking.filter_bank import map_findings, map_use
+from contact_tracker.tracking.map_passes import with_offsets
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker_lab.simulate import Simulated
 from mcap_logs import smooth_poses

@@ -13,8 +13,7 @@ import numpy as np
 
 from contact_tracker.checks.map_use import FaceNameDelay
 from contact_tracker.config.parameters import Model
-from contact_tracker.geometry.elements import Array, ContactGeometry, Element, Plane, numbers
-from contact_tracker.map.elements import covariance_of
+from contact_tracker.geometry.elements import Array
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion.pose_validation import require_valid
@@ -123,12 +122,9 @@ class OfflineTracker:
         report = self._tracker.report
         if report is None or self._record is None or self._record.state is None or not self._has_passes:
             return report
-        unmapped = (finding for finding in report.findings if finding.kind != "map")
-        world = self._record.state.map
-        findings = (*unmapped, *map_findings(world))
-        return report._replace(
-            findings=findings, map_use=map_use((self.map if world.prior else None) or world)
-        )
+        world = self._record.state.map  # which judges the map of another recording
+        findings = (finding for finding in report.findings if finding.kind != "map")
+        return report._replace(findings=(*findings, *map_findings(world)), map_use=map_use(world))
 
     @property
     def _model(self) -> Model:
@@ -192,9 +188,6 @@ class OfflineTracker:
             self._tracker.check_segments(piece.segments)
             if self._tracker.is_in_doubt:
                 piece = _in_doubt(piece, self._known_map.allowed)
-            world = self.map if self._has_passes else None
-            if world is not None and self._record is not None and not self._record.is_full:
-                piece = with_offsets(piece, world)
             piece = replace(piece, filtered=Beliefs.join([reported, piece.filtered]))
             yield from waiting.release(piece, self._tracker.checks.map_use)
         yield from waiting.finish(self._tracker.checks.map_use)
@@ -251,61 +244,6 @@ def _in_doubt(piece: Segmentation, possible: tuple[Contact, ...]) -> Segmentatio
         beliefs=piece.beliefs.with_probability(mixed(piece.beliefs.probability), states),
         filtered=piece.filtered.with_probability(mixed(piece.filtered.probability)),
     )
-
-
-KNOWN_M: Final = 0.02
-"""Largest standard deviation (m) of an offset that is reported. It is 0.4 to 5 mm on everyday handling if
-other contacts touch the same faces, and that of the prior, 300 mm, if f-f alone does."""
-
-
-def with_offsets(piece: Segmentation, world: GrowingMap) -> Segmentation:
-    """The piece with the offsets of faces on faces, where the map of another recording has them.
-
-    Its contacts agree on the sides of these faces: opposite sides of a body are parallel, and f-f does not
-    distinguish them.
-    """
-    learned, located = world.learned, dict[bytes, ContactGeometry]()
-    known = {key: element for key, element in learned.known.items() if key in learned.outward}
-    for segment in piece.segments:
-        geometry, middle_ns = segment.geometry, (segment.start_ns + segment.end_ns) // 2
-        keys = [keys for start_ns, end_ns, keys in world.touches if start_ns <= middle_ns <= end_ns]
-        if geometry is not None and all(geometry.has_open_offset) and keys and known.keys() >= {*keys[0]}:
-            faces = [known[key] for key in keys[0]]
-            body, environment = map(_located, (geometry.object, geometry.environment), faces)
-            if body is not None and environment is not None:
-                located[_key(geometry)] = ContactGeometry(body, environment)
-
-    def change(geometry: ContactGeometry) -> ContactGeometry:
-        return located.get(_key(geometry), geometry)
-
-    segments = tuple(
-        segment if segment.geometry is None else replace(segment, geometry=change(segment.geometry))
-        for segment in piece.segments
-    )
-    return replace(piece, segments=segments, beliefs=piece.beliefs.with_elements(change, lambda part: part))
-
-
-def _located(estimate: Element, face: Element) -> Plane | None:
-    """A face with the estimated normal and the offset of the known ``face``; None if that is not known.
-
-    The offset is taken at the place at which it does not depend on the error of the normal.
-    """
-    if not isinstance(estimate, Plane) or not isinstance(face, Plane):
-        return None
-    sense = 1.0 if estimate.normal @ face.normal >= 0.0 else -1.0
-    covariance, onto = covariance_of(face), np.eye(4)[:, :3]
-    onto[3] = np.linalg.pinv(covariance[:3, :3], hermitian=True) @ covariance[:3, 3]
-    offset_m = estimate.normal @ onto[3] + sense * (face.offset_m - face.normal @ onto[3])
-    variance = float(covariance[3, 3] - covariance[:3, 3] @ onto[3])
-    if variance > KNOWN_M**2:
-        return None
-    own = onto @ covariance_of(estimate)[:3, :3] @ onto.T
-    own[3, 3] += variance
-    return replace(estimate, offset_m=float(offset_m), covariance=own)
-
-
-def _key(geometry: ContactGeometry) -> bytes:
-    return numbers(geometry.object).tobytes() + numbers(geometry.environment).tobytes()
 
 
 def _released(parts: list[Poses]) -> Iterator[Poses]:

@@ -325,7 +325,7 @@ class FaceNameDelay:
         nearest = {named.name: named.element for named in self._environment}.get(map_use.nearest[1])
         for piece in waiting:
             if map_use.contradicts_nearest and isinstance(nearest, Plane):
-                piece = _without_names(piece, nearest)
+                piece = piece.with_elements(partial(_without_name, nearest))
             yield piece
 
 
@@ -338,27 +338,8 @@ def _is_by_direction(segment: Segment) -> bool:
     return any(map(has_name_by_direction, (segment.geometry, *(part.geometry for part in segment.further))))
 
 
-def _without_names(piece: Segmentation, face: Plane) -> Segmentation:
-    """The piece without the names of faces parallel to ``face`` that are named by direction alone."""
-    change = partial(_without_name, face)
-    segments = tuple(
-        replace(
-            segment,
-            geometry=None if segment.geometry is None else change(segment.geometry),
-            further=tuple(_changed(face, contact) for contact in segment.further),
-        )
-        for segment in piece.segments
-    )
-    beliefs = piece.beliefs.with_elements(change, partial(_changed, face))
-    return replace(piece, segments=segments, beliefs=beliefs)
-
-
-def _changed(face: Plane, contact: FurtherContact) -> FurtherContact:
-    geometry = contact.geometry
-    return contact if geometry is None else replace(contact, geometry=_without_name(face, geometry))
-
-
 def _without_name(known_face: Plane, geometry: ContactGeometry) -> ContactGeometry:
+    """The elements without the name of a face parallel to ``known_face`` that is named by direction alone."""
     body, face = geometry.object, geometry.environment
     if not has_name_by_direction(geometry) or not isinstance(face, Plane) or not isinstance(body, Plane):
         return geometry

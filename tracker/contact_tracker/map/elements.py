@@ -362,9 +362,15 @@ def distance_of_planes_m(first: Plane, second: Plane) -> float:
     """Distance of two planes, without regard to the senses of their normals, where they are known best."""
     sense = np.sign(first.normal @ second.normal) or 1.0
     covariance = covariance_of(first) + covariance_of(second)  # it is the same for the opposite normal
-    place = np.linalg.pinv(covariance[:3, :3], hermitian=True) @ covariance[:3, 3]
+    place = best_known_place(covariance)
     off = (first.normal - sense * second.normal) @ place - (first.offset_m - sense * second.offset_m)
     return abs(float(off))
+
+
+def best_known_place(covariance: Array) -> Array:
+    """The point (3,), in m, at which the offset of a plane does not depend on the error of its normal, by the
+    covariance (4, 4) of both."""
+    return np.asarray(np.linalg.pinv(covariance[:3, :3], hermitian=True) @ covariance[:3, 3])
 
 
 def _aligned(line: Line, like: Line) -> Element:

@@ -1,9 +1,9 @@
 """The result for a whole recording: its segments, and the beliefs of all its ticks."""
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import reduce
-from typing import Any, Final, Self, overload
+from typing import Any, Final, Self, TypeVar, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -105,16 +105,12 @@ class Beliefs(Sequence[Belief]):
             rows["inseparable"] = may_be & (np.arange(len(STATES)) != rows["contact"][:, None])
         return Beliefs(rows, self.geometries, self.formations, self.joints)
 
-    def with_elements(
-        self,
-        change: Callable[[ContactGeometry], ContactGeometry],
-        change_further: Callable[[FurtherContact], FurtherContact],
-    ) -> "Beliefs":
+    def with_elements(self, change: Callable[[ContactGeometry], ContactGeometry]) -> "Beliefs":
         """The same with changed elements of the label and of further contacts."""
         return Beliefs(
             self.rows,
             [pack(change(unpack(packed))) for packed in self.geometries],
-            [tuple(map(change_further, further)) for further in self.formations],
+            [tuple(with_elements(contact, change) for contact in further) for further in self.formations],
             self.joints,
         )
 
@@ -199,3 +195,21 @@ class Segmentation:
     @property
     def stamp_ns(self) -> NDArray[np.int64]:
         return self.beliefs.stamp_ns
+
+    def with_elements(self, change: Callable[[ContactGeometry], ContactGeometry]) -> "Segmentation":
+        """The same with changed elements in segments and smoothed beliefs."""
+
+        def changed(segment: Segment) -> Segment:
+            further = tuple(with_elements(contact, change) for contact in segment.further)
+            return replace(with_elements(segment, change), further=further)
+
+        segments = tuple(map(changed, self.segments))
+        return replace(self, segments=segments, beliefs=self.beliefs.with_elements(change))
+
+
+Part = TypeVar("Part", Segment, FurtherContact)
+
+
+def with_elements(part: Part, change: Callable[[ContactGeometry], ContactGeometry]) -> Part:
+    """The segment or further contact with changed elements."""
+    return part if part.geometry is None else replace(part, geometry=change(part.geometry))
