@@ -50,11 +50,11 @@ _EVERY_NS: Final = 100_000_000
 _MARGIN: Final = 0.1
 """Margin about a touched region, and size of a vertex, relative to the object's radius."""
 _LEAVING_NS: Final = 3_000_000_000
-"""Time before and after a contact in which it shows the side of a face."""
+"""Time before and after a contact in which it shows the side of a face. Of 86 faces of 38
+recordings with truth it shows 39, of which none is wrong; with half of it 43, with double 38."""
 _LIFTED_M: Final = 0.01
-"""Least distance (m) to which a touching element leaves a face."""
-_ONE_SIDED: Final = 5.0
-"""Least ratio of the distance on one side to that on the other one."""
+"""Least distance (m) to which a touching element leaves a face. With half of it the
+same faces have a side, with double two more."""
 _RING: Final = np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False)
 _RANK: Final[dict[type[Element], int]] = {Point: 0, Line: 1, Plane: 2}
 
@@ -355,8 +355,7 @@ def _free_sides(
                     (around.stamp_ns < start_ns) | (around.stamp_ns > end_ns), heights_m, 0.0
                 )
         left_m = {1.0: float(heights_m.max()), -1.0: -float(heights_m.min())}
-        least_m = max(_LIFTED_M, max(left_m.values()) / _ONE_SIDED)
-        return {sign for sign, by_m in left_m.items() if by_m >= least_m}
+        return {sign for sign, by_m in left_m.items() if by_m >= _LIFTED_M}
 
     in_body, in_world = (part.mean(axis=0) for part in points)
     world_side = (
