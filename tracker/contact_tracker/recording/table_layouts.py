@@ -32,10 +32,11 @@ Rows = Callable[[], Sequence[Sequence[str]]]
 _PLAUSIBLE: Final = 0.1
 """Largest deviation from 1 of a rotation's determinant and of an axis's length."""
 _FARTHEST_M: Final = 10.0
-"""Largest coordinate (m) of positions in metres; larger ones are probably in millimetres."""
+"""Median distance (m) from which a proposed command has millimetres, and says that the unit is the user's."""
 _LOST_DEG: Final = 999.0
-_OUTLIER_SHARE: Final = 0.01
 """Least number in columns of angles that stands for a lost pose."""
+_OUTLIER_SHARE: Final = 0.01
+"""Largest share of rows with angles beyond a turn that are outliers, not in another unit."""
 
 
 def _from_euler(angles: Array, how: str) -> Array:
