@@ -430,7 +430,8 @@ class Segmenter:
         if self._wrenches is not None:
             wrenches = self._wrenches.of_window(int(rows["stamp_ns"][0]), int(rows["stamp_ns"][-1]))
         window = self._window(self._first, rows)
-        return SegmentTicks(window, STATES[column], state.model, state.known_map, state.origins, wrenches)
+        parts = state.known_map, state.origins, wrenches, state.uses_later_contacts
+        return SegmentTicks(window, STATES[column], state.model, *parts)
 
     def _next_piece(self, count: int) -> Segmentation:
         """The oldest ``count`` segments being fitted, and the online beliefs since the last piece."""

@@ -62,6 +62,8 @@ class SegmentTicks:
     origins: Origins
     wrenches: WindowEvidence | None = None
     """The evidence of measured wrenches."""
+    has_map: bool = False
+    """Whether the pass uses the map of the pass before."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,6 +255,13 @@ class FinishedSegment(NamedTuple):
             np.concatenate([self.resting, following.resting]),
         )
 
+    @property
+    def _rests_on_map(self) -> bool:
+        """Whether the segment is a rest without motion beside it, in a pass with a map: the posterior of its
+        contact is that of the map and of stillness, and its own motion shows nothing against it."""
+        moved_ticks = float(self.ticks.window.motion_ratio[~self.resting].sum())
+        return self.ticks.has_map and moved_ticks < ambiguity.LEAST_MOTION_TICKS
+
     def with_fit(self, fit: SegmentFit) -> tuple[tuple[Segment, ...], Beliefs]:
         """The segment, split where the object rests, and the beliefs of its ticks."""
         contact, column, known_map = fit.contact, fit.contact.column, self.ticks.known_map
@@ -264,13 +273,14 @@ class FinishedSegment(NamedTuple):
         if at_rest and fit.share is None:
             resting = self.resting
             flush = self._flush(fit) & ~resting
-            p_restricted[resting] = ambiguity.CHANGED_AT_REST
+            p_restricted[resting] *= not self._rests_on_map
+        beside_rest = () if self._rests_on_map else fit.inseparable
         columns = beliefs, self.posterior, p_restricted, resting, flush, is_open
         for belief, posterior, p, rests, lies, bends in zip(*columns, strict=True):
-            states = at_rest if rests else fit.with_flush if lies else possible if bends else fit.inseparable
-            args = states, known_map, float(p), fit.leaves_constraints_unnamed, fit.share
+            states = beside_rest if rests else fit.with_flush if lies else possible if bends else fit.inseparable
+            args = states, known_map, float(p), fit.leaves_constraints_unnamed or bool(rests), fit.share
             belief["probability"] = ambiguity.reported(posterior, contact, *args)
-            belief["inseparable"] = [state in states for state in STATES]
+            belief["inseparable"] = [state in (at_rest if rests else states) for state in STATES]
         beliefs["stamp_ns"], beliefs["onset_ns"] = self.rows["stamp_ns"], self.rows["start_ns"][0]
         beliefs["contact"], beliefs["residual"] = column, self.rows["residual"]
         beliefs["p_restricted"] = p_restricted
