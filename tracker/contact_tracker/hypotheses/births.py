@@ -27,7 +27,7 @@ from contact_tracker.geometry.elements import (
 from contact_tracker.geometry.lifted_pose import R
 from contact_tracker.hypotheses import compiled
 from contact_tracker.hypotheses.bank import Bank, blank
-from contact_tracker.hypotheses.evidence import EvidenceParameters, residual_noise
+from contact_tracker.hypotheses.evidence import DECISIVE, EvidenceParameters, residual_noise
 from contact_tracker.hypotheses.schedule import burn_in_ticks
 from contact_tracker.map.association import MapView
 from contact_tracker.map.map import Map, NamedElement, Up
@@ -339,6 +339,8 @@ MOST_BIRTHS: Final = 100
 """Largest number of known pairs of one contact, the most probable, that begin in a tick. Two boxes of known
 size have some 70 at most; without a limit hundreds of known edges, any two of which nearly cross, take
 gigabytes."""
+MOST_POSES: Final = 50
+"""Number of poses of a segment, at equal intervals, that show whether elements of the map touch."""
 FREE: Final = Contact.FREE.column
 FACES: Final = Contact.FF.column
 ON_A_PLANE: Final = tuple(contact.column for contact in (Contact.EF, Contact.FE, Contact.VF, Contact.FV))
@@ -500,14 +502,39 @@ def touching_evidence(
     """Log-likelihood ratio (7,) of the newest pose if the listed elements of one ``hypothesis`` touch,
     against any pose with the constraints of each state that the contact contains (T29); 0 for other states,
     and without listed elements."""
-    contained = np.array([model.contact.contains(state) and state is not model.contact for state in STATES])
-    if not contained.any() or not hypothesis.elements_known[0]:
+    if not hypothesis.elements_known[0]:
         return np.zeros(len(STATES))
     pairs = _pairs_by_prior(model, hypothesis, np.ones(1, bool))
     row_gain, log_ratio = _touching_evidence(model, pairs, window.cut(-1), scales)
-    gain = np.array([row_gain[0, :-1].mean() if model.family.ROWS > 1 else 0.0, row_gain[0, -1]])
+    return _against_contained(model, row_gain[0], float(log_ratio[0]))
+
+
+def map_evidence(
+    model: ContactModel, begins: BirthProposals, window: Window, scales: EvidenceParameters
+) -> Array:
+    """As ``touching_evidence``, if one of the known pairs that ``begins`` proposes touches during the whole
+    ``window``: the mean of its poses, times the share of the pair."""
+    pairs = _known_pairs(model, begins)
+    assert window.frames is not None
+    rows = np.flatnonzero(window.frames)
+    if not len(pairs.x) or not len(rows):
+        return np.zeros(len(STATES))
+    rows = rows[np.unique(np.linspace(0, len(rows) - 1, MOST_POSES).round().astype(int))]
+    poses = [_touching_evidence(model, pairs, window.cut(row, row + 1), scales) for row in rows.tolist()]
+    row_gain, log_ratio = (np.mean(part, axis=0) for part in zip(*poses, strict=True))
+    is_located = row_gain[:, -1] > DECISIVE  # a hand may hold a face parallel to another one, at any distance
+    weight = np.where(is_located, begins.log_share[pairs.is_known] + log_ratio, -np.inf)
+    best = int(weight.argmax())
+    return _against_contained(model, row_gain[best], float(weight[best]))
+
+
+def _against_contained(model: ContactModel, row_gain: Array, log_ratio: float) -> Array:
+    """The log-likelihood ratio of touching against the states that the contact contains (7,), without that of
+    the constraints that these have as well, from the gain (K,) of each row; 0 for other states."""
+    contained = np.array([model.contact.contains(state) and state is not model.contact for state in STATES])
+    gain = np.array([row_gain[:-1].mean() if model.family.ROWS > 1 else 0.0, row_gain[-1]])
     shared = (_SHARED_ROWS[:, model.contact.column] * gain).sum(axis=-1)
-    return np.where(contained, log_ratio[0] - shared, 0.0)
+    return np.where(contained, log_ratio - shared, 0.0)
 
 
 def prepare_weights(proposals: Sequence[BirthProposals]) -> None:

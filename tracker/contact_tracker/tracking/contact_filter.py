@@ -35,7 +35,7 @@ from contact_tracker.hypotheses.births import (
 )
 from contact_tracker.hypotheses.observability import FittedContact, element_estimate, fitted_contact
 from contact_tracker.map.association import MAP_INSERTION_PROBABILITY, MapView, Sighting
-from contact_tracker.map.elements import Key, kinds_of
+from contact_tracker.map.elements import NOTHING_LEARNED, Key, kinds_of
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.map.pairs import Frame, named_pairs
 from contact_tracker.map.world_map import GrowingMap
@@ -123,6 +123,18 @@ def _proposals(state: FilterState, frame: Frame) -> tuple[BirthProposals, ...]:
             kept.clear()
         proposals = kept[inputs] = _births(state.map, *inputs)
     return cast(tuple[BirthProposals, ...], proposals)
+
+
+def pairs_beside(state: FilterState, label: Contact, window: Window) -> BirthProposals | None:
+    """Proposals of a contact by what other contacts of this recording have touched, outside of the
+    ``window``; None for free motion."""
+    if label is Contact.FREE:
+        return None
+    first, end = int(window.index[0]), int(window.index[-1]) + 1
+    within = tuple(s.first for s in state.map.sightings if s.first < end and s.end > first)
+    view = replace(state.map, prior=NOTHING_LEARNED).without(within)
+    frame = Frame.around(state.origins, window.zeta[:, T].mean(axis=0))
+    return propose_births(CONTACT_MODELS[label.column], state.known_map, view, 0.0, frame)
 
 
 _KINDS: Final = [(model, kinds_of(model)) for model in CONTACT_MODELS]

@@ -29,7 +29,13 @@ from contact_tracker.motion.window import Window, at_rest, rest_ticks
 from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking import ambiguity
 from contact_tracker.tracking.belief import Belief, Detail, Segment
-from contact_tracker.tracking.contact_filter import ContactFilter, FilteredTick, forward, ticks_of
+from contact_tracker.tracking.contact_filter import (
+    ContactFilter,
+    FilteredTick,
+    forward,
+    pairs_beside,
+    ticks_of,
+)
 from contact_tracker.tracking.segment_fit import (
     FinishedSegment,
     SegmentFit,
@@ -430,7 +436,8 @@ class Segmenter:
         if self._wrenches is not None:
             wrenches = self._wrenches.of_window(int(rows["stamp_ns"][0]), int(rows["stamp_ns"][-1]))
         window = self._window(self._first, rows)
-        parts = state.known_map, state.origins, wrenches, state.uses_later_contacts
+        pairs = pairs_beside(state, STATES[column], window) if state.uses_later_contacts else None
+        parts = state.known_map, state.origins, wrenches, pairs
         return SegmentTicks(window, STATES[column], state.model, *parts)
 
     def _next_piece(self, count: int) -> Segmentation:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import compress, pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -28,7 +28,14 @@ from contact_tracker.geometry.lifted_pose import R, T
 from contact_tracker.geometry.linalg import nearest
 from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.bank_update import fit_windows
-from contact_tracker.hypotheses.births import propose_births, propose_measured, touching_evidence
+from contact_tracker.hypotheses.births import (
+    BirthProposals,
+    map_evidence,
+    propose_births,
+    propose_measured,
+    touching_evidence,
+)
+from contact_tracker.hypotheses.evidence import DECISIVE
 from contact_tracker.hypotheses.observability import element_estimate, fitted_contact
 from contact_tracker.hypotheses.refinement import refine
 from contact_tracker.map.association import ElementEstimate
@@ -62,8 +69,8 @@ class SegmentTicks:
     origins: Origins
     wrenches: WindowEvidence | None = None
     """The evidence of measured wrenches."""
-    has_map: bool = False
-    """Whether the pass uses the map of the pass before."""
+    map_pairs: BirthProposals | None = None
+    """Elements that other contacts have touched, in a pass with a map."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +90,8 @@ class SegmentFit:
     estimate: ElementEstimate | None = None
     """Joint estimate of both elements; None without elements."""
     tolerance: tuple[float, float] | None = None
+    excluded: tuple[Contact, ...] = ()
+    """States that the poses exclude, since listed elements, or elements of the map, touch."""
 
     @property
     def leaves_constraints_unnamed(self) -> bool:
@@ -138,11 +147,7 @@ def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
         np.array([*(f.log_likelihood.max(initial=-np.inf) for f in fits), 0.0]),
         np.array([*(f.rms.min(initial=np.inf) for f in fits), 1.0]),
     )
-    touching = (
-        0.0
-        if label is Contact.FREE
-        else touching_evidence(CONTACT_MODELS[label.column], fits[label.column], window, scales_of(model))
-    )
+    touching = _touching_evidence(segment, window, fits)
     inseparable = tuple(
         filter(known_map.allows, ambiguity.indistinguishable(label, rivals, freedom, touching))
     )
@@ -176,9 +181,41 @@ def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
         p_restricted = ambiguity.p_restricted(True, moved_s)
     estimate = element_estimate(fitted, contact, scales, window, information)
     geometry, curved = located.geometry, np.zeros(1)
+    excluded = tuple(compress(STATES, touching >= DECISIVE))
+    if (
+        excluded
+        and segment.map_pairs is not None
+        and (geometry.object.unobserved or geometry.environment.unobserved)
+    ):
+        geometry = _geometry_by_map(segment, window, contact)
     tolerance = _tolerance(contact, fitted.x, window) if any(extra_variance) else None
     parts = share, formation, None, estimate, tolerance
-    return SegmentFit(label, geometry, inseparable, p_restricted, curved, *parts)
+    return SegmentFit(label, geometry, inseparable, p_restricted, curved, *parts, excluded=excluded)
+
+
+def _touching_evidence(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) -> Array:
+    """Log-likelihood ratio (7,) that listed elements, or elements of the map, touch, against each state."""
+    if segment.contact is Contact.FREE:
+        return np.zeros(len(STATES))
+    contact, scales = CONTACT_MODELS[segment.contact.column], scales_of(segment.model)
+    listed = touching_evidence(contact, fits[segment.contact.column], window, scales)
+    if segment.map_pairs is None:
+        return listed
+    return np.maximum(listed, map_evidence(contact, segment.map_pairs, window, scales))
+
+
+def _geometry_by_map(segment: SegmentTicks, window: Window, contact: ContactModel) -> ContactGeometry:
+    """The elements of the map that touch, where the motion of the segment itself leaves directions of its
+    elements unobserved."""
+    pairs, model, scales = segment.map_pairs, segment.model, scales_of(segment.model)
+    assert pairs is not None
+    (fit,) = fit_windows(contact, [window], scales, [pairs.pick(pairs.are_both_known)])
+    fitted, information = refine(fit, contact, window, scales)
+    pair = named_pairs(segment.known_map, contact)[fitted.known_pair_index[0]]
+    located = fitted_contact(
+        fitted, 0, contact, scales, window, segment.origins, model.systematic, information, pair
+    )
+    return located.geometry
 
 
 def _tolerance(contact: ContactModel, x: Array, window: Window) -> tuple[float, float]:
@@ -260,7 +297,7 @@ class FinishedSegment(NamedTuple):
         """Whether the segment is a rest without motion beside it, in a pass with a map: the posterior of its
         contact is that of the map and of stillness, and its own motion shows nothing against it."""
         moved_ticks = float(self.ticks.window.motion_ratio[~self.resting].sum())
-        return self.ticks.has_map and moved_ticks < ambiguity.LEAST_MOTION_TICKS
+        return self.ticks.map_pairs is not None and moved_ticks < ambiguity.LEAST_MOTION_TICKS
 
     def with_fit(self, fit: SegmentFit) -> tuple[tuple[Segment, ...], Beliefs]:
         """The segment, split where the object rests, and the beliefs of its ticks."""
@@ -269,7 +306,8 @@ class FinishedSegment(NamedTuple):
         curved = np.broadcast_to(fit.curved, len(beliefs))
         p_restricted, possible = np.maximum(fit.p_restricted, curved), known_map.allowed
         is_open, resting = (curved > 0.5) & (fit.share is None), np.zeros(len(beliefs), bool)
-        at_rest, flush = ambiguity.others_at_rest(contact, known_map), resting
+        others, flush = ambiguity.others_at_rest(contact, known_map), resting
+        at_rest = tuple(state for state in others if state not in fit.excluded)
         if at_rest and fit.share is None:
             resting = self.resting
             flush = self._flush(fit) & ~resting
@@ -277,7 +315,9 @@ class FinishedSegment(NamedTuple):
         beside_rest = () if self._rests_on_map else fit.inseparable
         columns = beliefs, self.posterior, p_restricted, resting, flush, is_open
         for belief, posterior, p, rests, lies, bends in zip(*columns, strict=True):
-            states = beside_rest if rests else fit.with_flush if lies else possible if bends else fit.inseparable
+            states = (
+                beside_rest if rests else fit.with_flush if lies else possible if bends else fit.inseparable
+            )
             args = states, known_map, float(p), fit.leaves_constraints_unnamed or bool(rests), fit.share
             belief["probability"] = ambiguity.reported(posterior, contact, *args)
             belief["inseparable"] = [state in (at_rest if rests else states) for state in STATES]
