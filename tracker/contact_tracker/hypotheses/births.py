@@ -522,10 +522,12 @@ def map_evidence(
     rows = rows[np.unique(np.linspace(0, len(rows) - 1, MOST_POSES).round().astype(int))]
     poses = [_touching_evidence(model, pairs, window.cut(row, row + 1), scales) for row in rows.tolist()]
     row_gain, log_ratio = (np.mean(part, axis=0) for part in zip(*poses, strict=True))
-    is_located = row_gain[:, -1] > DECISIVE  # a hand may hold a face parallel to another one, at any distance
+    is_located = row_gain[:, -1] > DECISIVE  # a hand may hold a face parallel to another one at any distance
     weight = np.where(is_located, begins.log_share[pairs.is_known] + log_ratio, -np.inf)
     best = int(weight.argmax())
-    return _against_contained(model, row_gain[best], float(weight[best]))
+    against = _against_contained(model, row_gain[best], float(weight[best]))
+    against[FREE] -= row_gain[best, :-1].sum()  # ... and so at this distance
+    return against
 
 
 def _against_contained(model: ContactModel, row_gain: Array, log_ratio: float) -> Array:

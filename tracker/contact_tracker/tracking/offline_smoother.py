@@ -436,7 +436,7 @@ class Segmenter:
         if self._wrenches is not None:
             wrenches = self._wrenches.of_window(int(rows["stamp_ns"][0]), int(rows["stamp_ns"][-1]))
         window = self._window(self._first, rows)
-        pairs = pairs_beside(state, STATES[column], window) if state.uses_later_contacts else None
+        pairs = pairs_beside(state, STATES[column], window)
         parts = state.known_map, state.origins, wrenches, pairs
         return SegmentTicks(window, STATES[column], state.model, *parts)
 

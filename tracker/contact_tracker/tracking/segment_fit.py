@@ -133,7 +133,8 @@ def _segment_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
     fit = replace(fit, joint=joint_of(joint, probability, near_m, segment.origins))
     if not fit.leaves_constraints_unnamed or fit.share is not None:
         return fit
-    rivals = tuple(state for state in STATES if state is not fit.contact and segment.known_map.allows(state))
+    not_excluded = (state for state in STATES if state not in {fit.contact, *fit.excluded})
+    rivals = tuple(filter(segment.known_map.allows, not_excluded))
     moved_s = segment.model.tick_s * float(window.motion_ratio.sum())
     p_restricted = max(fit.p_restricted, ambiguity.p_restricted(True, moved_s))
     return replace(fit, inseparable=rivals, p_restricted=p_restricted)
@@ -147,10 +148,8 @@ def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
         np.array([*(f.log_likelihood.max(initial=-np.inf) for f in fits), 0.0]),
         np.array([*(f.rms.min(initial=np.inf) for f in fits), 1.0]),
     )
-    touching = _touching_evidence(segment, window, fits)
-    inseparable = tuple(
-        filter(known_map.allows, ambiguity.indistinguishable(label, rivals, freedom, touching))
-    )
+    by_motion, excluded = _open_by_motion(segment, window, fits, rivals, freedom)
+    inseparable = tuple(state for state in by_motion if state not in excluded)
     p_restricted, share = ambiguity.p_restricted(freedom.underused, moved_s), None
     curved, none_fits = np.zeros(1), False
     if label is Contact.FREE:
@@ -181,32 +180,36 @@ def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
         p_restricted = ambiguity.p_restricted(True, moved_s)
     estimate = element_estimate(fitted, contact, scales, window, information)
     geometry, curved = located.geometry, np.zeros(1)
-    excluded = tuple(compress(STATES, touching >= DECISIVE))
-    if (
-        excluded
-        and segment.map_pairs is not None
-        and (geometry.object.unobserved or geometry.environment.unobserved)
-    ):
-        geometry = _geometry_by_map(segment, window, contact)
+    if excluded and by_motion:  # the map shows the contact, not its own motion
+        geometry, estimate = _geometry_by_map(segment, window, contact), None
     tolerance = _tolerance(contact, fitted.x, window) if any(extra_variance) else None
     parts = share, formation, None, estimate, tolerance
     return SegmentFit(label, geometry, inseparable, p_restricted, curved, *parts, excluded=excluded)
 
 
-def _touching_evidence(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) -> Array:
-    """Log-likelihood ratio (7,) that listed elements, or elements of the map, touch, against each state."""
-    if segment.contact is Contact.FREE:
-        return np.zeros(len(STATES))
-    contact, scales = CONTACT_MODELS[segment.contact.column], scales_of(segment.model)
-    listed = touching_evidence(contact, fits[segment.contact.column], window, scales)
-    if segment.map_pairs is None:
-        return listed
-    return np.maximum(listed, map_evidence(contact, segment.map_pairs, window, scales))
+def _open_by_motion(
+    segment: SegmentTicks,
+    window: Window,
+    fits: Sequence[Bank],
+    rivals: ambiguity.CompetingEvidence,
+    freedom: ambiguity.Freedom,
+) -> tuple[tuple[Contact, ...], tuple[Contact, ...]]:
+    """The states that motion and listed elements do not distinguish from the label, and those that the poses
+    exclude since elements of the map touch."""
+    label, excluded = segment.contact, ()
+    touching = np.zeros(len(STATES))
+    if label is not Contact.FREE:
+        model, scales = CONTACT_MODELS[label.column], scales_of(segment.model)
+        touching = touching_evidence(model, fits[label.column], window, scales)
+        if segment.map_pairs is not None:
+            on_map = map_evidence(model, segment.map_pairs, window, scales)
+            excluded = tuple(compress(STATES, on_map >= DECISIVE))
+    alternatives = ambiguity.indistinguishable(label, rivals, freedom, touching)
+    return tuple(filter(segment.known_map.allows, alternatives)), excluded
 
 
 def _geometry_by_map(segment: SegmentTicks, window: Window, contact: ContactModel) -> ContactGeometry:
-    """The elements of the map that touch, where the motion of the segment itself leaves directions of its
-    elements unobserved."""
+    """The elements of the map that touch."""
     pairs, model, scales = segment.map_pairs, segment.model, scales_of(segment.model)
     assert pairs is not None
     (fit,) = fit_windows(contact, [window], scales, [pairs.pick(pairs.are_both_known)])
