@@ -7,7 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter1d
+from scipy.spatial.transform import Rotation
 
+import contact_tracker
 from contact_tracker.config.loading import load_model
 from contact_tracker.states import CONTACTS, Contact
 from contact_tracker.tracking.belief import Segment
@@ -88,3 +91,47 @@ def test_a_rest_in_free_motion_stays_open_to_all() -> None:
     opened = _with_touches(resting, found, 9.0, 1.0)
     assert [segment.inseparable for segment in opened.segments] == [CONTACTS]
     np.testing.assert_allclose(opened.beliefs.probability[:, -1], 0.6)
+
+
+def set_down(higher_m: float, seed: int) -> contact_tracker.Trajectory:
+    """An object that is pushed on a table, carried by a hand, and set down upright, ``higher_m`` above where
+    it was."""
+    rng, time_s = np.random.default_rng(seed), np.arange(0.0, 20.0, 0.01)
+
+    def smooth(share: Any) -> Any:
+        share = np.clip(share, 0.0, 1.0)
+        return share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
+
+    push, carry = smooth((time_s - 2.0) / 6.0), smooth((time_s - 10.0) / 4.0)
+    lifted, hand = np.sin(np.pi * carry), gaussian_filter1d(rng.normal(size=(len(time_s), 6)), 60, axis=0)
+    hand *= lifted[:, None] / hand.std(axis=0)
+    across = 0.25 * push + 0.1 * carry, 0.08 * np.sin(2.0 * np.pi * push)
+    position_m = np.stack([*across, 0.1 * lifted + higher_m * carry], axis=1) + 0.02 * hand[:, :3]
+    yaw = np.zeros((len(time_s), 3))
+    yaw[:, 2] = 0.9 * np.sin(4.0 * push) + 0.3 * carry
+    turn = Rotation.from_rotvec(yaw) * Rotation.from_rotvec(0.15 * hand[:, 3:])
+    turn = Rotation.from_rotvec(rng.normal(0.0, 0.0017, yaw.shape)) * turn
+    position_m += rng.normal(0.0, 2e-4, yaw.shape)
+    return contact_tracker.Trajectory.from_arrays(time_s, position_m, turn, time_unit="s")
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_pose_on_faces_that_other_motion_has_shown_is_contact(seed: int) -> None:
+    """The object does not move after it is set down: on the table where it was pushed its pose shows f-f."""
+    segments = contact_tracker.segment(set_down(0.0, seed)).segments
+    pushed, rest = segments[0], segments[-1]
+    assert pushed.contact is rest.contact is Contact.FF
+    assert (rest.end_ns - rest.start_ns) * 1e-9 > 5.0
+    assert rest.probability > 0.9
+    assert not rest.inseparable
+    for side in ("object", "environment"):
+        normals = [getattr(segment.geometry, side).normal for segment in (pushed, rest)]
+        assert normals[0] @ normals[1] == pytest.approx(1.0, abs=1e-5)  # to 0.3 deg
+
+
+@pytest.mark.parametrize("higher_m", [0.003, 0.03])
+def test_a_pose_beside_known_faces_shows_no_contact(higher_m: float) -> None:
+    """It may stand on something else, or a hand may hold it parallel to the table."""
+    rest = contact_tracker.segment(set_down(higher_m, 0)).segments[-1]
+    assert Contact.FREE in rest.inseparable
+    assert rest.probability <= 0.9

@@ -513,7 +513,8 @@ def map_evidence(
     model: ContactModel, begins: BirthProposals, window: Window, scales: EvidenceParameters
 ) -> Array:
     """As ``touching_evidence``, if one of the known pairs that ``begins`` proposes touches during the whole
-    ``window``: the mean of its poses, times the share of the pair."""
+    ``window``: the median of its poses, some of which may belong to the motion beside it, times the share
+    of the pair."""
     pairs = _known_pairs(model, begins)
     assert window.frames is not None
     rows = np.flatnonzero(window.frames)
@@ -521,7 +522,7 @@ def map_evidence(
         return np.zeros(len(STATES))
     rows = rows[np.unique(np.linspace(0, len(rows) - 1, MOST_POSES).round().astype(int))]
     poses = [_touching_evidence(model, pairs, window.cut(row, row + 1), scales) for row in rows.tolist()]
-    row_gain, log_ratio = (np.mean(part, axis=0) for part in zip(*poses, strict=True))
+    row_gain, log_ratio = (np.median(part, axis=0) for part in zip(*poses, strict=True))
     is_located = row_gain[:, -1] > DECISIVE  # a hand may hold a face parallel to another one at any distance
     weight = np.where(is_located, begins.log_share[pairs.is_known] + log_ratio, -np.inf)
     best = int(weight.argmax())

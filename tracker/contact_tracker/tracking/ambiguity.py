@@ -45,8 +45,6 @@ OPEN_AT_MOST: Final = 0.9
 excluded."""
 NOT_EXCLUDED: Final = 1.0 / OPEN_AT_MOST - 1.0
 """Least probability, relative to the label, of a state that the motion does not distinguish from it."""
-CHANGED_AT_REST: Final = 0.5
-"""Probability, online, that the contact has changed where the object came to rest."""
 SHORT_OF_TIE: Final = 1.0 - 1e-9
 """Share of the change up to a tie of two states that is made, so that their order does not change."""
 LEAST_SHARE: Final = 1e-300
@@ -309,14 +307,19 @@ def most_beside(rivals: int) -> float:
 
 
 @lru_cache(maxsize=64)
-def others_at_rest(label: Contact, known_map: Map) -> tuple[Contact, ...]:
-    """The states that a rest does not distinguish from the label: all possible ones.
+def others_at_rest(
+    label: Contact, known_map: Map, by_motion: tuple[Contact, ...] = ()
+) -> tuple[Contact, ...]:
+    """The states that a rest does not distinguish from the label: all possible ones, except those that the
+    label contains and that the motion beside the rest distinguishes (not in ``by_motion``), since the object
+    rests on the elements that this motion has shown.
 
     Empty if elements of both sides are known, since then a single pose shows whether they touch.
     """
     if known_map.listed_object and known_map.listed_environment:
         return ()
-    return tuple(state for state in STATES if state is not label and known_map.allows(state))
+    possible = (state for state in STATES if state is not label and known_map.allows(state))
+    return tuple(state for state in possible if state in by_motion or not label.contains(state))
 
 
 def may_be_flush(

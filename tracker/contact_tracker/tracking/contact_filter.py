@@ -498,9 +498,9 @@ def open_beside(state: FilterState, belief: Belief) -> Belief:
 def with_rest(state: FilterState, belief: Belief, is_in_rest: bool) -> tuple[FilterState, Belief]:
     """The state and the belief to report after a tick: a rest does not distinguish the label from
     other states, and beside indistinguishable states the label is not certain."""
-    open_at_rest = ambiguity.others_at_rest(belief.contact, state.known_map) if is_in_rest else ()
-    if open_at_rest and belief.inseparable != open_at_rest:
-        belief = replace(belief, inseparable=open_at_rest, p_restricted=ambiguity.CHANGED_AT_REST)
+    if is_in_rest:
+        open_at_rest = ambiguity.others_at_rest(belief.contact, state.known_map, belief.inseparable)
+        belief = replace(belief, inseparable=open_at_rest or belief.inseparable)
     if belief.inseparable or belief.is_open:
         args = belief.inseparable, state.known_map, belief.p_restricted, belief.is_open
         probability = ambiguity.reported(label_posterior(state), belief.contact, *args)

@@ -178,10 +178,11 @@ def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
     if formation.further and alike and share is None:
         inseparable = tuple(state for state in STATES if state in {*inseparable, *alike})
         p_restricted = ambiguity.p_restricted(True, moved_s)
-    estimate = element_estimate(fitted, contact, scales, window, information)
     geometry, curved = located.geometry, np.zeros(1)
     if excluded and by_motion:  # the map shows the contact, not its own motion
         geometry, estimate = _geometry_by_map(segment, window, contact), None
+    else:
+        estimate = element_estimate(fitted, contact, scales, window, information)
     tolerance = _tolerance(contact, fitted.x, window) if any(extra_variance) else None
     parts = share, formation, None, estimate, tolerance
     return SegmentFit(label, geometry, inseparable, p_restricted, curved, *parts, excluded=excluded)
@@ -196,8 +197,7 @@ def _open_by_motion(
 ) -> tuple[tuple[Contact, ...], tuple[Contact, ...]]:
     """The states that motion and listed elements do not distinguish from the label, and those that the poses
     exclude since elements of the map touch."""
-    label, excluded = segment.contact, ()
-    touching = np.zeros(len(STATES))
+    label, touching, excluded = segment.contact, np.zeros(len(STATES)), tuple[Contact, ...]()
     if label is not Contact.FREE:
         model, scales = CONTACT_MODELS[label.column], scales_of(segment.model)
         touching = touching_evidence(model, fits[label.column], window, scales)
@@ -309,8 +309,8 @@ class FinishedSegment(NamedTuple):
         curved = np.broadcast_to(fit.curved, len(beliefs))
         p_restricted, possible = np.maximum(fit.p_restricted, curved), known_map.allowed
         is_open, resting = (curved > 0.5) & (fit.share is None), np.zeros(len(beliefs), bool)
-        others, flush = ambiguity.others_at_rest(contact, known_map), resting
-        at_rest = tuple(state for state in others if state not in fit.excluded)
+        others = ambiguity.others_at_rest(contact, known_map, fit.inseparable)
+        at_rest, flush = tuple(state for state in others if state not in fit.excluded), resting
         if at_rest and fit.share is None:
             resting = self.resting
             flush = self._flush(fit) & ~resting
