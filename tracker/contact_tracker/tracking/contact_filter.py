@@ -127,12 +127,14 @@ def _proposals(state: FilterState, frame: Frame) -> tuple[BirthProposals, ...]:
 
 def pairs_beside(state: FilterState, label: Contact, window: Window) -> BirthProposals | None:
     """Proposals of a contact by what other contacts of this recording have touched, outside of the
-    ``window``; None for free motion."""
+    ``window``; None for free motion, and if they have touched nothing."""
     if label is Contact.FREE:
         return None
     first, end = int(window.index[0]), int(window.index[-1]) + 1
     within = tuple(s.first for s in state.map.sightings if s.first < end and s.end > first)
     view = replace(state.map, prior=NOTHING_LEARNED).without(within)
+    if not view.elements:
+        return None
     frame = Frame.around(state.origins, window.zeta[:, T].mean(axis=0))
     return propose_births(CONTACT_MODELS[label.column], state.known_map, view, 0.0, frame)
 

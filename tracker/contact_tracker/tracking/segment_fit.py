@@ -70,7 +70,7 @@ class SegmentTicks:
     wrenches: WindowEvidence | None = None
     """The evidence of measured wrenches."""
     map_pairs: BirthProposals | None = None
-    """Elements that other contacts have touched, in a pass with a map."""
+    """Elements that other contacts of the recording have touched; None if nothing is known of them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -297,8 +297,8 @@ class FinishedSegment(NamedTuple):
 
     @property
     def _rests_on_map(self) -> bool:
-        """Whether the segment is a rest without motion beside it, in a pass with a map: the posterior of its
-        contact is that of the map and of stillness, and its own motion shows nothing against it."""
+        """Whether the segment is a rest without motion beside it, and other contacts are known: its posterior
+        is that of the map and of stillness, and its own motion shows nothing against it."""
         moved_ticks = float(self.ticks.window.motion_ratio[~self.resting].sum())
         return self.ticks.map_pairs is not None and moved_ticks < ambiguity.LEAST_MOTION_TICKS
 
