@@ -135,3 +135,12 @@ def test_a_pose_beside_known_faces_shows_no_contact(higher_m: float) -> None:
     rest = contact_tracker.segment(set_down(higher_m, 0)).segments[-1]
     assert Contact.FREE in rest.inseparable
     assert rest.probability <= 0.9
+
+
+def test_free_motion_is_not_open_to_all_if_contacts_agree_with_an_earlier_map() -> None:
+    """The right map's price of new contacts hides none."""
+    earlier = contact_tracker.segment(set_down(0.0, 0)).map
+    segments = contact_tracker.segment(set_down(0.0, 1), known=earlier).segments
+    (carried,) = (segment for segment in segments if segment.contact is Contact.FREE)
+    assert len(carried.inseparable) <= 1
+    assert carried.probability > 0.65

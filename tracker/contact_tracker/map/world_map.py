@@ -288,6 +288,12 @@ class GrowingMap:
         return information, gradient
 
     @property
+    def is_shared(self) -> bool:
+        """Whether contacts share an element: with each other, or with the prior."""
+        touched = Counter(key for pair in self.pairs.values() for key in pair)
+        return any(count > 1 or key in self.prior.elements for key, count in touched.items())
+
+    @property
     def complexity(self) -> float:
         """Complexity (nats) of the elements that several contacts touched, half of log det of prior over
         posterior covariance: what it costs to learn them once. Zero if no element was touched twice.

@@ -83,7 +83,7 @@ def _better_pass(first: PassRecord, executor: Executor | None) -> Segmentation |
         world = GrowingMap.learn(previous.sightings, start.reach_m, len(first.contacts), start.prior)
         latest = PassRecord()
         result = _pass(first, world, latest, executor)
-        if not world.complexity:
+        if not world.is_shared:
             result = _with_open_free(result, np.ones(len(result.beliefs), bool), lambda _: allowed)
         evidence = latest.log_evidence - world.complexity
         if evidence <= best_evidence:
