@@ -120,7 +120,8 @@ def set_down(higher_m: float, seed: int) -> contact_tracker.Trajectory:
 @pytest.mark.parametrize("seed", range(2))
 def test_a_pose_on_faces_that_other_motion_has_shown_is_contact(seed: int) -> None:
     """The object does not move after it is set down: on the table where it was pushed its pose shows f-f."""
-    segments = contact_tracker.segment(set_down(0.0, seed)).segments
+    trajectory = set_down(0.0, seed)
+    segments = contact_tracker.segment(trajectory).segments
     pushed, rest = segments[0], segments[-1]
     assert pushed.contact is rest.contact is Contact.FF
     assert (rest.end_ns - rest.start_ns) * 1e-9 > 5.0
@@ -129,6 +130,11 @@ def test_a_pose_on_faces_that_other_motion_has_shown_is_contact(seed: int) -> No
     for side in ("object", "environment"):
         normals = [getattr(segment.geometry, side).normal for segment in (pushed, rest)]
         assert normals[0] @ normals[1] == pytest.approx(1.0, abs=1e-5)  # to 0.3 deg
+    tracker = contact_tracker.Tracker()
+    poses = trajectory.stamp_ns, trajectory.position_m, trajectory.quat_xyzw
+    *_, belief = (belief for belief in map(tracker.update, *poses) if belief is not None)
+    assert belief.contact is Contact.FF
+    assert not belief.inseparable
 
 
 @pytest.mark.parametrize("higher_m", [0.003, 0.03])

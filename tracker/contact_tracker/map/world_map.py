@@ -197,6 +197,11 @@ class GrowingMap:
         return {}
 
     @cached_property
+    def without_prior(self) -> "GrowingMap":
+        """The map by the sightings of this recording alone."""
+        return replace(self, prior=NOTHING_LEARNED) if self.prior else self
+
+    @cached_property
     def untested_sides(self) -> set[int]:
         """The sides of which no contact has touched the prior's elements yet: of another object or in another
         scene, its price of new elements hides contacts in free motion."""

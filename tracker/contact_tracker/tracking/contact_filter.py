@@ -26,6 +26,7 @@ from contact_tracker.hypotheses.bank_update import TickWeights, marginalise_expi
 from contact_tracker.hypotheses.births import (
     BirthProposals,
     TickInput,
+    map_evidence,
     prepare_weights,
     propose_births,
     reweight_transitions,
@@ -33,9 +34,10 @@ from contact_tracker.hypotheses.births import (
     touching_evidence,
     weigh_births,
 )
+from contact_tracker.hypotheses.evidence import DECISIVE
 from contact_tracker.hypotheses.observability import FittedContact, element_estimate, fitted_contact
 from contact_tracker.map.association import MAP_INSERTION_PROBABILITY, MapView, Sighting
-from contact_tracker.map.elements import NOTHING_LEARNED, Key, kinds_of
+from contact_tracker.map.elements import Key, kinds_of
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.map.pairs import Frame, named_pairs
 from contact_tracker.map.world_map import GrowingMap
@@ -128,15 +130,20 @@ def _proposals(state: FilterState, frame: Frame) -> tuple[BirthProposals, ...]:
 def pairs_beside(state: FilterState, label: Contact, window: Window) -> BirthProposals | None:
     """Proposals of a contact by what other contacts of this recording have touched, outside of the
     ``window``; None for free motion, and if they have touched nothing."""
-    if label is Contact.FREE:
-        return None
     first, end = int(window.index[0]), int(window.index[-1]) + 1
     within = tuple(s.first for s in state.map.sightings if s.first < end and s.end > first)
-    view = replace(state.map, prior=NOTHING_LEARNED).without(within)
-    if not view.elements:
+    if label is Contact.FREE or len(within) == len(state.map.sightings):
         return None
     frame = Frame.around(state.origins, window.zeta[:, T].mean(axis=0))
-    return propose_births(CONTACT_MODELS[label.column], state.known_map, view, 0.0, frame)
+    model, kinds = _KINDS[label.column]
+    of_map = state.map.without_prior, state.known_map, within, None, 0.0, None
+    return _births_of(model, _near(frame, kinds[1]), None, *of_map)
+
+
+def _near(frame: Frame, kind: str) -> Frame:
+    """The frame for an element of the environment of this kind: it has no place for a face, for which the
+    place does not matter."""
+    return frame._replace(near_m=(0.0, 0.0, 0.0)) if kind == "f" else frame
 
 
 _KINDS: Final = [(model, kinds_of(model)) for model in CONTACT_MODELS]
@@ -159,11 +166,10 @@ def _births(
     pair touched last, and the ``current`` one touches. With ``reach_m`` edges and faces of the map have
     vertices (``with_incident_vertices``)."""
     touching = None if current is None else tuple([world.elements[key].kind for key in current])
-    frames = {"e": frame, "v": frame, "f": frame._replace(near_m=(0.0, 0.0, 0.0))}
     of_map = world, known_map, left_out, latest, share, reach_m
     return tuple(
         [
-            _births_of(model, frames[kinds[1]], current if kinds == touching else None, *of_map)
+            _births_of(model, _near(frame, kinds[1]), current if kinds == touching else None, *of_map)
             for model, kinds in _KINDS
         ]
     )
@@ -380,7 +386,7 @@ def read_posterior(
     if not shared.inseparable and _should_update_map(state, shared):  # sharing never raises its probability
         state = state._replace(map=state.map.insert(label_sighting(state, label, tick.stamp_ns)))
     if detail >= Detail.SHARED:
-        belief = shared
+        belief = decide_on_map(state, shared)
     if detail >= Detail.FORMATION:
         state, belief = follow_formation(state, belief, tick)
     elif state.formation is not online_contacts.EMPTY_FORMATION:
@@ -478,6 +484,22 @@ def share_among_indistinguishable(state: FilterState, belief: Belief) -> Belief:
         return belief
     probability = ambiguity.redistribute(belief.probability, label, inseparable, p_restricted, possible)
     return replace(belief, probability=probability, inseparable=inseparable, p_restricted=p_restricted)
+
+
+def decide_on_map(state: FilterState, belief: Belief) -> Belief:
+    """The belief without the indistinguishable states against which the newest pose is evidence, since it is
+    on elements that contacts before the label's onset have touched."""
+    label = belief.contact
+    if not belief.inseparable or label is Contact.FREE:
+        return belief
+    pairs = pairs_beside(state, label, state.window.since(state.onset_of(label)))
+    if pairs is None:
+        return belief
+    on_map = map_evidence(CONTACT_MODELS[label.column], pairs, state.window.cut(-1), state.scales)
+    inseparable = tuple(rival for rival in belief.inseparable if on_map[rival.column] < DECISIVE)
+    args = inseparable, belief.p_restricted, state.known_map.allowed
+    probability = ambiguity.redistribute(label_posterior(state), label, *args)
+    return replace(belief, probability=probability, inseparable=inseparable)
 
 
 def open_beside(state: FilterState, belief: Belief) -> Belief:
