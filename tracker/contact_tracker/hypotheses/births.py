@@ -339,6 +339,9 @@ MOST_BIRTHS: Final = 100
 """Largest number of known pairs of one contact, the most probable, that begin in a tick. Two boxes of known
 size have some 70 at most; without a limit hundreds of known edges, any two of which nearly cross, take
 gigabytes."""
+NEAR_ENDS: Final = 0.1
+"""Share of a segment's poses that may belong to the motion before or after it. With 0.5 a lid that opens for
+half of the time was still f-f."""
 MOST_POSES: Final = 50
 """Number of poses of a segment, at equal intervals, that show whether elements of the map touch."""
 FREE: Final = Contact.FREE.column
@@ -513,8 +516,7 @@ def map_evidence(
     model: ContactModel, begins: BirthProposals, window: Window, scales: EvidenceParameters
 ) -> Array:
     """As ``touching_evidence``, if one of the known pairs that ``begins`` proposes touches during the whole
-    ``window``: the median of its poses, some of which may belong to the motion beside it, times the share
-    of the pair."""
+    ``window``, but for a share ``NEAR_ENDS`` of its poses, times the share of the pair."""
     pairs = _known_pairs(model, begins)
     assert window.frames is not None
     rows = np.flatnonzero(window.frames)
@@ -522,7 +524,7 @@ def map_evidence(
         return np.zeros(len(STATES))
     rows = rows[np.unique(np.linspace(0, len(rows) - 1, MOST_POSES).round().astype(int))]
     poses = [_touching_evidence(model, pairs, window.cut(row, row + 1), scales) for row in rows.tolist()]
-    row_gain, log_ratio = (np.median(part, axis=0) for part in zip(*poses, strict=True))
+    row_gain, log_ratio = (np.quantile(part, NEAR_ENDS, axis=0) for part in zip(*poses, strict=True))
     is_located = row_gain[:, -1] > DECISIVE  # a hand may hold a face parallel to another one at any distance
     weight = np.where(is_located, begins.log_share[pairs.is_known] + log_ratio, -np.inf)
     best = int(weight.argmax())

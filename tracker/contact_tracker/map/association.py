@@ -165,6 +165,11 @@ class Sighting:
     onset_ns: int = 0
     stamp_ns: int = 0
 
+    def is_part_of(self, later: "Sighting") -> bool:
+        """Whether a sighting that knows later ticks is of the same contact at that time."""
+        is_same_kind = self.estimate.contact is later.estimate.contact
+        return is_same_kind and later.first < self.end and self.first < later.end
+
     @property
     def due_ns(self) -> int:
         """Time from which the contact, if it lasts, is estimated again."""

@@ -127,11 +127,18 @@ def _proposals(state: FilterState, frame: Frame) -> tuple[BirthProposals, ...]:
     return cast(tuple[BirthProposals, ...], proposals)
 
 
-def pairs_beside(state: FilterState, label: Contact, window: Window) -> BirthProposals | None:
-    """Proposals of a contact by what other contacts of this recording have touched, outside of the
-    ``window``; None for free motion, and if they have touched nothing."""
+def pairs_touched_elsewhere(
+    state: FilterState, label: Contact, window: Window, shown: Sequence[Sighting] | None = None
+) -> BirthProposals | None:
+    """Proposals of a contact by what contacts of this recording have touched outside of the ``window``; None
+    for free motion, and if they have touched nothing. With ``shown``, only what these sightings, which know
+    later ticks, confirm."""
     first, end = int(window.index[0]), int(window.index[-1]) + 1
-    within = tuple(s.first for s in state.map.sightings if s.first < end and s.end > first)
+    within = tuple(
+        s.first
+        for s in state.map.sightings
+        if (s.first < end and s.end > first) or not (shown is None or any(map(s.is_part_of, shown)))
+    )
     if label is Contact.FREE or len(within) == len(state.map.sightings):
         return None
     frame = Frame.around(state.origins, window.zeta[:, T].mean(axis=0))
@@ -492,7 +499,7 @@ def decide_on_map(state: FilterState, belief: Belief) -> Belief:
     label = belief.contact
     if not belief.inseparable or label is Contact.FREE:
         return belief
-    pairs = pairs_beside(state, label, state.window.since(state.onset_of(label)))
+    pairs = pairs_touched_elsewhere(state, label, state.window.since(state.onset_of(label)))
     if pairs is None:
         return belief
     on_map = map_evidence(CONTACT_MODELS[label.column], pairs, state.window.cut(-1), state.scales)
@@ -519,12 +526,19 @@ def open_beside(state: FilterState, belief: Belief) -> Belief:
     return replace(belief, inseparable=inseparable, p_restricted=p_restricted)
 
 
+def _has_moved(window: Window) -> bool:
+    return float(window.motion_ratio.sum()) >= ambiguity.LEAST_MOTION_TICKS
+
+
 def with_rest(state: FilterState, belief: Belief, is_in_rest: bool) -> tuple[FilterState, Belief]:
     """The state and the belief to report after a tick: a rest does not distinguish the label from
     other states, and beside indistinguishable states the label is not certain."""
     if is_in_rest:
-        open_at_rest = ambiguity.others_at_rest(belief.contact, state.known_map, belief.inseparable)
-        belief = replace(belief, inseparable=open_at_rest or belief.inseparable)
+        before, by_motion = state.belief, belief.inseparable
+        if before is not None and before.contact is belief.contact and not _has_moved(state.window):
+            by_motion = before.inseparable  # the ticks of a long rest distinguish nothing
+        open_at_rest = ambiguity.others_at_rest(belief.contact, state.known_map, by_motion)
+        belief = replace(belief, inseparable=open_at_rest or by_motion)
     if belief.inseparable or belief.is_open:
         args = belief.inseparable, state.known_map, belief.p_restricted, belief.is_open
         probability = ambiguity.reported(label_posterior(state), belief.contact, *args)

@@ -33,13 +33,14 @@ from contact_tracker.tracking.contact_filter import (
     ContactFilter,
     FilteredTick,
     forward,
-    pairs_beside,
+    pairs_touched_elsewhere,
     ticks_of,
 )
 from contact_tracker.tracking.segment_fit import (
     FinishedSegment,
     SegmentFit,
     SegmentTicks,
+    fit_on_map,
     fit_segments,
     joined_by_wrenches,
     without_short_gaps,
@@ -436,9 +437,7 @@ class Segmenter:
         if self._wrenches is not None:
             wrenches = self._wrenches.of_window(int(rows["stamp_ns"][0]), int(rows["stamp_ns"][-1]))
         window = self._window(self._first, rows)
-        pairs = pairs_beside(state, STATES[column], window)
-        parts = state.known_map, state.origins, wrenches, pairs
-        return SegmentTicks(window, STATES[column], state.model, *parts)
+        return SegmentTicks(window, STATES[column], state.model, state.known_map, state.origins, wrenches)
 
     def _next_piece(self, count: int) -> Segmentation:
         """The oldest ``count`` segments being fitted, and the online beliefs since the last piece."""
@@ -452,12 +451,23 @@ class Segmenter:
         if self._record is not None:
             for (segment, fit), (parts, _) in zip(fitted, results, strict=True):
                 self._record.note_segment(segment, fit, parts)
+            results = [self._on_map(*each, result) for each, result in zip(fitted, results, strict=True)]
         online, self._online = [*self._filtered, Beliefs.of(self._online)], []
         self._filtered.clear()
         outliers, self._outliers = self._state.outliers.since(self._outliers), self._state.outliers
         beliefs = Beliefs.join([part for _, part in results])
         rows = tuple(row for rows, _ in results for row in rows)
         return Segmentation(rows, beliefs, Beliefs.join(online), outliers)
+
+    def _on_map(
+        self, segment: FinishedSegment, fit: SegmentFit, result: tuple[tuple[Segment, ...], Beliefs]
+    ) -> tuple[tuple[Segment, ...], Beliefs]:
+        """The ``result`` of a segment with what the elements that other segments have shown tell of it."""
+        assert self._record is not None
+        state, ticks, shown = self._state, segment.ticks, self._record.sightings
+        pairs = pairs_touched_elsewhere(state, fit.contact, ticks.window, shown)
+        on_map = fit if pairs is None else fit_on_map(ticks, fit, pairs)
+        return result if on_map is fit else segment.with_fit(on_map)
 
 
 def end_at_rest(resting: NDArray[np.bool_], end: int, most_ticks: int) -> int:

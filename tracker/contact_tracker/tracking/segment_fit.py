@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import compress, pairwise
+from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -69,8 +69,6 @@ class SegmentTicks:
     origins: Origins
     wrenches: WindowEvidence | None = None
     """The evidence of measured wrenches."""
-    map_pairs: BirthProposals | None = None
-    """Elements that other contacts of the recording have touched; None if nothing is known of them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,8 +88,6 @@ class SegmentFit:
     estimate: ElementEstimate | None = None
     """Joint estimate of both elements; None without elements."""
     tolerance: tuple[float, float] | None = None
-    excluded: tuple[Contact, ...] = ()
-    """States that the poses exclude, since listed elements, or elements of the map, touch."""
 
     @property
     def leaves_constraints_unnamed(self) -> bool:
@@ -133,8 +129,7 @@ def _segment_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
     fit = replace(fit, joint=joint_of(joint, probability, near_m, segment.origins))
     if not fit.leaves_constraints_unnamed or fit.share is not None:
         return fit
-    not_excluded = (state for state in STATES if state not in {fit.contact, *fit.excluded})
-    rivals = tuple(filter(segment.known_map.allows, not_excluded))
+    rivals = tuple(state for state in STATES if state is not fit.contact and segment.known_map.allows(state))
     moved_s = segment.model.tick_s * float(window.motion_ratio.sum())
     p_restricted = max(fit.p_restricted, ambiguity.p_restricted(True, moved_s))
     return replace(fit, inseparable=rivals, p_restricted=p_restricted)
@@ -148,8 +143,14 @@ def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
         np.array([*(f.log_likelihood.max(initial=-np.inf) for f in fits), 0.0]),
         np.array([*(f.rms.min(initial=np.inf) for f in fits), 1.0]),
     )
-    by_motion, excluded = _open_by_motion(segment, window, fits, rivals, freedom)
-    inseparable = tuple(state for state in by_motion if state not in excluded)
+    touching = (
+        0.0
+        if label is Contact.FREE
+        else touching_evidence(CONTACT_MODELS[label.column], fits[label.column], window, scales_of(model))
+    )
+    inseparable = tuple(
+        filter(known_map.allows, ambiguity.indistinguishable(label, rivals, freedom, touching))
+    )
     p_restricted, share = ambiguity.p_restricted(freedom.underused, moved_s), None
     curved, none_fits = np.zeros(1), False
     if label is Contact.FREE:
@@ -178,47 +179,38 @@ def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
     if formation.further and alike and share is None:
         inseparable = tuple(state for state in STATES if state in {*inseparable, *alike})
         p_restricted = ambiguity.p_restricted(True, moved_s)
+    estimate = element_estimate(fitted, contact, scales, window, information)
     geometry, curved = located.geometry, np.zeros(1)
-    if excluded and by_motion:  # the map shows the contact, not its own motion
-        geometry, estimate = _geometry_by_map(segment, window, contact), None
-    else:
-        estimate = element_estimate(fitted, contact, scales, window, information)
     tolerance = _tolerance(contact, fitted.x, window) if any(extra_variance) else None
     parts = share, formation, None, estimate, tolerance
-    return SegmentFit(label, geometry, inseparable, p_restricted, curved, *parts, excluded=excluded)
+    return SegmentFit(label, geometry, inseparable, p_restricted, curved, *parts)
 
 
-def _open_by_motion(
-    segment: SegmentTicks,
-    window: Window,
-    fits: Sequence[Bank],
-    rivals: ambiguity.CompetingEvidence,
-    freedom: ambiguity.Freedom,
-) -> tuple[tuple[Contact, ...], tuple[Contact, ...]]:
-    """The states that motion and listed elements do not distinguish from the label, and those that the poses
-    exclude since elements of the map touch."""
-    label, touching, excluded = segment.contact, np.zeros(len(STATES)), tuple[Contact, ...]()
-    if label is not Contact.FREE:
-        model, scales = CONTACT_MODELS[label.column], scales_of(segment.model)
-        touching = touching_evidence(model, fits[label.column], window, scales)
-        if segment.map_pairs is not None:
-            on_map = map_evidence(model, segment.map_pairs, window, scales)
-            excluded = tuple(compress(STATES, on_map >= DECISIVE))
-    alternatives = ambiguity.indistinguishable(label, rivals, freedom, touching)
-    return tuple(filter(segment.known_map.allows, alternatives)), excluded
+def fit_on_map(segment: SegmentTicks, fit: SegmentFit, pairs: BirthProposals) -> SegmentFit:
+    """The fit without those indistinguishable states against which the poses are evidence, since they are on
+    one of these ``pairs`` of elements, which other contacts of the recording have touched; its elements are
+    then the pair's.
 
-
-def _geometry_by_map(segment: SegmentTicks, window: Window, contact: ContactModel) -> ContactGeometry:
-    """The elements of the map that touch."""
-    pairs, model, scales = segment.map_pairs, segment.model, scales_of(segment.model)
-    assert pairs is not None
-    (fit,) = fit_windows(contact, [window], scales, [pairs.pick(pairs.are_both_known)])
-    fitted, information = refine(fit, contact, window, scales)
+    Unchanged if the motion itself shows the contact, if wrenches have decided it, or if the motion keeps more
+    constraints than the contact has.
+    """
+    if not fit.inseparable or fit.geometry is None or fit.share is not None or fit.leaves_constraints_unnamed:
+        return fit
+    model, contact, scales = segment.model, CONTACT_MODELS[fit.contact.column], scales_of(segment.model)
+    window = _most_moving(segment.window).with_error(
+        model.noise.extra_contact_variance[contact.contact.column]
+    )
+    against = map_evidence(contact, pairs, window, scales)
+    inseparable = tuple(state for state in fit.inseparable if against[state.column] < DECISIVE)
+    if inseparable == fit.inseparable:
+        return fit
+    (on_map,) = fit_windows(contact, [window], scales, [pairs.pick(pairs.are_both_known)])
+    fitted, information = refine(on_map, contact, window, scales)
     pair = named_pairs(segment.known_map, contact)[fitted.known_pair_index[0]]
     located = fitted_contact(
         fitted, 0, contact, scales, window, segment.origins, model.systematic, information, pair
     )
-    return located.geometry
+    return replace(fit, inseparable=inseparable, geometry=located.geometry)
 
 
 def _tolerance(contact: ContactModel, x: Array, window: Window) -> tuple[float, float]:
@@ -295,13 +287,6 @@ class FinishedSegment(NamedTuple):
             np.concatenate([self.resting, following.resting]),
         )
 
-    @property
-    def _rests_on_map(self) -> bool:
-        """Whether the segment is a rest without motion beside it, and other contacts are known: its posterior
-        is that of the map and of stillness, and its own motion shows nothing against it."""
-        moved_ticks = float(self.ticks.window.motion_ratio[~self.resting].sum())
-        return self.ticks.map_pairs is not None and moved_ticks < ambiguity.LEAST_MOTION_TICKS
-
     def with_fit(self, fit: SegmentFit) -> tuple[tuple[Segment, ...], Beliefs]:
         """The segment, split where the object rests, and the beliefs of its ticks."""
         contact, column, known_map = fit.contact, fit.contact.column, self.ticks.known_map
@@ -309,21 +294,20 @@ class FinishedSegment(NamedTuple):
         curved = np.broadcast_to(fit.curved, len(beliefs))
         p_restricted, possible = np.maximum(fit.p_restricted, curved), known_map.allowed
         is_open, resting = (curved > 0.5) & (fit.share is None), np.zeros(len(beliefs), bool)
-        others = ambiguity.others_at_rest(contact, known_map, fit.inseparable)
-        at_rest, flush = tuple(state for state in others if state not in fit.excluded), resting
+        at_rest = ambiguity.others_at_rest(contact, known_map, fit.inseparable)
+        flush = resting
         if at_rest and fit.share is None:
             resting = self.resting
             flush = self._flush(fit) & ~resting
-            p_restricted[resting] *= not self._rests_on_map
-        beside_rest = () if self._rests_on_map else fit.inseparable
         columns = beliefs, self.posterior, p_restricted, resting, flush, is_open
         for belief, posterior, p, rests, lies, bends in zip(*columns, strict=True):
-            states = (
-                beside_rest if rests else fit.with_flush if lies else possible if bends else fit.inseparable
-            )
-            args = states, known_map, float(p), fit.leaves_constraints_unnamed or bool(rests), fit.share
-            belief["probability"] = ambiguity.reported(posterior, contact, *args)
-            belief["inseparable"] = [state in (at_rest if rests else states) for state in STATES]
+            states = fit.with_flush if lies else possible if bends else fit.inseparable
+            args = states, known_map, float(p), fit.leaves_constraints_unnamed, fit.share
+            probability = ambiguity.reported(posterior, contact, *args)
+            if rests:
+                states, probability = at_rest, ambiguity.at_most(probability, contact, possible=at_rest)
+            belief["probability"] = probability
+            belief["inseparable"] = [state in states for state in STATES]
         beliefs["stamp_ns"], beliefs["onset_ns"] = self.rows["stamp_ns"], self.rows["start_ns"][0]
         beliefs["contact"], beliefs["residual"] = column, self.rows["residual"]
         beliefs["p_restricted"] = p_restricted
