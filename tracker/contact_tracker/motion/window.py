@@ -303,11 +303,14 @@ LEVERS_M: Final = np.repeat([1.0, LEVER_M], 3)
 
 class TwistPower(NamedTuple):
     """Mean square (6, 6) of an object's twists in steps of ``STRIDE_TICKS``: the shift of the world's point
-    ``centre_m`` (3,) with the object, then the turn about the world's axes; ``sigma`` (6,) by noise alone."""
+    ``centre_m`` (3,) with the object, then the turn about the world's axes; ``sigma`` (6,) by noise alone.
+    The same ``at_origin``, with the shift of the body's origin, and ``origin_sigma``."""
 
     power: Array
     centre_m: Array
     sigma: Array
+    at_origin: Array
+    origin_sigma: Array
 
 
 def twist_power(window: Window) -> TwistPower:
@@ -326,12 +329,15 @@ def twist_power(window: Window) -> TwistPower:
     turned = _AXIS @ step / np.maximum(0.5 + 0.5 * (_TRACE @ step), NO_MOTION)
     middle = 0.5 * (before + after)
     shifted = after - before - _AXIS @ (middle[:, None] * turned).reshape(9, -1)
-    twist = np.concatenate([shifted, turned])
     weight = window.motion_ratio[STRIDE_TICKS:] + NO_MOTION
     position, rotational = 2.0 * window.usual_variance
     lever_sq = np.vdot(middle, middle) / len(weight) * 2.0 / 3.0
-    sigma = np.sqrt([position + rotational * lever_sq] * 3 + [rotational] * 3)
-    return TwistPower((twist * weight) @ twist.T / weight.sum(), centre[:, 0], sigma)
+    powers = [
+        (twist * weight) @ twist.T / weight.sum()
+        for twist in (np.concatenate([shift, turned]) for shift in (shifted, after - before))
+    ]
+    sigmas = [np.sqrt([v] * 3 + [rotational] * 3) for v in (position + rotational * lever_sq, position)]
+    return TwistPower(powers[0], centre[:, 0], sigmas[0], powers[1], sigmas[1])
 
 
 @lru_cache(maxsize=8)
@@ -339,12 +345,20 @@ def used_directions(window: Window) -> int:
     """Number of directions in which the object moves beyond the noise: the rank of its twists (T24).
 
     Motion that is nearly all in one direction has one degree of freedom, whatever the noise (``ONE_AXIS``).
+    An object that turns while it is carried has more twists than directions, as its axis moves: then those
+    of the shifts of its origin count.
     """
     if len(window) <= STRIDE_TICKS:
         return 0
-    power, _, sigma = twist_power(window)
-    used = int(np.count_nonzero(linalg.eigenvalues(power / (sigma[:, None] * sigma)) > USED))
+    power, _, sigma, at_origin, origin_sigma = twist_power(window)
+    used = _rank(power, sigma)
     if used < 2:
         return used
     rising = linalg.eigenvalues(power * (LEVERS_M[:, None] * LEVERS_M))
-    return 1 if rising[-2] < ONE_AXIS**2 * rising[-1] else used
+    if rising[-2] < ONE_AXIS**2 * rising[-1]:
+        return 1
+    return min(used, max(_rank(at_origin, origin_sigma), 2))
+
+
+def _rank(power: Array, sigma: Array) -> int:
+    return int(np.count_nonzero(linalg.eigenvalues(power / (sigma[:, None] * sigma)) > USED))
