@@ -221,6 +221,15 @@ def test_the_directions_that_a_motion_uses_are_counted_in_any_frame(kind, seed):
     assert used_directions(ticks(world @ rotation @ body, position, seed)) == used
 
 
+def test_a_carry_in_a_plane_with_a_turn_uses_three_directions():
+    """An axis that moves gives further twists, but the object has no further freedom: as e-f it has four."""
+    upright, four = np.array([0.0, 0.0, 1.0]), waves(6, 5)
+    position = 0.2 * np.column_stack([four[:, 1], np.zeros(TICKS), four[:, 2]])
+    window = ticks(turning(upright, 0.7 * four[:, 0]), position)
+    assert used_directions(window) == 3
+    assert ambiguity.freedom_of(Contact.EF, window, 0).underused
+
+
 def rivals(**nats):
     """Evidence by state; states not given fit badly, except free motion."""
     names = [state.value.replace("-", "") for state in STATES]

@@ -137,6 +137,28 @@ def test_a_pose_on_faces_that_other_motion_has_shown_is_contact(seed: int) -> No
     assert not belief.inseparable
 
 
+def test_a_lid_on_known_faces_is_not_contact_of_its_faces() -> None:
+    """A box is pushed, and then opens like a lid about its lower edge; more than half of the time it lies."""
+    rng, time_s = np.random.default_rng(0), np.arange(0.0, 34.0, 0.01)
+
+    def smooth(since_s: Any) -> Any:
+        share = np.clip(since_s, 0.0, 1.0)
+        return share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
+
+    push, yaw, pitch = smooth((time_s - 2.0) / 5.0), np.zeros((3400, 3)), np.zeros((3400, 3))
+    yaw[:, 2] = 0.9 * np.sin(4.0 * push)
+    for opens_s in (10.0, 19.0, 28.0):
+        pitch[:, 1] += 0.35 * (smooth((time_s - opens_s) / 1.5) - smooth((time_s - opens_s) / 1.5 - 1.0))
+    lying, edge_m = Rotation.from_rotvec(yaw), np.array([0.06, 0.0, -0.05])
+    turn = lying * Rotation.from_rotvec(pitch)
+    position_m = np.stack([0.25 * push, 0.08 * np.sin(2.0 * np.pi * push), 0.0 * push], axis=1)
+    position_m += lying.apply(edge_m) - turn.apply(edge_m) + rng.normal(0.0, 2e-4, (3400, 3))
+    turn = Rotation.from_rotvec(rng.normal(0.0, 1.7e-3, (3400, 3))) * turn
+    poses = contact_tracker.Trajectory.from_arrays(time_s, position_m, turn, time_unit="s")
+    for segment in map(contact_tracker.segment(poses).at, (11.5, 20.5, 29.5)):
+        assert segment.contact is not Contact.FF or (segment.inseparable and segment.probability <= 0.9)
+
+
 @pytest.mark.parametrize("higher_m", [0.003, 0.03])
 def test_a_pose_beside_known_faces_shows_no_contact(higher_m: float) -> None:
     """It may stand on something else, or a hand may hold it parallel to the table."""
