@@ -188,7 +188,7 @@ class SegmentPart(NamedTuple):
 class Segment:
     """One contact from ``start_ns`` to ``end_ns`` (both included), as found offline: a row of the result.
 
-    A rest has a row of its own (``motion.window``). ``probability`` is the smoothed posterior of ``contact``,
+    A rest that leaves further states open has a row of its own (``motion.window``). ``probability`` is the smoothed posterior of ``contact``,
     averaged over the segment; ``inseparable`` are the states that the segment's motion does not distinguish
     from ``contact``; ``further`` contacts hold for all of the segment or a part; ``joint`` is the joint in
     which the object moves, if any; ``motion`` is the object's at the touching point of ``contact``, and
