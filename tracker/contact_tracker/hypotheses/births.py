@@ -340,8 +340,8 @@ MOST_BIRTHS: Final = 100
 size have some 70 at most; without a limit hundreds of known edges, any two of which nearly cross, take
 gigabytes."""
 NEAR_ENDS: Final = 0.1
-"""Share of a segment's poses that may belong to the motion before or after it. A lid that opens for a third of
-the time was f-f with 0.5."""
+"""Share of a segment's poses that may belong to the motion before or after it. With 0.5 a lid that opens for
+a third of the time is f-f."""
 MOST_POSES: Final = 50
 """Number of poses of a segment, at equal intervals, that show whether elements of the map touch."""
 FREE: Final = Contact.FREE.column

@@ -188,12 +188,13 @@ class SegmentPart(NamedTuple):
 class Segment:
     """One contact from ``start_ns`` to ``end_ns`` (both included), as found offline: a row of the result.
 
-    A rest that leaves further states open has a row of its own (``motion.window``). ``probability`` is the smoothed posterior of ``contact``,
-    averaged over the segment; ``inseparable`` are the states that the segment's motion does not distinguish
-    from ``contact``; ``further`` contacts hold for all of the segment or a part; ``joint`` is the joint in
-    which the object moves, if any; ``motion`` is the object's at the touching point of ``contact``, and
-    ``task_frame`` what that constrains in the middle of the segment. ``tolerance`` is the root mean square
-    (m, rad) of the errors of a contact that is not exact; None for an exact one.
+    A rest that leaves further states open has a row of its own (``motion.window``). ``probability`` is the
+    smoothed posterior of ``contact``, averaged over the segment; ``inseparable`` are the states that the
+    segment's motion and poses do not distinguish from ``contact``; ``further`` contacts hold for all of the
+    segment or a part; ``joint`` is the joint in which the object moves, if any; ``motion`` is the object's at
+    the touching point of ``contact``, and ``task_frame`` what that constrains in the middle of the segment.
+    ``tolerance`` is the root mean square (m, rad) of the errors of a contact that is not exact; None for an
+    exact one.
     """
 
     start_ns: int
