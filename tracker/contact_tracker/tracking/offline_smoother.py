@@ -413,7 +413,7 @@ class Segmenter:
             decided -= count
 
     def _rests(self, first: int, rows: NDArray[np.void]) -> NDArray[np.bool_]:
-        """Which ticks, from number ``first`` on, belong to a rest; none if elements of both sides are known."""
+        """Which ticks, from number ``first`` on, belong to a rest; none if both sides are listed."""
         if not ambiguity.others_at_rest(Contact.FREE, self._state.known_map):
             return np.zeros(len(rows), bool)
         return at_rest(self._window(first, rows), self._state.model.tick_s)
