@@ -514,14 +514,15 @@ def touching_evidence(
 
 def map_evidence(
     model: ContactModel, begins: BirthProposals, window: Window, scales: EvidenceParameters
-) -> Array:
+) -> tuple[Array, int]:
     """As ``touching_evidence``, if one of the known pairs that ``begins`` proposes touches during the whole
-    ``window``, but for a share ``NEAR_ENDS`` of its poses, times the share of the pair."""
+    ``window``, but for a share ``NEAR_ENDS`` of its poses, times the share of the pair; and the number of
+    that proposal, -1 without one."""
     pairs = _known_pairs(model, begins)
     assert window.frames is not None
     rows = np.flatnonzero(window.frames)
     if not len(pairs.x) or not len(rows):
-        return np.zeros(len(STATES))
+        return np.zeros(len(STATES)), -1
     rows = rows[np.unique(np.linspace(0, len(rows) - 1, MOST_POSES).round().astype(int))]
     poses = [_touching_evidence(model, pairs, window.cut(row, row + 1), scales) for row in rows.tolist()]
     row_gain, log_ratio = (np.quantile(part, NEAR_ENDS, axis=0) for part in zip(*poses, strict=True))
@@ -530,7 +531,7 @@ def map_evidence(
     best = int(weight.argmax())
     against = _against_contained(model, row_gain[best], float(weight[best]))
     against[FREE] -= row_gain[best, :-1].sum()  # ... and so at this distance
-    return against
+    return against, int(np.flatnonzero(pairs.is_known)[best])
 
 
 def _against_contained(model: ContactModel, row_gain: Array, log_ratio: float) -> Array:

@@ -128,12 +128,12 @@ def _proposals(state: FilterState, frame: Frame) -> tuple[BirthProposals, ...]:
 
 
 def pairs_touched_elsewhere(
-    state: FilterState, label: Contact, window: Window, shown: Sequence[Sighting] | None = None
+    state: FilterState, label: Contact, window: Window, first: int, shown: Sequence[Sighting] | None = None
 ) -> BirthProposals | None:
-    """Proposals of a contact by what contacts of this recording have touched outside of the ``window``; None
-    for free motion, and if they have touched nothing. With ``shown``, only what these sightings, which know
-    later ticks, confirm."""
-    first, end = int(window.index[0]), int(window.index[-1]) + 1
+    """Proposals of a contact by what contacts of this recording have touched outside of the ticks from number
+    ``first`` to the end of the ``window``; None for free motion, and if they have touched nothing. With
+    ``shown``, only what these sightings, which know later ticks, confirm."""
+    end = int(window.index[-1]) + 1
     within = tuple(
         s.first
         for s in state.map.sightings
@@ -499,10 +499,11 @@ def decide_on_map(state: FilterState, belief: Belief) -> Belief:
     label = belief.contact
     if not belief.inseparable or label is Contact.FREE:
         return belief
-    pairs = pairs_touched_elsewhere(state, label, state.window.since(state.onset_of(label)))
+    onset = state.onset_of(label)
+    pairs = pairs_touched_elsewhere(state, label, state.window.since(onset), onset)
     if pairs is None:
         return belief
-    on_map = map_evidence(CONTACT_MODELS[label.column], pairs, state.window.cut(-1), state.scales)
+    on_map, _ = map_evidence(CONTACT_MODELS[label.column], pairs, state.window.cut(-1), state.scales)
     inseparable = tuple(rival for rival in belief.inseparable if on_map[rival.column] < DECISIVE)
     args = inseparable, belief.p_restricted, state.known_map.allowed
     probability = ambiguity.redistribute(label_posterior(state), label, *args)

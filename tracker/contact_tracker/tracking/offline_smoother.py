@@ -465,7 +465,8 @@ class Segmenter:
         """The ``result`` of a segment with what the elements that other segments have shown tell of it."""
         assert self._record is not None
         state, ticks, shown = self._state, segment.ticks, self._record.sightings
-        pairs = pairs_touched_elsewhere(state, fit.contact, ticks.window, shown)
+        first = int(ticks.window.index[0])
+        pairs = pairs_touched_elsewhere(state, fit.contact, ticks.window, first, shown)
         on_map = fit if pairs is None else fit_on_map(ticks, fit, pairs)
         return result if on_map is fit else segment.with_fit(on_map)
 

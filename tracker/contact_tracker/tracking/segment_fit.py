@@ -197,20 +197,22 @@ def fit_on_map(segment: SegmentTicks, fit: SegmentFit, pairs: BirthProposals) ->
     if not fit.inseparable or fit.geometry is None or fit.share is not None or fit.leaves_constraints_unnamed:
         return fit
     model, contact, scales = segment.model, CONTACT_MODELS[fit.contact.column], scales_of(segment.model)
-    window = _most_moving(segment.window).with_error(
-        model.noise.extra_contact_variance[contact.contact.column]
-    )
-    against = map_evidence(contact, pairs, window, scales)
+    error = model.noise.extra_contact_variance[fit.contact.column]
+    against, touched = map_evidence(contact, pairs, segment.window.with_error(error), scales)
     inseparable = tuple(state for state in fit.inseparable if against[state.column] < DECISIVE)
     if inseparable == fit.inseparable:
         return fit
-    (on_map,) = fit_windows(contact, [window], scales, [pairs.pick(pairs.are_both_known)])
+    window = _most_moving(segment.window).with_error(error)
+    (on_map,) = fit_windows(contact, [window], scales, [pairs.pick(np.array([touched]))])
     fitted, information = refine(on_map, contact, window, scales)
     pair = named_pairs(segment.known_map, contact)[fitted.known_pair_index[0]]
     located = fitted_contact(
         fitted, 0, contact, scales, window, segment.origins, model.systematic, information, pair
     )
-    return replace(fit, inseparable=inseparable, geometry=located.geometry)
+    tolerance = None if fit.tolerance is None else _tolerance(contact, fitted.x, window)
+    return replace(
+        fit, inseparable=inseparable, geometry=located.geometry, tolerance=tolerance, estimate=None
+    )
 
 
 def _tolerance(contact: ContactModel, x: Array, window: Window) -> tuple[float, float]:
