@@ -36,7 +36,7 @@ from contact_tracker.hypotheses.births import (
     touching_evidence,
 )
 from contact_tracker.hypotheses.evidence import DECISIVE
-from contact_tracker.hypotheses.observability import element_estimate, fitted_contact
+from contact_tracker.hypotheses.observability import FittedContact, element_estimate, fitted_contact
 from contact_tracker.hypotheses.refinement import refine
 from contact_tracker.map.association import ElementEstimate
 from contact_tracker.map.elements import is_same_element
@@ -166,11 +166,7 @@ def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
     fit = fits[label.column] if share is None else _measured_fit(segment, window, contact, fits[label.column])
     extra_variance = model.noise.extra_contact_variance[label.column]
     window = window.with_error(extra_variance)
-    fitted, information = refine(fit, contact, window, scales)
-    pair = named_pairs(known_map, contact)[fitted.known_pair_index[0]]
-    located = fitted_contact(
-        fitted, 0, contact, scales, window, segment.origins, model.systematic, information, pair
-    )
+    fitted, information, located = _located(segment, contact, fit, window)
     ticks = FormationTicks(
         window, scales, model.transitions.leave_per_s, segment.origins, known_map, model.systematic
     )
@@ -204,15 +200,23 @@ def fit_on_map(segment: SegmentTicks, fit: SegmentFit, pairs: BirthProposals) ->
         return fit
     window = _most_moving(segment.window).with_error(error)
     (on_map,) = fit_windows(contact, [window], scales, [pairs.pick(np.array([touched]))])
-    fitted, information = refine(on_map, contact, window, scales)
-    pair = named_pairs(segment.known_map, contact)[fitted.known_pair_index[0]]
-    located = fitted_contact(
-        fitted, 0, contact, scales, window, segment.origins, model.systematic, information, pair
-    )
+    fitted, _, located = _located(segment, contact, on_map, window)
     tolerance = None if fit.tolerance is None else _tolerance(contact, fitted.x, window)
     return replace(
         fit, inseparable=inseparable, geometry=located.geometry, tolerance=tolerance, estimate=None
     )
+
+
+def _located(
+    segment: SegmentTicks, contact: ContactModel, fit: Bank, window: Window
+) -> tuple[Bank, Array, FittedContact]:
+    """The refined fit of a contact to a window, the information of its motion, and where its elements are."""
+    scales = scales_of(segment.model)
+    fitted, information = refine(fit, contact, window, scales)
+    pair = named_pairs(segment.known_map, contact)[fitted.known_pair_index[0]]
+    errors = segment.model.systematic
+    located = fitted_contact(fitted, 0, contact, scales, window, segment.origins, errors, information, pair)
+    return fitted, information, located
 
 
 def _tolerance(contact: ContactModel, x: Array, window: Window) -> tuple[float, float]:
