@@ -340,10 +340,12 @@ MOST_BIRTHS: Final = 100
 size have some 70 at most; without a limit hundreds of known edges, any two of which nearly cross, take
 gigabytes."""
 NEAR_ENDS: Final = 0.1
-"""Share of a segment's poses that may belong to the motion before or after it. With 0.5 a lid that opens for
-a third of the time is f-f."""
+"""Share of a segment's poses that may belong to the motion before or after it. By `contact-tracker evaluate`
+0.52 of the time of 15 everyday recordings is open with 0.02, and 0.49 with 0.1, 0.2 and 0.5; but with 0.5 a
+box that is tilted and lifted between rests is surely f-f throughout."""
 MOST_POSES: Final = 50
-"""Number of poses of a segment, at equal intervals, that show whether elements of the map touch."""
+"""Number of poses of a segment, at equal intervals, that show whether elements of the map touch. With 10,
+0.505 of that time is open instead of 0.494; 200 is as 50."""
 FREE: Final = Contact.FREE.column
 FACES: Final = Contact.FF.column
 ON_A_PLANE: Final = tuple(contact.column for contact in (Contact.EF, Contact.FE, Contact.VF, Contact.FV))
