@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from contact_tracker.cli.main import run
 from contact_tracker.config.loading import load_model
@@ -128,6 +129,27 @@ def test_a_known_face_on_a_known_plane_is_certain_at_once(accuracy, is_sure):
     begin_ns = recording.truth.intervals[-1].start_ns
     assert (beliefs.stamp_ns[-1] in certain) == is_sure
     assert not is_sure or certain[certain > begin_ns][0] < begin_ns + 0.4e9
+
+
+def test_a_known_face_that_slides_along_a_line_on_a_known_plane_is_face_on_face():
+    """Also in the whole recording, of which the motion is that of a slider."""
+    rng, time_s = np.random.default_rng(0), np.arange(0.0, 3.0, 0.01)
+    position_m = np.zeros((len(time_s), 3))
+    position_m[:, 0], position_m[:, 2] = 0.1 * np.sin(time_s), 0.05
+    poses = Poses(
+        (time_s * 1e9).astype(np.int64),
+        position_m + rng.normal(scale=1e-4, size=position_m.shape),
+        Rotation.from_rotvec(rng.normal(scale=1e-3, size=position_m.shape)).as_quat(),
+    )
+    accuracy = {"sigma_position_m": 1e-3, "sigma_rotation_deg": 0.5}
+    table = {"name": "table", "normal": [0.0, 0.0, 1.0], "offset_m": 0.0, **accuracy}
+    bottom = {"name": "bottom", "normal": [0.0, 0.0, -1.0], "offset_m": 0.05, **accuracy}
+    known_map = map_from({"environment": {"plane": [table]}, "object": {"plane": [bottom]}})
+    (found,) = segment(poses, MODEL, known_map=known_map).segments
+    assert found.contact is Contact.FF
+    assert not found.inseparable
+    assert found.probability == pytest.approx(0.9)  # at most, as the motion keeps more constraints
+    assert found.touching == ("bottom", "table")
 
 
 def test_up_helps_where_little_has_moved():

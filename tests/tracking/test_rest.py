@@ -151,6 +151,21 @@ def test_a_drone_takes_off_where_its_rest_ends(seed: int, vibration_m: float) ->
     assert all(len(one.inseparable) == 6 for one in segments if one.end_ns < flight.start_ns)
 
 
+def test_a_lid_that_opens_after_a_rest_longer_than_the_window_is_not_surely_flat():
+    """The window has forgotten that no motion has shown the face; the belief before has not."""
+    rng, time_s = np.random.default_rng(3), np.arange(0.0, 31.5, 0.01)
+    share = np.clip((time_s - 30.0) / 1.5, 0.0, 1.0)
+    angle = np.radians(60.0) * share**3 * (10.0 - 15.0 * share + 6.0 * share**2)  # least jerk
+    turn = Rotation.from_rotvec(-angle[:, None] * np.eye(3)[1])
+    noise = Rotation.from_rotvec(rng.normal(scale=1e-3, size=(len(time_s), 3)))
+    position_m = turn.apply([0.2, 0.0, 0.0]) + rng.normal(scale=1e-4, size=(len(time_s), 3))
+    poses = Poses((time_s * 1e9).astype(np.int64), position_m, (turn * noise).as_quat())
+    beliefs = [tick.belief for tick in forward(poses, MODEL, detail=Detail.FORMATION)]
+    opening = [belief for belief in beliefs if belief.stamp_ns > 30.3e9]
+    assert len(opening) > 8
+    assert not [belief for belief in opening if belief.probability[Contact.FF.column] > 0.9]
+
+
 def test_a_segment_ends_with_the_rest_that_it_is_in_or_just_beside() -> None:
     resting = np.repeat([False, True, False], [20, 30, 20])
     expected = dict(zip([8, 17, 21, 33, 37, 50, 53, 54], [8, 20, 20, 20, 50, 50, 50, 54], strict=True))

@@ -487,11 +487,7 @@ def _spread(model: ContactModel, pairs: _KnownPairs, zeta: Array) -> Array:
 def _known_pairs(model: ContactModel, begins: BirthProposals) -> _KnownPairs:
     """The known pairs, with the terms of their evidence that do not depend on the pose."""
     is_known = begins.are_both_known
-    return _pairs_by_prior(model, begins.rows.pick(is_known.nonzero()[0]), is_known)
-
-
-def _pairs_by_prior(model: ContactModel, rows: Bank, is_known: Bools) -> _KnownPairs:
-    """The pairs that the priors of these hypotheses (m) give."""
+    rows = begins.rows.pick(is_known.nonzero()[0])
     # known lines have anchors of their own, and other elements need none
     anchors = np.where(np.isnan(rows.line_anchor), 0.0, rows.line_anchor)
     tangent = model.family.tangent(rows.prior_mean, anchors)
@@ -501,25 +497,13 @@ def _pairs_by_prior(model: ContactModel, rows: Bank, is_known: Bools) -> _KnownP
     return _KnownPairs(is_known, rows.prior_mean, deviations[:, None] @ by_tangent)
 
 
-def touching_evidence(
-    model: ContactModel, hypothesis: Bank, window: Window, scales: EvidenceParameters
-) -> Array:
-    """Log-likelihood ratio (7,) of the newest pose if the listed elements of one ``hypothesis`` touch,
-    against any pose with the constraints of each state that the contact contains (T29); 0 for other states,
-    and without listed elements."""
-    if not hypothesis.elements_known[0]:
-        return np.zeros(len(STATES))
-    pairs = _pairs_by_prior(model, hypothesis, np.ones(1, bool))
-    row_gain, log_ratio = _touching_evidence(model, pairs, window.cut(-1), scales)
-    return _against_contained(model, row_gain[0], float(log_ratio[0]))
-
-
 def map_evidence(
     model: ContactModel, begins: BirthProposals, window: Window, scales: EvidenceParameters
 ) -> tuple[Array, int]:
-    """As ``touching_evidence``, if one of the known pairs that ``begins`` proposes touches during the whole
-    ``window``, but for a share ``NEAR_ENDS`` of its poses, times the share of the pair; and the number of
-    that proposal, -1 without one."""
+    """Log-likelihood ratio (7,) of the poses in the ``window``, if one of the known pairs that ``begins``
+    proposes touches in all but a share ``NEAR_ENDS`` of them, times the share of the pair, against poses
+    with the constraints of each state that the contact contains (T29); 0 for other states, and without known
+    pairs. Also the number of that proposal, -1 without one."""
     pairs = _known_pairs(model, begins)
     assert window.frames is not None
     rows = np.flatnonzero(window.frames)
@@ -529,7 +513,7 @@ def map_evidence(
     poses = [_touching_evidence(model, pairs, window.cut(row, row + 1), scales) for row in rows.tolist()]
     row_gain, log_ratio = (np.quantile(part, NEAR_ENDS, axis=0) for part in zip(*poses, strict=True))
     is_located = row_gain[:, -1] > DECISIVE  # a hand may hold a face parallel to another one at any distance
-    weight = np.where(is_located, begins.log_share[pairs.is_known] + log_ratio, -np.inf)
+    weight = np.where(is_located, log_ratio, -np.inf)
     best = int(weight.argmax())
     against = _against_contained(model, row_gain[best], float(weight[best]))
     against[FREE] -= row_gain[best, :-1].sum()  # ... and so at this distance

@@ -80,30 +80,28 @@ class CompetingEvidence(NamedTuple):
 
 class Freedom(NamedTuple):
     """Whether the motion does not use all freedom that its label leaves, whether it has only one degree of
-    freedom, and for how many ticks the object has moved."""
+    freedom, and for how many ticks the object has moved; ``is_unknown`` of a contact whose motion is older
+    than the window."""
 
     underused: bool
     one_direction: bool
     moved_ticks: float = 0.0
+    is_unknown: bool = False
 
 
-def indistinguishable(
-    label: Contact, rivals: CompetingEvidence, freedom: Freedom, touching: Array | float = 0.0
-) -> tuple[Contact, ...]:
+def indistinguishable(label: Contact, rivals: CompetingEvidence, freedom: Freedom) -> tuple[Contact, ...]:
     """The other states that the motion does not distinguish from ``label`` (T23).
 
     These are the states whose evidence is at most ``DECISIVE`` below the label's. If the label's freedom is
     underused, the lack of motion in one more direction is no evidence: then also all states that fit the
     motion, and all states that these contain. Motion of one degree of freedom may be that of a hinge, a
-    slider or a screw: then all states. ``touching`` (7,) is the evidence of a single pose against each, if
-    the label's elements are listed (``touching_evidence``): however the object moves, they touch.
+    slider or a screw: then all states.
     """
-    close = rivals.evidence - touching > rivals.evidence[label.column] - DECISIVE
+    close = rivals.evidence > rivals.evidence[label.column] - DECISIVE
     if freedom.one_direction:
         close[:] = True
     elif freedom.underused:
         close = CONTAINS[close | rivals.fit_like(label)].any(axis=0)
-    close &= touching < DECISIVE
     close[label.column] = False
     return tuple(compress(STATES, close.tolist()))
 
@@ -139,7 +137,7 @@ def freedom_of(label: Contact, window: Window, onset: int) -> Freedom:
     used, moved_ticks = motion_since(window, onset)
     is_short = moved_ticks < LEAST_MOTION_TICKS
     if is_short and onset < window.index[0]:
-        return Freedom(False, False, moved_ticks)
+        return Freedom(False, False, moved_ticks, is_unknown=True)
     in_one_direction = used == 1 and not (label is Contact.FREE and is_short)
     return Freedom(used < DIRECTIONS - label.codimension, in_one_direction, moved_ticks)
 

@@ -31,7 +31,6 @@ from contact_tracker.hypotheses.births import (
     propose_births,
     reweight_transitions,
     share_with_faces,
-    touching_evidence,
     weigh_births,
 )
 from contact_tracker.hypotheses.evidence import DECISIVE
@@ -130,16 +129,17 @@ def _proposals(state: FilterState, frame: Frame) -> tuple[BirthProposals, ...]:
 def pairs_touched_elsewhere(
     state: FilterState, label: Contact, window: Window, first: int, shown: Sequence[Sighting] | None = None
 ) -> BirthProposals | None:
-    """Proposals of a contact by what contacts of this recording have touched outside of the ticks from number
-    ``first`` to the end of the ``window``; None for free motion, and if they have touched nothing. With
-    ``shown``, only what these sightings, which know later ticks, confirm."""
+    """Proposals of a contact by the listed elements, and by what contacts of this recording have touched
+    outside of the ticks from number ``first`` to the end of the ``window``; None for free motion, and without
+    such elements. With ``shown``, only what these sightings, which know later ticks, confirm."""
     end = int(window.index[-1]) + 1
     within = tuple(
         s.first
         for s in state.map.sightings
         if (s.first < end and s.end > first) or not (shown is None or any(map(s.is_part_of, shown)))
     )
-    if label is Contact.FREE or len(within) == len(state.map.sightings):
+    is_anything_known = state.known_map.lists_elements or len(within) < len(state.map.sightings)
+    if label is Contact.FREE or not is_anything_known:
         return None
     frame = Frame.around(state.origins, window.zeta[:, T].mean(axis=0))
     model, kinds = _KINDS[label.column]
@@ -476,11 +476,10 @@ def share_among_indistinguishable(state: FilterState, belief: Belief) -> Belief:
     onset = state.onset_of(label)
     rivals = ambiguity.competing_evidence(state.banks, label, onset, state.ticks - 1)
     freedom = ambiguity.freedom_of(label, state.window, onset)
-    touching: Array | float = 0.0
-    if label is not Contact.FREE and state.known_map.lists_elements:
-        bank = state.banks[label.column].single(int(state.best[label.column, 0]))
-        touching = touching_evidence(CONTACT_MODELS[label.column], bank, state.window, state.scales)
-    alternatives = ambiguity.indistinguishable(label, rivals, freedom, touching)
+    alternatives = ambiguity.indistinguishable(label, rivals, freedom)
+    before = state.belief
+    if freedom.is_unknown and before is not None and before.contact is label:
+        alternatives = tuple(rival for rival in STATES if rival in (*alternatives, *before.inseparable))
     p_restricted = ambiguity.p_restricted(freedom.underused, state.model.tick_s * freedom.moved_ticks)
     if label is Contact.FREE and state.curved.probability > 0.5:
         alternatives, p_restricted = CONTACTS, max(p_restricted, state.curved.probability)
@@ -527,19 +526,12 @@ def open_beside(state: FilterState, belief: Belief) -> Belief:
     return replace(belief, inseparable=inseparable, p_restricted=p_restricted)
 
 
-def _has_moved(window: Window) -> bool:
-    return float(window.motion_ratio.sum()) >= ambiguity.LEAST_MOTION_TICKS
-
-
 def with_rest(state: FilterState, belief: Belief, is_in_rest: bool) -> tuple[FilterState, Belief]:
     """The state and the belief to report after a tick: a rest does not distinguish the label from
     other states, and beside indistinguishable states the label is not certain."""
     if is_in_rest:
-        before, by_motion = state.belief, belief.inseparable
-        if before is not None and before.contact is belief.contact and not _has_moved(state.window):
-            by_motion = before.inseparable  # the ticks of a long rest distinguish nothing
-        open_at_rest = ambiguity.others_at_rest(belief.contact, state.known_map, by_motion)
-        belief = replace(belief, inseparable=open_at_rest or by_motion)
+        open_at_rest = ambiguity.others_at_rest(belief.contact, state.known_map, belief.inseparable)
+        belief = replace(belief, inseparable=open_at_rest or belief.inseparable)
     if belief.inseparable or belief.is_open:
         args = belief.inseparable, state.known_map, belief.p_restricted, belief.is_open
         probability = ambiguity.reported(label_posterior(state), belief.contact, *args)

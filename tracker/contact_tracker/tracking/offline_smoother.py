@@ -451,7 +451,7 @@ class Segmenter:
         if self._record is not None:
             for (segment, fit), (parts, _) in zip(fitted, results, strict=True):
                 self._record.note_segment(segment, fit, parts)
-            results = [self._on_map(*each, result) for each, result in zip(fitted, results, strict=True)]
+        results = [self._on_map(*each, result) for each, result in zip(fitted, results, strict=True)]
         online, self._online = [*self._filtered, Beliefs.of(self._online)], []
         self._filtered.clear()
         outliers, self._outliers = self._state.outliers.since(self._outliers), self._state.outliers
@@ -462,10 +462,10 @@ class Segmenter:
     def _on_map(
         self, segment: FinishedSegment, fit: SegmentFit, result: tuple[tuple[Segment, ...], Beliefs]
     ) -> tuple[tuple[Segment, ...], Beliefs]:
-        """The ``result`` of a segment with what the elements that other segments have shown tell of it."""
-        assert self._record is not None
-        state, ticks, shown = self._state, segment.ticks, self._record.sightings
-        first = int(ticks.window.index[0])
+        """The ``result`` of a segment with what the elements that are listed, or that other segments have
+        shown, tell of it."""
+        shown = () if self._record is None else self._record.sightings
+        state, ticks, first = self._state, segment.ticks, int(segment.ticks.window.index[0])
         pairs = pairs_touched_elsewhere(state, fit.contact, ticks.window, first, shown)
         on_map = fit if pairs is None else fit_on_map(ticks, fit, pairs)
         return result if on_map is fit else segment.with_fit(on_map)

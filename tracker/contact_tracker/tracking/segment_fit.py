@@ -33,7 +33,6 @@ from contact_tracker.hypotheses.births import (
     map_evidence,
     propose_births,
     propose_measured,
-    touching_evidence,
 )
 from contact_tracker.hypotheses.evidence import DECISIVE
 from contact_tracker.hypotheses.observability import FittedContact, element_estimate, fitted_contact
@@ -143,14 +142,7 @@ def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
         np.array([*(f.log_likelihood.max(initial=-np.inf) for f in fits), 0.0]),
         np.array([*(f.rms.min(initial=np.inf) for f in fits), 1.0]),
     )
-    touching = (
-        0.0
-        if label is Contact.FREE
-        else touching_evidence(CONTACT_MODELS[label.column], fits[label.column], window, scales_of(model))
-    )
-    inseparable = tuple(
-        filter(known_map.allows, ambiguity.indistinguishable(label, rivals, freedom, touching))
-    )
+    inseparable = tuple(filter(known_map.allows, ambiguity.indistinguishable(label, rivals, freedom)))
     p_restricted, share = ambiguity.p_restricted(freedom.underused, moved_s), None
     curved, none_fits = np.zeros(1), False
     if label is Contact.FREE:
@@ -184,13 +176,12 @@ def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
 
 def fit_on_map(segment: SegmentTicks, fit: SegmentFit, pairs: BirthProposals) -> SegmentFit:
     """The fit without those indistinguishable states against which the poses are evidence, since they are on
-    one of these ``pairs`` of elements, which other contacts of the recording have touched; its elements are
-    then the pair's.
+    one of these ``pairs`` of elements, which are listed or which other contacts of the recording have
+    touched; its elements are then the pair's.
 
-    Unchanged if the motion itself shows the contact, if wrenches have decided it, or if the motion keeps more
-    constraints than the contact has.
+    Unchanged if the motion itself shows the contact, or if wrenches have decided it.
     """
-    if not fit.inseparable or fit.geometry is None or fit.share is not None or fit.leaves_constraints_unnamed:
+    if not fit.inseparable or fit.geometry is None or fit.share is not None:
         return fit
     model, contact, scales = segment.model, CONTACT_MODELS[fit.contact.column], scales_of(segment.model)
     error = model.noise.extra_contact_variance[fit.contact.column]
