@@ -32,7 +32,7 @@ from contact_tracker.recording import (
 from contact_tracker.recording.bytestream import TooMuchWork, WorkBudget
 from contact_tracker.recording.mcap_file import MAGIC
 from contact_tracker.states import Contact
-from mcap_logs import START_NS, Topic, poses_topic, smooth_poses, write_log
+from mcap_logs import START_NS, Topic, poses_topic, records_in, smooth_poses, write_log
 from traced_memory import memory_below
 
 SMALL = {"chunk_size": 700, "compression": CompressionType.ZSTD}
@@ -59,15 +59,9 @@ def one_line(error: Exception) -> str:
 
 
 def chunk_offsets(path: Path) -> list[tuple[int, int]]:
-    """Offset and length of the chunk records of a file, found by reading its records."""
-    data = path.read_bytes()
-    offset, chunks = 8, []
-    while offset < len(data) - 8:
-        opcode, length = struct.unpack_from("<BQ", data, offset)
-        if opcode == Opcode.CHUNK:
-            chunks.append((offset, 9 + length))
-        offset += 9 + length
-    return chunks
+    """Offset and length of the chunk records of a file."""
+    records = records_in(path.read_bytes())
+    return [(begin, end - begin) for opcode, begin, end in records if opcode == Opcode.CHUNK]
 
 
 # --- cut off ---------------------------------------------------------------------------------------------

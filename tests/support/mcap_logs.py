@@ -1,13 +1,17 @@
 """MCAP files for tests, written with the reference libraries: any type, any chunking, any topic."""
 
-from collections.abc import Iterable, Sequence
+import struct
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mcap.data_stream import RecordBuilder
+from mcap.opcode import Opcode
 from mcap.reader import make_reader
+from mcap.records import McapRecord
 from mcap.writer import Writer
 from mcap_ros2.writer import Writer as RosWriter
 from scipy.spatial.transform import Rotation
@@ -145,6 +149,23 @@ def smooth_poses(count: int = 60, rate_hz: float = 200.0, seed: int = 0, start_n
     quat = Rotation.from_rotvec(0.8 * np.sin(t[:, None] + phase[0])).as_quat(canonical=True)
     stamps = start_ns + np.round(t * 1e9).astype(np.int64)
     return Poses(stamps, 0.3 * np.cos(1.3 * t[:, None] + phase[1]), quat)
+
+
+def as_bytes(*records: McapRecord) -> bytes:
+    """Records as in a file."""
+    builder = RecordBuilder()
+    for record in records:
+        record.write(builder)  # type: ignore[attr-defined]
+    return builder.end()
+
+
+def records_in(content: bytes) -> Iterator[tuple[int, int, int]]:
+    """Opcode, begin and end of each record of an MCAP file, up to the end of its data."""
+    at = 8
+    while at < len(content) and content[at] != Opcode.DATA_END:
+        opcode, length = struct.unpack_from("<BQ", content, at)
+        yield opcode, at, at + 9 + length
+        at += 9 + length
 
 
 def _encode(topic: Topic) -> list[bytes]:
