@@ -16,7 +16,6 @@ from pyarrow import feather
 from scipy.io import savemat
 from test_table_readings import MATRICES, NAMES, POSE, REAL_FIRST, WHOLE, P, Q, T, assert_read, proposed
 
-import contact_tracker
 from contact_tracker.cli.main import run
 from contact_tracker.config.table_reading import reading_of
 from contact_tracker.errors import ChoiceError, ContactTrackerError, UnreadableRecording
@@ -234,10 +233,3 @@ def test_damaged_files_give_poses_or_one_line(tmp_path: Path, name: str) -> None
         path.write_bytes(damaged)
         with suppress(ContactTrackerError):
             Poses.collect(open_log(str(path)))
-
-
-def test_python_takes_the_same(tmp_path: Path) -> None:
-    savemat(tmp_path / "a.mat", {"body": {"time": T, "pose": BY_TIME_LAST}})
-    columns = {"time": "body.time", "matrix": "body.pose"}
-    result = contact_tracker.read(tmp_path / "a.mat", matrix="rows", columns=columns)
-    np.testing.assert_allclose(result.position_m, P, atol=1e-12)

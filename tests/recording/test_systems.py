@@ -7,13 +7,10 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-import pyarrow
 import pytest
-from pyarrow import parquet
 from test_field_exports import EXPORTS
 from test_table_readings import (
     MATRICES,
-    POSE,
     PROPOSALS,
     REAL_FIRST,
     WHOLE,
@@ -34,11 +31,6 @@ def as_proposed(name: str, path: Path) -> Path:
     return write(path, [names], lines)
 
 
-def lerobot(path: Path) -> None:
-    state = pyarrow.array(POSE.tolist(), pyarrow.list_(pyarrow.float64(), 7))
-    parquet.write_table(pyarrow.table({"observation.state": state, "timestamp": T}), path)
-
-
 SYSTEMS: dict[str, Callable[[Path], object]] = {
     **{name: partial(as_proposed, name) for name in ("UR", "FANUC", "KUKA", "ABB")},
     "Franka": partial(as_proposed, "libfranka"),
@@ -52,7 +44,7 @@ SYSTEMS: dict[str, Callable[[Path], object]] = {
     "BOP": EXPORTS["bop.json"],
     "MuJoCo": lambda path: np.savez(path, time=T, qpos=np.c_[P, REAL_FIRST]),
     "Isaac Lab": lambda path: np.savez(path, time=T, pos=P, quat=REAL_FIRST),
-    "LeRobot": lerobot,
+    "LeRobot": EXPORTS["lists of seven.parquet"],
 }
 
 

@@ -2,6 +2,7 @@
 
 import json
 import pickle
+import re
 import shlex
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
@@ -15,7 +16,7 @@ import numpy as np
 import pandas
 import pyarrow
 import pytest
-from pyarrow import parquet
+import zstandard
 from scipy.spatial.transform import Rotation
 
 import contact_tracker
@@ -74,12 +75,16 @@ def assert_read(path: Path, *options: str, frame: str | None = None) -> None:
     assert log.damage is None
 
 
+def commands(path: Path, *words: str) -> list[str]:
+    """The commands that the refusal of a file proposes; ``words`` are those of the user."""
+    with pytest.raises(UnreadableRecording) as raised:
+        open_log(str(path), table=build_parser().parse_args(["segment", str(path), *words]).table)
+    return re.findall(r"contact-tracker (segment .*?)(?= or\b|, with|\. Orders|$)", str(raised.value))
+
+
 def proposed(path: Path) -> list[str]:
     """The options of the first command that a refusal names."""
-    with pytest.raises(UnreadableRecording) as raised:
-        open_log(str(path))
-    command = str(raised.value).partition("contact-tracker ")[2].partition(" or")[0]
-    words = shlex.split(command.split(", with the rate")[0].split(". Orders")[0])
+    words = shlex.split(commands(path)[0])
     assert words[:2] == ["segment", str(path)]
     return words[2:]
 
@@ -120,6 +125,12 @@ def timed(date: str, path: Path) -> Path:
     return write(path, [f"time;{names(';')}"], rows(dates, POSE), ";")
 
 
+def with_decimal_commas(separator: str, path: Path) -> Path:
+    head, quote = [] if separator == " " else [["t", *NAMES.split(",")]], '"' * ('"' in separator)
+    lines = (separator.join(row).replace(".", ",") for row in [*head, *rows(T, POSE)])
+    return write(path, [f"{quote}{line}{quote}" for line in lines], [])
+
+
 def commented(mark: str, path: Path) -> Path:
     return write(path, [f"{mark} about", f"{mark} t {names(' ')}"], rows(T, POSE), " ")
 
@@ -155,11 +166,41 @@ PREAMBLE = ["Project: demo", "Sample rate (Hz),200", ""]
 QUOTED = ([repr(t), '"' + entry(p, q).replace('"', '""') + '"'] for t, p, q in ENTRIES)
 FRAMES = ['{"fps": 1,', '"frames": [', *(stamped(*one) + "," for one in ENTRIES[:-1])]
 DATES = (
+    *("2026-03-01T10:00:0{}.{}", "2026-03-01 10:00:0{}.{}", "2026-03-01T10:00:0{}.{}Z"),
+    *("2026-03-01T10:00:0{}.{}+00:00", "2026-03-01 10:00:0{}.{} +0000"),
     *("2026-03-01 9:00:0{}.{}", "09:00:0{}.{}", "2026/03/01 09:00:0{}.{}", "20260301T09000{}.{}"),
     *("1.3.2026 09:00:0{}.{}", "03/01/2026 09:00:0{}.{} PM", "03/31/2026, 9:00:0{}.{} am"),
 )
+SPELLINGS = (
+    *(f"t,{NAMES}", "time [s],px,py,pz,qx,qy,qz,qw", "timestamp,tx,ty,tz,q_x,q_y,q_z,q_w"),
+    "#timestamp [s],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],q_RS_x [],q_RS_y [],q_RS_z [],q_RS_w []",
+    f"Time,{xyz('position.')},{xyz('orientation.')},orientation.w",
+    f"header.stamp,{xyz('pose.position.')},{xyz('pose.orientation.')},pose.orientation.w",
+    "stamp,pos_x,pos_y,pos_z,quat_x,quat_y,quat_z,quat_w",
+)
 VALUES = ("{}={}", "{}: {}", "{} = {};", "{}:{},", "INFO pose: .. {}={}", "of: {}={}", "- { .. {}: {},")
+MILLIONTHS = [str(n // 1000) for n in SINCE_NS]
+TYPED = "TIME,POSx,POSy,POSz,QUATx,QUATy,QUATz,QUATw"
 SHARES: dict[str, Writer] = {
+    "seconds and microseconds": partial(
+        write, head=[f"sec,usec,{NAMES}"], lines=rows(["1700000000"] * 120, MILLIONTHS, POSE)
+    ),
+    "durations of pandas": partial(
+        write, head=[f"time,{NAMES}"], lines=rows([f"1 days 00:00:{t:09.6f}" for t in T.tolist()], POSE)
+    ),
+    "marks of thousands": partial(
+        write, head=[f"t_ms,{NAMES}"], lines=rows([f'"{1e3 * (t + 90):,.6f}"' for t in T.tolist()], POSE)
+    ),
+    "capitals before an axis": partial(write, head=[TYPED], lines=rows(T, POSE)),
+    **{
+        f"a long preamble, {line}": partial(write, head=[*[line] * 200, f"t,{NAMES}"], lines=rows(T, POSE))
+        for line in ("# a comment", "Channel 3,on")
+    },
+    **{names: partial(write, head=[names], lines=rows(T, POSE)) for names in SPELLINGS},
+    "units in the names": partial(
+        write, head=["t_ns,x [mm],y [mm],z [mm],qw,qx,qy,qz"], lines=rows(SINCE_NS, P_MM, REAL_FIRST)
+    ),
+    **{f"decimal commas, {mark!r}": partial(with_decimal_commas, mark) for mark in (";", "\t", " ", '","')},
     "camel case": partial(write, head=[f"Timestamp,{CAMEL}"], lines=rows(T, POSE)),
     "PlotJuggler": partial(write, head=[",".join(["__time", *PLOTTED])], lines=rows(T, POSE)),
     "two columns of a time": partial(write, head=[f"secs,nsecs,{NAMES}"], lines=rows(SECONDS, REST, POSE)),
@@ -193,6 +234,15 @@ SHARES: dict[str, Writer] = {
 @pytest.mark.parametrize("share", SHARES)
 def test_text_exports_whose_names_say_what_they_are(tmp_path: Path, share: str) -> None:
     assert_read(SHARES[share](tmp_path / "a.csv"))
+
+
+@pytest.mark.parametrize(
+    ("encoding", "end"), [("utf-16", "\r\n"), ("utf-8-sig", "\n"), ("latin-1", "\n"), ("utf-8", "\r")]
+)
+def test_text_in_other_encodings_and_with_other_line_ends(tmp_path: Path, encoding: str, end: str) -> None:
+    path = write(tmp_path / "a.csv", [f"t,{NAMES},Temperatur [\u00b0C]"], rows(T, POSE))
+    path.write_bytes(path.read_text().replace("\n", end).encode(encoding))
+    assert_read(path)
 
 
 def test_json_lines(tmp_path: Path) -> None:
@@ -455,31 +505,6 @@ def test_numbers_of_frames_need_a_rate(tmp_path: Path, capsys: pytest.CaptureFix
     assert f"read them by contact-tracker info {path} --time-unit 100Hz" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("kind", ["list of seven", "two lists", "lists of any length"])
-def test_lists_in_parquet_are_numbered_columns(tmp_path: Path, kind: str) -> None:
-    table: dict[str, object] = {"timestamp": T}
-    if kind == "list of seven":
-        table["observation.state"] = pyarrow.array(POSE.tolist(), pyarrow.list_(pyarrow.float64(), 7))
-    elif kind == "two lists":
-        table |= {"position": pyarrow.array(P.tolist()), "orientation": pyarrow.array(Q.tolist())}
-    else:
-        table["a"] = pyarrow.array(POSE.tolist())
-    parquet.write_table(pyarrow.table(table), tmp_path / "a.parquet")
-    assert_read(tmp_path / "a.parquet", *proposed(tmp_path / "a.parquet"))
-
-
-@pytest.mark.parametrize("kind", ["npy", "npz", "matrices.npz"])
-def test_arrays_of_numpy(tmp_path: Path, kind: str) -> None:
-    path = tmp_path / f"a.{kind}"
-    if kind == "npy":
-        np.save(path, np.asfortranarray(np.column_stack([T, POSE])))
-    elif kind == "npz":
-        np.savez_compressed(path, t=T, p=P, q=Q, about="a test", other=np.zeros(3))
-    else:
-        np.savez(path, t=T, poses=WHOLE)
-    assert_read(path, *proposed(path))
-
-
 @pytest.mark.parametrize(
     ("name", "make", "message"),
     [
@@ -509,6 +534,23 @@ def test_arrays_of_numpy(tmp_path: Path, kind: str) -> None:
         ("a.trc", lambda path: path.write_text("PathFileType\t4\n"), "it is TRC, which has markers"),
         ("a.txt", lambda path: np.savetxt(path, np.eye(4)), r"numpy\.loadtxt"),
         ("a.json", lambda path: path.write_text('[{"t":\n'), "it begins like JSON, but is none"),
+        ("a.xlsx", lambda path: path.write_bytes(b"PK\3\4"), "workbook of Excel: save .* or .*read_excel"),
+        ("a.xls", lambda path: path.write_bytes(b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"), "workbook of Excel"),
+        (
+            "a.mp4",
+            lambda path: path.write_bytes(bytes(100)),
+            "not an MCAP file. What is read: MCAP files, ROS",
+        ),
+        ("a.mcap", lambda path: path.write_bytes(b"<html><body>404"), "if it is a table, name it .csv"),
+        (
+            "a.csv.zst",
+            lambda path: path.write_bytes(zstandard.compress(b"t,x,y,z,qx,qy,qz,qw\n")),
+            "if it is a table, decompress it: zstd -d",
+        ),
+        *(
+            ("a.json", partial(Path.write_text, data=text), r"without entries in a list.* as by jq \.data")
+            for text in ('{"meta": {"a": 1}, "data": {"t": [1, 2]}}', "{}")
+        ),
         (
             "a.csv.gz",
             lambda path: path.write_bytes(b"\x1f\x8b\0"),
