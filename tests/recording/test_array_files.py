@@ -14,13 +14,13 @@ import pyarrow
 import pytest
 from pyarrow import feather
 from scipy.io import savemat
-from test_table_readings import MATRICES, NAMES, POSE, REAL_FIRST, WHOLE, P, Q, T, assert_read, proposed
 
 from contact_tracker.cli.main import run
 from contact_tracker.config.table_reading import reading_of
 from contact_tracker.errors import ChoiceError, ContactTrackerError, UnreadableRecording
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log
+from pose_tables import MATRICES, NAMES, POSE, REAL_FIRST, WHOLE, P, Q, T, assert_read, proposed
 
 Arrays = dict[str, Any]
 ALL_NAMES = ["t", *NAMES.split(",")]

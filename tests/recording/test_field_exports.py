@@ -16,9 +16,15 @@ import pandas
 import pyarrow
 import pytest
 from pyarrow import feather, parquet
-from test_table_readings import (
+
+from contact_tracker.cli.main import run
+from contact_tracker.errors import AmbiguousSource, UnreadableRecording
+from contact_tracker.motion.poses import Poses
+from contact_tracker.recording import open_log
+from pose_tables import (
     MATRICES,
     NAMES,
+    P_MM,
     POSE,
     SINCE_NS,
     TURN,
@@ -32,12 +38,6 @@ from test_table_readings import (
     write,
 )
 
-from contact_tracker.cli.main import run
-from contact_tracker.errors import AmbiguousSource, UnreadableRecording
-from contact_tracker.motion.poses import Poses
-from contact_tracker.recording import open_log
-
-P_MM = 1e3 * P
 NUMBERS = [str(i) for i in range(len(T))]
 
 

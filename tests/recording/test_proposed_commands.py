@@ -12,7 +12,6 @@ import pyarrow
 import pytest
 from pyarrow import parquet
 from scipy.spatial.transform import Rotation
-from test_table_readings import commands
 
 from contact_tracker import ContactTrackerWarning, Trajectory, read
 from contact_tracker.cli.main import build_parser, run
@@ -21,6 +20,7 @@ from contact_tracker.errors import UnreadableRecording, UsageError
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log
 from contact_tracker.recording.table_proposals import layout_of_names
+from pose_tables import commands
 
 
 def refusal(path: Path, columns: str, values: str, *words: str) -> str:

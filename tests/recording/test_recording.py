@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -282,50 +283,33 @@ def test_zero_stamps_among_others_follow_from_log_time(
     assert counts == ({"log_time_as_stamp": len(zeros)} if len(zeros) else {})
 
 
-@given(st.lists(st.tuples(st.integers(0, 40), st.integers(0, 12)), min_size=1, max_size=80))
-@settings(max_examples=40)
-def test_the_summary_counts_what_reading_counts(tmp_path_factory: Any, rows: list[tuple[int, int]]) -> None:
-    """For any stamps: zero, coarse, leading, late, after a gap."""
-    moving = smooth_poses(len(rows), 20.0)
-    odd = (lambda ns: 0, lambda ns: ns + 10**10, lambda ns: ns - 10**9, lambda ns: ns // 10**9 * 10**9)
-    stamps = [
-        (odd[kind] if kind < 4 else int)(ns) for (_, kind), ns in zip(rows, moving.stamp_ns, strict=True)
-    ]
-    is_lost = np.array([place < 4 for place, _ in rows])[:, None]
-    poses = replace(moving, position_m=np.where(is_lost, 0.0, moving.position_m))
-    read_alike(stamped(tmp_path_factory.mktemp("log") / "a.mcap", stamps, poses))
+@given(kinds=st.lists(st.integers(0, 24), min_size=1, max_size=80), batch=st.sampled_from([1, 3, 16, 500]))
+@settings(max_examples=60)
+def test_poses_in_columns_and_in_the_summary_are_those_one_by_one(
+    tmp_path_factory: Any, kinds: list[int], batch: int
+) -> None:
+    """For any stamps: zero, leading, late, coarse, of a reset clock; and lost, infinite and held poses."""
+    odd = (
+        *(lambda ns: 0, lambda ns: ns + 10**10, lambda ns: ns - 10**9, lambda ns: ns // 10**9 * 10**9),
+        lambda ns: ns - 10**11,
+    )
+    lost = {5: 0.0, 6: np.nan}
+    poses = smooth_poses(len(kinds), 20.0)
+    stamps = [(odd[kind] if kind < 5 else int)(ns) for kind, ns in zip(kinds, poses.stamp_ns, strict=True)]
+    position, quat = poses.position_m.copy(), poses.quat_xyzw.copy()
+    for i, kind in enumerate(kinds):
+        position[i] = lost.get(kind, position[i])
+        quat[i] *= -1.0 if kind == 7 else 1.0
+        if kind == 8 and i:
+            position[i], quat[i] = position[i - 1], quat[i - 1]
+    path = stamped(tmp_path_factory.mktemp("log") / "a.mcap", stamps, Poses(poses.stamp_ns, position, quat))
+    with patch("contact_tracker.recording.log.BATCH", batch):
+        read_alike(path)
 
 
 def in_columns(path: str, **options: Any) -> tuple[Poses, PoseLog]:
     log = open_log(path, **options)
     return Poses.join([Poses.collect(()), *log.batches()]), log
-
-
-@pytest.mark.parametrize("batch", [1, 3, 16, 500])
-@pytest.mark.parametrize("mixed", [False, True])
-def test_columns_equal_poses(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, batch: int, mixed: bool
-) -> None:
-    """With faults in the messages of either source."""
-    poses = smooth_poses(300)
-    sign = np.where(np.arange(300) % 50 > 40, -1.0, 1.0)[:, None]
-    rows = list(Poses(poses.stamp_ns, poses.position_m, sign * poses.quat_xyzw))
-    rows[20:23] = [rows[20]._replace(stamp_ns=row.stamp_ns) for row in rows[20:23]]  # held
-    rows[100] = rows[100]._replace(position_m=(float("nan"), 0.0, 0.0))
-    rows[120] = rows[120]._replace(stamp_ns=rows[119].stamp_ns)
-    rows[200:] = [row._replace(stamp_ns=row.stamp_ns - 10**9) for row in rows[200:]]  # reset of the clock
-    kind, start = "geometry_msgs/msg/PoseStamped", START_NS
-    in_map = [(start + i, pose_stamped(*p, frame="map")) for i, p in enumerate(rows)]
-    in_odom = [(start + 60 + i, pose_stamped(*p, frame="odom")) for i, p in enumerate(poses[:5])]
-    path = str(write_log(tmp_path / "a.mcap", [Topic("/p", kind, in_map + mixed * in_odom)]))
-    monkeypatch.setattr("contact_tracker.recording.log.BATCH", batch)
-    log = open_log(path, frame="map")
-    expected = Poses.collect(log)
-    result, in_batches = in_columns(path, frame="map")
-    assert len(expected) > 250
-    assert list(result) == list(expected)
-    assert in_batches.counts == log.counts
-    assert log.counts["clock_reset"] == 1
 
 
 # --- several sources -------------------------------------------------------------------------------------

@@ -9,18 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from test_field_exports import EXPORTS
-from test_table_readings import (
-    MATRICES,
-    PROPOSALS,
-    REAL_FIRST,
-    WHOLE,
-    P,
-    T,
-    assert_read,
-    numbered,
-    rows,
-    write,
-)
+from test_table_readings import PROPOSALS
+
+from pose_tables import MATRICES, REAL_FIRST, WHOLE, P, T, assert_read, numbered, rows, write
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "systems.md"
 

@@ -2,13 +2,10 @@
 
 import json
 import pickle
-import re
-import shlex
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial
 from io import BytesIO
-from itertools import product
 from pathlib import Path
 from random import Random
 
@@ -17,7 +14,6 @@ import pandas
 import pyarrow
 import pytest
 import zstandard
-from scipy.spatial.transform import Rotation
 
 import contact_tracker
 from contact_tracker import Trajectory, read
@@ -33,78 +29,31 @@ from contact_tracker.errors import (
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log
 from contact_tracker.recording.table_layouts import TableLayout, quaternions
-from mcap_logs import smooth_poses
-
-POSES = smooth_poses(120)
-SINCE_NS = POSES.stamp_ns - POSES.stamp_ns[0]
-T, P, Q = SINCE_NS / 1e9, POSES.position_m, POSES.quat_xyzw
-TURN = Rotation.from_quat(Q)
-VECTORS, MATRICES = TURN.as_rotvec(), TURN.as_matrix()
-ANGLES = np.linalg.norm(VECTORS, axis=1)
-POSE = np.column_stack([P, Q])
-NAMES = "x,y,z,qx,qy,qz,qw"
-WHOLE = np.tile(np.eye(4), (len(T), 1, 1))
-WHOLE[:, :3, :3], WHOLE[:, :3, 3] = MATRICES, P
-
-
-def rows(*columns: np.ndarray | Sequence[str]) -> list[list[str]]:
-    """The cells of columns, of text or of numbers (N,) or (N, k)."""
-    cells = [
-        [[repr(value) for value in row] for row in np.reshape(column, (len(column), -1)).tolist()]
-        if isinstance(column, np.ndarray)
-        else [[text] for text in column]
-        for column in columns
-    ]
-    return [[cell for part in parts for cell in part] for parts in zip(*cells, strict=True)]
-
-
-def write(path: Path, head: Sequence[str], lines: Iterable[Sequence[str]], separator: str = ",") -> Path:
-    path.write_text("\n".join([*head, *(separator.join(line) for line in lines), ""]))
-    return path
-
-
-def assert_read(path: Path, *options: str, frame: str | None = None) -> None:
-    """The file is read as the poses; stamps from the first on."""
-    table = build_parser().parse_args(["segment", str(path), *options]).table
-    log = open_log(str(path), frame=frame, table=table)
-    result = Poses.collect(log)
-    np.testing.assert_allclose(result.stamp_ns - result.stamp_ns[0], SINCE_NS, rtol=0, atol=600)
-    np.testing.assert_allclose(result.position_m, P, rtol=0, atol=1e-9)
-    turned = np.abs(np.sum(result.quat_xyzw * Q, axis=1))
-    np.testing.assert_allclose(turned, 1.0, rtol=0, atol=1e-9)
-    assert log.damage is None
-
-
-def commands(path: Path, *words: str) -> list[str]:
-    """The commands that the refusal of a file proposes; ``words`` are those of the user."""
-    with pytest.raises(UnreadableRecording) as raised:
-        open_log(str(path), table=build_parser().parse_args(["segment", str(path), *words]).table)
-    return re.findall(r"contact-tracker (segment .*?)(?= or\b|, with|\. Orders|$)", str(raised.value))
-
-
-def proposed(path: Path) -> list[str]:
-    """The options of the first command that a refusal names."""
-    words = shlex.split(commands(path)[0])
-    assert words[:2] == ["segment", str(path)]
-    return words[2:]
-
-
-def names(separator: str) -> str:
-    """``NAMES`` by another separator."""
-    return NAMES.replace(",", separator)
-
-
-def xyz(name: str) -> str:
-    return ",".join(f"{name}{axis}" for axis in "xyz")
-
-
-def numbered(form: str, *counts: int) -> str:
-    """Names of columns with one number, or with two."""
-    return ",".join(form.format(*numbers) for numbers in product(*map(range, counts)))
-
+from pose_tables import (
+    ANGLES,
+    DEGREES,
+    MATRICES,
+    NAMES,
+    P_MM,
+    POSE,
+    REAL_FIRST,
+    SINCE_NS,
+    TURN,
+    VECTORS,
+    WHOLE,
+    P,
+    Q,
+    T,
+    assert_read,
+    names,
+    numbered,
+    proposed,
+    rows,
+    write,
+    xyz,
+)
 
 Writer = Callable[[Path], Path]
-REAL_FIRST, P_MM, DEGREES = np.roll(Q, 1, axis=1), 1e3 * P, TURN.as_euler("xyz", degrees=True)
 OF_MATRICES = ",".join(f"r{i}{j}" for i in "123" for j in "123")
 SECONDS, REST = [str(1_700_000_000 + n // 10**9) for n in SINCE_NS], [str(n % 10**9) for n in SINCE_NS]
 ENTRIES = list(zip(T.tolist(), P.tolist(), Q.tolist(), strict=True))
