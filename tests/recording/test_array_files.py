@@ -4,9 +4,7 @@ import shlex
 import struct
 import sys
 from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
-from random import Random
 from typing import Any
 
 import numpy as np
@@ -17,7 +15,7 @@ from scipy.io import savemat
 
 from contact_tracker.cli.main import run
 from contact_tracker.config.table_reading import reading_of
-from contact_tracker.errors import ChoiceError, ContactTrackerError, UnreadableRecording
+from contact_tracker.errors import ChoiceError, UnreadableRecording
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log
 from pose_tables import MATRICES, NAMES, POSE, REAL_FIRST, WHOLE, P, Q, T, assert_read, proposed
@@ -214,22 +212,3 @@ def test_hostile_files_are_refused(tmp_path: Path, name: str) -> None:
     make(tmp_path / name)
     with pytest.raises(UnreadableRecording, match=message):
         open_log(str(tmp_path / name))
-
-
-@pytest.mark.parametrize("name", ["v7.mat", "v6.mat", "v4.mat", "a.feather"])
-def test_damaged_files_give_poses_or_one_line(tmp_path: Path, name: str) -> None:
-    path, random = tmp_path / name, Random(0)
-    table = dict(zip(ALL_NAMES, np.c_[T, POSE][:20].T, strict=True))
-    if name == "a.feather":
-        feather.write_feather(pyarrow.table(table | {"l": [[1.0]] * 20}), str(path), compression="lz4")
-    else:
-        WRITERS[name](path, table)
-    content = path.read_bytes()
-    assert len(Poses.collect(open_log(str(path)))) == 20
-    for _ in range(25):
-        damaged = bytearray(content[: random.choice((len(content), random.randrange(len(content))))])
-        for at in random.sample(range(len(damaged)), min(3, len(damaged))):
-            damaged[at] = random.randrange(256)
-        path.write_bytes(damaged)
-        with suppress(ContactTrackerError):
-            Poses.collect(open_log(str(path)))

@@ -3,11 +3,9 @@
 import json
 import pickle
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from functools import partial
 from io import BytesIO
 from pathlib import Path
-from random import Random
 
 import numpy as np
 import pandas
@@ -22,7 +20,6 @@ from contact_tracker.config.table_reading import reading_of
 from contact_tracker.errors import (
     AmbiguousSource,
     ChoiceError,
-    ContactTrackerError,
     UnreadableRecording,
     UsageError,
 )
@@ -520,24 +517,16 @@ C3D = Path(__file__).parent / "two_bodies.c3d"
 
 
 def test_bodies_of_c3d(tmp_path: Path) -> None:
-    """Damaged files are refused, or their readable part is used."""
+    """Of a file that is cut off, the readable part is used."""
     result = read(C3D, child="cup")
     np.testing.assert_array_equal(result.stamp_ns, SINCE_NS[:20])
     np.testing.assert_allclose(result.position_m, P[:20], rtol=0, atol=1e-7)
     np.testing.assert_allclose(np.abs(np.sum(result.quat_xyzw * Q[:20], axis=1)), 1.0, rtol=0, atol=1e-9)
     assert run(["info", str(C3D), "--euler", "xyz:deg"]) == 2
-    path, content, random = tmp_path / "a.c3d", C3D.read_bytes(), Random(0)
-    path.write_bytes(content[:-1000])
+    (path := tmp_path / "a.c3d").write_bytes(C3D.read_bytes()[:-1000])
     log = open_log(str(path), frame="cup")
     assert len(Poses.collect(log)) == 12
     assert "it ends after 12 of 20 frames" in str(log.damage)
-    for _ in range(40):
-        damaged = bytearray(content)
-        for at in random.sample(range(2560), 3):
-            damaged[at] = random.randrange(256)
-        path.write_bytes(damaged)
-        with suppress(ContactTrackerError):
-            Poses.collect(open_log(str(path), frame="cup"))
 
 
 def npy_of(rows: int) -> bytes:
