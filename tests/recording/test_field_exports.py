@@ -59,20 +59,17 @@ def in_fortran(values: np.ndarray) -> list[list[str]]:
     return [[f"{value:.16E}".replace("E", "D") for value in row] for row in values.tolist()]
 
 
-def with_thousands(marks: str) -> list[list[str]]:
-    """Positions 2 m away, in millimetres with marks of thousands and of decimals."""
-    swap = str.maketrans(",.", marks)
-    return [
-        [repr(t), *(f"{v:,.9f}".translate(swap) for v in p), *map(repr, q)]
-        for t, p, q in zip(T.tolist(), (P_MM + 2e3).tolist(), Q.tolist(), strict=True)
-    ]
-
-
-@pytest.mark.parametrize("marks", [",.", ".,"])
-def test_thousands_separators_are_distinguished_from_decimal_marks(tmp_path: Path, marks: str) -> None:
-    head = "t;x [mm];y [mm];z [mm];qx;qy;qz;qw"
-    poses = Poses.collect(open_log(str(write(tmp_path / "a.csv", [head], with_thousands(marks), ";"))))
-    np.testing.assert_allclose(poses.position_m, P + 2.0, rtol=0, atol=1e-9)
+@pytest.mark.parametrize(
+    ("marks", "offset_m"), [(",.-", 2.0), (".,-", 2.0), ("\u202f.-", -2.0), ("'.\u2212", -2.0)]
+)
+def test_marks_of_thousands_and_other_signs_are_read(tmp_path: Path, marks: str, offset_m: float) -> None:
+    """Of positions 2 m away, in millimetres: of thousands, of decimals and of typesetting."""
+    swap = str.maketrans(",.-", marks)
+    places = [[f"{v:,.9f}".translate(swap) for v in row] for row in (P_MM + 1e3 * offset_m).tolist()]
+    lines = [a + b + c for a, b, c in zip(rows(T), places, rows(Q), strict=True)]
+    path = write(tmp_path / "a.csv", ["t;x [mm];y [mm];z [mm];qx;qy;qz;qw"], lines, ";")
+    poses = Poses.collect(open_log(str(path)))
+    np.testing.assert_allclose(poses.position_m, P + offset_m, rtol=0, atol=1e-9)
 
 
 NDI = "Tools,Frame,Face,State,Rz,Ry,Rx,Tx,Ty,Tz,Error"
@@ -288,13 +285,3 @@ def test_a_dataframe_in_parquet_is_read(tmp_path: Path, body: str) -> None:
     frames = pandas.concat([frame.assign(**{body: value}) for value in bodies])
     frames.sort_index(kind="stable").to_parquet(path := tmp_path / "a.parquet")
     assert_read(path, *proposed(path), frame=str(bodies[0]))
-
-
-@pytest.mark.parametrize("marks", [("\u202f", "-"), ("'", "\u2212")])
-def test_numbers_of_typesetting_are_read(tmp_path: Path, marks: tuple[str, str]) -> None:
-    lines = [[f"{value:,.9f}".replace(",", marks[0]).replace("-", marks[1]) for value in P_MM[i] - 2e3]
-             for i in range(len(T))]  # fmt: skip
-    path = write(tmp_path / "a.csv", [f"t;x [mm];y [mm];z [mm];{NAMES[6:].replace(',', ';')}"],
-                 [a + b + c for a, b, c in zip(rows(T), lines, rows(Q), strict=True)], ";")  # fmt: skip
-    poses = Poses.collect(open_log(str(path)))
-    np.testing.assert_allclose(poses.position_m, P - 2.0, rtol=0, atol=1e-9)

@@ -1,17 +1,14 @@
 """What users say of the columns of a table, what its names say of it, and exports that people have."""
 
 import json
-import pickle
 from collections.abc import Callable, Sequence
 from functools import partial
-from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 import pandas
 import pyarrow
 import pytest
-import zstandard
 
 import contact_tracker
 from contact_tracker import Trajectory, read
@@ -451,67 +448,6 @@ def test_numbers_of_frames_need_a_rate(tmp_path: Path, capsys: pytest.CaptureFix
     assert f"read them by contact-tracker info {path} --time-unit 100Hz" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("name", "make", "message"),
-    [
-        (
-            "a.npz",
-            lambda path: np.savez_compressed(path, t=np.zeros(5_000_000)),
-            "it is too much for its size",
-        ),
-        ("a.npy", lambda path: path.write_bytes(npy_of(10**9)), "an array is longer than its file"),
-        ("a.npz", lambda path: path.write_bytes(b"PK\3\4" * 9), "it cannot be read as arrays of NumPy"),
-        (
-            "a.npy",
-            lambda path: np.save(path, np.array([{}], object)),
-            "it has no array of numbers with a row",
-        ),
-        ("a.pkl", lambda path: path.write_bytes(pickle.dumps({"t": T})), "a pickle, which runs code"),
-        (
-            "a.c3d",
-            lambda path: path.write_bytes(C3D.read_bytes().replace(b"ROTATION", b"ROTATIOX")),
-            r"with markers \(tip\), not .*ezc3d\.c3d\('a\.c3d'\)",
-        ),
-        ("a.c3d", lambda path: path.write_bytes(b"\2P" + bytes(510)), "its parameters cannot be read"),
-        ("a.txt", lambda path: path.write_text("# Image list with two lines\n"), "COLMAP's images.txt"),
-        ("a.out", lambda path: path.write_text("# Bundle file v0.3\n"), "a file of Bundler, which"),
-        ("a.yaml", lambda path: path.write_text("header:\n  stamp:\n"), "ros2 topic echo --csv"),
-        ("a.csv", lambda path: path.write_text(NAMES, "utf-16-be"), "is not text: save it as UTF-8"),
-        ("a.trc", lambda path: path.write_text("PathFileType\t4\n"), "it is TRC, which has markers"),
-        ("a.txt", lambda path: np.savetxt(path, np.eye(4)), r"numpy\.loadtxt"),
-        ("a.json", lambda path: path.write_text('[{"t":\n'), "it begins like JSON, but is none"),
-        ("a.xlsx", lambda path: path.write_bytes(b"PK\3\4"), "workbook of Excel: save .* or .*read_excel"),
-        ("a.xls", lambda path: path.write_bytes(b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"), "workbook of Excel"),
-        (
-            "a.mp4",
-            lambda path: path.write_bytes(bytes(100)),
-            "not an MCAP file. What is read: MCAP files, ROS",
-        ),
-        ("a.mcap", lambda path: path.write_bytes(b"<html><body>404"), "if it is a table, name it .csv"),
-        (
-            "a.csv.zst",
-            lambda path: path.write_bytes(zstandard.compress(b"t,x,y,z,qx,qy,qz,qw\n")),
-            "if it is a table, decompress it: zstd -d",
-        ),
-        *(
-            ("a.json", partial(Path.write_text, data=text), r"without entries in a list.* as by jq \.data")
-            for text in ('{"meta": {"a": 1}, "data": {"t": [1, 2]}}', "{}")
-        ),
-        (
-            "a.csv.gz",
-            lambda path: path.write_bytes(b"\x1f\x8b\0"),
-            "it is compressed: gunzip -c a.csv.gz > a.csv makes",
-        ),
-    ],
-)
-def test_unread_files_are_named(
-    tmp_path: Path, name: str, make: Callable[[Path], object], message: str
-) -> None:
-    make(tmp_path / name)
-    with pytest.raises(UnreadableRecording, match=message):
-        open_log(str(tmp_path / name))
-
-
 C3D = Path(__file__).parent / "two_bodies.c3d"
 """Written by ezc3d 1.7.2: the first 20 poses as a cup, a table that rests, and a marker."""
 
@@ -527,13 +463,6 @@ def test_bodies_of_c3d(tmp_path: Path) -> None:
     log = open_log(str(path), frame="cup")
     assert len(Poses.collect(log)) == 12
     assert "it ends after 12 of 20 frames" in str(log.damage)
-
-
-def npy_of(rows: int) -> bytes:
-    """The beginning of an array that says that it has so many rows."""
-    out = BytesIO()
-    np.save(out, np.zeros((1, 8)))
-    return out.getvalue().replace(b"(1, 8), }" + b" " * 9, f"({rows}, 8), }}".encode().ljust(18))
 
 
 def test_lost_tracking_is_counted(tmp_path: Path) -> None:

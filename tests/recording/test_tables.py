@@ -1,26 +1,37 @@
 """Trajectories in text files and tables, written by other libraries, and exports of motion capture."""
 
 import csv
+import pickle
+import struct
 import time
+from collections.abc import Callable
+from dataclasses import replace
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 import pyarrow
 import pytest
-from pyarrow import parquet
+import zstandard
+from pyarrow import feather, parquet
+from scipy.io import savemat
 
 from contact_tracker import Trajectory
 from contact_tracker.cli.main import run
 from contact_tracker.config.table_reading import reading_of
 from contact_tracker.errors import AmbiguousSource, ChoiceError, UnreadableRecording
 from contact_tracker.motion.poses import Poses
-from contact_tracker.recording import list_sources, open_log, summarise
+from contact_tracker.recording import PoseLog, list_sources, open_log, summarise
 from mcap_logs import smooth_poses
 from motive_export import ABOUT, HEADS, VALUES, write_motive
 
 POSES = smooth_poses(300)
 OTHER = smooth_poses(300, seed=5)
 HIDDEN = slice(100, 110)
+FRAMES_NS = 5_000_000 * np.arange(300)
+CUP, TRAY = replace(POSES, stamp_ns=FRAMES_NS), replace(OTHER, stamp_ns=FRAMES_NS)
+"""As in exports of motion capture, which begin at zero."""
+TWO_BODIES = Path(__file__).with_name("two_bodies.c3d")
 NAMES = ("x", "y", "z", "qx", "qy", "qz", "qw")
 HEADER = ",".join(("t", *NAMES))
 
@@ -45,7 +56,7 @@ def rows_of(poses: Poses) -> list[list[float]]:
     return columns(poses)[:, 1:].tolist()
 
 
-def assert_read(path: Path, expected: Poses = POSES, time_ns: float = 0, **which: str) -> None:
+def assert_read(path: Path | str, expected: Poses = POSES, time_ns: float = 0, **which: str) -> PoseLog:
     for collect in (Poses.collect, lambda log: Poses.join(list(log.batches()))):
         log = open_log(str(path), **which)
         result = collect(log)
@@ -53,6 +64,7 @@ def assert_read(path: Path, expected: Poses = POSES, time_ns: float = 0, **which
         np.testing.assert_allclose(result.position_m, expected.position_m, rtol=0, atol=1e-9)
         np.testing.assert_allclose(result.quat_xyzw, expected.quat_xyzw, rtol=0, atol=1e-8)
         assert log.damage is None
+    return log
 
 
 def exact_seconds(poses: Poses) -> list[str]:
@@ -98,15 +110,8 @@ def test_motive(tmp_path: Path, units: str, version: str) -> None:
     path = str(write_motive(tmp_path / "take.csv", POSES, OTHER, units=units, version=version, hidden=HIDDEN))
     with pytest.raises(AmbiguousSource, match=r"take.csv ->cup \(Motive\); take.csv ->table \(Motive\)"):
         open_log(path)
-    log = open_log(path, frame="cup")
-    result = Poses.collect(log)
-    seen = np.r_[0:100, 110:300]
-    np.testing.assert_allclose(result.position_m, POSES.position_m[seen], rtol=0, atol=1e-12)
-    np.testing.assert_allclose(result.quat_xyzw, POSES.quat_xyzw[seen], rtol=0, atol=1e-12)
-    np.testing.assert_array_equal(result.stamp_ns, seen * 5_000_000)
-    assert log.counts["nonfinite"] == 10
-    table = Poses.collect(open_log(path, frame="table"))
-    np.testing.assert_allclose(table.position_m, OTHER.position_m, rtol=0, atol=1e-12)
+    assert assert_read(path, CUP[np.r_[0:100, 110:300]], frame="cup").counts["nonfinite"] == 10
+    assert_read(path, TRAY, frame="table")
 
 
 def motive(kinds: list[str], names: list[str], values: list[str], axes: str, space: str = "Global") -> str:
@@ -182,52 +187,124 @@ def write_vicon(path: Path, quaternions: bool = True, kind: str = "Segments", ab
 def test_vicon(tmp_path: Path, kind: str, about: str) -> None:
     path = str(write_vicon(tmp_path / "trial.csv", kind=kind, about=about))
     assert [source.child_frame_id for source in list_sources(path)] == ["cup", "me:hand"]
-    for name, poses in (("cup", POSES), ("me:hand", OTHER)):
-        result = Poses.collect(open_log(path, frame=name))
-        np.testing.assert_allclose(result.position_m, poses.position_m, rtol=0, atol=1e-12)
-        np.testing.assert_allclose(result.quat_xyzw, poses.quat_xyzw, rtol=0, atol=1e-12)
-        np.testing.assert_array_equal(result.stamp_ns, np.arange(1, 301) * 5_000_000)
+    for name, poses in (("cup", CUP), ("me:hand", TRAY)):
+        assert_read(path, replace(poses, stamp_ns=FRAMES_NS + 5_000_000), frame=name)
     assert [source.poses for source in summarise(path).sources] == [300, 300]
 
 
 QUATERNION = "qx,qy,qz,qw\n0,1,2,3,0,0,0,1\n"
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("1 2 3 4\n", "its 4 columns have no names: say which they are, by number"),
-        ("t,x,y,z\n1,2,3,4\n", "among t, x, y, z: missing are qx, qy, qz, qw: say which"),
-        ("t,x,y,z,qx,qy,qz\n1,2,3,0,0,0,1\n", "missing is qw: say which .* or rename columns, as in"),
-        ("t,x [mm],y [mm],qx,qy,qz,qw\n1,2,3,0,0,0,1\n", r"missing is z: .*x \[mm\],y \[mm\],z \[mm\],qx"),
-        (f"{HEADER}\n\n# end\n", "it has a header but no rows"),
-        (f"{HEADER}\n0 0 0 0 0 0 0 1\n1,0,0,0,0,0,0,1\n", "row 1 has 1 value, the header has 8: separate"),
-        ("x,y,z,qx,qy,qz,qw\n1,2,3,0,0,0,1\n", "read them by .*100Hz, with the rate of your poses"),
-        ("Format Version,1.23\n\n,,Rigid Body\nFrame,Time,X\n", "no rigid body with Rotation and Position"),
-        ("Format Version|1.23|Take Name|a\n", "its columns are separated by nothing known"),
-        ("Objects\nx\n", "its section Objects lacks rate, names, columns or units"),
-        (",".join(["t"] * 5001) + "\n", "its rows have 5000 values or more"),
-        (f"{HEADER}\n" + "1," * 400_000, "its rows have 5000 values or more"),
-        ("Trajectories\n100\n,,a\nFrame,Sub Frame,X\n,,mm\n", "its section is Trajectories: export Objects"),
-        ("t,[0],[1],[2]\n1,2,3,4\n", r"no columns of a pose among t, \[0\]"),
-        ("0, 1, 2, 3, 0, 0, 0, 1\n", r"time=c0,position=c\[1:4\],quaternion=c\[4:8\]"),
-        ("0,5;1,5;2;3;0;0;0;1\n", "no names: if they are meant so, read them by contact"),
-        (f"t,Pos X (ft),Pos Y (ft),Pos Z (ft),{QUATERNION}", r"'Pos X \(ft\)' is not known: m, cm, mm"),
-        (f"time [days],x,y,z,{QUATERNION}", r"'days' of column 'time \[days\]' is not known: s, ms, us, ns"),
-        (f"time_mm,x,y,z,{QUATERNION}", "'mm' of column 'time_mm' is not known: s, ms, us, ns"),
-        (f"t,x [mm],y [m],z [mm],{QUATERNION}", r"columns x \[mm\], y \[m\], z \[mm\] differ"),
-        (f"t,x [mm],y,z,{QUATERNION}", r"the units of the columns x \[mm\], y, z differ"),
-        ("\0" * 99, "it is named as a table, but is not text"),
-        *(
-            (line * 10_000 + "0 0 0 0 0 0 0 1\n", "its first 64 lines are empty or comments")
-            for line in ("\n", "#\n", "# t x y z qx qy qz qw\n", "  \n")
+LACKING: list[tuple[str, str]] = [
+    ("1 2 3 4\n", "its 4 columns have no names: say which they are, by number"),
+    ("t,x,y,z\n1,2,3,4\n", "among t, x, y, z: missing are qx, qy, qz, qw: say which"),
+    ("t,x,y,z,qx,qy,qz\n1,2,3,0,0,0,1\n", "missing is qw: say which .* or rename columns, as in"),
+    ("t,x [mm],y [mm],qx,qy,qz,qw\n1,2,3,0,0,0,1\n", r"missing is z: .*x \[mm\],y \[mm\],z \[mm\],qx"),
+    (f"{HEADER}\n\n# end\n", "it has a header but no rows"),
+    (f"{HEADER}\n0 0 0 0 0 0 0 1\n1,0,0,0,0,0,0,1\n", "row 1 has 1 value, the header has 8: separate"),
+    ("x,y,z,qx,qy,qz,qw\n1,2,3,0,0,0,1\n", "read them by .*100Hz, with the rate of your poses"),
+    ("Format Version,1.23\n\n,,Rigid Body\nFrame,Time,X\n", "no rigid body with Rotation and Position"),
+    ("Format Version|1.23|Take Name|a\n", "its columns are separated by nothing known"),
+    ("Objects\nx\n", "its section Objects lacks rate, names, columns or units"),
+    (",".join(["t"] * 5001) + "\n", "its rows have 5000 values or more"),
+    (f"{HEADER}\n" + "1," * 400_000, "its rows have 5000 values or more"),
+    ("Trajectories\n100\n,,a\nFrame,Sub Frame,X\n,,mm\n", "its section is Trajectories: export Objects"),
+    ("t,[0],[1],[2]\n1,2,3,4\n", r"no columns of a pose among t, \[0\]"),
+    ("0, 1, 2, 3, 0, 0, 0, 1\n", r"time=c0,position=c\[1:4\],quaternion=c\[4:8\]"),
+    ("0,5;1,5;2;3;0;0;0;1\n", "no names: if they are meant so, read them by contact"),
+    (f"t,Pos X (ft),Pos Y (ft),Pos Z (ft),{QUATERNION}", r"'Pos X \(ft\)' is not known: m, cm, mm"),
+    (f"time [days],x,y,z,{QUATERNION}", r"'days' of column 'time \[days\]' is not known: s, ms, us, ns"),
+    (f"time_mm,x,y,z,{QUATERNION}", "'mm' of column 'time_mm' is not known: s, ms, us, ns"),
+    (f"t,x [mm],y [m],z [mm],{QUATERNION}", r"columns x \[mm\], y \[m\], z \[mm\] differ"),
+    (f"t,x [mm],y,z,{QUATERNION}", r"the units of the columns x \[mm\], y, z differ"),
+    ("\0" * 99, "it is named as a table, but is not text"),
+    *(
+        (line * 10_000 + "0 0 0 0 0 0 0 1\n", "its first 64 lines are empty or comments")
+        for line in ("\n", "#\n", "# t x y z qx qy qz qw\n", "  \n")
+    ),
+    (f"{HEADER}\n" + ",".join(["0,005"] * 8) + "\n", r"16 values under 8 names: .* decimal commas"),
+]
+"""Texts of tables, and what they lack."""
+
+
+def npy_of(rows: int) -> bytes:
+    """The beginning of an array that says that it has so many rows."""
+    out = BytesIO()
+    np.save(out, np.zeros((1, 8)))
+    return out.getvalue().replace(b"(1, 8), }" + b" " * 9, f"({rows}, 8), }}".encode().ljust(18))
+
+
+def cells_that_are_not_there(path: Path) -> None:
+    """A list of so many cells takes scipy 800 MB."""
+    savemat(path, {"s": {"c": np.array([["a"], ["b"], ["c"]], object)}, "x": np.zeros(9)})
+    content = path.read_bytes()
+    path.write_bytes(content.replace(struct.pack("<ii", 3, 1), struct.pack("<ii", 10**8, 1)))
+
+
+def hdf5_of_zeros(path: Path) -> None:
+    with pytest.importorskip("h5py").File(path, "w") as file:
+        file.create_dataset("a/t", data=np.zeros(5_000_000), compression="gzip")
+
+
+MANY, WITH_MARKERS = np.zeros(5_000_000), TWO_BODIES.read_bytes().replace(b"ROTATION", b"ROTATIOX")
+TOO_MUCH = "it is too much for its size"
+UNREAD: list[tuple[str, str | bytes | Callable[[Path], object], str]] = [
+    *(("a.csv", text, message) for text, message in LACKING),
+    ("a.npz", lambda path: np.savez_compressed(path, t=MANY), TOO_MUCH),
+    ("a.mat", lambda path: savemat(path, {"t": MANY[:4_500_000]}, do_compression=True), TOO_MUCH),
+    (
+        "a.feather",
+        lambda path: feather.write_feather(
+            pyarrow.table(dict.fromkeys(("t", *NAMES), MANY)), str(path), compression="zstd"
         ),
-        (f"{HEADER}\n" + ",".join(["0,005"] * 8) + "\n", r"16 values under 8 names: .* decimal commas"),
-    ],
-)
-def test_what_a_table_lacks_is_said(tmp_path: Path, text: str, message: str) -> None:
-    path = tmp_path / "a.csv"
-    path.write_text(text)
+        TOO_MUCH,
+    ),
+    ("a.h5", hdf5_of_zeros, TOO_MUCH),
+    ("a.mat", cells_that_are_not_there, "no columns of a pose among x"),
+    (
+        "a.mat",
+        lambda path: savemat(path, {"s": "cup", "c": np.array(["a", 1], object)}),
+        "it has no array of",
+    ),
+    (
+        "a.mat",
+        b"MATLAB 5.0".ljust(126) + b"IM\x0e\0\0\0\xff",
+        "it has no array of numbers with a row for each",
+    ),
+    ("a.npy", npy_of(10**9), "an array is longer than its file"),
+    ("a.npz", b"PK\3\4" * 9, "it cannot be read as arrays of NumPy"),
+    ("a.npy", lambda path: np.save(path, np.array([{}], object)), "it has no array of numbers with a row"),
+    ("a.pkl", pickle.dumps({"t": 1}), "a pickle, which runs code"),
+    ("a.c3d", WITH_MARKERS, r"with markers \(tip\), not .*ezc3d\.c3d\('a\.c3d'\)"),
+    ("a.c3d", b"\2P" + bytes(510), "its parameters cannot be read"),
+    ("a.txt", "# Image list with two lines\n", "COLMAP's images.txt"),
+    ("a.out", "# Bundle file v0.3\n", "a file of Bundler, which"),
+    ("a.yaml", "header:\n  stamp:\n", "ros2 topic echo --csv"),
+    ("a.csv", HEADER.encode("utf-16-be"), "is not text: save it as UTF-8"),
+    ("a.trc", "PathFileType\t4\n", "it is TRC, which has markers"),
+    ("a.txt", lambda path: np.savetxt(path, np.eye(4)), r"numpy\.loadtxt"),
+    ("a.json", '[{"t":\n', "it begins like JSON, but is none"),
+    ("a.json", '{"meta": {"a": 1}, "data": {"t": [1, 2]}}', r"without entries in a list.* as by jq \.data"),
+    ("a.json", "{}", r"without entries in a list.* as by jq \.data"),
+    ("a.xlsx", b"PK\3\4", "a workbook of Excel: save the sheet as CSV; or .*read_excel"),
+    ("a.xls", b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", "a workbook of Excel"),
+    ("a.mp4", bytes(100), "not an MCAP file. What is read: MCAP files, ROS bags"),
+    ("a.mcap", "<html><body>404", "if it is a table, name it .csv"),
+    ("a.csv.zst", zstandard.compress(HEADER.encode()), "if it is a table, decompress it: zstd -d"),
+    ("a.csv.gz", b"\x1f\x8b\0", "it is compressed: gunzip -c a.csv.gz > a.csv makes"),
+]
+"""Names of files, their content, and why they are not read."""
+
+
+@pytest.mark.parametrize(("name", "content", "message"), UNREAD)
+def test_why_a_file_is_not_read_is_said(
+    tmp_path: Path, name: str, content: str | bytes | Callable[[Path], object], message: str
+) -> None:
+    path = tmp_path / name
+    if callable(content):
+        content(path)
+    else:
+        path.write_bytes(content.encode() if isinstance(content, str) else content)
     for read in (open_log, summarise):
         with pytest.raises(UnreadableRecording, match=message):
             read(str(path))
@@ -261,31 +338,34 @@ ROWS_OF_SEVEN = f"{HEADER}\n" + "".join(f"{i / 10},1,2,3,0,0,0,1\n" for i in ran
 
 @pytest.mark.parametrize("separator", [",", ";", "\t", " "])
 @pytest.mark.parametrize(
-    "last", ["0.7", "0.7,1,2,3", "0.7,1,2,3,0,0,0", "0.7,1,2,3,0,0,0,", "0.7,1,2,3,0,0,0,-"]
+    ("last", "kept", "is_cut"),
+    [
+        *(
+            (f"0.7{rest}", 7, True)
+            for rest in ("", ",1,2,3", ",1,2,3,0,0,0", ",1,2,3,0,0,0,", ",1,2,3,0,0,0,-")
+        ),
+        *((f"0.7,1,2,3,0,0,0,1{end}", 8, False) for end in ("", "\n")),
+        *((text, 7, False) for text in ("", "# written by hand")),
+    ],
 )
-def test_a_last_line_that_ends_inside_a_row_is_damage(tmp_path: Path, separator: str, last: str) -> None:
+def test_a_last_line_without_a_line_break_is_cut_off_if_it_lacks_values(
+    tmp_path: Path, separator: str, last: str, kept: int, is_cut: bool
+) -> None:
     path = tmp_path / "a.csv"
     rows = ROWS_OF_SEVEN.partition("\n")[2] if separator == " " else ROWS_OF_SEVEN  # TUM
     path.write_text((rows + last).replace(",", separator))
     for collect in (Poses.collect, lambda log: Poses.join(list(log.batches()))):
         log = open_log(str(path))
-        assert len(collect(log)) == 7
-        assert log.damage == (
-            "its last line is cut off inside a row and left out: if more was recorded, copy the file again"
-        )
+        assert len(collect(log)) == kept
+        assert (log.damage or "").startswith("its last line is cut off inside a row and left out" * is_cut)
         assert "nonfinite" not in log.counts
-    assert summarise(str(path)).damage is not None
+    assert (log.damage is not None) == (summarise(str(path)).damage is not None) == is_cut
 
 
-@pytest.mark.parametrize(
-    "last", ["", "0.7,1,2,3,0,0,0,1", "0.7,1,2,3,0,0,0,1\n", "# written by hand", "0.7,,,,,,,"]
-)
-def test_a_whole_last_row_needs_no_line_break(tmp_path: Path, last: str) -> None:
-    path = tmp_path / "a.csv"
-    path.write_text(ROWS_OF_SEVEN + last)
-    log = open_log(str(path))
-    assert len(Poses.collect(log)) == (8 if last.endswith(("1", "1\n")) else 7)
-    assert log.damage is None
+def test_a_whole_last_row_without_a_pose_is_no_damage(tmp_path: Path) -> None:
+    (path := tmp_path / "a.csv").write_text(f"{ROWS_OF_SEVEN}0.7,,,,,,,")
+    assert open_log(str(path)).damage is None
+    assert len(Poses.collect(open_log(str(path)))) == 7
 
 
 def test_exports_of_motion_capture_that_are_cut_off_are_damaged(tmp_path: Path) -> None:
@@ -373,7 +453,7 @@ def write_times(path: Path, times: np.ndarray, name: str = "t") -> Path:
     return path
 
 
-RATE = "poses a second; "
+RATE, WHOLE = "poses a second; ", "whole seconds, one after the other: if they are numbers of frames, give"
 TIMES: list[tuple[str, str | None, float, float, int | None, str]] = [
     *(("t", None, first, step, 10**9, "") for first, step in ((0, 0.005), (1.7e9, 0.25), (50_000.0, 0.1))),
     *(("t", None, 0, step, 10**6, "taken as milliseconds") for step in (5, 33)),
@@ -384,14 +464,7 @@ TIMES: list[tuple[str, str | None, float, float, int | None, str]] = [
         for name in ("t", "time_ms")
         for unit, unit_ns in (("s", 10**9), ("ms", 10**6), ("us", 10**3), ("ns", 1))
     ),
-    (
-        "time [s]",
-        None,
-        0,
-        1.0,
-        10**9,
-        "whole seconds, one after the other: if they are numbers of frames, give",
-    ),
+    ("time [s]", None, 0, 1.0, 10**9, WHOLE),
     ("time [ms]", None, 0, 0.01, None, f"100000 {RATE}they look like seconds: give --time-unit s"),
     ("time_us", None, 0, 5.0, None, f"200000 {RATE}they look like milliseconds: give --time-unit ms"),
     ("time [ns]", None, 0, 0.3, None, f"{RATE}give their unit with --time-unit s, ms, us or ns"),
@@ -493,9 +566,8 @@ def test_exports_separated_by_other_than_commas(tmp_path: Path, separator: str) 
     ):
         rows = csv.reader(path.read_text(encoding="utf-8-sig").splitlines())
         path.write_text("\n".join(separator.join(row).replace(".", ",") for row in rows) + "\n")
-        log = open_log(str(tmp_path / name), frame="table" if name == "take.csv" else "me:hand")
-        result = Poses.collect(log)
-        np.testing.assert_allclose(result.position_m, OTHER.position_m, rtol=0, atol=1e-12)
+        first_ns, frame = (0, "table") if name == "take.csv" else (5_000_000, "me:hand")
+        assert_read(path, replace(OTHER, stamp_ns=FRAMES_NS + first_ns), frame=frame)
 
 
 @pytest.mark.parametrize(("rate", "is_rounded"), [(360, True), (120, True), (100, False)])
@@ -508,9 +580,8 @@ def test_rounded_times_of_motive_follow_the_frames(tmp_path: Path, rate: int, is
         rows = [line.split(",", 2) for line in lines[7:]]
         lines[7:] = [f"{i},{int(i) / rate:.3f}000,{rest}" for i, _, rest in rows]
     path.write_text("\n".join(lines) + "\n")
-    result = Poses.collect(open_log(str(path), frame="cup"))
     expected_ns = np.arange(300) / (rate if is_rounded else 200) * 1e9
-    np.testing.assert_allclose(result.stamp_ns, expected_ns, rtol=0, atol=1)
+    assert_read(path, replace(POSES, stamp_ns=expected_ns), time_ns=1, frame="cup")
 
 
 @pytest.mark.parametrize("separator", [", ", "\t"])
