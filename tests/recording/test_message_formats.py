@@ -18,11 +18,13 @@ from contact_tracker.recording import list_sources, open_log, summarise
 from mcap_logs import (
     SCHEMAS,
     START_NS,
+    TF,
     Topic,
     header,
     pose_stamped,
     poses_topic,
     smooth_poses,
+    transform,
     vector,
     write_log,
 )
@@ -58,6 +60,30 @@ NAMED_POSE = (
 BODY = f"{RULE}MSG: mocap4r2_msgs/RigidBody\nstring rigid_body_name\ngeometry_msgs/Pose pose\n"
 MARKER = "std_msgs/Header header\nstring ns\nint32 id\nint32 type\nint32 action\ngeometry_msgs/Pose pose\n"
 HEAD = "std_msgs/Header header\n"
+
+
+def with_covariance(pose: Pose, **further: str) -> dict[str, Any]:
+    return {**pose_stamped(*pose), "pose": {"pose": named(pose), "covariance": [0.5] * 36}, **further}
+
+
+SINGLE: dict[str, tuple[str, Callable[[Pose], Any]]] = {
+    "geometry_msgs/msg/PoseStamped": ("world", lambda p: pose_stamped(*p)),
+    "geometry_msgs/msg/PoseWithCovarianceStamped": ("world", with_covariance),
+    "nav_msgs/msg/Odometry": ("world->box", lambda p: with_covariance(p, child_frame_id="box")),
+    "geometry_msgs/msg/TransformStamped": ("world->box", lambda p: transform(*p, "world", "box")),
+    TF: ("world->box", lambda p: {"transforms": [transform(*p, "world", "box")]}),
+}
+
+
+@pytest.mark.parametrize("kind", SINGLE)
+def test_each_pose_type_is_read(tmp_path: Path, kind: str) -> None:
+    frames, message = SINGLE[kind]
+    path = write_log(tmp_path / "a.mcap", [Topic("/p", kind, [(p.stamp_ns, message(p)) for p in POSES])])
+    (source,) = list_sources(str(path))
+    assert (source.type, source.frames) == (kind, frames)
+    assert_read(path)
+
+
 DETECTION = (
     f"{RULE}MSG: vision_msgs/Detection3D\nvision_msgs/ObjectHypothesisWithPose[] results\nstring id\n"
     f"{RULE}MSG: vision_msgs/ObjectHypothesisWithPose\nvision_msgs/ObjectHypothesis hypothesis\n"
@@ -244,10 +270,8 @@ def test_a_known_type_needs_no_definition(
 
 def test_two_types_on_one_topic_are_two_sources(tmp_path: Path) -> None:
     path, name = tmp_path / "a.mcap", "geometry_msgs/msg/PoseWithCovarianceStamped"
-    with_covariance = [(p.stamp_ns, pose_stamped(*p)) for p in OTHER]
-    for _, message in with_covariance:
-        message["pose"] = {"pose": message["pose"]}
-    write_log(path, [poses_topic(POSES, "/a"), Topic("/a", name, with_covariance)])
+    others = [(p.stamp_ns, with_covariance(p)) for p in OTHER]
+    write_log(path, [poses_topic(POSES, "/a"), Topic("/a", name, others)])
     with pytest.raises(AmbiguousSource, match=r"msg/PoseStamped\).*/PoseWithCovarianceStamped\)"):
         open_log(str(path), topic="/a")
     for kind in ("PoseStamped", "geometry_msgs/msg/PoseStamped"):

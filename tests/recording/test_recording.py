@@ -3,7 +3,7 @@
 import json
 import math
 import os
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -36,16 +36,12 @@ from contact_tracker.recording.reading import Reading
 from contact_tracker.states import Contact
 from mcap_logs import (
     START_NS,
-    TF,
     Topic,
-    header,
     joined,
     pose_stamped,
     poses_topic,
     smooth_poses,
     tf_topic,
-    transform,
-    vector,
     write_log,
 )
 
@@ -191,32 +187,6 @@ def test_every_kind_of_file_reads_the_same(tmp_path: Path, options: dict[str, An
     log = open_log(path)
     assert_same(Poses.collect(log), poses)
     assert (log.counts, log.damage) == ({}, None)
-
-
-def with_covariance(pose: Pose, child: str | None) -> Any:
-    body = {"position": vector(pose.position_m), "orientation": vector(pose.quat_xyzw)}
-    message = {"header": header(pose.stamp_ns), "pose": {"pose": body, "covariance": [0.5] * 36}}
-    return message | ({} if child is None else {"child_frame_id": child})
-
-
-@pytest.mark.parametrize(
-    ("kind", "frames", "message"),
-    [
-        ("geometry_msgs/msg/PoseStamped", "world", lambda p: pose_stamped(*p)),
-        ("geometry_msgs/msg/PoseWithCovarianceStamped", "world", lambda p: with_covariance(p, None)),
-        ("nav_msgs/msg/Odometry", "world->box", lambda p: with_covariance(p, "box")),
-        ("geometry_msgs/msg/TransformStamped", "world->box", lambda p: transform(*p, "world", "box")),
-        (TF, "world->box", lambda p: {"transforms": [transform(*p, "world", "box")]}),
-    ],
-)
-def test_each_pose_type_is_read(
-    tmp_path: Path, kind: str, frames: str, message: Callable[[Pose], Any]
-) -> None:
-    poses = smooth_poses()
-    topic = Topic("/p", kind, [(p.stamp_ns, message(p)) for p in poses])
-    log = open_log(str(write_log(tmp_path / "a.mcap", [topic])))
-    assert (log.source.type, log.source.frames) == (kind, frames)
-    assert_same(Poses.collect(log), poses)
 
 
 def test_the_header_stamp_is_the_time_however_far_the_log_time_is(tmp_path: Path) -> None:
