@@ -1,8 +1,7 @@
 """What users say of the columns of a table, what its names say of it, and exports that people have."""
 
 import json
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -47,7 +46,7 @@ from pose_tables import (
     xyz,
 )
 
-Writer = Callable[[Path], Path]
+Lines = list[list[str]]
 OF_MATRICES = ",".join(f"r{i}{j}" for i in "123" for j in "123")
 SECONDS, REST = [str(1_700_000_000 + n // 10**9) for n in SINCE_NS], [str(n % 10**9) for n in SINCE_NS]
 ENTRIES = list(zip(T.tolist(), P.tolist(), Q.tolist(), strict=True))
@@ -62,121 +61,100 @@ def stamped(t: float, p: list[float], q: list[float]) -> str:
     return f'{{"time": {t!r}, "pose": {entry(p, q)}}}'
 
 
-def timed(date: str, path: Path) -> Path:
-    """Times as dates, by a form of seconds and nanoseconds."""
-    dates = [date.format(n // 10**9, f"{n % 10**9:09d}") for n in SINCE_NS]
-    return write(path, [f"time;{names(';')}"], rows(dates, POSE), ";")
+def by(separator: str, lines: Lines) -> Lines:
+    """The rows with another separator than commas."""
+    return [[separator.join(line)] for line in lines]
 
 
-def with_decimal_commas(separator: str, path: Path) -> Path:
+def with_decimal_commas(separator: str) -> tuple[str, Lines]:
     head, quote = [] if separator == " " else [["t", *NAMES.split(",")]], '"' * ('"' in separator)
     lines = (separator.join(row).replace(".", ",") for row in [*head, *rows(T, POSE)])
-    return write(path, [f"{quote}{line}{quote}" for line in lines], [])
+    return "", [[f"{quote}{line}{quote}"] for line in lines]
 
 
-def commented(mark: str, path: Path) -> Path:
-    return write(path, [f"{mark} about", f"{mark} t {names(' ')}"], rows(T, POSE), " ")
-
-
-def named_values(form: str, path: Path) -> Path:
+def named_values(form: str) -> Lines:
     lead, _, form = form.rpartition(" .. ")
-    pairs = (
-        [lead, *(form.format(*one) for one in zip(["t", *NAMES.split(",")], line, strict=True))]
-        for line in rows(T, POSE)
-    )
-    return write(path, [], pairs, " ")
+    all_names = ["t", *NAMES.split(",")]
+    return by(" ", [[lead, *map(form.format, all_names, line)] for line in rows(T, POSE)])
 
 
-def cells(form: str, separator: str) -> list[list[str]]:
+def cells(form: str, separator: str) -> Lines:
     """Positions and quaternions in one cell each, as Unity and lists of Python are written."""
     texts = ([form.format(separator.join(map(repr, values))) for values in (p, q)] for _, p, q in ENTRIES)
     return [[repr(t), *text] for t, text in zip(T.tolist(), texts, strict=True)]
 
 
-CAMEL = "PositionX,PositionY,PositionZ,RotationX,RotationY,RotationZ,RotationW"
-PLOTTED = [
-    *(f"/o/pose/position/{axis}" for axis in "xyz"),
-    *(f"/o/pose/orientation/{axis}" for axis in "xyzw"),
-]
-QUALISYS = [
-    *("NO_OF_FRAMES\t120", "FREQUENCY\t200", "TIME_STAMP\t2024-05-14, 10:22:31.123\t5021.1"),
-    *("DATA_INCLUDED\t6D", "BODY_NAMES\tblock"),
-    "Frame\tTime\tX\tY\tZ\tRoll\tPitch\tYaw\tResidual\t" + numbered("Rot[{}]", 9).replace(",", "\t"),
-]
+QUALISYS = """NO_OF_FRAMES\t120\nFREQUENCY\t200\nTIME_STAMP\t2024-05-14, 10:22:31.123\t5021.1
+DATA_INCLUDED\t6D\nBODY_NAMES\tblock\nFrame\tTime\tX\tY\tZ\tRoll\tPitch\tYaw\tResidual\t"""
 QUALISYS_ROWS = rows(np.arange(120), T, P_MM, np.degrees(VECTORS), T, MATRICES.transpose(0, 2, 1))
-OPENSIM = ["Poses", "version=1", "nRows=120", "inDegrees=no", "endheader"]
-PREAMBLE = ["Project: demo", "Sample rate (Hz),200", ""]
-QUOTED = ([repr(t), '"' + entry(p, q).replace('"', '""') + '"'] for t, p, q in ENTRIES)
-FRAMES = ['{"fps": 1,', '"frames": [', *(stamped(*one) + "," for one in ENTRIES[:-1])]
+OPENSIM = "Poses\nversion=1\nnRows=120\ninDegrees=no\nendheader\ntime\t"
+QUOTED = [[repr(t), '"' + entry(p, q).replace('"', '""') + '"'] for t, p, q in ENTRIES]
+STAMPED = [stamped(*one) for one in ENTRIES]
 DATES = (
     *("2026-03-01T10:00:0{}.{}", "2026-03-01 10:00:0{}.{}", "2026-03-01T10:00:0{}.{}Z"),
     *("2026-03-01T10:00:0{}.{}+00:00", "2026-03-01 10:00:0{}.{} +0000"),
     *("2026-03-01 9:00:0{}.{}", "09:00:0{}.{}", "2026/03/01 09:00:0{}.{}", "20260301T09000{}.{}"),
     *("1.3.2026 09:00:0{}.{}", "03/01/2026 09:00:0{}.{} PM", "03/31/2026, 9:00:0{}.{} am"),
 )
-SPELLINGS = (
+"""Forms of seconds and nanoseconds."""
+HEADS = (
     *(f"t,{NAMES}", "time [s],px,py,pz,qx,qy,qz,qw", "timestamp,tx,ty,tz,q_x,q_y,q_z,q_w"),
     "#timestamp [s],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],q_RS_x [],q_RS_y [],q_RS_z [],q_RS_w []",
     f"Time,{xyz('position.')},{xyz('orientation.')},orientation.w",
     f"header.stamp,{xyz('pose.position.')},{xyz('pose.orientation.')},pose.orientation.w",
+    f"__time,{xyz('/o/pose/position/')},{xyz('/o/pose/orientation/')},/o/pose/orientation/w",
     "stamp,pos_x,pos_y,pos_z,quat_x,quat_y,quat_z,quat_w",
+    "t,loc_x,loc_y,loc_z,quat_i,quat_j,quat_k,quat_real",
+    "TIME,POSx,POSy,POSz,QUATx,QUATy,QUATz,QUATw",
+    "Timestamp,PositionX,PositionY,PositionZ,RotationX,RotationY,RotationZ,RotationW",
+    f"Project: demo\nSample rate (Hz),200\n\nTime,{NAMES}",
+    *(200 * f"{line}\n" + f"t,{NAMES}" for line in ("# a comment", "Channel 3,on")),
+    # lengths of something else leave metres
+    f"# residual positions: mm\nt,{NAMES}".replace("x,y,z,", "x [m],y [m],z [m],"),
+    *(
+        f"{above}\nt,{NAMES}"
+        for above in ("# mean error 0.3 mm", "# accuracy = 1 mm", "# sigma=1mm", "cutoff=1 cm")
+    ),
 )
 VALUES = ("{}={}", "{}: {}", "{} = {};", "{}:{},", "INFO pose: .. {}={}", "of: {}={}", "- { .. {}: {},")
-MILLIONTHS = [str(n // 1000) for n in SINCE_NS]
-TYPED = "TIME,POSx,POSy,POSz,QUATx,QUATy,QUATz,QUATw"
-SHARES: dict[str, Writer] = {
-    "seconds and microseconds": partial(
-        write, head=[f"sec,usec,{NAMES}"], lines=rows(["1700000000"] * 120, MILLIONTHS, POSE)
+READ: list[tuple[str, Lines]] = [
+    *((head, rows(T, POSE)) for head in HEADS),
+    (f"# by me\nt,{NAMES},gap [mm]", rows(T, POSE, T)),
+    (f"secs,nsecs,{NAMES}", rows(SECONDS, REST, POSE)),
+    (f"sec,usec,{NAMES}", rows(["1700000000"] * 120, [str(n // 1000) for n in SINCE_NS], POSE)),
+    (f"time,{NAMES}", rows([f"1 days 00:00:{t:09.6f}" for t in T.tolist()], POSE)),
+    (f"t_ms,{NAMES}", rows([f'"{1e3 * (t + 90):,.6f}"' for t in T.tolist()], POSE)),
+    ("t_ns,x [mm],y [mm],z [mm],qw,qx,qy,qz", rows(SINCE_NS, P_MM, REAL_FIRST)),
+    (f"Time,{NAMES}\ns,mm,mm,mm,,,,", rows(T, P_MM, Q)),
+    ("t,x,y,z,q0,qx,qy,qz", rows(T, P, REAL_FIRST)),
+    ("time [min],x [in],y [in],z [in],qx,qy,qz,qw", rows(T / 60, P / 0.0254, Q)),
+    (f"sep=;\nTime;{names(';')}", by(";", rows(T, POSE))),
+    (f"time | {names(' | ')}", by(" | ", rows(T, POSE))),
+    (QUALISYS + numbered("Rot[{}]", 9).replace(",", "\t"), by("\t", QUALISYS_ROWS)),
+    (OPENSIM + names("\t"), by("\t", rows(T, POSE))),
+    *(
+        (
+            f"time;{names(';')}",
+            by(";", rows([date.format(n // 10**9, f"{n % 10**9:09d}") for n in SINCE_NS], POSE)),
+        )
+        for date in DATES
     ),
-    "durations of pandas": partial(
-        write, head=[f"time,{NAMES}"], lines=rows([f"1 days 00:00:{t:09.6f}" for t in T.tolist()], POSE)
-    ),
-    "marks of thousands": partial(
-        write, head=[f"t_ms,{NAMES}"], lines=rows([f'"{1e3 * (t + 90):,.6f}"' for t in T.tolist()], POSE)
-    ),
-    "capitals before an axis": partial(write, head=[TYPED], lines=rows(T, POSE)),
-    **{
-        f"a long preamble, {line}": partial(write, head=[*[line] * 200, f"t,{NAMES}"], lines=rows(T, POSE))
-        for line in ("# a comment", "Channel 3,on")
-    },
-    **{names: partial(write, head=[names], lines=rows(T, POSE)) for names in SPELLINGS},
-    "units in the names": partial(
-        write, head=["t_ns,x [mm],y [mm],z [mm],qw,qx,qy,qz"], lines=rows(SINCE_NS, P_MM, REAL_FIRST)
-    ),
-    **{f"decimal commas, {mark!r}": partial(with_decimal_commas, mark) for mark in (";", "\t", " ", '","')},
-    "camel case": partial(write, head=[f"Timestamp,{CAMEL}"], lines=rows(T, POSE)),
-    "PlotJuggler": partial(write, head=[",".join(["__time", *PLOTTED])], lines=rows(T, POSE)),
-    "two columns of a time": partial(write, head=[f"secs,nsecs,{NAMES}"], lines=rows(SECONDS, REST, POSE)),
-    "a line for Excel": partial(
-        write, head=["sep=;", f"Time;{names(';')}"], lines=rows(T, POSE), separator=";"
-    ),
-    "a preamble": partial(write, head=[*PREAMBLE, f"Time,{NAMES}"], lines=rows(T, POSE)),
-    "a row of units": partial(write, head=[f"Time,{NAMES}", "s,mm,mm,mm,,,,"], lines=rows(T, P_MM, Q)),
-    "the real part is q0": partial(write, head=["t,x,y,z,q0,qx,qy,qz"], lines=rows(T, P, REAL_FIRST)),
-    "Qualisys": partial(write, head=QUALISYS, lines=QUALISYS_ROWS, separator="\t"),
-    **{date: partial(timed, date) for date in DATES},
-    **{
-        f"names in a comment after {mark}": partial(commented, mark)
+    *(
+        (f"{mark} about\n{mark} t {names(' ')}", by(" ", rows(T, POSE)))
         for mark in ("%", "//", ";", "# by me\n#")
-    },
-    **{f"values with their names, {form}": partial(named_values, form) for form in VALUES},
-    "OpenSim": partial(write, head=[*OPENSIM, "time\t" + names("\t")], lines=rows(T, POSE), separator="\t"),
-    "minutes and inches": partial(
-        write, head=["time [min],x [in],y [in],z [in],qx,qy,qz,qw"], lines=rows(T / 60, P / 0.0254, Q)
     ),
-    "quaternion of i, j, k": partial(
-        write, head=["t,loc_x,loc_y,loc_z,quat_i,quat_j,quat_k,quat_real"], lines=rows(T, POSE)
-    ),
-    "bars": partial(write, head=[f"time | {names(' | ')}"], lines=rows(T, POSE), separator=" | "),
-    "JSON in a cell": partial(write, head=["time,pose"], lines=[*QUOTED]),
-    "array of JSON": partial(write, head=[f"[{','.join(stamped(*one) for one in ENTRIES)}]"], lines=[]),
-    "frames of JSON": partial(write, head=FRAMES, lines=[[stamped(*ENTRIES[-1]) + "]}"]]),
-}
+    *(("", named_values(form)) for form in VALUES),
+    *map(with_decimal_commas, (";", "\t", " ", '","')),
+    ("time,pose", QUOTED),
+    ("", [[f"[{','.join(STAMPED)}]"]]),
+    ('{"fps": 1,\n"frames": [', [[",\n".join(STAMPED) + "]}"]]),
+]
+"""What is above the rows, and these."""
 
 
-@pytest.mark.parametrize("share", SHARES)
-def test_text_exports_whose_names_say_what_they_are(tmp_path: Path, share: str) -> None:
-    assert_read(SHARES[share](tmp_path / "a.csv"))
+@pytest.mark.parametrize(("head", "lines"), READ, ids=[f"{head[-60:]} {lines[0]}" for head, lines in READ])
+def test_text_that_says_what_its_values_are(tmp_path: Path, head: str, lines: Lines) -> None:
+    assert_read(write(tmp_path / "a.csv", [head] if head else [], lines))
 
 
 @pytest.mark.parametrize(
@@ -189,7 +167,7 @@ def test_text_in_other_encodings_and_with_other_line_ends(tmp_path: Path, encodi
 
 
 def test_json_lines(tmp_path: Path) -> None:
-    lines = [stamped(*one) for one in ENTRIES]
+    lines = [*STAMPED]
     write(tmp_path / "a.jsonl", lines, [])
     assert_read(tmp_path / "a.jsonl")
     lines[5] = lines[5][:40]
@@ -205,7 +183,7 @@ ABOVE = (
     *("# distances in mm", "# xyz [mm]", "# pos: mm, rot: quaternion", "# 1 unit = 1 mm", "unit_mm"),
     *("# All positions are given in millimeters.", "Exported on Monday by me with all of the lengths in mm"),
 )
-PROPOSALS: dict[str, tuple[str, list[list[str]], str]] = {
+PROPOSALS: dict[str, tuple[str, Lines, str]] = {
     "UR": (
         "timestamp," + numbered("actual_TCP_pose_{}", 6),
         rows(T, P, VECTORS),
@@ -334,20 +312,6 @@ PROPOSALS: dict[str, tuple[str, list[list[str]], str]] = {
 }
 
 
-@pytest.mark.parametrize(
-    ("above", "columns"),
-    [
-        ("# residual positions: mm", NAMES.replace("x,y,z,", "x [m],y [m],z [m],")),
-        ("# mean error 0.3 mm", NAMES),
-        *((above, NAMES) for above in ("# accuracy = 1 mm", "# sigma=1mm", "cutoff=1 cm")),
-        ("# by me", f"{NAMES},gap [mm]"),
-    ],
-)
-def test_lengths_of_something_else_leave_metres(tmp_path: Path, above: str, columns: str) -> None:
-    gaps = [T] * columns.count("gap")
-    assert_read(write(tmp_path / "a.csv", [above, f"t,{columns}"], rows(T, POSE, *gaps)))
-
-
 @pytest.mark.parametrize("word", ["inches", "feet", "decimetres"])
 def test_lengths_without_a_command_are_refused(tmp_path: Path, word: str) -> None:
     path = write(tmp_path / "a.csv", [f"# positions in {word}", f"t,{NAMES}"], rows(T, POSE))
@@ -383,11 +347,9 @@ def test_text_between_values_with_names_is_refused(tmp_path: Path, form: str) ->
         "// qw:1 qx:0 qy:0 qz:0 x:0 y:0 z:0 start pose",
     ],
 )
-@pytest.mark.parametrize("share", ["camel case", "values with their names, {}={}"])
-def test_values_in_comments_are_no_rows(tmp_path: Path, above: str, share: str) -> None:
-    path = SHARES[share](tmp_path / "a.csv")
-    path.write_text(f"{above}\n{path.read_text()}")
-    assert_read(path)
+@pytest.mark.parametrize("lines", [[[f"t,{NAMES}"], *rows(T, POSE)], named_values("{}={}")])
+def test_values_in_comments_are_no_rows(tmp_path: Path, above: str, lines: Lines) -> None:
+    assert_read(write(tmp_path / "a.csv", [above], lines))
 
 
 def test_many_words_are_refused_soon(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
