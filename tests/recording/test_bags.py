@@ -18,18 +18,16 @@ from test_message_formats import POSES, assert_read
 from contact_tracker.errors import ChoiceError, NoPoses, UnreadableRecording
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import Follow, may_be_recording, open_log, summarise
-from mcap_logs import poses_topic, write_log
+from mcap_logs import ROS2, poses_topic, write_log
 from pose_files import POSE_TYPE, cdr_pose, write_rosbag1, write_sqlite
 
 
 def write_rosbag2(folder: Path) -> Path:
     """A bag as rosbags writes it, with definitions."""
     from rosbags.rosbag2 import Writer
-    from rosbags.typesys import Stores, get_typestore
 
-    store = get_typestore(Stores.ROS2_HUMBLE)
     with Writer(folder, version=9) as writer:
-        connection = writer.add_connection("/object/pose", POSE_TYPE, typestore=store)
+        connection = writer.add_connection("/object/pose", POSE_TYPE, typestore=ROS2)
         for pose in POSES:
             writer.write(connection, pose.stamp_ns, cdr_pose(pose))
     return folder

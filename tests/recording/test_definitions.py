@@ -21,8 +21,8 @@ from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.recording import open_log, summarise
 from contact_tracker.recording.definitions import known_definition, parse_definition
 from contact_tracker.recording.mcap_file import inflate_zstd
-from mcap_logs import SCHEMAS, TF, header, pose_stamped, vector
-from pose_files import POSE_TYPE, ROS1_TEXT, cdr_pose, ros1_pose, types_of_ros1, write_raw
+from mcap_logs import ROS2, SCHEMAS, TF, header, pose_stamped, vector
+from pose_files import POSE_TYPE, ROS1, ROS1_TEXT, cdr_pose, ros1_pose, write_raw
 
 
 def write(path: Path, encoding: str, text: str) -> Path:
@@ -114,12 +114,11 @@ def test_other_types_in_idl_are_refused_with_the_remedy(tmp_path: Path) -> None:
     "kind", ["geometry_msgs/msg/WrenchStamped", "nav_msgs/msg/Odometry", "visualization_msgs/msg/MarkerArray"]
 )
 def test_definitions_equal_those_of_rosbags(kind: str) -> None:
-    store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
-    definition = parse_definition(store.generate_msgdef(kind, ros_version=2)[0], kind)
+    definition = parse_definition(ROS2.generate_msgdef(kind, ros_version=2)[0], kind)
     again = typesys.get_types_from_msg(definition.ros2msg, kind)
     for name in definition.fields:
         name = name.replace("/", "/msg/")
-        assert again[name][1] == store.fielddefs[name][1], name
+        assert again[name][1] == ROS2.fielddefs[name][1], name
     known = known_definition(kind)
     assert known is None or known.fields == definition.fields
 
@@ -140,12 +139,11 @@ def of_ros1(kind: str, values: Mapping[str, Any]) -> Any:
                 values = [field(element, one) for one in ([None] * length if value is None else value)]
                 return np.array(values, about[0]) if kind == Nodetype.BASE else values
 
-    store = types_of_ros1()
-    return store.types[kind](*(field(node, values.get(name)) for name, node in store.fielddefs[kind][1]))
+    return ROS1.types[kind](*(field(node, values.get(name)) for name, node in ROS1.fielddefs[kind][1]))
 
 
 def ros1_message(kind: str, values: Mapping[str, Any]) -> bytes:
-    return bytes(types_of_ros1().serialize_ros1(of_ros1(kind, values), kind))
+    return bytes(ROS1.serialize_ros1(of_ros1(kind, values), kind))
 
 
 def marker(pose: Pose) -> dict[str, Any]:
@@ -168,7 +166,7 @@ OF_ROS1: dict[str, Callable[[Pose], Any]] = {
 def test_types_of_ros1(tmp_path: Path, kind: str) -> None:
     """Each as rosbags defines and encodes it; a message that is cut off or too long is counted."""
     rows = [(pose.stamp_ns, ros1_message(kind, OF_ROS1[kind](pose))) for pose in POSES]
-    text = types_of_ros1().generate_msgdef(kind, ros_version=1)[0].encode()
+    text = ROS1.generate_msgdef(kind, ros_version=1)[0].encode()
     name = kind.replace("/msg/", "/")
     assert_read(write_raw(tmp_path / "a.mcap", name, "ros1", "ros1msg", text, rows))
     odd = [*rows, (rows[-1][0], rows[-1][1][:-1]), (rows[-1][0], rows[-1][1] + b"x")]
@@ -182,7 +180,7 @@ def test_transforms_of_ros1(tmp_path: Path, kind: str) -> None:
     stamped = "geometry_msgs/msg/TransformStamped"
     messages = (ros1_message(stamped, OF_ROS1[stamped](pose)) for pose in POSES)
     rows = [(p.stamp_ns, struct.pack("<I", 1) + data) for p, data in zip(POSES, messages, strict=True)]
-    text, _ = types_of_ros1().generate_msgdef(stamped, ros_version=1)
+    text, _ = ROS1.generate_msgdef(stamped, ros_version=1)
     fields, rule, parts = text.partition(RULE)
     content = (
         f"geometry_msgs/TransformStamped[] transforms\n{RULE}MSG: geometry_msgs/TransformStamped\n{fields}"

@@ -53,7 +53,7 @@ def named(pose: Pose) -> dict[str, Any]:
 
 
 RULE = "=" * 80 + "\n"
-PARTS = SCHEMAS["geometry_msgs/msg/TransformStamped"].partition(RULE)[2]
+PARTS = SCHEMAS["geometry_msgs/msg/PoseStamped"].partition(RULE)[2]
 NAMED_POSE = (
     f"{RULE}MSG: motion_capture_tracking_interfaces/NamedPose\nstring name\ngeometry_msgs/Pose pose\n"
 )

@@ -271,6 +271,7 @@ UNREAD: list[tuple[str, str | bytes | Callable[[Path], object], str]] = [
         b"MATLAB 5.0".ljust(126) + b"IM\x0e\0\0\0\xff",
         "it has no array of numbers with a row for each",
     ),
+    ("a.mat", bytes(30), "it cannot be read as arrays of MATLAB: Mat file appears to be corrupt"),
     ("a.npy", npy_of(10**9), "an array is longer than its file"),
     ("a.npz", b"PK\3\4" * 9, "it cannot be read as arrays of NumPy"),
     ("a.npy", lambda path: np.save(path, np.array([{}], object)), "it has no array of numbers with a row"),

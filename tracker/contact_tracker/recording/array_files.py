@@ -127,9 +127,13 @@ def _of_matlab(path: str, budget: WorkBudget) -> Arrays:
     with open(path, "rb") as file:
         data = memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
     if bytes(data[:6]) != b"MATLAB":
-        from scipy.io import loadmat
+        from scipy.io.matlab import MatReadError, loadmat
 
-        for name, values in loadmat(path, appendmat=False).items():  # of version 4, which has no lists
+        try:
+            stored = loadmat(path, appendmat=False)  # of version 4, which has no lists
+        except MatReadError as error:
+            raise ValueError(str(error)) from error
+        for name, values in stored.items():
             if isinstance(values, np.ndarray) and values.dtype.kind in "iuf" and values.size:
                 yield name, values.shape, partial(np.asarray, values)
         return
