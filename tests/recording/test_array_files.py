@@ -76,7 +76,7 @@ NESTED: dict[str, tuple[Arrays, str]] = {
         {
             "take": {
                 "FrameRate": 200.0,
-                "Positions": np.stack([1e3 * P.T, 1e3 * P.T + 50.0]),
+                "Positions": np.stack([1e3 * P.T + 50.0, 1e3 * P.T]),
                 "Rotations": np.stack([MATRICES.transpose(2, 1, 0).reshape(9, -1)] * 2),
             }
         },
@@ -97,24 +97,16 @@ def test_arrays_are_read_by_their_names(tmp_path: Path, name: str, shape: str) -
 @pytest.mark.parametrize("name", ["v7.mat", "v6.mat", "v7.3.mat", "a.h5"])
 def test_what_is_in_structs_has_their_names(tmp_path: Path, name: str) -> None:
     for arrays, options in NESTED.values():
-        arrays = {n: dict(values) if isinstance(values, dict) else values for n, values in arrays.items()}
         if name == "a.h5":
             options = options.replace("body.", "body/").replace("take.", "take/")
-        if "take" in arrays:
-            arrays["take"]["Positions"] = arrays["take"]["Positions"] - np.array([[[0.0]], [[50.0]]])
         WRITERS[name](tmp_path / name, arrays)
         assert_read(tmp_path / name, *shlex.split(options))
 
 
-@pytest.mark.parametrize("name", [*WRITERS, "a.feather"])
+@pytest.mark.parametrize("name", [name for name in WRITERS if name != "v4.mat"])  # has no axes but two
 @pytest.mark.parametrize("matrices", [WHOLE, BY_TIME_LAST], ids=["first", "last"])
 def test_a_refusal_proposes_what_reads_the_arrays(tmp_path: Path, name: str, matrices: np.ndarray) -> None:
-    if name == "v4.mat":
-        pytest.skip("MATLAB 4 has no axes but two")
-    if name == "a.feather":
-        feather.write_feather(pyarrow.table({"t": T, "T": list(WHOLE.reshape(-1, 16))}), str(tmp_path / name))
-    else:
-        WRITERS[name](tmp_path / name, {"t": T, "T": matrices})
+    WRITERS[name](tmp_path / name, {"t": T, "T": matrices})
     assert_read(tmp_path / name, *proposed(tmp_path / name))
 
 

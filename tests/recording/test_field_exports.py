@@ -10,7 +10,6 @@ from collections.abc import Callable
 from decimal import Decimal
 from pathlib import Path
 
-import numpy
 import numpy as np
 import pandas
 import pyarrow
@@ -101,6 +100,9 @@ EXPORTS: dict[str, Callable[[Path], object]] = {
     "by columns.npy": lambda path: np.save(path, np.asfortranarray(np.c_[T, POSE])),
     "named.npz": lambda path: np.savez_compressed(path, t=T, p=P, q=Q, about="a test", other=np.zeros(3)),
     "matrices.npz": lambda path: np.savez(path, t=T, poses=WHOLE),
+    "a.feather": lambda path: feather.write_feather(
+        pyarrow.table({"t": T, "T": list(WHOLE.reshape(-1, 16))}), str(path)
+    ),
     "bop.json": lambda path: path.write_text(by_frame([[one] for one in SCENE])),
     "matrices.json": lambda path: path.write_text(by_frame(WHOLE.tolist())),
     "apriltag.json": lambda path: path.write_text(json.dumps(LISTS)),
@@ -116,26 +118,6 @@ EXPORTS: dict[str, Callable[[Path], object]] = {
 def test_the_proposed_command_reads_an_export(tmp_path: Path, name: str) -> None:
     EXPORTS[name](tmp_path / name)
     assert_read(tmp_path / name, *(re.sub("100Hz|30Hz", "200Hz", word) for word in proposed(tmp_path / name)))
-
-
-@pytest.mark.parametrize("kind", ["folder", "four lines", "three lines"])
-def test_the_lines_of_python_that_are_proposed_make_a_file_that_is_read(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str
-) -> None:
-    path = tmp_path / "poses"
-    if kind == "folder":
-        path.mkdir()
-        for number, matrix in enumerate(WHOLE):
-            np.savetxt(path / f"{number:06d}.txt", matrix)
-    else:
-        np.savetxt(path, WHOLE[:, : 3 if kind == "three lines" else 4].reshape(-1, 4))
-    with pytest.raises(UnreadableRecording) as raised:
-        open_log(str(path))
-    monkeypatch.chdir(tmp_path)
-    code = str(raised.value).partition("numpy.save")[2].partition(" makes")[0]
-    eval(f"numpy.save{code}", {"numpy": numpy, "glob": glob})
-    path = tmp_path / "poses.npy"
-    assert_read(path, *(re.sub("100?Hz", "200Hz", word) for word in proposed(path)))
 
 
 def test_stamps_in_another_unit_than_their_name_give_a_warning(tmp_path: Path) -> None:
@@ -183,32 +165,52 @@ def test_numbers_of_rows_that_begin_anew_are_no_bodies(tmp_path: Path, last: int
 DTRACK = "fr {}\nts {:.9f}\n6dcal 2\n6d 2 [1 1.0][9 9 9 9 9 9][1 0 0 0 1 0 0 0 1] [0 1.000][{}][{}]\n"
 
 
-@pytest.mark.parametrize("name", ["dtrack.txt", "v1.feather", "stream.arrow"])
-def test_the_line_of_python_makes_a_file_that_the_command_reads(
+TABLE = pyarrow.table({"t": T, **dict(zip(NAMES.split(","), POSE.T, strict=True))})
+
+
+def write_dtrack(path: Path) -> None:
+    bodies, turns = in_cell(np.c_[P_MM, P_MM]), in_cell(MATRICES.transpose(0, 2, 1))
+    path.write_text("".join(map(DTRACK.format, NUMBERS, T, bodies, turns)))
+
+
+def write_files_of_matrices(path: Path) -> None:
+    path.mkdir()
+    for number, matrix in enumerate(WHOLE):
+        np.savetxt(path / f"{number:06d}.txt", matrix)
+
+
+def write_stream(path: Path) -> None:
+    with pyarrow.OSFile(str(path), "wb") as file, pyarrow.ipc.new_stream(file, TABLE.schema) as stream:
+        stream.write_table(TABLE)
+
+
+CONVERTED: dict[str, tuple[Callable[[Path], object], str]] = {
+    "folder": (write_files_of_matrices, "poses.npy"),
+    "four lines": (lambda path: np.savetxt(path, WHOLE.reshape(-1, 4)), "poses.npy"),
+    "three lines": (lambda path: np.savetxt(path, WHOLE[:, :3].reshape(-1, 4)), "poses.npy"),
+    "dtrack.txt": (write_dtrack, "body.txt"),
+    "v1.feather": (lambda path: feather.write_feather(TABLE, str(path), version=1), "a.feather"),
+    "stream.arrow": (write_stream, "a.feather"),
+}
+
+
+@pytest.mark.filterwarnings("ignore:Feather V1")
+@pytest.mark.parametrize("name", CONVERTED)
+def test_the_line_of_python_makes_a_file_that_is_read(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
+    """By the command in the same message, that for the new file, or as it is."""
     monkeypatch.chdir(tmp_path)
-    path, table = Path(name), pyarrow.table({"t": T, **dict(zip(NAMES.split(","), POSE.T, strict=True))})
-    if name == "dtrack.txt":
-        bodies = (" ".join(map(repr, row)) for row in np.c_[P_MM, P_MM].tolist())
-        turns = in_cell(MATRICES.transpose(0, 2, 1))
-        path.write_text(
-            "".join(DTRACK.format(*entry) for entry in zip(NUMBERS, T, bodies, turns, strict=True))
-        )
-    elif name == "v1.feather":
-        with pytest.warns(DeprecationWarning, match="Feather V1"):
-            feather.write_feather(table, name, version=1)
-    else:
-        with pyarrow.OSFile(name, "wb") as file, pyarrow.ipc.new_stream(file, table.schema) as stream:
-            stream.write_table(table)
-    with pytest.raises(UnreadableRecording, match=" makes a file ") as raised:
+    write_one, file = CONVERTED[name]
+    write_one(Path(name))
+    with pytest.raises(UnreadableRecording) as raised:
         open_log(name)
-    code, _, command = str(raised.value).partition(": ")[2].partition(": ")[2].partition(" makes a file")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)
-        exec(code, {"np": np, "numpy": np, "pyarrow": pyarrow, "re": re})
-    _, _, file, *options = shlex.split(command.partition("read by ")[2]) or ["", "", "a.feather"]
-    assert_read(Path(file), *options)
+    code, command = re.search(
+        r"((?:numpy|pyarrow)\.\w.*) makes a file(?:.*read by (.*))?", str(raised.value)
+    ).groups()
+    exec(code, {"np": np, "numpy": np, "pyarrow": pyarrow, "re": re, "glob": glob})
+    options = shlex.split(command or "")[3:] or (proposed(Path(file)) if file == "poses.npy" else [])
+    assert_read(Path(file), *(re.sub("100?Hz", "200Hz", word) for word in options))
 
 
 def test_a_table_in_a_pipe_is_refused(
@@ -238,15 +240,18 @@ def test_poses_of_json_may_be_lost_at_first(tmp_path: Path, lost: str) -> None:
     assert len(Poses.collect(open_log(str(tmp_path / "a.json")))) == len(T) - 70
 
 
-@pytest.mark.parametrize("orient", ["columns", "split"])
-def test_rows_of_a_document_in_another_order_or_damaged_are_noticed(tmp_path: Path, orient: str) -> None:
-    frame = pandas.DataFrame(np.c_[T, POSE], columns=["time", *NAMES.split(",")])
+@pytest.mark.parametrize("orient", ["columns", "split", "records", "index"])
+def test_json_of_pandas_is_read(tmp_path: Path, orient: str) -> None:
+    """Also with rows in another order, and with rows that are lost; damaged columns are refused."""
+    frame, path = TABLE.to_pandas(), tmp_path / "a.json"
     content = json.loads(frame.to_json(orient=orient, double_precision=15))
+    path.write_text(json.dumps(content))
+    assert_read(path)
     if orient == "split":
         content["data"] += [None, "lost"]
-    else:
+    elif orient == "columns":
         content["x"] = dict(reversed(content["x"].items()))
-    (path := tmp_path / "a.json").write_text(json.dumps(content))
+    path.write_text(json.dumps(content))
     assert_read(path)
     if orient == "columns":
         content["x"]["1000"] = content["x"].pop("7")
@@ -259,13 +264,6 @@ def test_numbers_of_any_size_are_no_poses(tmp_path: Path) -> None:
     path = write(tmp_path / "a.csv", [], [["1e308"] * 8] * 80)
     with warnings.catch_warnings(action="error"), pytest.raises(UnreadableRecording, match="have no names"):
         open_log(str(path))
-
-
-@pytest.mark.parametrize("orient", ["columns", "split", "records", "index"])
-def test_json_of_pandas_is_read(tmp_path: Path, orient: str) -> None:
-    frame = pandas.DataFrame(np.c_[T, POSE], columns=["t", *NAMES.split(",")])
-    frame.to_json(tmp_path / "a.json", orient=orient, double_precision=15)
-    assert_read(tmp_path / "a.json")
 
 
 def test_a_name_that_begins_with_an_abbreviation_is_of_a_body(tmp_path: Path) -> None:
