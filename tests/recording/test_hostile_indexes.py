@@ -2,6 +2,7 @@
 
 import struct
 from collections.abc import Mapping, Sequence
+from itertools import takewhile
 from pathlib import Path
 
 import pytest
@@ -64,7 +65,8 @@ def poses(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     """The records of a sound file, from its header to its last chunk."""
     path = tmp_path_factory.mktemp("sound") / "a.mcap"
     content = write_log(path, [poses_topic(smooth_poses(POSES), "/p")], use_chunking=False).read_bytes()
-    return b"".join(content[begin:end] for _, begin, end in records_in(content))
+    data = takewhile(lambda record: record[0] != Opcode.DATA_END, records_in(content))
+    return b"".join(content[begin:end] for _, begin, end in data)
 
 
 def test_chunks_in_the_index_are_not_decompressed(tmp_path: Path, poses: bytes) -> None:
@@ -170,7 +172,7 @@ def test_metadata_that_expands_is_left_out(tmp_path: Path, poses: bytes) -> None
 def two_chunks(poses: bytes) -> tuple[bytes, bytes, bytes]:
     """The records before the messages, and their two halves as chunks."""
     messages, preamble = list[bytes](), b""
-    for opcode, begin, end in records_in(MAGIC + poses):
+    for opcode, begin, end in records_in(MAGIC + poses + MAGIC):
         record = poses[begin - len(MAGIC) : end - len(MAGIC)]
         if opcode == Opcode.MESSAGE:
             messages.append(record)

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 from mcap.data_stream import RecordBuilder
-from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.records import McapRecord
 from mcap.writer import Writer
@@ -143,9 +142,9 @@ def as_bytes(*records: McapRecord) -> bytes:
 
 
 def records_in(content: bytes) -> Iterator[tuple[int, int, int]]:
-    """Opcode, begin and end of each record of an MCAP file, up to the end of its data."""
+    """Opcode, begin and end of each record of an MCAP file."""
     at = 8
-    while at < len(content) and content[at] != Opcode.DATA_END:
+    while at < len(content) - 8:
         opcode, length = struct.unpack_from("<BQ", content, at)
         yield opcode, at, at + 9 + length
         at += 9 + length
