@@ -4,7 +4,7 @@ import csv
 import pickle
 import struct
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
@@ -24,6 +24,7 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import PoseLog, list_sources, open_log, summarise
 from mcap_logs import smooth_poses
 from motive_export import ABOUT, HEADS, VALUES, write_motive
+from pose_tables import rows, write
 
 POSES = smooth_poses(300)
 OTHER = smooth_poses(300, seed=5)
@@ -41,19 +42,9 @@ def write_parquet(path: Path, table: dict[str, object], **how: object) -> Path:
     return path
 
 
-def write_csv(path: Path, rows: np.ndarray) -> Path:
-    np.savetxt(path, rows, delimiter=",", header=HEADER, comments="")
-    return path
-
-
 def columns(poses: Poses) -> np.ndarray:
     """Seconds, position and quaternion."""
     return np.column_stack([poses.stamp_ns / 1e9, poses.position_m, poses.quat_xyzw])
-
-
-def rows_of(poses: Poses) -> list[list[float]]:
-    """Positions and quaternions."""
-    return columns(poses)[:, 1:].tolist()
 
 
 def assert_read(path: Path | str, expected: Poses = POSES, time_ns: float = 0, **which: str) -> PoseLog:
@@ -78,8 +69,8 @@ def test_tum(tmp_path: Path, head: str) -> None:
     np.savetxt(path, columns(POSES), fmt=["%.6f", *["%.12f"] * 7], header=head)
     assert_read(path, time_ns=501)
     assert list_sources(str(path))[0].topic == "a.txt"
-    rows = zip(exact_seconds(POSES), rows_of(POSES), strict=True)
-    path.write_text("".join(f" {t}\t{'   '.join(map(repr, row))}\r\n" for t, row in rows))
+    lines = rows(exact_seconds(POSES), columns(POSES)[:, 1:])
+    path.write_text("".join(f" {t}\t{'   '.join(row)}\r\n" for t, *row in lines))
     assert_read(path)
 
 
@@ -94,10 +85,9 @@ def test_the_unit_of_times_is_guessed_from_their_size(tmp_path: Path, unit: int)
 
 
 def test_several_bodies_in_named_columns(tmp_path: Path) -> None:
-    path, bodies = tmp_path / "a.csv", {"cup": POSES, "big_table": OTHER}
+    bodies = {"cup": POSES, "big_table": OTHER}
     names = ",".join(["t", *(f"{body}_{axis}" for body in bodies for axis in NAMES)])
-    rows = np.hstack([columns(POSES), columns(OTHER)[:, 1:]])
-    np.savetxt(path, rows, "%.17g", ",", header=names, comments="")
+    path = write(tmp_path / "a.csv", [names], rows(columns(POSES), columns(OTHER)[:, 1:]))
     with pytest.raises(AmbiguousSource, match=r"->big_table \(table\).*->cup \(table\)"):
         open_log(str(path))
     for body, poses in bodies.items():
@@ -446,12 +436,11 @@ def test_parquet_columns_of_no_numbers_are_refused(tmp_path: Path, column: str, 
             read(str(tmp_path / "a.parquet"))
 
 
-def write_times(path: Path, times: np.ndarray, name: str = "t") -> Path:
-    """A table of the first poses at these times."""
-    rows = columns(POSES)[: len(times), 1:].tolist()
-    lines = [f"{time!r},{','.join(map(repr, row))}" for time, row in zip(times.tolist(), rows, strict=True)]
-    path.write_text("\n".join([",".join([name, *NAMES]), *lines]) + "\n")
-    return path
+def write_times(
+    path: Path, times: np.ndarray | list[str], name: str = "t", above: Sequence[str] = ()
+) -> Path:
+    """A table of the first poses at these times; ``above`` are lines after the names."""
+    return write(path, [",".join([name, *NAMES]), *above], rows(times, columns(POSES)[: len(times), 1:]))
 
 
 RATE, WHOLE = "poses a second; ", "whole seconds, one after the other: if they are numbers of frames, give"
@@ -490,16 +479,15 @@ def test_units_of_times(
     assert summarise(str(tmp_path / "a.csv"), reading_of(time_unit=stated)).assumptions == log.remarks[:1]
 
 
-def test_a_unit_cannot_be_given_for_formats_with_their_own(tmp_path: Path) -> None:
-    for name in (write_motive(tmp_path / "take.csv", POSES, OTHER), write_vicon(tmp_path / "v.csv")):
-        with pytest.raises(ChoiceError, match="its times have a unit: leave out --time-unit"):
-            open_log(str(name), frame="cup", table=reading_of(time_unit="ms"))
-
-
-def test_dates_have_no_unit(tmp_path: Path) -> None:
-    path = write_dates(tmp_path / "a.csv", [f"2026-03-01T10:00:0{i}" for i in range(4)])
-    with pytest.raises(ChoiceError, match="its times are dates: leave out --time-unit"):
-        Poses.collect(open_log(str(path), table=reading_of(time_unit="s")))
+def test_a_unit_cannot_be_given_for_times_with_their_own(tmp_path: Path) -> None:
+    dates = write_times(tmp_path / "a.csv", [f"2026-03-01T10:00:0{i}" for i in range(4)])
+    for path, which, message in (
+        (write_motive(tmp_path / "take.csv", POSES, OTHER), {"frame": "cup"}, "its times have a unit"),
+        (write_vicon(tmp_path / "v.csv"), {"frame": "cup"}, "its times have a unit"),
+        (dates, {}, "its times are dates"),
+    ):
+        with pytest.raises(ChoiceError, match=f"{message}: leave out --time-unit"):
+            Poses.collect(open_log(str(path), table=reading_of(time_unit="ms"), **which))
 
 
 def test_dates_count_from_their_time_zone(tmp_path: Path) -> None:
@@ -522,28 +510,22 @@ def test_dates_count_from_their_time_zone(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("above", "times"),
     [
-        ("", ["23:59:58.5", "23:59:59.5", "0:00:00.5", "0:00:01.5"]),  # after midnight
+        ([], ["23:59:58.5", "23:59:59.5", "0:00:00.5", "0:00:01.5"]),  # after midnight
         *(
-            ("[iso],,,,,,,\n", [f"2026-03-01 10:00:0{i}{zone}" for i in range(4)])
+            (["[iso],,,,,,,"], [f"2026-03-01 10:00:0{i}{zone}" for i in range(4)])
             for zone in ("+00", " UTC", " +00:00")  # of databases
         ),
     ],
 )
-def test_dates_of_other_forms(tmp_path: Path, above: str, times: list[str]) -> None:
-    result = Poses.collect(open_log(str(write_dates(tmp_path / "a.csv", times, above))))
+def test_dates_of_other_forms(tmp_path: Path, above: list[str], times: list[str]) -> None:
+    result = Poses.collect(open_log(str(write_times(tmp_path / "a.csv", times, above=above))))
     assert (np.diff(result.stamp_ns) / 1e9).tolist() == [1.0, 1.0, 1.0]
 
 
 def test_days_and_months_that_cannot_be_told_are_refused(tmp_path: Path) -> None:
     times = [f"{day}/03/2026 {time}" for day, time in ((12, "23:59:59"), (13, "00:00:00"), (13, "00:00:01"))]
     with pytest.raises(ChoiceError, match=r"day or the month comes first .* write them as 2026-03-31"):
-        Poses.collect(open_log(str(write_dates(tmp_path / "a.csv", times))))
-
-
-def write_dates(path: Path, times: list[str], above: str = "") -> Path:
-    rows = "".join(f"{time},0,0,{i},0,0,0,1\n" for i, time in enumerate(times))
-    path.write_text(f"{HEADER}\n{above}{rows}")
-    return path
+        Poses.collect(open_log(str(write_times(tmp_path / "a.csv", times))))
 
 
 @pytest.mark.parametrize("kind", ["local", "UTC", "Europe/Berlin", "duration", "text"])
@@ -565,8 +547,8 @@ def test_exports_separated_by_other_than_commas(tmp_path: Path, separator: str) 
         ("take.csv", write_motive(tmp_path / "take.csv", POSES, OTHER, hidden=HIDDEN)),
         ("trial.csv", write_vicon(tmp_path / "trial.csv")),
     ):
-        rows = csv.reader(path.read_text(encoding="utf-8-sig").splitlines())
-        path.write_text("\n".join(separator.join(row).replace(".", ",") for row in rows) + "\n")
+        cells = csv.reader(path.read_text(encoding="utf-8-sig").splitlines())
+        path.write_text("\n".join(separator.join(row).replace(".", ",") for row in cells) + "\n")
         first_ns, frame = (0, "table") if name == "take.csv" else (5_000_000, "me:hand")
         assert_read(path, replace(OTHER, stamp_ns=FRAMES_NS + first_ns), frame=frame)
 
@@ -600,8 +582,8 @@ def test_names_in_a_comment_hold_for_values_with_blanks_and_tabs(tmp_path: Path,
 
 
 def test_unordered_rows_are_reported_with_remedy(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    rows = np.random.default_rng(0).permutation(columns(POSES))
-    path = write_csv(tmp_path / "a.csv", rows)
+    mixed = np.random.default_rng(0).permutation(columns(POSES))
+    path = write(tmp_path / "a.csv", [HEADER], rows(mixed))
     log = open_log(str(path))
     kept = len(Poses.collect(log))
     assert log.remarks == ()
@@ -610,7 +592,7 @@ def test_unordered_rows_are_reported_with_remedy(tmp_path: Path, capsys: pytest.
     )
     assert run(["info", str(path)]) == 3
     assert log.loss in capsys.readouterr().err
-    result = Trajectory.from_arrays(rows[:, 0], rows[:, 1:4], rows[:, 4:])
+    result = Trajectory.from_arrays(mixed[:, 0], mixed[:, 1:4], mixed[:, 4:])
     assert (len(result), result.damage) == (kept, log.loss)
 
 
@@ -622,7 +604,7 @@ def test_unordered_rows_are_reported_with_remedy(tmp_path: Path, capsys: pytest.
     ],
 )
 def test_little_disorder_is_only_counted(tmp_path: Path, order: np.ndarray, counted: dict[str, int]) -> None:
-    log = open_log(str(write_csv(tmp_path / "a.csv", columns(POSES)[order])))
+    log = open_log(str(write(tmp_path / "a.csv", [HEADER], rows(columns(POSES)[order]))))
     Poses.collect(log)
     assert counted.items() <= log.counts.items()
     assert log.remarks == ()
