@@ -236,19 +236,19 @@ def hdf5_of_zeros(path: Path) -> None:
         file.create_dataset("a/t", data=np.zeros(5_000_000), compression="gzip")
 
 
+def feather_of(further: dict[str, object]) -> Callable[[Path], object]:
+    table = pyarrow.table(dict.fromkeys(("t", *NAMES), MANY) | further)
+    return lambda path: feather.write_feather(table, str(path), compression="zstd")
+
+
 MANY, WITH_MARKERS = np.zeros(5_000_000), TWO_BODIES.read_bytes().replace(b"ROTATION", b"ROTATIOX")
 TOO_MUCH = "it is too much for its size"
 UNREAD: list[tuple[str, str | bytes | Callable[[Path], object], str]] = [
     *(("a.csv", text, message) for text, message in LACKING),
     ("a.npz", lambda path: np.savez_compressed(path, t=MANY), TOO_MUCH),
     ("a.mat", lambda path: savemat(path, {"t": MANY[:4_500_000]}, do_compression=True), TOO_MUCH),
-    (
-        "a.feather",
-        lambda path: feather.write_feather(
-            pyarrow.table(dict.fromkeys(("t", *NAMES), MANY)), str(path), compression="zstd"
-        ),
-        TOO_MUCH,
-    ),
+    ("a.feather", feather_of({}), TOO_MUCH),
+    ("a.feather", feather_of({"l": pyarrow.FixedSizeListArray.from_arrays(MANY, 1)}), TOO_MUCH),
     ("a.h5", hdf5_of_zeros, TOO_MUCH),
     ("a.mat", cells_that_are_not_there, "no columns of a pose among x"),
     (
@@ -262,6 +262,7 @@ UNREAD: list[tuple[str, str | bytes | Callable[[Path], object], str]] = [
         "it has no array of numbers with a row for each",
     ),
     ("a.mat", bytes(30), "it cannot be read as arrays of MATLAB: Mat file appears to be corrupt"),
+    ("a.npy", b"\x93NUMPY\1\0\x10\0{'a': (".ljust(26, b"\0"), "it cannot be read as arrays of NumPy: .*EOF"),
     ("a.npy", npy_of(10**9), "an array is longer than its file"),
     ("a.npz", b"PK\3\4" * 9, "it cannot be read as arrays of NumPy"),
     ("a.npy", lambda path: np.save(path, np.array([{}], object)), "it has no array of numbers with a row"),

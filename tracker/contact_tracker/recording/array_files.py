@@ -15,6 +15,7 @@ import zlib
 from collections.abc import Callable, Iterator, Set
 from contextlib import closing
 from functools import partial
+from tokenize import TokenError
 from typing import IO, Any, Final
 
 import numpy as np
@@ -35,7 +36,7 @@ MOST_ARRAYS: Final = 200
 _DEEPEST: Final = 5
 _ERRORS: Final = (
     *(ValueError, OSError, EOFError, RuntimeError, MemoryError, LookupError, TypeError, struct.error),
-    *(zipfile.BadZipFile, zlib.error, NotImplementedError),
+    *(zipfile.BadZipFile, zlib.error, NotImplementedError, TokenError),
 )
 
 

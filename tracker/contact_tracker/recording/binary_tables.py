@@ -256,7 +256,6 @@ class _Arrow:
         """As for Parquet, but all columns at once, as buffers have no names."""
         if self._is_checked:
             return
-        self._is_checked = True
         with _checked(self._path) as file:
             file.seek(-_ARROW_END, os.SEEK_END)
             (size,) = struct.unpack("<i", file.read(4))
@@ -274,6 +273,7 @@ class _Arrow:
                             size = max(0, *struct.unpack("<q", file.read(8)))
                             budget.inflate(packed, size)
                         budget.spend(SHARE_OF_RECORD * (1.0 + size / _BYTES_PER_ROW))
+        self._is_checked = True
 
 
 _OPENED: Final[Mapping[str, Callable[[str], _Parquet | _Arrow]]] = {"Parquet": _Parquet, "Feather": _Arrow}
