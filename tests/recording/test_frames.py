@@ -144,13 +144,14 @@ def test_missing_chains_are_refused(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("follow", [False, True])
 def test_a_pose_with_a_leading_stamp_does_not_delay_others(tmp_path: Path, follow: bool) -> None:
-    early = int(POSES.stamp_ns[20])
-    lead = transform(early + 3600 * 10**9, [0, 0, 0], [0, 0, 0, 1], "flange", "object")
+    """Also after ten seconds, for which transforms are kept."""
+    parent, body = moving("world", "flange", 1, 100.0, 0.0, 12.0), moving("flange", "o", 2, 100.0, 0.0, 9.0)
+    early = int(body.stamps_ns[100])
+    lead = transform(early + 3600 * 10**9, [0, 0, 0], [0, 0, 0, 1], "flange", "o")
     leading = Topic("/tf", TF, [(early + 1, {"transforms": [lead]})])
-    topics = by_name([FLANGE.topic, OBJECT.under("flange").topic, leading])
-    path = write_log(tmp_path / "a.mcap", topics, chunk_size=5000)
-    log = open_log(str(path), frame="world->object", follow=Follow() if follow else None)
-    assert len(Poses.collect(log)) == len(POSES)
+    path = write_log(tmp_path / "a.mcap", by_name([parent.topic, body.topic, leading]), chunk_size=5000)
+    log = open_log(str(path), frame="world->o", follow=Follow() if follow else None)
+    assert len(Poses.collect(log)) == len(body.poses)
     assert log.counts == {"no_parent": 1}
 
 
