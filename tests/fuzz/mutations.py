@@ -8,6 +8,7 @@ import numpy as np
 import zstandard
 
 from contact_tracker.motion.poses import Poses
+from mcap_logs import records_in
 
 ODD_NUMBERS = (0, 1, 2, 0x7F, 0x80, 0xFF, 0xFFFF, 2**31 - 1, 2**31, 2**32 - 1, 2**63, 2**64 - 1)
 ODD_TEXTS = (
@@ -46,10 +47,7 @@ def bytes_of(data: bytes, rng: random.Random) -> bytes:
 
 def records_of(data: bytes, rng: random.Random) -> bytes:
     """An MCAP file with records changed, moved, removed or duplicated, also within chunks."""
-    head, body = data[:8], data[8:]
-    records = _split(body)
-    if not records:
-        return bytes_of(data, rng)
+    records = [(opcode, data[begin + _HEAD.size : end]) for opcode, begin, end in records_in(data)]
     for _ in range(rng.choice([1, 1, 2, 4])):
         i = rng.randrange(len(records))
         opcode, payload = records[i]
@@ -71,19 +69,9 @@ def records_of(data: bytes, rng: random.Random) -> bytes:
         if not records:
             break
     tail = data[-8:] if rng.random() < 0.8 else b""
-    return head + b"".join(_HEAD.pack(opcode, len(payload)) + payload for opcode, payload in records) + tail
-
-
-def _split(body: bytes) -> list[tuple[int, bytes]]:
-    records, at = list[tuple[int, bytes]](), 0
-    while at + _HEAD.size <= len(body) - 8:
-        opcode, size = _HEAD.unpack_from(body, at)
-        at += _HEAD.size
-        if size > len(body) - at:
-            break
-        records.append((opcode, body[at : at + size]))
-        at += size
-    return records
+    return (
+        data[:8] + b"".join(_HEAD.pack(opcode, len(payload)) + payload for opcode, payload in records) + tail
+    )
 
 
 def _chunk_of(payload: bytes, rng: random.Random) -> bytes:

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import corpus
-import formats
 import mutations
 import numpy as np
 
@@ -135,14 +134,12 @@ TARGETS = {
         _of(corpus.recordings, mutations.bytes_of, mutations.records_of, mutations.records_of),
         _recording,
     ),
-    "definition": Target(
-        ".mcap", _of(formats.definitions, mutations.bytes_of, mutations.text_of), _recording
-    ),
-    "bag": Target(".bag", _of(formats.bags, mutations.bytes_of), _recording),
-    "table": Target(".csv", _of(formats.texts, mutations.bytes_of, mutations.text_of), _recording),
-    "parquet": Target(".parquet", _of(formats.compressed_tables, mutations.bytes_of), _recording),
-    "arrays": Target(".npz", _of(formats.arrays, mutations.bytes_of), _recording),
-    "compressed": Target(".mcap.zst", _of(formats.compressed_recordings, mutations.bytes_of), _recording),
+    "definition": Target(".mcap", _of(corpus.definitions, mutations.bytes_of, mutations.text_of), _recording),
+    "bag": Target(".bag", _of(corpus.bags, mutations.bytes_of), _recording),
+    "table": Target(".csv", _of(corpus.texts, mutations.bytes_of, mutations.text_of), _recording),
+    "parquet": Target(".parquet", _of(corpus.compressed_tables, mutations.bytes_of), _recording),
+    "arrays": Target(".npz", _of(corpus.arrays, mutations.bytes_of), _recording),
+    "compressed": Target(".mcap.zst", _of(corpus.compressed_recordings, mutations.bytes_of), _recording),
     "model": Target(".toml", _of(corpus.models, mutations.text_of), _model),
     "known": Target(".toml", _of(corpus.known_files, mutations.text_of), _known),
     "mesh": Target(".mesh", _of(corpus.meshes, mutations.bytes_of, mutations.text_of), _mesh),

@@ -21,16 +21,11 @@ from distortions import default_where, exponential, interpolated, moving_average
 from short_recordings import shipped
 from smooth_motion import START_NS, moving, smooth
 
-RECORDINGS = ("paper_experiment", "all_states", "robot_1khz", "vision_30hz")
+PAPER = shipped("paper_experiment")
 
 
 def recorded(path):
     return Poses.join(list(open_log(str(path)).batches()))
-
-
-@pytest.fixture(scope="session")
-def recordings():
-    return {name: shipped(name) for name in RECORDINGS}
 
 
 def until(poses, seconds):
@@ -72,11 +67,6 @@ FILTERS = {
 }
 
 
-@pytest.mark.parametrize("name", RECORDINGS[1:])
-def test_a_correct_recording_has_no_warnings(recordings, name):
-    assert kinds(recordings[name]) == []
-
-
 @pytest.mark.long
 @pytest.mark.parametrize("part", ["cube_tosses", "physics/paper", "physics/hard", "physics/singular"])
 def test_other_recordings_have_no_warnings(shared_recordings, part):
@@ -93,9 +83,9 @@ def test_other_recordings_have_no_warnings(shared_recordings, part):
         ("vision_30hz", 1e3, "millimetres"),
     ],
 )
-def test_other_units_are_found_at_once(recordings, name, factor, unit):
+def test_other_units_are_found_at_once(name, factor, unit):
     """At rest by their noise, in motion also by their speed; and metres in columns of smaller units."""
-    poses = recordings[name]
+    poses = shipped(name)
     state = inspected(until(scaled(poses, factor), 2.0))
     (finding,) = findings(state)
     assert finding.kind == "units"
@@ -114,9 +104,9 @@ def test_other_units_are_found_at_once(recordings, name, factor, unit):
 
 
 @pytest.mark.parametrize("name", ["all_states", "vision_30hz"])
-def test_an_object_far_from_its_origin_is_in_metres(recordings, name):
+def test_an_object_far_from_its_origin_is_in_metres(name):
     """The origin moves with the errors of the orientation, here by 20 to 120 mm."""
-    far = recordings[name].of_point(10.0 * np.array([0.6, -0.48, 0.64]))
+    far = shipped(name).of_point(10.0 * np.array([0.6, -0.48, 0.64]))
     (finding,) = findings(inspected(far))  # the same motion as that of the world in a body
     assert finding.kind == "inverse"
     assert "if the body's origin is that far from the object" in finding.text
@@ -183,7 +173,8 @@ VALID = {
     "dropped poses": lambda poses: poses[np.random.default_rng(0).random(len(poses)) < 0.5],
     "held poses": held,
 }
-SIMULATED = {
+OTHERS = {
+    **{name: lambda _, name=name: shipped(name) for name in ("all_states", "robot_1khz", "vision_30hz")},
     "places measured much better than turns": by_hand(0, 20.0, 100.0, 1e-6, np.radians(0.5)),
     "calibration of a tip": by_hand(0, 20.0, 100.0, 5e-5, np.radians(0.15), rms_m=1e-4),
     "calibration of a tip with more noise": by_hand(0, 20.0, 100.0, 3e-4, np.radians(0.15), rms_m=1e-4),
@@ -201,10 +192,10 @@ SIMULATED = {
 }
 
 
-@pytest.mark.parametrize("make", [pytest.param(make, id=name) for name, make in (VALID | SIMULATED).items()])
-def test_valid_streams_have_no_warnings(recordings, make):
+@pytest.mark.parametrize("make", [pytest.param(make, id=name) for name, make in (VALID | OTHERS).items()])
+def test_valid_streams_have_no_warnings(make):
     allowed = {"filtered"} if make in (vibrating, of_two_cameras) else set()
-    assert set(kinds(make(recordings["paper_experiment"]))) <= allowed
+    assert set(kinds(make(PAPER))) <= allowed
 
 
 @pytest.mark.parametrize("batch", [7, 100])
@@ -233,9 +224,9 @@ def test_two_bodies_that_take_turns_are_found(first_hz, second_hz):
     ("apart_mm", "every", "in_turns"),
     [(3, 2, True), (5, 8, True), (20, 4, True), (5, 2, False), (300, 4, False)],
 )
-def test_two_bodies_close_to_each_other_are_found_in_motion(recordings, apart_mm, every, in_turns):
+def test_two_bodies_close_to_each_other_are_found_in_motion(apart_mm, every, in_turns):
     """Two bodies that move together, at up to 0.3 m/s, with 0.3 mm of noise."""
-    poses = recordings["paper_experiment"][1100::every]
+    poses = PAPER[1100::every]
     numbers = np.arange(len(poses)) if in_turns else np.random.default_rng(4).permutation(len(poses))
     aside = 1e-3 * apart_mm * np.array([0.6, -0.5, 0.62]) * (numbers % 2)[:, None]
     found = inspected(with_shifts(poses, aside)[: 200 if in_turns else 800])
@@ -243,8 +234,8 @@ def test_two_bodies_close_to_each_other_are_found_in_motion(recordings, apart_mm
     assert any(finding.doubts_labels for finding in findings(found))
 
 
-def test_an_orientation_or_position_that_never_changes(recordings):
-    poses = recordings["paper_experiment"][:1000]
+def test_an_orientation_or_position_that_never_changes():
+    poses = PAPER[:1000]
     unturned = Poses(poses.stamp_ns, poses.position_m, np.tile([0.0, 0.0, 0.0, 1.0], (len(poses), 1)))
     unmoved = Poses(poses.stamp_ns, np.zeros((len(poses), 3)), poses.quat_xyzw)
     for stream, word in ((unturned, "orientation"), (unmoved, "position")):
@@ -259,8 +250,8 @@ def test_an_orientation_or_position_that_never_changes(recordings):
 
 @pytest.mark.parametrize("distort", FILTERS.values(), ids=FILTERS)
 @pytest.mark.parametrize(("name", "seconds"), [("paper_experiment", 8.0), ("robot_1khz", 2.0)])
-def test_filtered_poses_are_found(recordings, distort, name, seconds):
-    state = inspected(distort(until(recordings[name], seconds)))
+def test_filtered_poses_are_found(distort, name, seconds):
+    state = inspected(distort(until(shipped(name), seconds)))
     (finding,) = findings(state)
     assert finding.kind == "filtered"
     assert not finding.doubts_labels
@@ -277,8 +268,8 @@ STREAMS = {
 @pytest.mark.parametrize("change", STREAMS.values(), ids=STREAMS)
 @given(sizes=st.lists(st.integers(1, 700), min_size=1, max_size=30))
 @settings(max_examples=2)
-def test_results_do_not_depend_on_how_the_stream_is_split(recordings, change, sizes):
-    poses = change(recordings["paper_experiment"][:1500])
+def test_results_do_not_depend_on_how_the_stream_is_split(change, sizes):
+    poses = change(PAPER[:1500])
     whole, state, first = inspect(NOTHING_INSPECTED, poses), NOTHING_INSPECTED, 0
     for size in [*sizes, len(poses)]:
         if first < len(poses):
@@ -299,9 +290,9 @@ def _numbers(state):
             yield value
 
 
-def test_memory_is_bounded(recordings):
+def test_memory_is_bounded():
     state = NOTHING_INSPECTED
-    for batch in recordings["robot_1khz"].batches():
+    for batch in shipped("robot_1khz").batches():
         state = inspect(state, batch)
         assert len(state.recent) < KEPT + BLOCK
         assert len(state.first) == 1

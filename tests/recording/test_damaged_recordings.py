@@ -1,6 +1,7 @@
 """Truncated, damaged, compressed, piped and growing recordings: the readable part is read."""
 
 import os
+import shutil
 import struct
 import threading
 import time
@@ -9,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow
 import pytest
 import zstandard
 from hypothesis import HealthCheck, example, given, settings
@@ -16,6 +18,8 @@ from hypothesis import strategies as st
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, IndexType
+from pyarrow import feather
+from scipy.io import savemat
 
 from contact_tracker.errors import AmbiguousSource, ContactTrackerError, NoPoses, NoTruth, UnreadableRecording
 from contact_tracker.ground_truth import Truth, TruthInterval
@@ -32,7 +36,7 @@ from contact_tracker.recording import (
 from contact_tracker.recording.bytestream import TooMuchWork, WorkBudget
 from contact_tracker.recording.mcap_file import MAGIC
 from contact_tracker.states import Contact
-from mcap_logs import START_NS, Topic, poses_topic, smooth_poses, write_log
+from mcap_logs import START_NS, Topic, poses_topic, records_in, smooth_poses, write_log
 from traced_memory import memory_below
 
 SMALL = {"chunk_size": 700, "compression": CompressionType.ZSTD}
@@ -59,15 +63,9 @@ def one_line(error: Exception) -> str:
 
 
 def chunk_offsets(path: Path) -> list[tuple[int, int]]:
-    """Offset and length of the chunk records of a file, found by reading its records."""
-    data = path.read_bytes()
-    offset, chunks = 8, []
-    while offset < len(data) - 8:
-        opcode, length = struct.unpack_from("<BQ", data, offset)
-        if opcode == Opcode.CHUNK:
-            chunks.append((offset, 9 + length))
-        offset += 9 + length
-    return chunks
+    """Offset and length of the chunk records of a file."""
+    records = records_in(path.read_bytes())
+    return [(begin, end - begin) for opcode, begin, end in records if opcode == Opcode.CHUNK]
 
 
 # --- cut off ---------------------------------------------------------------------------------------------
@@ -253,35 +251,52 @@ def test_what_follows_the_end_is_reported(tmp_path: Path) -> None:
     assert damage == "what follows its end is ignored"
 
 
-@pytest.fixture(scope="module", params=["written by us", "small chunks", "unchunked"])
+POSES = smooth_poses(40)
+CHANGES = Topic("/contact/truth", "std_msgs/msg/String", [(START_NS, {"data": "v-f"})])
+TRUTH = Truth((TruthInterval(START_NS, int(POSES.stamp_ns[-1]), Contact.EE),))
+COLUMNS = {"t": np.arange(40) / 200, **dict(zip(("x", "y", "z"), POSES.position_m.T, strict=True))}
+COLUMNS |= dict(zip(("qx", "qy", "qz", "qw"), POSES.quat_xyzw.T, strict=True))
+VICTIMS: dict[str, Callable[[Path], object]] = {
+    "ours.mcap": lambda path: write_recording(str(path), POSES, TRUTH, {"object": "box"}),
+    "chunks.mcap": lambda path: write_log(path, [CHANGES, poses_topic(POSES)], **SMALL),
+    "unchunked.mcap": lambda path: write_log(path, [CHANGES, poses_topic(POSES)], use_chunking=False),
+    "v7.mat": lambda path: savemat(path, COLUMNS, do_compression=True),
+    "v6.mat": lambda path: savemat(path, COLUMNS),
+    "v4.mat": lambda path: savemat(path, COLUMNS, format="4"),
+    "a.feather": lambda path: feather.write_feather(
+        pyarrow.table(COLUMNS | {"l": [[1.0]] * 40}), str(path), compression="lz4"
+    ),
+    "two_bodies.c3d": lambda path: shutil.copy(Path(__file__).with_name("two_bodies.c3d"), path),
+}
+
+
+@pytest.fixture(scope="module", params=VICTIMS)
 def victim(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    poses, path = smooth_poses(40), tmp_path_factory.mktemp("victim") / "a.mcap"
-    if request.param == "written by us":
-        truth = Truth((TruthInterval(START_NS, int(poses.stamp_ns[-1]), Contact.EE),))
-        write_recording(str(path), poses, truth, {"object": "box"})
-        return path
-    changes = Topic("/contact/truth", "std_msgs/msg/String", [(START_NS, {"data": "v-f"})])
-    options: dict[str, Any] = SMALL if request.param == "small chunks" else {"use_chunking": False}
-    return write_log(path, [changes, poses_topic(poses)], **options)
+    VICTIMS[request.param](path := tmp_path_factory.mktemp("victim") / request.param)
+    return path
 
 
 @settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
-    changes=st.lists(st.tuples(st.floats(0, 1), st.binary(min_size=1, max_size=12)), min_size=1, max_size=4)
+    changes=st.lists(st.tuples(st.floats(0, 1), st.binary(min_size=1, max_size=12)), min_size=1, max_size=4),
+    kept=st.just(1.0) | st.floats(0, 1),
 )
-@example(changes=[(0.56640625, bytes(4)), (0.5291777660773443, b"\x18" + bytes(4))])
-def test_any_damage_raises_only_expected_errors(victim: Path, changes: list[tuple[float, bytes]]) -> None:
-    data = bytearray(victim.read_bytes())
+@example(changes=[(0.56640625, bytes(4)), (0.5291777660773443, b"\x18" + bytes(4))], kept=1.0)
+def test_any_damage_raises_only_expected_errors(
+    victim: Path, changes: list[tuple[float, bytes]], kept: float
+) -> None:
+    content = victim.read_bytes()
+    data = bytearray(content[: 12 + int(kept * (len(content) - 12))])
     for place, replacement in changes:
         start = int(place * (len(data) - len(replacement)))
         data[start : start + len(replacement)] = replacement
-    path = str(victim.parent / "b.mcap")
-    Path(path).write_bytes(data)
+    path = victim.with_stem("damaged")
+    path.write_bytes(data)
     result, _ = read(path)
-    assert len(result) <= 40
+    assert len(result) <= 40 or victim.suffix != ".mcap"
     for function in (list_sources, read_truth, read_metadata, summarise):
         try:
-            function(path)  # type: ignore[operator]
+            function(str(path))  # type: ignore[operator]
         except (UnreadableRecording, NoTruth) as error:
             one_line(error)
 

@@ -6,21 +6,23 @@ import time
 from collections.abc import Callable, Mapping
 from itertools import cycle
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import zstandard
 from mcap.writer import Writer
 from rosbags import typesys
-from test_message_formats import POSES, RULE, assert_read
+from rosbags.interfaces import Nodetype
+from test_message_formats import POSES, RULE, SINGLE, assert_read
 
 from contact_tracker.errors import NoPoses, UnreadableRecording
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.recording import open_log, summarise
 from contact_tracker.recording.definitions import known_definition, parse_definition
 from contact_tracker.recording.mcap_file import inflate_zstd
-from mcap_logs import SCHEMAS
-from pose_files import POSE_TYPE, ROS1_TEXT, cdr_pose, ros1_pose, types_of_ros1, write_raw
+from mcap_logs import ROS2, SCHEMAS, TF, header, pose_stamped, vector
+from pose_files import POSE_TYPE, ROS1, ROS1_TEXT, cdr_pose, ros1_pose, write_raw
 
 
 def write(path: Path, encoding: str, text: str) -> Path:
@@ -112,12 +114,11 @@ def test_other_types_in_idl_are_refused_with_the_remedy(tmp_path: Path) -> None:
     "kind", ["geometry_msgs/msg/WrenchStamped", "nav_msgs/msg/Odometry", "visualization_msgs/msg/MarkerArray"]
 )
 def test_definitions_equal_those_of_rosbags(kind: str) -> None:
-    store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
-    definition = parse_definition(store.generate_msgdef(kind, ros_version=2)[0], kind)
+    definition = parse_definition(ROS2.generate_msgdef(kind, ros_version=2)[0], kind)
     again = typesys.get_types_from_msg(definition.ros2msg, kind)
     for name in definition.fields:
         name = name.replace("/", "/msg/")
-        assert again[name][1] == store.fielddefs[name][1], name
+        assert again[name][1] == ROS2.fielddefs[name][1], name
     known = known_definition(kind)
     assert known is None or known.fields == definition.fields
 
@@ -125,55 +126,47 @@ def test_definitions_equal_those_of_rosbags(kind: str) -> None:
 # --- ROS 1 as rosbags writes it ----------------------------------------------------------------------------
 
 
-def ros1_message(kind: str, number: int, pose: Pose) -> bytes:
-    """A message of a type with this pose."""
-    store = types_of_ros1()
-    types = store.types
-    header = types["std_msgs/msg/Header"](
-        number, types["builtin_interfaces/msg/Time"](*divmod(pose.stamp_ns, 10**9)), "world"
-    )
-    point = types["geometry_msgs/msg/Point"](*pose.position_m)
-    vector = types["geometry_msgs/msg/Vector3"](*pose.position_m)
-    turn = types["geometry_msgs/msg/Quaternion"](*pose.quat_xyzw)
-    placed = types["geometry_msgs/msg/Pose"](point, turn)
-    covariance = np.arange(36.0)
-    with_covariance = types["geometry_msgs/msg/PoseWithCovariance"](placed, covariance)
-    twist = types["geometry_msgs/msg/Twist"](vector, vector)
-    transform = types["geometry_msgs/msg/Transform"](vector, turn)
-    color = types["std_msgs/msg/ColorRGBA"](0.1, 0.2, 0.3, 1.0)
-    marker = types["visualization_msgs/msg/Marker"](
-        *(header, "box", 3, 1, 0, placed, vector, color, types["builtin_interfaces/msg/Duration"](1, 2)),
-        *(True, [point, point], [color], "\u00e4", "", False),
-    )
-    parts = {
-        "geometry_msgs/msg/PoseStamped": (header, placed),
-        "geometry_msgs/msg/PoseWithCovarianceStamped": (header, with_covariance),
-        "geometry_msgs/msg/TransformStamped": (header, "cup", transform),
-        "nav_msgs/msg/Odometry": (
-            *(header, "cup", with_covariance),
-            types["geometry_msgs/msg/TwistWithCovariance"](twist, covariance),
-        ),
-        "geometry_msgs/msg/PoseArray": (header, [placed]),
-        "visualization_msgs/msg/MarkerArray": ([marker],),
-    }[kind]
-    return bytes(store.serialize_ros1(types[kind](*parts), kind))
+def of_ros1(kind: str, values: Mapping[str, Any]) -> Any:
+    """A message of rosbags with these values; others are zero or empty."""
+
+    def field(node: tuple[Nodetype, Any], value: Any) -> Any:
+        match node:
+            case Nodetype.NAME, name:
+                return of_ros1(name, value or {})
+            case Nodetype.BASE, (name, _):
+                return value if value is not None else "" if name == "string" else 0
+            case _, ((kind, about) as element, length):
+                values = [field(element, one) for one in ([None] * length if value is None else value)]
+                return np.array(values, about[0]) if kind == Nodetype.BASE else values
+
+    return ROS1.types[kind](*(field(node, values.get(name)) for name, node in ROS1.fielddefs[kind][1]))
 
 
-@pytest.mark.parametrize(
-    "kind",
-    [
-        "geometry_msgs/msg/PoseStamped",
-        "geometry_msgs/msg/PoseWithCovarianceStamped",
-        "geometry_msgs/msg/TransformStamped",
-        "nav_msgs/msg/Odometry",
-        "geometry_msgs/msg/PoseArray",
-        "visualization_msgs/msg/MarkerArray",
-    ],
-)
+def ros1_message(kind: str, values: Mapping[str, Any]) -> bytes:
+    return bytes(ROS1.serialize_ros1(of_ros1(kind, values), kind))
+
+
+def marker(pose: Pose) -> dict[str, Any]:
+    """With arrays of types, and text."""
+    more = {"points": [vector(pose.position_m)] * 2, "colors": [{"r": 0.1}], "text": "\u00e4", "id": 3}
+    return {"header": header(pose.stamp_ns), "pose": pose_stamped(*pose)["pose"], "ns": "box", **more}
+
+
+OF_ROS1: dict[str, Callable[[Pose], Any]] = {
+    **{kind: message for kind, (_, message) in SINGLE.items() if kind != TF},
+    "geometry_msgs/msg/PoseArray": lambda p: {
+        "header": header(p.stamp_ns),
+        "poses": [pose_stamped(*p)["pose"]],
+    },
+    "visualization_msgs/msg/MarkerArray": lambda p: {"markers": [marker(p)]},
+}
+
+
+@pytest.mark.parametrize("kind", OF_ROS1)
 def test_types_of_ros1(tmp_path: Path, kind: str) -> None:
     """Each as rosbags defines and encodes it; a message that is cut off or too long is counted."""
-    rows = [(pose.stamp_ns, ros1_message(kind, i, pose)) for i, pose in enumerate(POSES)]
-    text = types_of_ros1().generate_msgdef(kind, ros_version=1)[0].encode()
+    rows = [(pose.stamp_ns, ros1_message(kind, OF_ROS1[kind](pose))) for pose in POSES]
+    text = ROS1.generate_msgdef(kind, ros_version=1)[0].encode()
     name = kind.replace("/msg/", "/")
     assert_read(write_raw(tmp_path / "a.mcap", name, "ros1", "ros1msg", text, rows))
     odd = [*rows, (rows[-1][0], rows[-1][1][:-1]), (rows[-1][0], rows[-1][1] + b"x")]
@@ -185,17 +178,16 @@ def test_types_of_ros1(tmp_path: Path, kind: str) -> None:
 @pytest.mark.parametrize("kind", ["tf/tfMessage", "tf2_msgs/TFMessage"])
 def test_transforms_of_ros1(tmp_path: Path, kind: str) -> None:
     stamped = "geometry_msgs/msg/TransformStamped"
-    rows = [
-        (pose.stamp_ns, struct.pack("<I", 1) + ros1_message(stamped, i, pose)) for i, pose in enumerate(POSES)
-    ]
-    text, _ = types_of_ros1().generate_msgdef(stamped, ros_version=1)
+    messages = (ros1_message(stamped, OF_ROS1[stamped](pose)) for pose in POSES)
+    rows = [(p.stamp_ns, struct.pack("<I", 1) + data) for p, data in zip(POSES, messages, strict=True)]
+    text, _ = ROS1.generate_msgdef(stamped, ros_version=1)
     fields, rule, parts = text.partition(RULE)
     content = (
         f"geometry_msgs/TransformStamped[] transforms\n{RULE}MSG: geometry_msgs/TransformStamped\n{fields}"
     )
     path = write_raw(tmp_path / "a.mcap", kind, "ros1", "ros1msg", (content + rule + parts).encode(), rows)
     assert_read(path)
-    assert_read(path, frame="world->cup")
+    assert_read(path, frame="world->box")
 
 
 def nested(extra: str, types: Mapping[str, str]) -> str:

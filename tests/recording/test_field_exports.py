@@ -10,16 +10,20 @@ from collections.abc import Callable
 from decimal import Decimal
 from pathlib import Path
 
-import numpy
 import numpy as np
 import pandas
 import pyarrow
 import pytest
-import zstandard
-from pyarrow import feather
-from test_table_readings import (
+from pyarrow import feather, parquet
+
+from contact_tracker.cli.main import run
+from contact_tracker.errors import AmbiguousSource, UnreadableRecording
+from contact_tracker.motion.poses import Poses
+from contact_tracker.recording import open_log
+from pose_tables import (
     MATRICES,
     NAMES,
+    P_MM,
     POSE,
     SINCE_NS,
     TURN,
@@ -33,12 +37,6 @@ from test_table_readings import (
     write,
 )
 
-from contact_tracker.cli.main import run
-from contact_tracker.errors import AmbiguousSource, UnreadableRecording
-from contact_tracker.motion.poses import Poses
-from contact_tracker.recording import open_log
-
-P_MM = 1e3 * P
 NUMBERS = [str(i) for i in range(len(T))]
 
 
@@ -60,20 +58,17 @@ def in_fortran(values: np.ndarray) -> list[list[str]]:
     return [[f"{value:.16E}".replace("E", "D") for value in row] for row in values.tolist()]
 
 
-def with_thousands(marks: str) -> list[list[str]]:
-    """Positions 2 m away, in millimetres with marks of thousands and of decimals."""
-    swap = str.maketrans(",.", marks)
-    return [
-        [repr(t), *(f"{v:,.9f}".translate(swap) for v in p), *map(repr, q)]
-        for t, p, q in zip(T.tolist(), (P_MM + 2e3).tolist(), Q.tolist(), strict=True)
-    ]
-
-
-@pytest.mark.parametrize("marks", [",.", ".,"])
-def test_thousands_separators_are_distinguished_from_decimal_marks(tmp_path: Path, marks: str) -> None:
-    head = "t;x [mm];y [mm];z [mm];qx;qy;qz;qw"
-    poses = Poses.collect(open_log(str(write(tmp_path / "a.csv", [head], with_thousands(marks), ";"))))
-    np.testing.assert_allclose(poses.position_m, P + 2.0, rtol=0, atol=1e-9)
+@pytest.mark.parametrize(
+    ("marks", "offset_m"), [(",.-", 2.0), (".,-", 2.0), ("\u202f.-", -2.0), ("'.\u2212", -2.0)]
+)
+def test_marks_of_thousands_and_other_signs_are_read(tmp_path: Path, marks: str, offset_m: float) -> None:
+    """Of positions 2 m away, in millimetres: of thousands, of decimals and of typesetting."""
+    swap = str.maketrans(",.-", marks)
+    places = [[f"{v:,.9f}".translate(swap) for v in row] for row in (P_MM + 1e3 * offset_m).tolist()]
+    lines = [a + b + c for a, b, c in zip(rows(T), places, rows(Q), strict=True)]
+    path = write(tmp_path / "a.csv", ["t;x [mm];y [mm];z [mm];qx;qy;qz;qw"], lines, ";")
+    poses = Poses.collect(open_log(str(path)))
+    np.testing.assert_allclose(poses.position_m, P + offset_m, rtol=0, atol=1e-9)
 
 
 NDI = "Tools,Frame,Face,State,Rz,Ry,Rx,Tx,Ty,Tz,Error"
@@ -89,7 +84,25 @@ LISTS = [
     for t, matrix, p in zip(T.tolist(), MATRICES.tolist(), P.tolist(), strict=True)
 ]
 OF_BOP = rows(*(["1"] * len(T), NUMBERS, ["5"] * len(T), in_cell(MATRICES), in_cell(P_MM), ["-1"] * len(T)))
+
+
+def parquet_of(**columns: object) -> Callable[[Path], object]:
+    return lambda path: parquet.write_table(pyarrow.table({"timestamp": T, **columns}), path)
+
+
+OF_SEVEN = pyarrow.array(POSE.tolist(), pyarrow.list_(pyarrow.float64(), 7))
 EXPORTS: dict[str, Callable[[Path], object]] = {
+    "lists of seven.parquet": parquet_of(**{"observation.state": OF_SEVEN}),
+    "two lists.parquet": parquet_of(
+        position=pyarrow.array(P.tolist()), orientation=pyarrow.array(Q.tolist())
+    ),
+    "lists of any length.parquet": parquet_of(a=pyarrow.array(POSE.tolist())),
+    "by columns.npy": lambda path: np.save(path, np.asfortranarray(np.c_[T, POSE])),
+    "named.npz": lambda path: np.savez_compressed(path, t=T, p=P, q=Q, about="a test", other=np.zeros(3)),
+    "matrices.npz": lambda path: np.savez(path, t=T, poses=WHOLE),
+    "a.feather": lambda path: feather.write_feather(
+        pyarrow.table({"t": T, "T": list(WHOLE.reshape(-1, 16))}), str(path)
+    ),
     "bop.json": lambda path: path.write_text(by_frame([[one] for one in SCENE])),
     "matrices.json": lambda path: path.write_text(by_frame(WHOLE.tolist())),
     "apriltag.json": lambda path: path.write_text(json.dumps(LISTS)),
@@ -105,31 +118,6 @@ EXPORTS: dict[str, Callable[[Path], object]] = {
 def test_the_proposed_command_reads_an_export(tmp_path: Path, name: str) -> None:
     EXPORTS[name](tmp_path / name)
     assert_read(tmp_path / name, *(re.sub("100Hz|30Hz", "200Hz", word) for word in proposed(tmp_path / name)))
-
-
-@pytest.mark.parametrize("kind", ["folder", "four lines", "three lines"])
-def test_the_lines_of_python_that_are_proposed_make_a_file_that_is_read(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str
-) -> None:
-    path = tmp_path / "poses"
-    if kind == "folder":
-        path.mkdir()
-        for number, matrix in enumerate(WHOLE):
-            np.savetxt(path / f"{number:06d}.txt", matrix)
-    else:
-        np.savetxt(path, WHOLE[:, : 3 if kind == "three lines" else 4].reshape(-1, 4))
-    with pytest.raises(UnreadableRecording) as raised:
-        open_log(str(path))
-    monkeypatch.chdir(tmp_path)
-    code = str(raised.value).partition("numpy.save")[2].partition(" makes")[0]
-    eval(f"numpy.save{code}", {"numpy": numpy, "glob": glob})
-    assert_read(
-        tmp_path / "poses.npy",
-        *(
-            word.replace("100Hz", "200Hz").replace("10Hz", "200Hz")
-            for word in proposed(tmp_path / "poses.npy")
-        ),
-    )
 
 
 def test_stamps_in_another_unit_than_their_name_give_a_warning(tmp_path: Path) -> None:
@@ -177,52 +165,52 @@ def test_numbers_of_rows_that_begin_anew_are_no_bodies(tmp_path: Path, last: int
 DTRACK = "fr {}\nts {:.9f}\n6dcal 2\n6d 2 [1 1.0][9 9 9 9 9 9][1 0 0 0 1 0 0 0 1] [0 1.000][{}][{}]\n"
 
 
-@pytest.mark.parametrize("name", ["dtrack.txt", "v1.feather", "stream.arrow"])
-def test_the_line_of_python_makes_a_file_that_the_command_reads(
+TABLE = pyarrow.table({"t": T, **dict(zip(NAMES.split(","), POSE.T, strict=True))})
+
+
+def write_dtrack(path: Path) -> None:
+    bodies, turns = in_cell(np.c_[P_MM, P_MM]), in_cell(MATRICES.transpose(0, 2, 1))
+    path.write_text("".join(map(DTRACK.format, NUMBERS, T, bodies, turns)))
+
+
+def write_files_of_matrices(path: Path) -> None:
+    path.mkdir()
+    for number, matrix in enumerate(WHOLE):
+        np.savetxt(path / f"{number:06d}.txt", matrix)
+
+
+def write_stream(path: Path) -> None:
+    with pyarrow.OSFile(str(path), "wb") as file, pyarrow.ipc.new_stream(file, TABLE.schema) as stream:
+        stream.write_table(TABLE)
+
+
+CONVERTED: dict[str, tuple[Callable[[Path], object], str]] = {
+    "folder": (write_files_of_matrices, "poses.npy"),
+    "four lines": (lambda path: np.savetxt(path, WHOLE.reshape(-1, 4)), "poses.npy"),
+    "three lines": (lambda path: np.savetxt(path, WHOLE[:, :3].reshape(-1, 4)), "poses.npy"),
+    "dtrack.txt": (write_dtrack, "body.txt"),
+    "v1.feather": (lambda path: feather.write_feather(TABLE, str(path), version=1), "a.feather"),
+    "stream.arrow": (write_stream, "a.feather"),
+}
+
+
+@pytest.mark.filterwarnings("ignore:Feather V1")
+@pytest.mark.parametrize("name", CONVERTED)
+def test_the_line_of_python_makes_a_file_that_is_read(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
+    """By the command in the same message, that for the new file, or as it is."""
     monkeypatch.chdir(tmp_path)
-    path, table = Path(name), pyarrow.table({"t": T, **dict(zip(NAMES.split(","), POSE.T, strict=True))})
-    if name == "dtrack.txt":
-        bodies = (" ".join(map(repr, row)) for row in np.c_[P_MM, P_MM].tolist())
-        turns = in_cell(MATRICES.transpose(0, 2, 1))
-        path.write_text(
-            "".join(DTRACK.format(*entry) for entry in zip(NUMBERS, T, bodies, turns, strict=True))
-        )
-    elif name == "v1.feather":
-        with pytest.warns(DeprecationWarning, match="Feather V1"):
-            feather.write_feather(table, name, version=1)
-    else:
-        with pyarrow.OSFile(name, "wb") as file, pyarrow.ipc.new_stream(file, table.schema) as stream:
-            stream.write_table(table)
-    with pytest.raises(UnreadableRecording, match=" makes a file ") as raised:
+    write_one, file = CONVERTED[name]
+    write_one(Path(name))
+    with pytest.raises(UnreadableRecording) as raised:
         open_log(name)
-    code, _, command = str(raised.value).partition(": ")[2].partition(": ")[2].partition(" makes a file")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)
-        exec(code, {"np": np, "numpy": np, "pyarrow": pyarrow, "re": re})
-    _, _, file, *options = shlex.split(command.partition("read by ")[2]) or ["", "", "a.feather"]
-    assert_read(Path(file), *options)
-
-
-@pytest.mark.parametrize(
-    ("name", "data", "message"),
-    [
-        ("a.xlsx", b"PK\3\4", "a workbook of Excel: save the sheet as CSV; or .*read_excel"),
-        ("a.xls", b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", "a workbook of Excel"),
-        ("a.mp4", bytes(100), "not an MCAP file. What is read: MCAP files, ROS bags"),
-        (
-            "a.csv.zst",
-            zstandard.compress(b"t,x,y,z,qx,qy,qz,qw\n"),
-            "if it is a table, decompress it: zstd -d",
-        ),
-        ("a.mcap", b"<html><body>404", "if it is a table, name it .csv"),
-    ],
-)
-def test_other_files_are_named_with_what_to_do(tmp_path: Path, name: str, data: bytes, message: str) -> None:
-    (tmp_path / name).write_bytes(data)
-    with pytest.raises(UnreadableRecording, match=message):
-        open_log(str(tmp_path / name))
+    code, command = re.search(
+        r"((?:numpy|pyarrow)\.\w.*) makes a file(?:.*read by (.*))?", str(raised.value)
+    ).groups()
+    exec(code, {"np": np, "numpy": np, "pyarrow": pyarrow, "re": re, "glob": glob})
+    options = shlex.split(command or "")[3:] or (proposed(Path(file)) if file == "poses.npy" else [])
+    assert_read(Path(file), *(re.sub("100?Hz", "200Hz", word) for word in options))
 
 
 def test_a_table_in_a_pipe_is_refused(
@@ -235,21 +223,6 @@ def test_a_table_in_a_pipe_is_refused(
         monkeypatch.setattr("sys.stdin", stdin)
         assert run(["info", "-"]) == 1
     assert "save it to a file: tables are not read from a pipe" in capsys.readouterr().err
-
-
-MILLIONTHS = [str(n // 1000) for n in SINCE_NS]
-TIMED: dict[str, tuple[str, list[list[str]]]] = {
-    "seconds and microseconds": ("sec,usec", rows(["1700000000"] * len(T), MILLIONTHS)),
-    "durations of pandas": ("time", [[f"1 days 00:00:{t:09.6f}"] for t in T.tolist()]),
-    "marks of thousands": ("t_ms", [[f'"{1e3 * (t + 90):,.6f}"'] for t in T.tolist()]),
-}
-
-
-@pytest.mark.parametrize("kind", TIMED)
-def test_times_are_read(tmp_path: Path, kind: str) -> None:
-    head, times = TIMED[kind]
-    lines = [time + row for time, row in zip(times, rows(POSE), strict=True)]
-    assert_read(write(tmp_path / "a.csv", [f"{head},{NAMES}"], lines))
 
 
 def test_frames_after_a_time_of_day_are_no_fraction(tmp_path: Path) -> None:
@@ -267,22 +240,18 @@ def test_poses_of_json_may_be_lost_at_first(tmp_path: Path, lost: str) -> None:
     assert len(Poses.collect(open_log(str(tmp_path / "a.json")))) == len(T) - 70
 
 
-@pytest.mark.parametrize("text", ['{"meta": {"a": 1}, "data": {"t": [1, 2]}}', "{}"])
-def test_json_without_entries_is_refused(tmp_path: Path, text: str) -> None:
-    (tmp_path / "a.json").write_text(text)
-    with pytest.raises(UnreadableRecording, match=r"without entries in a list.* as by jq \.data"):
-        open_log(str(tmp_path / "a.json"))
-
-
-@pytest.mark.parametrize("orient", ["columns", "split"])
-def test_rows_of_a_document_in_another_order_or_damaged_are_noticed(tmp_path: Path, orient: str) -> None:
-    frame = pandas.DataFrame(np.c_[T, POSE], columns=["time", *NAMES.split(",")])
+@pytest.mark.parametrize("orient", ["columns", "split", "records", "index"])
+def test_json_of_pandas_is_read(tmp_path: Path, orient: str) -> None:
+    """Also with rows in another order, and with rows that are lost; damaged columns are refused."""
+    frame, path = TABLE.to_pandas(), tmp_path / "a.json"
     content = json.loads(frame.to_json(orient=orient, double_precision=15))
+    path.write_text(json.dumps(content))
+    assert_read(path)
     if orient == "split":
         content["data"] += [None, "lost"]
-    else:
+    elif orient == "columns":
         content["x"] = dict(reversed(content["x"].items()))
-    (path := tmp_path / "a.json").write_text(json.dumps(content))
+    path.write_text(json.dumps(content))
     assert_read(path)
     if orient == "columns":
         content["x"]["1000"] = content["x"].pop("7")
@@ -297,21 +266,7 @@ def test_numbers_of_any_size_are_no_poses(tmp_path: Path) -> None:
         open_log(str(path))
 
 
-@pytest.mark.parametrize("orient", ["columns", "split", "records", "index"])
-def test_json_of_pandas_is_read(tmp_path: Path, orient: str) -> None:
-    frame = pandas.DataFrame(np.c_[T, POSE], columns=["t", *NAMES.split(",")])
-    frame.to_json(tmp_path / "a.json", orient=orient, double_precision=15)
-    assert_read(tmp_path / "a.json")
-
-
-@pytest.mark.parametrize("line", ["# a comment", "Channel 3,on"])
-def test_a_long_preamble_is_skipped(tmp_path: Path, line: str) -> None:
-    assert_read(write(tmp_path / "a.csv", [*[line] * 200, f"t,{NAMES}"], rows(T, POSE)))
-
-
 def test_a_name_that_begins_with_an_abbreviation_is_of_a_body(tmp_path: Path) -> None:
-    """And one in capitals is divided before its axis."""
-    assert_read(write(tmp_path / "b.csv", ["TIME,POSx,POSy,POSz,QUATx,QUATy,QUATz,QUATw"], rows(T, POSE)))
     head = [f"HMD{kind}{axis}" for kind, axes in (("Position", "XYZ"), ("Rotation", "XYZW")) for axis in axes]
     names = ",".join([*head, *(name.replace("HMD", "LeftHand") for name in head)])
     path = write(tmp_path / "a.csv", [f"Time,{names}"], rows(T, POSE, POSE))
@@ -328,13 +283,3 @@ def test_a_dataframe_in_parquet_is_read(tmp_path: Path, body: str) -> None:
     frames = pandas.concat([frame.assign(**{body: value}) for value in bodies])
     frames.sort_index(kind="stable").to_parquet(path := tmp_path / "a.parquet")
     assert_read(path, *proposed(path), frame=str(bodies[0]))
-
-
-@pytest.mark.parametrize("marks", [("\u202f", "-"), ("'", "\u2212")])
-def test_numbers_of_typesetting_are_read(tmp_path: Path, marks: tuple[str, str]) -> None:
-    lines = [[f"{value:,.9f}".replace(",", marks[0]).replace("-", marks[1]) for value in P_MM[i] - 2e3]
-             for i in range(len(T))]  # fmt: skip
-    path = write(tmp_path / "a.csv", [f"t;x [mm];y [mm];z [mm];{NAMES[6:].replace(',', ';')}"],
-                 [a + b + c for a, b, c in zip(rows(T), lines, rows(Q), strict=True)], ";")  # fmt: skip
-    poses = Poses.collect(open_log(str(path)))
-    np.testing.assert_allclose(poses.position_m, P - 2.0, rtol=0, atol=1e-9)

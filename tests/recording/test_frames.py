@@ -1,6 +1,5 @@
 """Poses in frames other than the published one: chains of transforms, and relative to other bodies."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -10,145 +9,89 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from contact_tracker.errors import AmbiguousSource, ChoiceError
-from contact_tracker.motion.poses import Pose, Poses
-from contact_tracker.recording import PoseSource, open_log
+from contact_tracker.motion.poses import Poses
+from contact_tracker.recording import Follow, PoseLog, PoseSource, open_log
 from contact_tracker.recording.transforms import TransformTree
-from mcap_logs import START_NS, TF, Topic, joined, poses_topic, smooth_poses, tf_topic, transform, write_log
+from mcap_logs import TF, Topic, poses_topic, smooth_poses, tf_topic, transform, write_log
+from moving_frames import START_NS, Frame, by_name, matrices, moving, static
 from traced_memory import memory_below
 
-MOUNT = Pose(START_NS, (0.1, -0.2, 0.3), tuple(Rotation.from_euler("xyz", [0.3, -0.5, 0.7]).as_quat()))
+FLANGE = moving("world", "flange", 1, 97.0, 0.0, 4.1)
+MOUNT = static("flange", "camera")
+OBJECT = moving("camera", "object", 2, 31.0, 0.05, 3.3)
+AT_NS = OBJECT.stamps_ns
+POSES = OBJECT.poses
 
 
-def matrix(position: np.ndarray, quat: np.ndarray) -> np.ndarray:
-    """The 4 x 4 matrix of a pose, by the formula of quaternions."""
-    x, y, z, w = quat / np.sqrt(quat @ quat)
-    turn = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.block([[np.array(turn), np.reshape(position, (3, 1))], [np.zeros((1, 3)), np.ones((1, 1))]])
-
-
-def interpolated(poses: Poses, stamp_ns: int) -> np.ndarray:
-    """The 4 x 4 matrix at ``stamp_ns``: position linear, quaternion along the shortest arc."""
-    i = min(int(np.searchsorted(poses.stamp_ns, stamp_ns, side="right")) - 1, len(poses) - 2)
-    share = float(stamp_ns - poses.stamp_ns[i]) / float(poses.stamp_ns[i + 1] - poses.stamp_ns[i])
-    a, b = poses.quat_xyzw[i], poses.quat_xyzw[i + 1]
-    b = b if a @ b > 0 else -b
-    angle = np.arccos(min(1.0, a @ b))
-    quat = a if angle < 1e-12 else (np.sin((1 - share) * angle) * a + np.sin(share * angle) * b)
-    return matrix((1 - share) * poses.position_m[i] + share * poses.position_m[i + 1], quat)
-
-
-def assert_is(result: Poses, stamps_ns: np.ndarray, expected: Callable[[int, int], np.ndarray]) -> None:
-    """Compare poses with ``expected(index, stamp_ns)``, to 1e-9."""
+def assert_is(result: Poses, stamps_ns: np.ndarray, expected: np.ndarray) -> None:
+    """Compare poses with matrices (N, 4, 4), to 1e-9."""
     np.testing.assert_array_equal(result.stamp_ns, stamps_ns)
-    for i, stamp_ns in enumerate(stamps_ns.tolist()):
-        got = matrix(result.position_m[i], result.quat_xyzw[i])
-        np.testing.assert_allclose(got, expected(i, stamp_ns), rtol=0, atol=1e-9)
+    got = matrices(result.position_m, Rotation.from_quat(result.quat_xyzw))
+    np.testing.assert_allclose(got, expected, rtol=0, atol=1e-9)
 
 
-def faster(count: int, rate_hz: float, seed: int, start_ns: int = START_NS) -> Poses:
-    """More motion from sample to sample than ``smooth_poses`` has."""
-    poses = smooth_poses(count, 20, seed)
-    return Poses(start_ns + np.round(np.arange(count) / rate_hz * 1e9).astype(int), *poses.columns[1:])
+def write(path: Path, *frames: Frame, further: tuple[Topic, ...] = (), **options: int) -> str:
+    return str(write_log(path, [*by_name(frame.topic for frame in frames), *further], **options))
 
 
-def by(poses: Poses) -> list[np.ndarray]:
-    return [matrix(p, q) for p, q in zip(poses.position_m, poses.quat_xyzw, strict=True)]
-
-
-FLANGE = faster(400, 97.0, 1)
-OBJECT = faster(100, 31.0, 2, START_NS + 50_000_000)
-
-
-def write_arm(path: Path, **options: int) -> Path:
-    """world -> flange moves, flange -> camera is mounted, camera -> object moves."""
-    arm = joined(tf_topic(FLANGE, "world", "flange"), tf_topic(OBJECT, "camera", "object"))
-    static = tf_topic([MOUNT], "flange", "camera", "/tf_static")
-    return write_log(path, [arm, static], **options)
+def composed(path: Path, *frames: Frame, **which: object) -> PoseLog:
+    """The log of the object in the world of these frames."""
+    return open_log(write(path / "a.mcap", *frames), frame="world->object", **which)
 
 
 @pytest.mark.parametrize("chunk_size", [500, 2**20])
 @pytest.mark.parametrize("in_columns", [False, True])
 def test_a_chain_whose_parent_moves(tmp_path: Path, chunk_size: int, in_columns: bool) -> None:
-    path = write_arm(tmp_path / "a.mcap", chunk_size=chunk_size)
-    log = open_log(str(path), frame="world->object")
+    path = write(tmp_path / "a.mcap", FLANGE, MOUNT, OBJECT, chunk_size=chunk_size)
+    log = open_log(path, frame="world->object")
     result = Poses.join(list(log.batches())) if in_columns else Poses.collect(log)
-    mount = matrix(np.array(MOUNT.position_m), np.array(MOUNT.quat_xyzw))
-    seen = by(OBJECT)
-    assert_is(result, OBJECT.stamp_ns, lambda i, stamp: interpolated(FLANGE, stamp) @ mount @ seen[i])
+    assert_is(result, AT_NS, FLANGE.at(AT_NS) @ MOUNT.at(AT_NS) @ OBJECT.at(AT_NS))
     assert (log.source.topic, log.source.frames) == ("/tf", "world->object")
     assert log.counts == {}
 
 
 def test_a_chain_up_and_down_the_tree(tmp_path: Path) -> None:
     """From one branch to another; the transforms of the first are inverted."""
-    source = faster(300, 80.0, 7)
-    topics = joined(
-        tf_topic(FLANGE, "world", "flange"),
-        tf_topic(OBJECT, "flange", "object"),
-        tf_topic(source, "world", "tool"),
-    )
-    path = write_log(tmp_path / "a.mcap", [topics])
-    result = Poses.collect(open_log(str(path), frame="tool->object"))
-    seen = by(OBJECT)
-    assert_is(
-        result,
-        OBJECT.stamp_ns,
-        lambda i, t: np.linalg.inv(interpolated(source, t)) @ interpolated(FLANGE, t) @ seen[i],
-    )
+    tool = moving("world", "tool", 7, 80.0, 0.0, 3.7)
+    path = write(tmp_path / "a.mcap", FLANGE, OBJECT.under("flange"), tool)
+    result = Poses.collect(open_log(path, frame="tool->object"))
+    assert_is(result, AT_NS, np.linalg.inv(tool.at(AT_NS)) @ FLANGE.at(AT_NS) @ OBJECT.at(AT_NS))
 
 
 def test_relative_to_a_frame(tmp_path: Path) -> None:
     """A PoseStamped in the camera's frame is transformed to the world."""
-    topics = [
-        tf_topic(FLANGE, "world", "flange"),
-        tf_topic([MOUNT], "flange", "camera", "/tf_static"),
-        poses_topic(OBJECT, frame="camera"),
-    ]
-    path = str(write_log(tmp_path / "a.mcap", topics))
+    path = write(tmp_path / "a.mcap", FLANGE, MOUNT, further=(poses_topic(POSES, frame="camera"),))
     log = open_log(path, topic="/object/pose", relative_to="world")
-    mount, seen = matrix(np.array(MOUNT.position_m), np.array(MOUNT.quat_xyzw)), by(OBJECT)
-    assert_is(Poses.collect(log), OBJECT.stamp_ns, lambda i, t: interpolated(FLANGE, t) @ mount @ seen[i])
+    assert_is(Poses.collect(log), AT_NS, FLANGE.at(AT_NS) @ MOUNT.at(AT_NS) @ OBJECT.at(AT_NS))
     assert str(log.source) == "/object/pose world (geometry_msgs/msg/PoseStamped)"
     assert not log.source.read_as.frame_moves
 
 
 def test_a_chain_on_a_clock_that_starts_at_zero(tmp_path: Path) -> None:
     """The clock of a simulation: zero is no missing stamp there."""
-    pair = faster(100, 31.0, 1), faster(100, 31.0, 2)
-    ticking = tuple(replace(poses, stamp_ns=poses.stamp_ns - START_NS) for poses in pair)
-    topic = tf_topic(ticking[0], "world", "flange", beside=[(ticking[1], "flange", "object")])
-    path = write_log(
-        tmp_path / "a.mcap", [replace(topic, messages=[(ns + START_NS, body) for ns, body in topic.messages])]
-    )
-    log = open_log(str(path), frame="world->object")
-    first, second = map(by, pair)
-    assert_is(Poses.collect(log), pair[0].stamp_ns - START_NS, lambda i, t: first[i] @ second[i])
+    first, second = (replace(OBJECT, stamps_ns=AT_NS - AT_NS[0], parent=parent) for parent in ("world", "f"))
+    (topic,) = by_name([replace(first, child="f").topic, second.topic])
+    later = replace(topic, messages=[(ns + START_NS, body) for ns, body in topic.messages])
+    log = open_log(str(write_log(tmp_path / "a.mcap", [later])), frame="world->object")
+    assert_is(Poses.collect(log), first.stamps_ns, OBJECT.at(AT_NS) @ OBJECT.at(AT_NS))
     assert log.counts == {}
 
 
 def test_relative_to_another_body(tmp_path: Path) -> None:
-    topics = [poses_topic(FLANGE, "/tray"), poses_topic(OBJECT, "/cup")]
+    topics = [poses_topic(FLANGE.poses, "/tray"), poses_topic(POSES, "/cup")]
     path = str(write_log(tmp_path / "a.mcap", topics))
-    seen = by(OBJECT)
     log = open_log(path, topic="/cup", relative_to="/tray")
     assert log.source.read_as.frame_moves
-    result = Poses.collect(log)
-    assert_is(result, OBJECT.stamp_ns, lambda i, t: np.linalg.inv(interpolated(FLANGE, t)) @ seen[i])
+    assert_is(Poses.collect(log), AT_NS, np.linalg.inv(FLANGE.at(AT_NS)) @ OBJECT.at(AT_NS))
 
 
 def test_poses_without_interpolation_are_counted(tmp_path: Path) -> None:
-    kept = np.r_[20:100, 250:350]  # from 0.2 to 1.0 s and from 2.6 to 3.6 s
-    parent = FLANGE[kept]
-    topics = joined(tf_topic(parent, "world", "flange"), tf_topic(OBJECT, "flange", "object"))
-    log = open_log(str(write_log(tmp_path / "a.mcap", [topics])), frame="world->object")
+    parent = FLANGE.only(np.r_[20:100, 250:350])  # from 0.2 to 1.0 s and from 2.6 to 3.6 s
+    log = composed(tmp_path, parent, OBJECT.under("flange"))
     result = Poses.collect(log)
-    stamps = OBJECT.stamp_ns
-    outside = (stamps < parent.stamp_ns[0]) | (stamps > parent.stamp_ns[-1])
-    inside = (stamps > FLANGE.stamp_ns[99]) & (stamps < FLANGE.stamp_ns[250])
+    stamps = POSES.stamp_ns
+    outside = (stamps < parent.stamps_ns[0]) | (stamps > parent.stamps_ns[-1])
+    inside = (stamps > FLANGE.stamps_ns[99]) & (stamps < FLANGE.stamps_ns[250])
     assert outside.any()
     assert inside.any()
     assert log.counts == {"no_parent": outside.sum(), "parent_gap": inside.sum(), "gap": 1}
@@ -156,49 +99,37 @@ def test_poses_without_interpolation_are_counted(tmp_path: Path) -> None:
 
 
 def test_a_parent_that_rests_is_known_between_rare_messages(tmp_path: Path) -> None:
-    rare = [MOUNT._replace(stamp_ns=START_NS + i * 2_000_000_000) for i in range(3)]
-    topics = joined(tf_topic(rare, "world", "base"), tf_topic(OBJECT, "base", "object"))
-    log = open_log(str(write_log(tmp_path / "a.mcap", [topics])), frame="world->object")
-    assert len(Poses.collect(log)) == len(OBJECT)
+    rare = replace(MOUNT.only(np.zeros(3, int)), stamps_ns=START_NS + 2 * 10**9 * np.arange(3))
+    log = composed(tmp_path, replace(rare, parent="world", child="base"), OBJECT.under("base"))
+    assert len(Poses.collect(log)) == len(POSES)
 
 
 def test_bad_poses_of_the_parent_are_left_out(tmp_path: Path) -> None:
-    bad = Pose(int(FLANGE.stamp_ns[50]) + 1000, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0))
-    topics = joined(
-        tf_topic(FLANGE, "world", "flange"),
-        tf_topic([bad], "world", "flange"),
-        tf_topic(OBJECT, "flange", "o"),
-    )
-    log = open_log(str(write_log(tmp_path / "a.mcap", [topics])), frame="world->o")
-    assert len(Poses.collect(log)) == len(OBJECT)
+    at = int(FLANGE.stamps_ns[50]) + 1000
+    bad = Topic("/tf", TF, [(at, {"transforms": [transform(at, [0] * 3, [0] * 4, "world", "flange")]})])
+    topics = by_name([FLANGE.topic, bad, OBJECT.under("flange").topic])
+    log = open_log(str(write_log(tmp_path / "a.mcap", topics)), frame="world->object")
+    assert len(Poses.collect(log)) == len(POSES)
     assert log.counts == {"bad_parent": 1}
 
 
 @pytest.mark.parametrize("which", [{"frame": "object"}, {"topic": "/p"}])
 def test_a_frame_that_may_move_is_named(tmp_path: Path, which: dict[str, str]) -> None:
-    path = write_log(
-        tmp_path / "a.mcap",
-        [
-            joined(tf_topic(FLANGE, "world", "flange"), tf_topic(OBJECT, "camera", "object")),
-            tf_topic([MOUNT], "flange", "camera", "/tf_static"),
-            poses_topic(OBJECT, "/p", "camera"),
-        ],
-    )
-    note = open_log(str(path), **which).note
+    path = write(tmp_path / "a.mcap", FLANGE, OBJECT, MOUNT, further=(poses_topic(POSES, "/p", "camera"),))
+    note = open_log(path, **which).note
     assert note.startswith("poses are in camera, which may move in world: contacts are with camera")
     assert ("--frame 'world->object'" if "frame" in which else "--relative-to world") in note
 
 
 def test_static_and_selected_frames_are_not_reported(tmp_path: Path) -> None:
-    path = str(write_arm(tmp_path / "a.mcap"))
+    path = write(tmp_path / "a.mcap", FLANGE, MOUNT, OBJECT)
     assert open_log(path, frame="camera->object").note is None
     assert open_log(path, frame="flange").note is None
-    topics = [tf_topic(OBJECT, "camera", "object"), tf_topic([MOUNT], "world", "camera", "/tf_static")]
-    assert open_log(str(write_log(tmp_path / "b.mcap", topics))).note is None
+    assert open_log(write(tmp_path / "b.mcap", OBJECT, MOUNT.under("world"))).note is None
 
 
 def test_missing_chains_are_refused(tmp_path: Path) -> None:
-    path = str(write_arm(tmp_path / "a.mcap"))
+    path = write(tmp_path / "a.mcap", FLANGE, MOUNT, OBJECT)
     with pytest.raises(
         ChoiceError, match=r"no pose source has the frame world->cup; there is .*camera->object"
     ):
@@ -213,16 +144,14 @@ def test_missing_chains_are_refused(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("follow", [False, True])
 def test_a_pose_with_a_leading_stamp_does_not_delay_others(tmp_path: Path, follow: bool) -> None:
-    from contact_tracker.recording import Follow
-
-    parent, body = faster(1200, 100.0, 1), faster(900, 100.0, 2)
-    early = body.stamp_ns[100]
-    lead = transform(early + 3600 * 10**9, [0, 0, 0], [0, 0, 0, 1], "f", "o")
+    """Also after ten seconds, for which transforms are kept."""
+    parent, body = moving("world", "flange", 1, 100.0, 0.0, 12.0), moving("flange", "o", 2, 100.0, 0.0, 9.0)
+    early = int(body.stamps_ns[100])
+    lead = transform(early + 3600 * 10**9, [0, 0, 0], [0, 0, 0, 1], "flange", "o")
     leading = Topic("/tf", TF, [(early + 1, {"transforms": [lead]})])
-    topic = joined(tf_topic(parent, "world", "f"), tf_topic(body, "f", "o"), leading)
-    path = write_log(tmp_path / "a.mcap", [topic], chunk_size=5000)
+    path = write_log(tmp_path / "a.mcap", by_name([parent.topic, body.topic, leading]), chunk_size=5000)
     log = open_log(str(path), frame="world->o", follow=Follow() if follow else None)
-    assert len(Poses.collect(log)) == len(body)
+    assert len(Poses.collect(log)) == len(body.poses)
     assert log.counts == {"no_parent": 1}
 
 
@@ -246,12 +175,7 @@ def test_a_long_line_of_frames_takes_little_memory() -> None:
 
 
 def test_misspelt_topics_and_frames_are_named(tmp_path: Path) -> None:
-    topics = [
-        tf_topic(FLANGE, "world", "flange"),
-        tf_topic([MOUNT], "flange", "camera", "/tf_static"),
-        poses_topic(OBJECT, frame="camera"),
-    ]
-    path = str(write_log(tmp_path / "a.mcap", topics))
+    path = write(tmp_path / "a.mcap", FLANGE, MOUNT, further=(poses_topic(POSES, frame="camera"),))
     for which, proposal in (
         ({"topic": "/objct/pose"}, "/object/pose"),
         ({"topic": "object/pose"}, "/object/pose"),

@@ -2,18 +2,19 @@
 
 import struct
 from collections.abc import Mapping, Sequence
+from itertools import takewhile
 from pathlib import Path
-from typing import NamedTuple
 
 import pytest
 import zstandard
+from mcap import records
 from mcap.opcode import Opcode
 
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log, read_metadata, summarise
 from contact_tracker.recording.bytestream import ByteStream
 from contact_tracker.recording.mcap_file import MAGIC, inflate, summary_of
-from mcap_logs import SCHEMAS, poses_topic, smooth_poses, write_log
+from mcap_logs import SCHEMAS, as_bytes, poses_topic, records_in, smooth_poses, write_log
 from traced_memory import memory_below
 
 TYPE = "geometry_msgs/msg/PoseStamped"
@@ -22,64 +23,40 @@ UNKNOWN = 9
 """A channel of another type."""
 
 
-def text(value: str) -> bytes:
-    return struct.pack("<I", len(value)) + value.encode()
-
-
-def record(opcode: int, payload: bytes) -> bytes:
-    return struct.pack("<BQ", opcode, len(payload)) + payload
-
-
 def message(channel: int, data: bytes = b"") -> bytes:
-    return record(Opcode.MESSAGE, struct.pack("<HIQQ", channel, 0, 0, 0) + data)
+    return as_bytes(records.Message(channel, 0, data, 0, 0))
 
 
 def chunk(data: bytes, compression: str = "") -> bytes:
     packed = zstandard.ZstdCompressor().compress(data) if compression else data
-    head = struct.pack("<QQQI", 0, 2**60, len(data), 0) + text(compression) + struct.pack("<Q", len(packed))
-    return record(Opcode.CHUNK, head + packed)
+    return as_bytes(records.Chunk(compression, packed, 2**60, 0, 0, len(data)))
 
 
-def channels(*further: int) -> bytes:
-    """The schema of poses, the channel 1 of poses, an unknown one, and further ones of poses."""
-    schema = record(Opcode.SCHEMA, struct.pack("<H", 1) + text(TYPE) + text("ros2msg") + text(SCHEMAS[TYPE]))
-    topics = [(1, 1, "/p"), (UNKNOWN, 0, "/o"), *((number, 1, f"/p{number}") for number in further)]
-    return schema + b"".join(
-        record(
-            Opcode.CHANNEL,
-            struct.pack("<HH", number, kind) + text(topic) + text("cdr") + struct.pack("<I", 0),
-        )
-        for number, kind, topic in topics
+def channels() -> bytes:
+    """The schema of poses, the channel 1 of poses, and an unknown one."""
+    return as_bytes(
+        records.Schema(data=SCHEMAS[TYPE].encode(), encoding="ros2msg", id=1, name=TYPE),
+        *(
+            records.Channel(id=number, topic=topic, message_encoding="cdr", metadata={}, schema_id=schema)
+            for number, topic, schema in ((1, "/p", 1), (UNKNOWN, "/o", 0))
+        ),
     )
 
 
-class Place(NamedTuple):
-    """Offset and size (bytes) of a record."""
-
-    offset: int
-    size: int
-
-
-def chunk_index(place: Place, holds: Sequence[int]) -> bytes:
-    offsets = b"".join(struct.pack("<HQ", channel, 0) for channel in holds)
-    times = struct.pack("<QQQQ", 0, 2**60, *place)
-    return record(
-        Opcode.CHUNK_INDEX,
-        times + struct.pack("<I", len(offsets)) + offsets + struct.pack("<Q", 0) + text("") + bytes(16),
-    )
+def chunk_indexes(places: Sequence[tuple[int, int]], *holds: int) -> bytes:
+    """The index of chunks at these offsets, of these sizes, which hold messages of channels."""
+    offsets = dict.fromkeys(holds, 0)
+    return as_bytes(*(records.ChunkIndex(size, at, "", 0, 2**60, 0, offsets, 0, 0) for at, size in places))
 
 
 def statistics(counts: Mapping[int, int], chunks: int, metadata: int = 0, messages: int = 0) -> bytes:
-    numbers = b"".join(struct.pack("<HQ", channel, count) for channel, count in counts.items())
-    fixed = struct.pack("<QHIIIIQQ", messages, 1, 1, 0, metadata, chunks, 0, 2**60)
-    return record(Opcode.STATISTICS, fixed + struct.pack("<I", len(numbers)) + numbers)
+    return as_bytes(records.Statistics(0, 1, dict(counts), chunks, messages, 2**60, 0, metadata, 1))
 
 
 def write(path: Path, data: bytes, index: bytes) -> Path:
     """A file of ``data``, of which the first records are poses, and of this index."""
     body = MAGIC + data
-    footer = record(Opcode.FOOTER, struct.pack("<QQI", len(body), 0, 0))
-    path.write_bytes(body + index + footer + MAGIC)
+    path.write_bytes(body + index + as_bytes(records.Footer(len(body), 0, 0)) + MAGIC)
     return path
 
 
@@ -88,12 +65,8 @@ def poses(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     """The records of a sound file, from its header to its last chunk."""
     path = tmp_path_factory.mktemp("sound") / "a.mcap"
     content = write_log(path, [poses_topic(smooth_poses(POSES), "/p")], use_chunking=False).read_bytes()
-    at, parts = len(MAGIC), list[bytes]()
-    while content[at] != Opcode.DATA_END:
-        (length,) = struct.unpack_from("<Q", content, at + 1)
-        parts.append(content[at : at + 9 + length])
-        at += 9 + length
-    return b"".join(parts)
+    data = takewhile(lambda record: record[0] != Opcode.DATA_END, records_in(content))
+    return b"".join(content[begin:end] for _, begin, end in data)
 
 
 def test_chunks_in_the_index_are_not_decompressed(tmp_path: Path, poses: bytes) -> None:
@@ -142,11 +115,11 @@ def test_overlapping_chunks_are_read_once(
     outer, head = chunk(tail), len(message(UNKNOWN))
     begin = len(MAGIC) + len(poses)
     end, at = begin + len(outer), begin + len(outer) - len(tail) + head
-    places = [Place(begin, len(outer))]
+    places = [(begin, len(outer))]
     for _ in range(deep):
-        places.append(Place(at, end - at))
+        places.append((at, end - at))
         at += len(chunk(b"")) + head
-    index = channels() + b"".join(chunk_index(place, [1]) for place in places)
+    index = channels() + chunk_indexes(places, 1)
     path = write(tmp_path / "a.mcap", poses + outer, index + statistics({1: POSES, 9: 1}, len(places)))
     read = counted_chunks(monkeypatch)
     assert len(Poses.collect(open_log(str(path)))) == POSES
@@ -155,10 +128,8 @@ def test_overlapping_chunks_are_read_once(
 
 
 def test_metadata_named_over_and_over_is_read_once(tmp_path: Path, poses: bytes) -> None:
-    values = b"".join(text(str(i)) + text("") for i in range(2000))
-    metadata = record(Opcode.METADATA, text("m") + struct.pack("<I", len(values)) + values)
-    place = Place(len(MAGIC) + len(poses), len(metadata))
-    entry = record(Opcode.METADATA_INDEX, struct.pack("<QQ", *place) + text("m"))
+    metadata = as_bytes(records.Metadata("m", {str(i): "" for i in range(2000)}))
+    entry = as_bytes(records.MetadataIndex(len(MAGIC) + len(poses), len(metadata), "m"))
     index = channels() + entry * 3000 + statistics({1: POSES}, 0, metadata=3000)
     path = write(tmp_path / "a.mcap", poses + metadata, index)
     assert summary_of(str(path)) is None
@@ -171,8 +142,7 @@ def test_cut_records_are_not_read_to_the_end(
     """After lost framing, reading continues at the next chunk of the index, here over and over."""
     many, cut = 500, struct.pack("<BQ", Opcode.CHUNK, 2**27)
     begin = len(MAGIC) + len(poses)
-    places = [Place(begin + i * len(cut), len(cut)) for i in range(many)]
-    index = channels() + b"".join(chunk_index(place, []) for place in places)
+    index = channels() + chunk_indexes([(begin + i * len(cut), len(cut)) for i in range(many)])
     path = write(tmp_path / "a.mcap", poses + many * cut, index + statistics({1: POSES}, 0))
     read, original = list[int](), ByteStream.read
 
@@ -188,29 +158,23 @@ def test_cut_records_are_not_read_to_the_end(
 
 def test_metadata_that_expands_is_left_out(tmp_path: Path, poses: bytes) -> None:
     """A compressed file whose metadata has a million keys; a hundred thousand letters are no such case."""
-    values = b"".join(text(str(i)) + text("") for i in range(1_000_000))
-    pairs = {"many": values, "long": text("urdf") + text("<robot/>" * 12_500)}
-    records = b"".join(
-        record(Opcode.METADATA, text(name) + struct.pack("<I", len(values)) + values)
-        for name, values in pairs.items()
-    )
-    path = write(tmp_path / "a.mcap", poses + records, b"")
+    many, long = {str(i): "" for i in range(1_000_000)}, {"urdf": "<robot/>" * 12_500}
+    metadata = as_bytes(records.Metadata("many", many), records.Metadata("long", long))
+    path = write(tmp_path / "a.mcap", poses + metadata, b"")
     path = path.rename(tmp_path / "a.mcap.zst")
     path.write_bytes(zstandard.ZstdCompressor().compress(path.read_bytes()))
     summary = summarise(str(path))
     assert summary.sources[0].poses == POSES
-    assert summary.metadata == {"long": {"urdf": "<robot/>" * 12_500}}
+    assert summary.metadata == {"long": long}
     assert "unreadable metadata" in summary.damage
 
 
 def two_chunks(poses: bytes) -> tuple[bytes, bytes, bytes]:
     """The records before the messages, and their two halves as chunks."""
-    at, messages, preamble = 0, list[bytes](), b""
-    while at < len(poses):
-        (length,) = struct.unpack_from("<Q", poses, at + 1)
-        record = poses[at : at + 9 + length]
-        at += len(record)
-        if record[0] == Opcode.MESSAGE:
+    messages, preamble = list[bytes](), b""
+    for opcode, begin, end in records_in(MAGIC + poses + MAGIC):
+        record = poses[begin - len(MAGIC) : end - len(MAGIC)]
+        if opcode == Opcode.MESSAGE:
             messages.append(record)
         else:
             preamble += record
@@ -225,8 +189,8 @@ def test_chunks_of_wrong_size_in_the_index_are_read_in_order(
     """Chunks that overlap in log time, as the index says, are read by the index if it is right."""
     preamble, first, second = two_chunks(poses)
     begin = len(MAGIC) + len(preamble)
-    places = [Place(begin, len(first) + error), Place(begin + len(first), len(second) + error)]
-    index = channels() + b"".join(chunk_index(place, [1]) for place in places)
+    places = [(begin, len(first) + error), (begin + len(first), len(second) + error)]
+    index = channels() + chunk_indexes(places, 1)
     path = write(tmp_path / "a.mcap", preamble + first + second, index + statistics({1: POSES}, 2))
     log = open_log(str(path))
     assert len(Poses.collect(log)) == POSES
@@ -236,9 +200,7 @@ def test_chunks_of_wrong_size_in_the_index_are_read_in_order(
 def test_messages_outside_of_chunks_that_are_sorted_are_reported(tmp_path: Path, poses: bytes) -> None:
     record = chunk(message(UNKNOWN) * 10)
     begin = len(MAGIC) + len(poses)
-    index = channels() + b"".join(
-        chunk_index(Place(begin + i * len(record), len(record)), [UNKNOWN]) for i in range(2)
-    )
+    index = channels() + chunk_indexes([(begin + i * len(record), len(record)) for i in range(2)], UNKNOWN)
     counts = statistics({1: POSES, UNKNOWN: 20}, 2, messages=POSES + 20)
     path = write(tmp_path / "a.mcap", poses + 2 * record, index + counts)
     assert summarise(str(path)).damage == (

@@ -4,7 +4,6 @@ import json
 import re
 from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace as Message
 from typing import Any
 
 import foxglove
@@ -16,15 +15,16 @@ from contact_tracker.config.table_reading import TableReading
 from contact_tracker.errors import AmbiguousSource, ChoiceError, MissingExtra, NoPoses
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.recording import list_sources, open_log, summarise
-from contact_tracker.recording.decoding import poses_at
 from mcap_logs import (
     SCHEMAS,
     START_NS,
+    TF,
     Topic,
     header,
     pose_stamped,
     poses_topic,
     smooth_poses,
+    transform,
     vector,
     write_log,
 )
@@ -53,13 +53,37 @@ def named(pose: Pose) -> dict[str, Any]:
 
 
 RULE = "=" * 80 + "\n"
-PARTS = SCHEMAS["geometry_msgs/msg/TransformStamped"].partition(RULE)[2]
+PARTS = SCHEMAS["geometry_msgs/msg/PoseStamped"].partition(RULE)[2]
 NAMED_POSE = (
     f"{RULE}MSG: motion_capture_tracking_interfaces/NamedPose\nstring name\ngeometry_msgs/Pose pose\n"
 )
 BODY = f"{RULE}MSG: mocap4r2_msgs/RigidBody\nstring rigid_body_name\ngeometry_msgs/Pose pose\n"
 MARKER = "std_msgs/Header header\nstring ns\nint32 id\nint32 type\nint32 action\ngeometry_msgs/Pose pose\n"
 HEAD = "std_msgs/Header header\n"
+
+
+def with_covariance(pose: Pose, **further: str) -> dict[str, Any]:
+    return {**pose_stamped(*pose), "pose": {"pose": named(pose), "covariance": [0.5] * 36}, **further}
+
+
+SINGLE: dict[str, tuple[str, Callable[[Pose], Any]]] = {
+    "geometry_msgs/msg/PoseStamped": ("world", lambda p: pose_stamped(*p)),
+    "geometry_msgs/msg/PoseWithCovarianceStamped": ("world", with_covariance),
+    "nav_msgs/msg/Odometry": ("world->box", lambda p: with_covariance(p, child_frame_id="box")),
+    "geometry_msgs/msg/TransformStamped": ("world->box", lambda p: transform(*p, "world", "box")),
+    TF: ("world->box", lambda p: {"transforms": [transform(*p, "world", "box")]}),
+}
+
+
+@pytest.mark.parametrize("kind", SINGLE)
+def test_each_pose_type_is_read(tmp_path: Path, kind: str) -> None:
+    frames, message = SINGLE[kind]
+    path = write_log(tmp_path / "a.mcap", [Topic("/p", kind, [(p.stamp_ns, message(p)) for p in POSES])])
+    (source,) = list_sources(str(path))
+    assert (source.type, source.frames) == (kind, frames)
+    assert_read(path)
+
+
 DETECTION = (
     f"{RULE}MSG: vision_msgs/Detection3D\nvision_msgs/ObjectHypothesisWithPose[] results\nstring id\n"
     f"{RULE}MSG: vision_msgs/ObjectHypothesisWithPose\nvision_msgs/ObjectHypothesis hypothesis\n"
@@ -67,7 +91,7 @@ DETECTION = (
     f"{RULE}MSG: vision_msgs/ObjectHypothesis\nstring class_id\nfloat64 score\n"
     f"{RULE}MSG: geometry_msgs/PoseWithCovariance\ngeometry_msgs/Pose pose\nfloat64[36] covariance\n"
 )
-ARRAYS: dict[str, tuple[str, Callable[[Pose, Pose], Any], tuple[str, str]]] = {
+ARRAYS: dict[str, tuple[str, Callable[[Pose, Pose], Any], tuple[str, ...]]] = {
     "geometry_msgs/msg/PoseArray": (
         f"{HEAD}geometry_msgs/Pose[] poses\n{RULE}{PARTS}",
         lambda a, b: {"header": header(a.stamp_ns), "poses": [named(a), named(b)]},
@@ -99,11 +123,12 @@ ARRAYS: dict[str, tuple[str, Callable[[Pose, Pose], Any], tuple[str, str]]] = {
             "header": header(a.stamp_ns),
             "detections": [
                 {"id": "7", "results": [{"hypothesis": {"class_id": "mug"}, "pose": {"pose": named(a)}}]},
-                {"id": "", "results": [{"hypothesis": {"class_id": "nut"}, "pose": {"pose": named(b)}}]},
+                *[{"id": "", "results": [{"hypothesis": {"class_id": "nut"}, "pose": {"pose": named(b)}}]}]
+                * 2,
                 {"id": "9", "results": []},
             ],
         },
-        ("mug/7", "nut"),
+        ("mug/7", "nut", "nut#2"),
     ),
     "visualization_msgs/msg/MarkerArray": (
         f"visualization_msgs/Marker[] markers\n{RULE}MSG: visualization_msgs/Marker\n{MARKER}{RULE}{PARTS}",
@@ -143,14 +168,15 @@ def test_each_pose_of_an_array_is_a_source(tmp_path: Path, kind: str) -> None:
 
 
 WRAPPED = (
-    f"string name\ngeometry_msgs/PoseStamped pose\n{RULE}MSG: geometry_msgs/PoseStamped\n"
+    f"string ns\nstring name\ngeometry_msgs/PoseStamped pose\n{RULE}MSG: geometry_msgs/PoseStamped\n"
     f"{HEAD}geometry_msgs/Pose pose\n{RULE}{PARTS}"
 )
 
 
 def wrapped(path: Path) -> Path:
     rows = [
-        (p.stamp_ns, {"name": "cup", "pose": {"header": header(p.stamp_ns), "pose": named(p)}}) for p in POSES
+        (p.stamp_ns, {"ns": "a", "name": "cup", "pose": {"header": header(p.stamp_ns), "pose": named(p)}})
+        for p in POSES
     ]
     return write_ros2(path, [("/object", "lab_msgs/msg/Tracked", WRAPPED, rows)])
 
@@ -244,10 +270,8 @@ def test_a_known_type_needs_no_definition(
 
 def test_two_types_on_one_topic_are_two_sources(tmp_path: Path) -> None:
     path, name = tmp_path / "a.mcap", "geometry_msgs/msg/PoseWithCovarianceStamped"
-    with_covariance = [(p.stamp_ns, pose_stamped(*p)) for p in OTHER]
-    for _, message in with_covariance:
-        message["pose"] = {"pose": message["pose"]}
-    write_log(path, [poses_topic(POSES, "/a"), Topic("/a", name, with_covariance)])
+    others = [(p.stamp_ns, with_covariance(p)) for p in OTHER]
+    write_log(path, [poses_topic(POSES, "/a"), Topic("/a", name, others)])
     with pytest.raises(AmbiguousSource, match=r"msg/PoseStamped\).*/PoseWithCovarianceStamped\)"):
         open_log(str(path), topic="/a")
     for kind in ("PoseStamped", "geometry_msgs/msg/PoseStamped"):
@@ -284,38 +308,44 @@ def test_ros1_messages(tmp_path: Path) -> None:
 # --- Foxglove ----------------------------------------------------------------------------------------------
 
 
-def foxglove_messages(kind: str, schemas: Any, a: Pose, b: Pose) -> Any:
-    """Messages of the pose ``a``, and of ``b`` in types with several poses."""
+def foxglove_message(kind: str, a: Pose, b: Pose) -> dict[str, Any]:
+    """A message of the pose ``a``, and of ``b`` in types with several poses, as in JSON."""
     sec, nsec = divmod(a.stamp_ns, 10**9)
-    stamp = schemas.Timestamp(sec, nsec)
+    head = {"timestamp": {"sec": sec, "nsec": nsec}}
+    frames = [
+        {
+            **head,
+            "parent_frame_id": "world",
+            "child_frame_id": str(i),
+            "translation": vector(p.position_m),
+            "rotation": vector(p.quat_xyzw),
+        }
+        for i, p in enumerate((a, b))
+    ]
+    return {
+        "PoseInFrame": {**head, "frame_id": "world", "pose": named(a)},
+        "PosesInFrame": {**head, "frame_id": "world", "poses": [named(a), named(b)]},
+        "FrameTransform": frames[0],
+        "FrameTransforms": {"transforms": frames},
+    }[kind]
 
-    def parts(p: Pose) -> Any:
-        x, y, z = p.position_m
-        qx, qy, qz, qw = p.quat_xyzw
-        return schemas.Vector3(x=x, y=y, z=z), schemas.Quaternion(x=qx, y=qy, z=qz, w=qw)
 
-    def pose(p: Pose) -> Any:
-        position, orientation = parts(p)
-        return schemas.Pose(position=position, orientation=orientation)
+CLASSES = {
+    **{"timestamp": "Timestamp", "pose": "Pose", "poses": "Pose", "transforms": "FrameTransform"},
+    **dict.fromkeys(("position", "translation"), "Vector3"),
+    **dict.fromkeys(("orientation", "rotation"), "Quaternion"),
+}
 
-    def frame(p: Pose, child: str) -> Any:
-        translation, rotation = parts(p)
-        return schemas.FrameTransform(
-            timestamp=stamp,
-            parent_frame_id="world",
-            child_frame_id=child,
-            translation=translation,
-            rotation=rotation,
-        )
 
-    match kind:
-        case "PoseInFrame":
-            return schemas.PoseInFrame(timestamp=stamp, frame_id="world", pose=pose(a))
-        case "PosesInFrame":
-            return schemas.PosesInFrame(timestamp=stamp, frame_id="world", poses=[pose(a), pose(b)])
-        case "FrameTransform":
-            return frame(a, "0")
-    return schemas.FrameTransforms(transforms=[frame(a, "0"), frame(b, "1")])
+def of_sdk(schemas: Any, name: str, value: Any) -> Any:
+    """The same as objects of Foxglove's SDK."""
+    if isinstance(value, list):
+        return [of_sdk(schemas, name, element) for element in value]
+    if not isinstance(value, dict):
+        return value
+    return getattr(schemas, name)(
+        **{key: of_sdk(schemas, CLASSES.get(key, ""), inner) for key, inner in value.items()}
+    )
 
 
 KINDS = ("PoseInFrame", "PosesInFrame", "FrameTransform", "FrameTransforms")
@@ -331,7 +361,7 @@ def test_foxglove_protobuf(tmp_path: Path, kind: str) -> None:
     with foxglove.open_mcap(str(path), context=context):
         channel = getattr(channels, f"{kind}Channel")("/pose", context=context)
         for a, b in zip(POSES, OTHER, strict=True):
-            channel.log(foxglove_messages(kind, schemas, a, b), log_time=a.stamp_ns)
+            channel.log(of_sdk(schemas, kind, foxglove_message(kind, a, b)), log_time=a.stamp_ns)
     assert_foxglove(path, kind)
 
 
@@ -352,27 +382,8 @@ def assert_foxglove(path: Path, kind: str) -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_foxglove_json(tmp_path: Path, kind: str) -> None:
-    rows = []
-    for a, b in zip(POSES, OTHER, strict=True):
-        sec, nsec = divmod(a.stamp_ns, 10**9)
-        head = {"timestamp": {"sec": sec, "nsec": nsec}}
-        frames = [
-            {
-                **head,
-                "parent_frame_id": "world",
-                "child_frame_id": str(i),
-                "translation": vector(p.position_m),
-                "rotation": vector(p.quat_xyzw),
-            }
-            for i, p in enumerate((a, b))
-        ]
-        message = {
-            "PoseInFrame": {**head, "frame_id": "world", "pose": named(a)},
-            "PosesInFrame": {**head, "frame_id": "world", "poses": [named(a), named(b)]},
-            "FrameTransform": frames[0],
-            "FrameTransforms": {"transforms": frames},
-        }[kind]
-        rows.append((a.stamp_ns, json.dumps(message).encode()))
+    pairs = zip(POSES, OTHER, strict=True)
+    rows = [(a.stamp_ns, json.dumps(foxglove_message(kind, a, b)).encode()) for a, b in pairs]
     path = write_raw(tmp_path / "a.mcap", f"foxglove.{kind}", "json", "jsonschema", b"{}", rows)
     assert_foxglove(path, kind)
 
@@ -410,26 +421,3 @@ def test_a_missing_library_is_named_with_its_extra(tmp_path: Path, monkeypatch: 
     for read in (open_log, summarise):
         with pytest.raises(MissingExtra, match=r"pip install 'contact-tracker\[foxglove\]'"):
             read(str(path))
-
-
-def detection(name: str, x: float) -> Message:
-    pose = Message(position=Message(x=x, y=0.0, z=0.0), orientation=Message(x=0.0, y=0.0, z=0.0, w=1.0))
-    result = Message(hypothesis=Message(class_id=name, score=1.0), pose=Message(pose=pose))
-    return Message(results=[result], id="")
-
-
-def test_two_bodies_of_one_name_in_a_message_are_two_sources() -> None:
-    message = Message(detections=[detection("cup", 0.0), detection("cup", 1.0), detection("box", 2.0)])
-    result = [entry for entry in poses_at("detections.results[0].pose", message) if entry is not None]
-    assert [(child.partition("#")[0], pose.position_m[0]) for _, child, pose in result] == [
-        ("cup", 0.0),
-        ("cup", 1.0),
-        ("box", 2.0),
-    ]
-    assert len({child for _, child, _ in result}) == 3
-
-
-def test_a_part_with_a_namespace_alone_is_no_marker() -> None:
-    pose = detection("cup", 0.5).results[0].pose.pose
-    ((_, _, result),) = filter(None, poses_at("part.pose", Message(part=Message(ns="a", pose=pose))))
-    assert result.position_m == (0.5, 0.0, 0.0)

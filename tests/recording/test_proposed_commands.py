@@ -4,7 +4,6 @@ import json
 import re
 import shlex
 import time
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +20,7 @@ from contact_tracker.errors import UnreadableRecording, UsageError
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log
 from contact_tracker.recording.table_proposals import layout_of_names
+from pose_tables import commands
 
 
 def refusal(path: Path, columns: str, values: str, *words: str) -> str:
@@ -102,16 +102,16 @@ def test_one_command_says_all_that_is_not_known(tmp_path: Path, head: str, words
     """Unit of positions, rate, order and unit of angles; what the user states stays."""
     path = tmp_path / "a.csv"
     path.write_text(csv(head, np.arange(9), 1e3 * PLACE, ZYX))
-    table = build_parser().parse_args(["segment", str(path), *words.split()]).table
     with pytest.raises(UnreadableRecording) as raised:
-        open_log(str(path), table=table)
-    text = str(raised.value)
-    assert f"read them by contact-tracker segment {path} {way}" in text
-    assert ("your unit instead of mm (positions are about " in text) == ("--unit mm" in way)
-    command = re.search(r"contact-tracker (segment .*?)(?= or\b|, with|\. Orders|$)", text)
-    assert command is not None
-    table = build_parser().parse_args(shlex.split(command[1])).table
-    assert len(Poses.collect(open_log(str(path), table=table))) == 9
+        open_log(str(path), table=build_parser().parse_args(["segment", str(path), *words.split()]).table)
+    assert f"read them by contact-tracker segment {path} {way}" in str(raised.value)
+    assert ("your unit instead of mm (positions are about " in str(raised.value)) == ("--unit mm" in way)
+    assert len(read_by(commands(path, *words.split())[0])) == 9
+
+
+def read_by(command: str) -> Poses:
+    words = shlex.split(command)
+    return Poses.collect(open_log(words[1], table=build_parser().parse_args(words).table))
 
 
 def test_an_index_without_a_name_is_proposed_as_the_time(tmp_path: Path) -> None:
@@ -168,19 +168,9 @@ def test_what_is_proposed_reads_the_poses(tmp_path: Path, name: str, text: Any, 
         parquet.write_table(pyarrow.table({"timestamp": 0.1 * np.arange(9), "state": text}), path)
     else:
         path.write_text(text if isinstance(text, str) else json.dumps(text))
-    commands = proposed(path)
-    poses = Poses.collect(
-        open_log(str(path), table=build_parser().parse_args(shlex.split(commands[at])).table)
-    )
+    poses = read_by(commands(path)[at])
     np.testing.assert_allclose(poses.position_m, PLACE, atol=1e-8)
     np.testing.assert_allclose(np.abs((poses.quat_xyzw * QUAT).sum(axis=1)), 1.0, atol=1e-8)
-
-
-def proposed(path: Path) -> Sequence[str]:
-    """The commands of which one reads a file."""
-    with pytest.raises(UnreadableRecording) as raised:
-        open_log(str(path))
-    return re.findall(r"contact-tracker (segment .*?)(?= or\b|, with|\. Orders|$)", str(raised.value))
 
 
 @pytest.mark.parametrize("lost", [0, 4])
@@ -203,21 +193,21 @@ def test_a_lost_pose_makes_quaternions_nothing_else(
         lists = [[] if np.isnan(value) and i == lost else row for i, row in enumerate(table.tolist())]
         path.write_text(json.dumps([{"s": row} for row in lists]))
     span = f"s[{before}:{before + 3}],quaternion=s[{before + 3}:{before + 7}]"
-    assert f"--columns 'position={span}'" in proposed(path)[0]
+    assert f"--columns 'position={span}'" in commands(path)[0]
 
 
 def test_lost_rows_hide_no_matrix_by_columns(tmp_path: Path) -> None:
     rows = np.where(np.arange(9)[:, None] == 3, np.nan, COLUMNS.reshape(9, 16))
     np.savez(path := tmp_path / "a.npz", T=rows)
-    assert "--matrix columns" in proposed(path)[0]
+    assert "--matrix columns" in commands(path)[0]
     path = tmp_path / "a.csv"
     path.write_text(csv("", 0.1 * np.arange(9), np.where(np.arange(9)[:, None] == 3, 0.0, rows)))
-    assert "--matrix columns" in proposed(path)[0]
+    assert "--matrix columns" in commands(path)[0]
 
 
 def test_rows_that_are_all_lost_are_quaternions_by_their_number(tmp_path: Path) -> None:
     np.savez(path := tmp_path / "a.npz", s=np.zeros((9, 7)))
-    assert "--columns 'position=s[0:3],quaternion=s[3:7]'" in proposed(path)[0]
+    assert "--columns 'position=s[0:3],quaternion=s[3:7]'" in commands(path)[0]
 
 
 def test_the_call_proposed_for_a_table_in_memory_reads_it() -> None:

@@ -7,23 +7,11 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-import pyarrow
 import pytest
-from pyarrow import parquet
 from test_field_exports import EXPORTS
-from test_table_readings import (
-    MATRICES,
-    POSE,
-    PROPOSALS,
-    REAL_FIRST,
-    WHOLE,
-    P,
-    T,
-    assert_read,
-    numbered,
-    rows,
-    write,
-)
+from test_table_readings import PROPOSALS
+
+from pose_tables import MATRICES, REAL_FIRST, WHOLE, P, T, assert_read, numbered, rows, write
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "systems.md"
 
@@ -32,11 +20,6 @@ def as_proposed(name: str, path: Path) -> Path:
     """The columns for which a command is also proposed."""
     names, lines, _ = PROPOSALS[name]
     return write(path, [names], lines)
-
-
-def lerobot(path: Path) -> None:
-    state = pyarrow.array(POSE.tolist(), pyarrow.list_(pyarrow.float64(), 7))
-    parquet.write_table(pyarrow.table({"observation.state": state, "timestamp": T}), path)
 
 
 SYSTEMS: dict[str, Callable[[Path], object]] = {
@@ -52,7 +35,7 @@ SYSTEMS: dict[str, Callable[[Path], object]] = {
     "BOP": EXPORTS["bop.json"],
     "MuJoCo": lambda path: np.savez(path, time=T, qpos=np.c_[P, REAL_FIRST]),
     "Isaac Lab": lambda path: np.savez(path, time=T, pos=P, quat=REAL_FIRST),
-    "LeRobot": lerobot,
+    "LeRobot": EXPORTS["lists of seven.parquet"],
 }
 
 

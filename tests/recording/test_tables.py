@@ -1,28 +1,38 @@
 """Trajectories in text files and tables, written by other libraries, and exports of motion capture."""
 
 import csv
+import pickle
+import struct
 import time
-from itertools import cycle
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 import pyarrow
 import pytest
-from pyarrow import csv as arrow_csv
-from pyarrow import parquet
+import zstandard
+from pyarrow import feather, parquet
+from scipy.io import savemat
 
 from contact_tracker import Trajectory
 from contact_tracker.cli.main import run
 from contact_tracker.config.table_reading import reading_of
 from contact_tracker.errors import AmbiguousSource, ChoiceError, UnreadableRecording
 from contact_tracker.motion.poses import Poses
-from contact_tracker.recording import list_sources, open_log, summarise
+from contact_tracker.recording import PoseLog, list_sources, open_log, summarise
 from mcap_logs import smooth_poses
 from motive_export import ABOUT, HEADS, VALUES, write_motive
+from pose_tables import rows, write
 
 POSES = smooth_poses(300)
 OTHER = smooth_poses(300, seed=5)
 HIDDEN = slice(100, 110)
+FRAMES_NS = 5_000_000 * np.arange(300)
+CUP, TRAY = replace(POSES, stamp_ns=FRAMES_NS), replace(OTHER, stamp_ns=FRAMES_NS)
+"""As in exports of motion capture, which begin at zero."""
+TWO_BODIES = Path(__file__).with_name("two_bodies.c3d")
 NAMES = ("x", "y", "z", "qx", "qy", "qz", "qw")
 HEADER = ",".join(("t", *NAMES))
 
@@ -32,29 +42,20 @@ def write_parquet(path: Path, table: dict[str, object], **how: object) -> Path:
     return path
 
 
-def write_csv(path: Path, rows: np.ndarray) -> Path:
-    np.savetxt(path, rows, delimiter=",", header=HEADER, comments="")
-    return path
-
-
 def columns(poses: Poses) -> np.ndarray:
     """Seconds, position and quaternion."""
     return np.column_stack([poses.stamp_ns / 1e9, poses.position_m, poses.quat_xyzw])
 
 
-def rows_of(poses: Poses) -> list[list[float]]:
-    """Positions and quaternions."""
-    return columns(poses)[:, 1:].tolist()
-
-
-def assert_read(path: Path, expected: Poses = POSES, time_ns: float = 0) -> None:
+def assert_read(path: Path | str, expected: Poses = POSES, time_ns: float = 0, **which: str) -> PoseLog:
     for collect in (Poses.collect, lambda log: Poses.join(list(log.batches()))):
-        log = open_log(str(path))
+        log = open_log(str(path), **which)
         result = collect(log)
         np.testing.assert_allclose(result.stamp_ns, expected.stamp_ns, rtol=0, atol=time_ns)
         np.testing.assert_allclose(result.position_m, expected.position_m, rtol=0, atol=1e-9)
         np.testing.assert_allclose(result.quat_xyzw, expected.quat_xyzw, rtol=0, atol=1e-8)
         assert log.damage is None
+    return log
 
 
 def exact_seconds(poses: Poses) -> list[str]:
@@ -68,55 +69,9 @@ def test_tum(tmp_path: Path, head: str) -> None:
     np.savetxt(path, columns(POSES), fmt=["%.6f", *["%.12f"] * 7], header=head)
     assert_read(path, time_ns=501)
     assert list_sources(str(path))[0].topic == "a.txt"
-    rows = zip(exact_seconds(POSES), rows_of(POSES), strict=True)
-    path.write_text("".join(f" {t}\t{'   '.join(map(repr, row))}\r\n" for t, row in rows))
+    lines = rows(exact_seconds(POSES), columns(POSES)[:, 1:])
+    path.write_text("".join(f" {t}\t{'   '.join(row)}\r\n" for t, *row in lines))
     assert_read(path)
-
-
-SPELLINGS = (
-    "t,x,y,z,qx,qy,qz,qw",
-    "time [s],px,py,pz,qx,qy,qz,qw",
-    "timestamp,tx,ty,tz,q_x,q_y,q_z,q_w",
-    "#timestamp [s],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],q_RS_x [],q_RS_y [],q_RS_z [],q_RS_w []",
-    "Time,position.x,position.y,position.z,orientation.x,orientation.y,orientation.z,orientation.w",
-    "header.stamp,pose.position.x,pose.position.y,pose.position.z,"
-    "pose.orientation.x,pose.orientation.y,pose.orientation.z,pose.orientation.w",
-    "stamp,pos_x,pos_y,pos_z,quat_x,quat_y,quat_z,quat_w",
-)
-
-
-@pytest.mark.parametrize(("names", "separator"), list(zip(SPELLINGS, cycle(",;\t"))))
-def test_named_columns(tmp_path: Path, names: str, separator: str) -> None:
-    path = tmp_path / "a.csv"
-    with path.open("w", newline="") as file:
-        writer = csv.writer(file, delimiter=separator)
-        writer.writerow(names.split(","))
-        rows = zip(exact_seconds(POSES), rows_of(POSES), strict=True)
-        writer.writerows([t, *row] for t, row in rows)
-    assert_read(path)
-
-
-def test_units_are_those_of_the_names(tmp_path: Path) -> None:
-    x, y, z = (POSES.position_m * 1e3).T
-    table = {"t_ns": POSES.stamp_ns, "x [mm]": x, "y [mm]": y, "z [mm]": z}
-    table |= dict(zip(("qw", "qx", "qy", "qz"), np.roll(POSES.quat_xyzw, 1, axis=1).T, strict=True))
-    arrow_csv.write_csv(pyarrow.table(table), tmp_path / "a.csv")
-    assert_read(tmp_path / "a.csv")
-
-
-@pytest.mark.parametrize(
-    ("name", "step", "text"),
-    [
-        ("time [s]", 1.0, "whole seconds, one after the other: if they are numbers of frames, give"),
-        ("time [ms]", 0.01, "100000 poses a second; they look like seconds: give --time-unit s"),
-        ("time_us", 5.0, "200000 poses a second; they look like milliseconds: give --time-unit ms"),
-        ("time [ns]", 0.3, "poses a second; give their unit with --time-unit s, ms, us or ns"),
-    ],
-)
-def test_times_of_impossible_rates_are_reported(tmp_path: Path, name: str, step: float, text: str) -> None:
-    log = open_log(str(write_times(tmp_path / "a.csv", step * np.arange(300), name)))
-    Poses.collect(log)
-    assert text in log.remarks[0]
 
 
 @pytest.mark.parametrize("unit", [1, 1000, 1_000_000])
@@ -130,20 +85,13 @@ def test_the_unit_of_times_is_guessed_from_their_size(tmp_path: Path, unit: int)
 
 
 def test_several_bodies_in_named_columns(tmp_path: Path) -> None:
-    path = tmp_path / "a.csv"
-    names = ["time", *(f"{body}_{axis}" for body in ("cup", "big_table") for axis in NAMES)]
-    rows = np.hstack([columns(POSES)[:, 1:], columns(OTHER)[:, 1:]])
-    with path.open("w") as file:
-        file.write(",".join(names) + "\n")
-        np.savetxt(file, np.column_stack([np.arange(len(rows)) / 200, rows]), delimiter=",")
+    bodies = {"cup": POSES, "big_table": OTHER}
+    names = ",".join(["t", *(f"{body}_{axis}" for body in bodies for axis in NAMES)])
+    path = write(tmp_path / "a.csv", [names], rows(columns(POSES), columns(OTHER)[:, 1:]))
     with pytest.raises(AmbiguousSource, match=r"->big_table \(table\).*->cup \(table\)"):
         open_log(str(path))
-    start_ns = POSES.stamp_ns[0]
-    for body, poses in (("cup", POSES), ("big_table", OTHER)):
-        expected = Poses(poses.stamp_ns - start_ns, poses.position_m, poses.quat_xyzw)
-        result = Poses.collect(open_log(str(path), frame=body))
-        np.testing.assert_allclose(result.position_m, expected.position_m, rtol=0, atol=1e-12)
-        np.testing.assert_array_equal(result.stamp_ns, expected.stamp_ns)
+    for body, poses in bodies.items():
+        assert_read(path, poses, time_ns=300, frame=body)
 
 
 @pytest.mark.parametrize("units", ["Millimeters", "Meters"])
@@ -152,15 +100,8 @@ def test_motive(tmp_path: Path, units: str, version: str) -> None:
     path = str(write_motive(tmp_path / "take.csv", POSES, OTHER, units=units, version=version, hidden=HIDDEN))
     with pytest.raises(AmbiguousSource, match=r"take.csv ->cup \(Motive\); take.csv ->table \(Motive\)"):
         open_log(path)
-    log = open_log(path, frame="cup")
-    result = Poses.collect(log)
-    seen = np.r_[0:100, 110:300]
-    np.testing.assert_allclose(result.position_m, POSES.position_m[seen], rtol=0, atol=1e-12)
-    np.testing.assert_allclose(result.quat_xyzw, POSES.quat_xyzw[seen], rtol=0, atol=1e-12)
-    np.testing.assert_array_equal(result.stamp_ns, seen * 5_000_000)
-    assert log.counts["nonfinite"] == 10
-    table = Poses.collect(open_log(path, frame="table"))
-    np.testing.assert_allclose(table.position_m, OTHER.position_m, rtol=0, atol=1e-12)
+    assert assert_read(path, CUP[np.r_[0:100, 110:300]], frame="cup").counts["nonfinite"] == 10
+    assert_read(path, TRAY, frame="table")
 
 
 def motive(kinds: list[str], names: list[str], values: list[str], axes: str, space: str = "Global") -> str:
@@ -236,52 +177,126 @@ def write_vicon(path: Path, quaternions: bool = True, kind: str = "Segments", ab
 def test_vicon(tmp_path: Path, kind: str, about: str) -> None:
     path = str(write_vicon(tmp_path / "trial.csv", kind=kind, about=about))
     assert [source.child_frame_id for source in list_sources(path)] == ["cup", "me:hand"]
-    for name, poses in (("cup", POSES), ("me:hand", OTHER)):
-        result = Poses.collect(open_log(path, frame=name))
-        np.testing.assert_allclose(result.position_m, poses.position_m, rtol=0, atol=1e-12)
-        np.testing.assert_allclose(result.quat_xyzw, poses.quat_xyzw, rtol=0, atol=1e-12)
-        np.testing.assert_array_equal(result.stamp_ns, np.arange(1, 301) * 5_000_000)
+    for name, poses in (("cup", CUP), ("me:hand", TRAY)):
+        assert_read(path, replace(poses, stamp_ns=FRAMES_NS + 5_000_000), frame=name)
     assert [source.poses for source in summarise(path).sources] == [300, 300]
 
 
 QUATERNION = "qx,qy,qz,qw\n0,1,2,3,0,0,0,1\n"
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("1 2 3 4\n", "its 4 columns have no names: say which they are, by number"),
-        ("t,x,y,z\n1,2,3,4\n", "among t, x, y, z: missing are qx, qy, qz, qw: say which"),
-        ("t,x,y,z,qx,qy,qz\n1,2,3,0,0,0,1\n", "missing is qw: say which .* or rename columns, as in"),
-        ("t,x [mm],y [mm],qx,qy,qz,qw\n1,2,3,0,0,0,1\n", r"missing is z: .*x \[mm\],y \[mm\],z \[mm\],qx"),
-        (f"{HEADER}\n\n# end\n", "it has a header but no rows"),
-        (f"{HEADER}\n0 0 0 0 0 0 0 1\n1,0,0,0,0,0,0,1\n", "row 1 has 1 value, the header has 8: separate"),
-        ("x,y,z,qx,qy,qz,qw\n1,2,3,0,0,0,1\n", "read them by .*100Hz, with the rate of your poses"),
-        ("Format Version,1.23\n\n,,Rigid Body\nFrame,Time,X\n", "no rigid body with Rotation and Position"),
-        ("Format Version|1.23|Take Name|a\n", "its columns are separated by nothing known"),
-        ("Objects\nx\n", "its section Objects lacks rate, names, columns or units"),
-        (",".join(["t"] * 5001) + "\n", "its rows have 5000 values or more"),
-        (f"{HEADER}\n" + "1," * 400_000, "its rows have 5000 values or more"),
-        ("Trajectories\n100\n,,a\nFrame,Sub Frame,X\n,,mm\n", "its section is Trajectories: export Objects"),
-        ("t,[0],[1],[2]\n1,2,3,4\n", r"no columns of a pose among t, \[0\]"),
-        ("0, 1, 2, 3, 0, 0, 0, 1\n", r"time=c0,position=c\[1:4\],quaternion=c\[4:8\]"),
-        ("0,5;1,5;2;3;0;0;0;1\n", "no names: if they are meant so, read them by contact"),
-        (f"t,Pos X (ft),Pos Y (ft),Pos Z (ft),{QUATERNION}", r"'Pos X \(ft\)' is not known: m, cm, mm"),
-        (f"time [days],x,y,z,{QUATERNION}", r"'days' of column 'time \[days\]' is not known: s, ms, us, ns"),
-        (f"time_mm,x,y,z,{QUATERNION}", "'mm' of column 'time_mm' is not known: s, ms, us, ns"),
-        (f"t,x [mm],y [m],z [mm],{QUATERNION}", r"columns x \[mm\], y \[m\], z \[mm\] differ"),
-        (f"t,x [mm],y,z,{QUATERNION}", r"the units of the columns x \[mm\], y, z differ"),
-        ("\0" * 99, "it is named as a table, but is not text"),
-        *(
-            (line * 10_000 + "0 0 0 0 0 0 0 1\n", "its first 64 lines are empty or comments")
-            for line in ("\n", "#\n", "# t x y z qx qy qz qw\n", "  \n")
-        ),
-        (f"{HEADER}\n" + ",".join(["0,005"] * 8) + "\n", r"16 values under 8 names: .* decimal commas"),
-    ],
-)
-def test_what_a_table_lacks_is_said(tmp_path: Path, text: str, message: str) -> None:
-    path = tmp_path / "a.csv"
-    path.write_text(text)
+LACKING: list[tuple[str, str]] = [
+    ("1 2 3 4\n", "its 4 columns have no names: say which they are, by number"),
+    ("t,x,y,z\n1,2,3,4\n", "among t, x, y, z: missing are qx, qy, qz, qw: say which"),
+    ("t,x,y,z,qx,qy,qz\n1,2,3,0,0,0,1\n", "missing is qw: say which .* or rename columns, as in"),
+    ("t,x [mm],y [mm],qx,qy,qz,qw\n1,2,3,0,0,0,1\n", r"missing is z: .*x \[mm\],y \[mm\],z \[mm\],qx"),
+    (f"{HEADER}\n\n# end\n", "it has a header but no rows"),
+    (f"{HEADER}\n0 0 0 0 0 0 0 1\n1,0,0,0,0,0,0,1\n", "row 1 has 1 value, the header has 8: separate"),
+    ("x,y,z,qx,qy,qz,qw\n1,2,3,0,0,0,1\n", "read them by .*100Hz, with the rate of your poses"),
+    ("Format Version,1.23\n\n,,Rigid Body\nFrame,Time,X\n", "no rigid body with Rotation and Position"),
+    ("Format Version|1.23|Take Name|a\n", "its columns are separated by nothing known"),
+    ("Objects\nx\n", "its section Objects lacks rate, names, columns or units"),
+    (",".join(["t"] * 5001) + "\n", "its rows have 5000 values or more"),
+    (f"{HEADER}\n" + "1," * 400_000, "its rows have 5000 values or more"),
+    ("Trajectories\n100\n,,a\nFrame,Sub Frame,X\n,,mm\n", "its section is Trajectories: export Objects"),
+    ("t,[0],[1],[2]\n1,2,3,4\n", r"no columns of a pose among t, \[0\]"),
+    ("0, 1, 2, 3, 0, 0, 0, 1\n", r"time=c0,position=c\[1:4\],quaternion=c\[4:8\]"),
+    ("0,5;1,5;2;3;0;0;0;1\n", "no names: if they are meant so, read them by contact"),
+    (f"t,Pos X (ft),Pos Y (ft),Pos Z (ft),{QUATERNION}", r"'Pos X \(ft\)' is not known: m, cm, mm"),
+    (f"time [days],x,y,z,{QUATERNION}", r"'days' of column 'time \[days\]' is not known: s, ms, us, ns"),
+    (f"time_mm,x,y,z,{QUATERNION}", "'mm' of column 'time_mm' is not known: s, ms, us, ns"),
+    (f"t,x [mm],y [m],z [mm],{QUATERNION}", r"columns x \[mm\], y \[m\], z \[mm\] differ"),
+    (f"t,x [mm],y,z,{QUATERNION}", r"the units of the columns x \[mm\], y, z differ"),
+    ("\0" * 99, "it is named as a table, but is not text"),
+    *(
+        (line * 10_000 + "0 0 0 0 0 0 0 1\n", "its first 64 lines are empty or comments")
+        for line in ("\n", "#\n", "# t x y z qx qy qz qw\n", "  \n")
+    ),
+    (f"{HEADER}\n" + ",".join(["0,005"] * 8) + "\n", r"16 values under 8 names: .* decimal commas"),
+]
+"""Texts of tables, and what they lack."""
+
+
+def npy_of(rows: int) -> bytes:
+    """The beginning of an array that says that it has so many rows."""
+    out = BytesIO()
+    np.save(out, np.zeros((1, 8)))
+    return out.getvalue().replace(b"(1, 8), }" + b" " * 9, f"({rows}, 8), }}".encode().ljust(18))
+
+
+def cells_that_are_not_there(path: Path) -> None:
+    """A list of so many cells takes scipy 800 MB."""
+    savemat(path, {"s": {"c": np.array([["a"], ["b"], ["c"]], object)}, "x": np.zeros(9)})
+    content = path.read_bytes()
+    path.write_bytes(content.replace(struct.pack("<ii", 3, 1), struct.pack("<ii", 10**8, 1)))
+
+
+def hdf5_of_zeros(path: Path) -> None:
+    with pytest.importorskip("h5py").File(path, "w") as file:
+        file.create_dataset("a/t", data=np.zeros(5_000_000), compression="gzip")
+
+
+def feather_of(further: dict[str, object]) -> Callable[[Path], object]:
+    table = pyarrow.table(dict.fromkeys(("t", *NAMES), MANY) | further)
+    return lambda path: feather.write_feather(table, str(path), compression="zstd")
+
+
+MANY, WITH_MARKERS = np.zeros(5_000_000), TWO_BODIES.read_bytes().replace(b"ROTATION", b"ROTATIOX")
+TOO_MUCH = "it is too much for its size"
+UNREAD: list[tuple[str, str | bytes | Callable[[Path], object], str]] = [
+    *(("a.csv", text, message) for text, message in LACKING),
+    ("a.npz", lambda path: np.savez_compressed(path, t=MANY), TOO_MUCH),
+    ("a.mat", lambda path: savemat(path, {"t": MANY[:4_500_000]}, do_compression=True), TOO_MUCH),
+    ("a.feather", feather_of({}), TOO_MUCH),
+    ("a.feather", feather_of({"l": pyarrow.FixedSizeListArray.from_arrays(MANY, 1)}), TOO_MUCH),
+    ("a.h5", hdf5_of_zeros, TOO_MUCH),
+    ("a.mat", cells_that_are_not_there, "no columns of a pose among x"),
+    (
+        "a.mat",
+        lambda path: savemat(path, {"s": "cup", "c": np.array(["a", 1], object)}),
+        "it has no array of",
+    ),
+    (
+        "a.mat",
+        b"MATLAB 5.0".ljust(126) + b"IM\x0e\0\0\0\xff",
+        "it has no array of numbers with a row for each",
+    ),
+    ("a.mat", bytes(30), "it cannot be read as arrays of MATLAB: Mat file appears to be corrupt"),
+    ("a.npy", b"\x93NUMPY\1\0\x10\0{'a': (".ljust(26, b"\0"), "it cannot be read as arrays of NumPy: .*EOF"),
+    ("a.npy", npy_of(10**9), "an array is longer than its file"),
+    ("a.npz", b"PK\3\4" * 9, "it cannot be read as arrays of NumPy"),
+    ("a.npy", lambda path: np.save(path, np.array([{}], object)), "it has no array of numbers with a row"),
+    ("a.pkl", pickle.dumps({"t": 1}), "a pickle, which runs code"),
+    ("a.c3d", WITH_MARKERS, r"with markers \(tip\), not .*ezc3d\.c3d\('a\.c3d'\)"),
+    ("a.c3d", b"\2P" + bytes(510), "its parameters cannot be read"),
+    ("a.txt", "# Image list with two lines\n", "COLMAP's images.txt"),
+    ("a.out", "# Bundle file v0.3\n", "a file of Bundler, which"),
+    ("a.yaml", "header:\n  stamp:\n", "ros2 topic echo --csv"),
+    ("a.csv", HEADER.encode("utf-16-be"), "is not text: save it as UTF-8"),
+    ("a.trc", "PathFileType\t4\n", "it is TRC, which has markers"),
+    ("a.txt", lambda path: np.savetxt(path, np.eye(4)), r"numpy\.loadtxt"),
+    ("a.json", '[{"t":\n', "it begins like JSON, but is none"),
+    ("a.json", '{"meta": {"a": 1}, "data": {"t": [1, 2]}}', r"without entries in a list.* as by jq \.data"),
+    ("a.json", "{}", r"without entries in a list.* as by jq \.data"),
+    ("a.xlsx", b"PK\3\4", "a workbook of Excel: save the sheet as CSV; or .*read_excel"),
+    ("a.xls", b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", "a workbook of Excel"),
+    ("a.mp4", bytes(100), "not an MCAP file. What is read: MCAP files, ROS bags"),
+    ("a.mcap", "<html><body>404", "if it is a table, name it .csv"),
+    ("a.csv.zst", zstandard.compress(HEADER.encode()), "if it is a table, decompress it: zstd -d"),
+    ("a.csv.gz", b"\x1f\x8b\0", "it is compressed: gunzip -c a.csv.gz > a.csv makes"),
+]
+"""Names of files, their content, and why they are not read."""
+
+
+@pytest.mark.parametrize(("name", "content", "message"), UNREAD)
+def test_why_a_file_is_not_read_is_said(
+    tmp_path: Path, name: str, content: str | bytes | Callable[[Path], object], message: str
+) -> None:
+    path = tmp_path / name
+    if callable(content):
+        content(path)
+    else:
+        path.write_bytes(content.encode() if isinstance(content, str) else content)
     for read in (open_log, summarise):
         with pytest.raises(UnreadableRecording, match=message):
             read(str(path))
@@ -315,31 +330,34 @@ ROWS_OF_SEVEN = f"{HEADER}\n" + "".join(f"{i / 10},1,2,3,0,0,0,1\n" for i in ran
 
 @pytest.mark.parametrize("separator", [",", ";", "\t", " "])
 @pytest.mark.parametrize(
-    "last", ["0.7", "0.7,1,2,3", "0.7,1,2,3,0,0,0", "0.7,1,2,3,0,0,0,", "0.7,1,2,3,0,0,0,-"]
+    ("last", "kept", "is_cut"),
+    [
+        *(
+            (f"0.7{rest}", 7, True)
+            for rest in ("", ",1,2,3", ",1,2,3,0,0,0", ",1,2,3,0,0,0,", ",1,2,3,0,0,0,-")
+        ),
+        *((f"0.7,1,2,3,0,0,0,1{end}", 8, False) for end in ("", "\n")),
+        *((text, 7, False) for text in ("", "# written by hand")),
+    ],
 )
-def test_a_last_line_that_ends_inside_a_row_is_damage(tmp_path: Path, separator: str, last: str) -> None:
+def test_a_last_line_without_a_line_break_is_cut_off_if_it_lacks_values(
+    tmp_path: Path, separator: str, last: str, kept: int, is_cut: bool
+) -> None:
     path = tmp_path / "a.csv"
     rows = ROWS_OF_SEVEN.partition("\n")[2] if separator == " " else ROWS_OF_SEVEN  # TUM
     path.write_text((rows + last).replace(",", separator))
     for collect in (Poses.collect, lambda log: Poses.join(list(log.batches()))):
         log = open_log(str(path))
-        assert len(collect(log)) == 7
-        assert log.damage == (
-            "its last line is cut off inside a row and left out: if more was recorded, copy the file again"
-        )
+        assert len(collect(log)) == kept
+        assert (log.damage or "").startswith("its last line is cut off inside a row and left out" * is_cut)
         assert "nonfinite" not in log.counts
-    assert summarise(str(path)).damage is not None
+    assert (log.damage is not None) == (summarise(str(path)).damage is not None) == is_cut
 
 
-@pytest.mark.parametrize(
-    "last", ["", "0.7,1,2,3,0,0,0,1", "0.7,1,2,3,0,0,0,1\n", "# written by hand", "0.7,,,,,,,"]
-)
-def test_a_whole_last_row_needs_no_line_break(tmp_path: Path, last: str) -> None:
-    path = tmp_path / "a.csv"
-    path.write_text(ROWS_OF_SEVEN + last)
-    log = open_log(str(path))
-    assert len(Poses.collect(log)) == (8 if last.endswith(("1", "1\n")) else 7)
-    assert log.damage is None
+def test_a_whole_last_row_without_a_pose_is_no_damage(tmp_path: Path) -> None:
+    (path := tmp_path / "a.csv").write_text(f"{ROWS_OF_SEVEN}0.7,,,,,,,")
+    assert open_log(str(path)).damage is None
+    assert len(Poses.collect(open_log(str(path)))) == 7
 
 
 def test_exports_of_motion_capture_that_are_cut_off_are_damaged(tmp_path: Path) -> None:
@@ -355,18 +373,6 @@ def test_exports_of_motion_capture_that_are_cut_off_are_damaged(tmp_path: Path) 
         log = open_log(str(path), frame="cup")
         assert len(Poses.collect(log)) == 300 - damaged
         assert (log.damage is not None) is damaged
-
-
-@pytest.mark.parametrize(
-    ("encoding", "end"), [("utf-16", "\r\n"), ("utf-8-sig", "\n"), ("latin-1", "\n"), ("utf-8", "\r")]
-)
-def test_text_in_other_encodings_and_with_other_line_ends(tmp_path: Path, encoding: str, end: str) -> None:
-    path = tmp_path / "a.csv"
-    rows = [
-        f"{t},{','.join(map(repr, row))}" for t, row in zip(exact_seconds(POSES), rows_of(POSES), strict=True)
-    ]
-    path.write_bytes(end.join(["t,x,y,z,qx,qy,qz,qw,Temperatur [\u00b0C]", *rows, ""]).encode(encoding))
-    assert_read(path)
 
 
 @pytest.mark.parametrize(
@@ -431,76 +437,58 @@ def test_parquet_columns_of_no_numbers_are_refused(tmp_path: Path, column: str, 
             read(str(tmp_path / "a.parquet"))
 
 
-def write_times(path: Path, times: np.ndarray, name: str = "t") -> Path:
-    """A table of the first poses at these times."""
-    rows = columns(POSES)[: len(times), 1:].tolist()
-    lines = [f"{time!r},{','.join(map(repr, row))}" for time, row in zip(times.tolist(), rows, strict=True)]
-    path.write_text("\n".join([",".join([name, *NAMES]), *lines]) + "\n")
-    return path
+def write_times(
+    path: Path, times: np.ndarray | list[str], name: str = "t", above: Sequence[str] = ()
+) -> Path:
+    """A table of the first poses at these times; ``above`` are lines after the names."""
+    return write(path, [",".join([name, *NAMES]), *above], rows(times, columns(POSES)[: len(times), 1:]))
 
 
-@pytest.mark.parametrize(
-    ("first", "step", "unit", "unit_ns"),
-    [
-        (0, 5, "milliseconds", 10**6),
-        (0, 33, "milliseconds", 10**6),
-        (0, 5000, "microseconds", 10**3),
-        (120_000, 5000, "microseconds", 10**3),
-        (0, 5_000_000, "nanoseconds", 1),
-        (1_000_000_000, 5_000_000, "nanoseconds", 1),
-    ],
-)
-def test_times_get_the_unit_that_fits_their_steps(
-    tmp_path: Path, first: int, step: int, unit: str, unit_ns: int
+RATE, WHOLE = "poses a second; ", "whole seconds, one after the other: if they are numbers of frames, give"
+TIMES: list[tuple[str, str | None, float, float, int | None, str]] = [
+    *(("t", None, first, step, 10**9, "") for first, step in ((0, 0.005), (1.7e9, 0.25), (50_000.0, 0.1))),
+    *(("t", None, 0, step, 10**6, "taken as milliseconds") for step in (5, 33)),
+    *(("t", None, first, 5000, 10**3, "taken as microseconds") for first in (0, 120_000)),
+    *(("t", None, first, 5_000_000, 1, "taken as nanoseconds") for first in (0, 1_000_000_000)),
+    *(
+        (name, unit, 0, 5, unit_ns, "")
+        for name in ("t", "time_ms")
+        for unit, unit_ns in (("s", 10**9), ("ms", 10**6), ("us", 10**3), ("ns", 1))
+    ),
+    ("time [s]", None, 0, 1.0, 10**9, WHOLE),
+    ("time [ms]", None, 0, 0.01, None, f"100000 {RATE}they look like seconds: give --time-unit s"),
+    ("time_us", None, 0, 5.0, None, f"200000 {RATE}they look like milliseconds: give --time-unit ms"),
+    ("time [ns]", None, 0, 0.3, None, f"{RATE}give their unit with --time-unit s, ms, us or ns"),
+]
+"""Names of times, the stated unit, the first time and the steps, their unit (ns), and the remark."""
+
+
+@pytest.mark.parametrize(("name", "stated", "first", "step", "unit_ns", "text"), TIMES)
+def test_units_of_times(
+    tmp_path: Path, name: str, stated: str | None, first: float, step: float, unit_ns: int | None, text: str
 ) -> None:
-    """Integers since the start: in seconds the poses would be seconds to months apart."""
+    """A unit without a name is that which fits the steps, or the times as dates; rates that no tracker has
+    are reported."""
     times = first + step * np.arange(300)
-    log = open_log(str(write_times(tmp_path / "a.csv", times)))
-    np.testing.assert_array_equal(Poses.collect(log).stamp_ns, times * unit_ns)
-    (remark,) = log.remarks
-    assert f"its times have no unit and are taken as {unit}" in remark
-    assert "--time-unit s, ms, us or ns" in remark
-    assert log.damage is None
-    assert summarise(str(tmp_path / "a.csv")).assumptions == (remark,)
+    log = open_log(str(write_times(tmp_path / "a.csv", times, name)), table=reading_of(time_unit=stated))
+    result = Poses.collect(log)
+    if unit_ns is not None:
+        np.testing.assert_allclose(result.stamp_ns, times * unit_ns, rtol=0, atol=300)
+    assert len(log.remarks) == bool(text)
+    assert text in "".join(log.remarks)
+    assert "taken as" not in text or "--time-unit s, ms, us or ns" in log.remarks[0]
+    assert summarise(str(tmp_path / "a.csv"), reading_of(time_unit=stated)).assumptions == log.remarks[:1]
 
 
-@pytest.mark.parametrize(("first", "step"), [(0, 0.005), (1.7e9, 0.25), (50_000.0, 0.1)])
-def test_times_in_seconds_need_no_note(tmp_path: Path, first: float, step: float) -> None:
-    times = first + step * np.arange(300)
-    log = open_log(str(write_times(tmp_path / "a.csv", times)))
-    Poses.collect(log)
-    assert log.remarks == ()
-
-
-@pytest.mark.parametrize(("unit", "unit_ns"), [("s", 10**9), ("ms", 10**6), ("us", 10**3), ("ns", 1)])
-@pytest.mark.parametrize("name", ["t", "time_ms"])
-def test_the_given_unit_is_used(tmp_path: Path, unit: str, unit_ns: int, name: str) -> None:
-    times = 5 * np.arange(300)
-    log = open_log(str(write_times(tmp_path / "a.csv", times, name)), table=reading_of(time_unit=unit))
-    np.testing.assert_array_equal(Poses.collect(log).stamp_ns, times * unit_ns)
-    assert log.remarks == ()
-
-
-def test_a_unit_cannot_be_given_for_formats_with_their_own(tmp_path: Path) -> None:
-    for name in (write_motive(tmp_path / "take.csv", POSES, OTHER), write_vicon(tmp_path / "v.csv")):
-        with pytest.raises(ChoiceError, match="its times have a unit: leave out --time-unit"):
-            open_log(str(name), frame="cup", table=reading_of(time_unit="ms"))
-
-
-@pytest.mark.parametrize("form", ["{}T{}", "{} {}", "{}T{}Z", "{}T{}+00:00", "{} {}+0000"])
-@pytest.mark.parametrize("separator", [",", ";", "\t"])
-def test_times_may_be_dates(tmp_path: Path, form: str, separator: str) -> None:
-    path = tmp_path / "a.csv"
-    days, times = zip(
-        *(str(np.datetime64(int(stamp), "ns")).split("T") for stamp in POSES.stamp_ns), strict=True
-    )
-    rows = zip(map(form.format, days, times), rows_of(POSES), strict=True)
-    lines = (separator.join([time, *map(repr, row)]) for time, row in rows)
-    header = separator.join(["timestamp", *NAMES])
-    path.write_text("\n".join([header, *lines, ""]))
-    assert_read(path)
-    with pytest.raises(ChoiceError, match="its times are dates: leave out --time-unit"):
-        Poses.collect(open_log(str(path), table=reading_of(time_unit="s")))
+def test_a_unit_cannot_be_given_for_times_with_their_own(tmp_path: Path) -> None:
+    dates = write_times(tmp_path / "a.csv", [f"2026-03-01T10:00:0{i}" for i in range(4)])
+    for path, which, message in (
+        (write_motive(tmp_path / "take.csv", POSES, OTHER), {"frame": "cup"}, "its times have a unit"),
+        (write_vicon(tmp_path / "v.csv"), {"frame": "cup"}, "its times have a unit"),
+        (dates, {}, "its times are dates"),
+    ):
+        with pytest.raises(ChoiceError, match=f"{message}: leave out --time-unit"):
+            Poses.collect(open_log(str(path), table=reading_of(time_unit="ms"), **which))
 
 
 def test_dates_count_from_their_time_zone(tmp_path: Path) -> None:
@@ -523,28 +511,22 @@ def test_dates_count_from_their_time_zone(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("above", "times"),
     [
-        ("", ["23:59:58.5", "23:59:59.5", "0:00:00.5", "0:00:01.5"]),  # after midnight
+        ([], ["23:59:58.5", "23:59:59.5", "0:00:00.5", "0:00:01.5"]),  # after midnight
         *(
-            ("[iso],,,,,,,\n", [f"2026-03-01 10:00:0{i}{zone}" for i in range(4)])
+            (["[iso],,,,,,,"], [f"2026-03-01 10:00:0{i}{zone}" for i in range(4)])
             for zone in ("+00", " UTC", " +00:00")  # of databases
         ),
     ],
 )
-def test_dates_of_other_forms(tmp_path: Path, above: str, times: list[str]) -> None:
-    result = Poses.collect(open_log(str(write_dates(tmp_path / "a.csv", times, above))))
+def test_dates_of_other_forms(tmp_path: Path, above: list[str], times: list[str]) -> None:
+    result = Poses.collect(open_log(str(write_times(tmp_path / "a.csv", times, above=above))))
     assert (np.diff(result.stamp_ns) / 1e9).tolist() == [1.0, 1.0, 1.0]
 
 
 def test_days_and_months_that_cannot_be_told_are_refused(tmp_path: Path) -> None:
     times = [f"{day}/03/2026 {time}" for day, time in ((12, "23:59:59"), (13, "00:00:00"), (13, "00:00:01"))]
     with pytest.raises(ChoiceError, match=r"day or the month comes first .* write them as 2026-03-31"):
-        Poses.collect(open_log(str(write_dates(tmp_path / "a.csv", times))))
-
-
-def write_dates(path: Path, times: list[str], above: str = "") -> Path:
-    rows = "".join(f"{time},0,0,{i},0,0,0,1\n" for i, time in enumerate(times))
-    path.write_text(f"{HEADER}\n{above}{rows}")
-    return path
+        Poses.collect(open_log(str(write_times(tmp_path / "a.csv", times))))
 
 
 @pytest.mark.parametrize("kind", ["local", "UTC", "Europe/Berlin", "duration", "text"])
@@ -559,16 +541,6 @@ def test_times_in_parquet(tmp_path: Path, kind: str) -> None:
     assert_read(write_parquet(tmp_path / "a.parquet", table))
 
 
-@pytest.mark.parametrize("separator", [";", "\t", " ", '","'])
-def test_decimal_commas(tmp_path: Path, separator: str) -> None:
-    path, quote = tmp_path / "a.csv", '"' if '"' in separator else ""
-    rows = zip(exact_seconds(POSES), rows_of(POSES), strict=True)
-    head = [] if separator == " " else [separator.join(("t", *NAMES))]
-    lines = [separator.join([t, *map(repr, row)]).replace(".", ",") for t, row in rows]
-    path.write_text("\n".join(f"{quote}{line}{quote}" for line in [*head, *lines]) + "\n")
-    assert_read(path)
-
-
 @pytest.mark.parametrize("separator", [";", "\t"])
 def test_exports_separated_by_other_than_commas(tmp_path: Path, separator: str) -> None:
     """As spreadsheets write them with decimal commas."""
@@ -576,11 +548,10 @@ def test_exports_separated_by_other_than_commas(tmp_path: Path, separator: str) 
         ("take.csv", write_motive(tmp_path / "take.csv", POSES, OTHER, hidden=HIDDEN)),
         ("trial.csv", write_vicon(tmp_path / "trial.csv")),
     ):
-        rows = csv.reader(path.read_text(encoding="utf-8-sig").splitlines())
-        path.write_text("\n".join(separator.join(row).replace(".", ",") for row in rows) + "\n")
-        log = open_log(str(tmp_path / name), frame="table" if name == "take.csv" else "me:hand")
-        result = Poses.collect(log)
-        np.testing.assert_allclose(result.position_m, OTHER.position_m, rtol=0, atol=1e-12)
+        cells = csv.reader(path.read_text(encoding="utf-8-sig").splitlines())
+        path.write_text("\n".join(separator.join(row).replace(".", ",") for row in cells) + "\n")
+        first_ns, frame = (0, "table") if name == "take.csv" else (5_000_000, "me:hand")
+        assert_read(path, replace(OTHER, stamp_ns=FRAMES_NS + first_ns), frame=frame)
 
 
 @pytest.mark.parametrize(("rate", "is_rounded"), [(360, True), (120, True), (100, False)])
@@ -593,9 +564,8 @@ def test_rounded_times_of_motive_follow_the_frames(tmp_path: Path, rate: int, is
         rows = [line.split(",", 2) for line in lines[7:]]
         lines[7:] = [f"{i},{int(i) / rate:.3f}000,{rest}" for i, _, rest in rows]
     path.write_text("\n".join(lines) + "\n")
-    result = Poses.collect(open_log(str(path), frame="cup"))
     expected_ns = np.arange(300) / (rate if is_rounded else 200) * 1e9
-    np.testing.assert_allclose(result.stamp_ns, expected_ns, rtol=0, atol=1)
+    assert_read(path, replace(POSES, stamp_ns=expected_ns), time_ns=1, frame="cup")
 
 
 @pytest.mark.parametrize("separator", [", ", "\t"])
@@ -613,8 +583,8 @@ def test_names_in_a_comment_hold_for_values_with_blanks_and_tabs(tmp_path: Path,
 
 
 def test_unordered_rows_are_reported_with_remedy(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    rows = np.random.default_rng(0).permutation(columns(POSES))
-    path = write_csv(tmp_path / "a.csv", rows)
+    mixed = np.random.default_rng(0).permutation(columns(POSES))
+    path = write(tmp_path / "a.csv", [HEADER], rows(mixed))
     log = open_log(str(path))
     kept = len(Poses.collect(log))
     assert log.remarks == ()
@@ -623,7 +593,7 @@ def test_unordered_rows_are_reported_with_remedy(tmp_path: Path, capsys: pytest.
     )
     assert run(["info", str(path)]) == 3
     assert log.loss in capsys.readouterr().err
-    result = Trajectory.from_arrays(rows[:, 0], rows[:, 1:4], rows[:, 4:])
+    result = Trajectory.from_arrays(mixed[:, 0], mixed[:, 1:4], mixed[:, 4:])
     assert (len(result), result.damage) == (kept, log.loss)
 
 
@@ -635,7 +605,7 @@ def test_unordered_rows_are_reported_with_remedy(tmp_path: Path, capsys: pytest.
     ],
 )
 def test_little_disorder_is_only_counted(tmp_path: Path, order: np.ndarray, counted: dict[str, int]) -> None:
-    log = open_log(str(write_csv(tmp_path / "a.csv", columns(POSES)[order])))
+    log = open_log(str(write(tmp_path / "a.csv", [HEADER], rows(columns(POSES)[order]))))
     Poses.collect(log)
     assert counted.items() <= log.counts.items()
     assert log.remarks == ()

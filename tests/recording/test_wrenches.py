@@ -4,25 +4,14 @@ Expected values are computed independently: a wrench is a skew 4 x 4 matrix, sum
 forces at points in homogeneous coordinates, and a change of frame is a product with 4 x 4 matrices.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from mcap.writer import IndexType
-from scipy.spatial.transform import Rotation, Slerp
-from support.mcap_logs import (
-    TF,
-    Topic,
-    pose_stamped,
-    poses_topic,
-    smooth_poses,
-    transform,
-    wrench_stamped,
-    write_log,
-)
-from support.pressed_objects import pressed
+from scipy.spatial.transform import Rotation
 
 from contact_tracker.cli.main import run
 from contact_tracker.config.loading import load_model
@@ -33,68 +22,21 @@ from contact_tracker.recording import WRENCH_TYPE, WrenchLog, open_log, read_wre
 from contact_tracker.segmenting import recorded_evidence
 from contact_tracker.states import Contact
 from contact_tracker.wrenches.wrenches import Wrenches
+from mcap_logs import (
+    TF,
+    Topic,
+    pose_stamped,
+    poses_topic,
+    smooth_poses,
+    transform,
+    wrench_stamped,
+    write_log,
+)
+from moving_frames import START_NS, TABLE, Frame, by_name, moving, static
+from pressed_objects import pressed
 
 PRESSED = pressed(Contact.VF, seed=3, noise=True, seconds=3.0)
-START_NS = int(PRESSED.poses.stamp_ns[0])
-MOUNT = (np.array([0.05, -0.02, 0.11]), Rotation.from_euler("xyz", [0.3, -0.5, 0.7]))
-TABLE = (np.array([0.4, 1.2, -0.3]), Rotation.from_euler("xyz", [-0.2, 0.4, 2.1]))
-
-
-@dataclass
-class Frame:
-    """The poses of a frame in its parent, published at ``stamps_ns``; one stamp for a static frame."""
-
-    parent: str
-    child: str
-    stamps_ns: np.ndarray
-    position_m: np.ndarray
-    rotation: Rotation
-
-    @property
-    def topic(self) -> Topic:
-        rows = zip(self.stamps_ns.tolist(), self.position_m, self.rotation.as_quat(), strict=True)
-        name = "/tf" if len(self.stamps_ns) > 1 else "/tf_static"
-        messages = [(at, {"transforms": [transform(at, p, q, self.parent, self.child)]}) for at, p, q in rows]
-        return Topic(name, TF, messages)
-
-    def at(self, stamps_ns: np.ndarray) -> np.ndarray:
-        """4 x 4 matrices (N, 4, 4) from child to parent."""
-        if len(self.stamps_ns) == 1:
-            return matrices(
-                np.repeat(self.position_m, len(stamps_ns), 0), self.rotation[[0] * len(stamps_ns)]
-            )
-        sample_s, time_s = (self.stamps_ns - START_NS) * 1e-9, (stamps_ns - START_NS) * 1e-9
-        position = np.column_stack([np.interp(time_s, sample_s, column) for column in self.position_m.T])
-        return matrices(position, Slerp(sample_s, self.rotation)(np.clip(time_s, sample_s[0], sample_s[-1])))
-
-
-def matrices(position: np.ndarray, rotation: Rotation) -> np.ndarray:
-    stacked = np.zeros((len(position), 4, 4))
-    stacked[:, :3, :3], stacked[:, :3, 3], stacked[:, 3, 3] = rotation.as_matrix(), position, 1.0
-    return stacked
-
-
-def static(parent: str, child: str, place: tuple[np.ndarray, Rotation] = MOUNT) -> Frame:
-    return Frame(parent, child, np.array([START_NS]), place[0][None], Rotation.concatenate([place[1]]))
-
-
-def moving(parent: str, child: str, seed: int = 5, hz: float = 73.0, start_s: float = -0.1) -> Frame:
-    """A moving frame with its own stamps."""
-    rng = np.random.default_rng(seed)
-    t = np.arange(start_s, 6.2, 1.0 / hz)
-    phase = rng.uniform(0, 6, (2, 3))
-    turn = Rotation.from_rotvec(0.9 * np.sin(1.3 * t[:, None] + phase[0]))
-    place = 0.4 * np.cos(1.7 * t[:, None] + phase[1])
-    return Frame(parent, child, START_NS + np.round(t * 1e9).astype(np.int64), place, turn)
-
-
-BODY = Frame(
-    "world",
-    "object",
-    PRESSED.poses.stamp_ns,
-    PRESSED.poses.position_m,
-    Rotation.from_quat(PRESSED.poses.quat_xyzw),
-)
+BODY = Frame.of("world", "object", PRESSED.poses)
 
 
 def carried(wrenches: Wrenches, frames: np.ndarray) -> Wrenches:
@@ -137,17 +79,8 @@ def unnamed_poses(frame: str = "world") -> Topic:
     return Topic("/object/pose", "geometry_msgs/msg/PoseStamped", rows)
 
 
-def joined(topics: list[Topic]) -> list[Topic]:
-    """One topic of each name."""
-    names = dict.fromkeys(topic.name for topic in topics)
-    return [
-        Topic(name, TF, [message for topic in topics if topic.name == name for message in topic.messages])
-        for name in names
-    ]
-
-
 def write(path: Path, wrenches: Topic, *frames: Frame, poses: Topic | None = None, **options: Any) -> Path:
-    topics = [poses or named_poses(), wrenches, *joined([frame.topic for frame in frames])]
+    topics = [poses or named_poses(), wrenches, *by_name(frame.topic for frame in frames)]
     return write_log(path, topics, **options)
 
 
@@ -294,7 +227,7 @@ def test_transforms_of_another_time_are_an_error_in_one_line(tmp_path: Path) -> 
 def test_a_gap_in_a_moving_transform_is_not_bridged(tmp_path: Path) -> None:
     frame = moving("world", "ft")
     kept = (frame.stamps_ns < START_NS + 2 * 10**9) | (frame.stamps_ns > START_NS + 7 * 10**9 // 2)
-    flange = Frame("world", "ft", frame.stamps_ns[kept], frame.position_m[kept], frame.rotation[kept])
+    flange = frame.only(kept)
     result = read(write(tmp_path / "log.mcap", wrench_topic(IN_WORLD, "ft"), flange), topic="/object/pose")
     last, following = flange.stamps_ns[[np.flatnonzero(~kept)[0] - 1, np.flatnonzero(~kept)[0]]]
     inside = (PRESSED.wrenches.stamp_ns > last) & (PRESSED.wrenches.stamp_ns < following)
@@ -312,44 +245,37 @@ def test_invalid_transforms_are_left_out_and_counted(tmp_path: Path) -> None:
     np.testing.assert_allclose(result.wrenches.force_n, PRESSED.wrenches.force_n, atol=1e-9)
 
 
-def wrenches_topic(poses: Poses, frame: str = "object", name: str = "/wrench") -> Topic:
-    values = [1.0, 2.0, 3.0, 0.1, 0.2, 0.3]
-    messages = [(int(stamp), wrench_stamped(int(stamp), values, frame)) for stamp in poses.stamp_ns]
-    return Topic(name, WRENCH_TYPE, messages)
+POSES = smooth_poses(400)
+CONSTANT = [(at, wrench_stamped(at, [1.0, 2.0, 3.0, 0.1, 0.2, 0.3])) for at in POSES.stamp_ns.tolist()]
+
+
+def log_with(folder: Path, messages: list[tuple[int, Any]]) -> Path:
+    return write_log(folder / "a.mcap", [poses_topic(POSES), Topic("/wrench", WRENCH_TYPE, messages)])
 
 
 def test_frames_that_change_are_refused(tmp_path: Path) -> None:
-    poses = smooth_poses()
-    mixed = wrenches_topic(poses)
-    mixed.messages = [*mixed.messages[:5], *wrenches_topic(poses, "flange").messages[5:]]
+    mixed = [*CONSTANT[:5], *((at, wrench_stamped(at, [1.0] * 6, "flange")) for at, _ in CONSTANT[5:])]
     with pytest.raises(UsageError, match="changes its frame"):
-        read(write_log(tmp_path / "log.mcap", [poses_topic(poses), mixed]))
+        read(log_with(tmp_path, mixed))
 
 
 def test_unusable_wrenches_are_dropped_and_counted(tmp_path: Path) -> None:
-    poses = smooth_poses()
-    topic = wrenches_topic(poses)
-    messages = list(topic.messages)
-    stamp = int(poses.stamp_ns[3])
+    stamp, messages = CONSTANT[3][0], list(CONSTANT)
     messages[3] = (stamp, wrench_stamped(stamp, [np.nan, 0, 0, 0, 0, 0]))
     messages[4] = (stamp, wrench_stamped(stamp, [0, 0, 0, 0, np.inf, 0]))
     messages[5] = (stamp, wrench_stamped(0, [0.0] * 6))
-    topic.messages = messages
-    result = read(write_log(tmp_path / "log.mcap", [poses_topic(poses), topic]))
+    result = read(log_with(tmp_path, messages))
     assert result.dropped == 3
-    assert len(result.wrenches) == len(poses) - 3
+    assert len(result.wrenches) == len(POSES) - 3
 
 
 def test_undecodable_wrenches_are_an_error_in_one_line(tmp_path: Path) -> None:
-    poses = smooth_poses()
-    topic = Topic("/wrench", WRENCH_TYPE, [(int(stamp), b"\x00\x01\x00\x00??") for stamp in poses.stamp_ns])
     with pytest.raises(InputError, match="can be used"):
-        read(write_log(tmp_path / "log.mcap", [poses_topic(poses), topic]))
+        read(log_with(tmp_path, [(at, b"\x00\x01\x00\x00??") for at, _ in CONSTANT]))
 
 
 def test_a_missing_topic_lists_the_existing_ones(tmp_path: Path) -> None:
-    poses = smooth_poses()
-    path = write_log(tmp_path / "log.mcap", [poses_topic(poses), wrenches_topic(poses)])
+    path = log_with(tmp_path, CONSTANT)
     with pytest.raises(UsageError, match=r"no topic /other.*/wrench"):
         read(path, "/other")
     with pytest.raises(UsageError, match="PoseStamped"):
@@ -358,8 +284,7 @@ def test_a_missing_topic_lists_the_existing_ones(tmp_path: Path) -> None:
 
 def test_wrenches_without_free_motion_are_not_used(tmp_path: Path) -> None:
     """They are constant, at any pose: that is said in a line, and motion decides."""
-    poses = smooth_poses(400)
-    path = str(write_log(tmp_path / "log.mcap", [poses_topic(poses), wrenches_topic(poses)]))
+    path = str(log_with(tmp_path, CONSTANT))
     evidence, notice, (warning,) = recorded_evidence(path, "/wrench", open_log(path), load_model(), EMPTY_MAP)
     assert evidence is None
     assert warning.startswith("/wrench is not used: ")
@@ -367,16 +292,14 @@ def test_wrenches_without_free_motion_are_not_used(tmp_path: Path) -> None:
 
 
 def test_info_reports_the_wrench_topic(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    poses = smooth_poses(400)
-    path = str(write_log(tmp_path / "log.mcap", [poses_topic(poses), wrenches_topic(poses)]))
+    path = str(log_with(tmp_path, CONSTANT))
     assert run(["info", path]) == 0
     assert "--wrench /wrench" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("words", ["--mass 2", "--wrench /none", "--wrench /wrench --mass=-1"])
 def test_wrong_usage_is_reported(tmp_path: Path, words: str) -> None:
-    poses = smooth_poses(400)
-    path = str(write_log(tmp_path / "log.mcap", [poses_topic(poses), wrenches_topic(poses)]))
+    path = str(log_with(tmp_path, CONSTANT))
     assert run(["segment", path, *words.split()]) == 2
 
 

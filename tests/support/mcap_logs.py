@@ -1,49 +1,35 @@
 """MCAP files for tests, written with the reference libraries: any type, any chunking, any topic."""
 
-from collections.abc import Iterable, Sequence
+import struct
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mcap.data_stream import RecordBuilder
 from mcap.reader import make_reader
+from mcap.records import McapRecord
 from mcap.writer import Writer
 from mcap_ros2.writer import Writer as RosWriter
+from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
 from contact_tracker.motion.poses import Pose, Poses
 
 START_NS = 1_700_000_000_000_000_000
 
-_HEADER = "std_msgs/Header header\n"
-_PARTS = {
-    "std_msgs/Header": "builtin_interfaces/Time stamp\nstring frame_id\n",
-    "builtin_interfaces/Time": "int32 sec\nuint32 nanosec\n",
-    "geometry_msgs/Vector3": "float64 x\nfloat64 y\nfloat64 z\n",
-    "geometry_msgs/Point": "float64 x\nfloat64 y\nfloat64 z\n",
-    "geometry_msgs/Quaternion": "float64 x\nfloat64 y\nfloat64 z\nfloat64 w\n",
-    "geometry_msgs/Pose": "geometry_msgs/Point position\ngeometry_msgs/Quaternion orientation\n",
-    "geometry_msgs/Twist": "geometry_msgs/Vector3 linear\ngeometry_msgs/Vector3 angular\n",
-    "geometry_msgs/Wrench": "geometry_msgs/Vector3 force\ngeometry_msgs/Vector3 torque\n",
-    "geometry_msgs/Transform": "geometry_msgs/Vector3 translation\ngeometry_msgs/Quaternion rotation\n",
-    "geometry_msgs/TransformStamped": f"{_HEADER}string child_frame_id\ngeometry_msgs/Transform transform\n",
-    "geometry_msgs/PoseWithCovariance": "geometry_msgs/Pose pose\nfloat64[36] covariance\n",
-    "geometry_msgs/TwistWithCovariance": "geometry_msgs/Twist twist\nfloat64[36] covariance\n",
-}
-_MAIN = {
-    "geometry_msgs/msg/PoseStamped": f"{_HEADER}geometry_msgs/Pose pose\n",
-    "geometry_msgs/msg/PoseWithCovarianceStamped": f"{_HEADER}geometry_msgs/PoseWithCovariance pose\n",
-    "geometry_msgs/msg/TransformStamped": _PARTS["geometry_msgs/TransformStamped"],
-    "nav_msgs/msg/Odometry": f"{_HEADER}string child_frame_id\ngeometry_msgs/PoseWithCovariance pose\n"
-    "geometry_msgs/TwistWithCovariance twist\n",
-    "tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms\n",
-    "std_msgs/msg/String": "string data\n",
-    "geometry_msgs/msg/WrenchStamped": f"{_HEADER}geometry_msgs/Wrench wrench\n",
-}
+ROS2 = get_typestore(Stores.ROS2_HUMBLE)
 SCHEMAS = {
-    name: text + "".join(f"{'=' * 80}\nMSG: {part}\n{body}" for part, body in _PARTS.items())
-    for name, text in _MAIN.items()
+    kind: ROS2.generate_msgdef(kind, ros_version=2)[0]
+    for kind in (
+        *(
+            f"geometry_msgs/msg/{name}Stamped"
+            for name in ("Pose", "PoseWithCovariance", "Transform", "Wrench")
+        ),
+        *("nav_msgs/msg/Odometry", "tf2_msgs/msg/TFMessage", "std_msgs/msg/String"),
+    )
 }
 
 
@@ -145,6 +131,23 @@ def smooth_poses(count: int = 60, rate_hz: float = 200.0, seed: int = 0, start_n
     quat = Rotation.from_rotvec(0.8 * np.sin(t[:, None] + phase[0])).as_quat(canonical=True)
     stamps = start_ns + np.round(t * 1e9).astype(np.int64)
     return Poses(stamps, 0.3 * np.cos(1.3 * t[:, None] + phase[1]), quat)
+
+
+def as_bytes(*records: McapRecord) -> bytes:
+    """Records as in a file."""
+    builder = RecordBuilder()
+    for record in records:
+        record.write(builder)  # type: ignore[attr-defined]
+    return builder.end()
+
+
+def records_in(content: bytes) -> Iterator[tuple[int, int, int]]:
+    """Opcode, begin and end of each record of an MCAP file."""
+    at = 8
+    while at < len(content) - 8:
+        opcode, length = struct.unpack_from("<BQ", content, at)
+        yield opcode, at, at + 9 + length
+        at += 9 + length
 
 
 def _encode(topic: Topic) -> list[bytes]:

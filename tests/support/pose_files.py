@@ -4,21 +4,17 @@ import sqlite3
 import struct
 from collections.abc import Sequence
 from contextlib import closing
-from functools import cache
 from pathlib import Path
 from typing import Any
 
 from mcap.writer import Writer
+from rosbags.typesys import Stores, get_typestore
 
 from contact_tracker.motion.poses import Pose, Poses
-from mcap_logs import SCHEMAS
 
 POSE_TYPE = "geometry_msgs/msg/PoseStamped"
-ROS1_TEXT = (
-    SCHEMAS[POSE_TYPE]
-    .replace("std_msgs/Header header", "Header header")
-    .replace("builtin_interfaces/Time stamp", "uint32 seq\ntime stamp")
-)
+ROS1 = get_typestore(Stores.ROS1_NOETIC)
+ROS1_TEXT = ROS1.generate_msgdef(POSE_TYPE, ros_version=1)[0]
 
 
 def cdr_pose(pose: Pose) -> bytes:
@@ -55,13 +51,6 @@ def write_raw(
     return path
 
 
-@cache
-def types_of_ros1() -> Any:
-    from rosbags.typesys import Stores, get_typestore
-
-    return get_typestore(Stores.ROS1_NOETIC)
-
-
 def write_rosbag1(path: Path, poses: Poses, compression: str | None = None, chunk_bytes: int = 2**20) -> Path:
     """A bag as rosbags writes it."""
     from rosbags.rosbag1 import Writer as Rosbag1Writer
@@ -71,7 +60,7 @@ def write_rosbag1(path: Path, poses: Poses, compression: str | None = None, chun
     if compression is not None:
         writer.set_compression(Rosbag1Writer.CompressionFormat[compression])
     with writer:
-        connection = writer.add_connection("/object/pose", POSE_TYPE, typestore=types_of_ros1())
+        connection = writer.add_connection("/object/pose", POSE_TYPE, typestore=ROS1)
         for number, pose in enumerate(poses):
             writer.write(connection, pose.stamp_ns, ros1_pose(number, pose))
     return path

@@ -15,6 +15,7 @@ import zlib
 from collections.abc import Callable, Iterator, Set
 from contextlib import closing
 from functools import partial
+from tokenize import TokenError
 from typing import IO, Any, Final
 
 import numpy as np
@@ -35,7 +36,7 @@ MOST_ARRAYS: Final = 200
 _DEEPEST: Final = 5
 _ERRORS: Final = (
     *(ValueError, OSError, EOFError, RuntimeError, MemoryError, LookupError, TypeError, struct.error),
-    *(zipfile.BadZipFile, zlib.error, NotImplementedError),
+    *(zipfile.BadZipFile, zlib.error, NotImplementedError, TokenError),
 )
 
 
@@ -127,9 +128,13 @@ def _of_matlab(path: str, budget: WorkBudget) -> Arrays:
     with open(path, "rb") as file:
         data = memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
     if bytes(data[:6]) != b"MATLAB":
-        from scipy.io import loadmat
+        from scipy.io.matlab import MatReadError, loadmat
 
-        for name, values in loadmat(path, appendmat=False).items():  # of version 4, which has no lists
+        try:
+            stored = loadmat(path, appendmat=False)  # of version 4, which has no lists
+        except MatReadError as error:
+            raise ValueError(str(error)) from error
+        for name, values in stored.items():
             if isinstance(values, np.ndarray) and values.dtype.kind in "iuf" and values.size:
                 yield name, values.shape, partial(np.asarray, values)
         return

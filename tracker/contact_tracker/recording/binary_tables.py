@@ -256,7 +256,6 @@ class _Arrow:
         """As for Parquet, but all columns at once, as buffers have no names."""
         if self._is_checked:
             return
-        self._is_checked = True
         with _checked(self._path) as file:
             file.seek(-_ARROW_END, os.SEEK_END)
             (size,) = struct.unpack("<i", file.read(4))
@@ -274,6 +273,7 @@ class _Arrow:
                             size = max(0, *struct.unpack("<q", file.read(8)))
                             budget.inflate(packed, size)
                         budget.spend(SHARE_OF_RECORD * (1.0 + size / _BYTES_PER_ROW))
+        self._is_checked = True
 
 
 _OPENED: Final[Mapping[str, Callable[[str], _Parquet | _Arrow]]] = {"Parquet": _Parquet, "Feather": _Arrow}
@@ -380,57 +380,58 @@ _SHOWN: Final = 8
 
 
 class ArrayTable:
-    """The columns of arrays with as many rows, batch by batch; without ``damage``.
+    """Columns in memory, of one length, batch by batch; ``damage`` says what is missing."""
 
-    Raises UnreadableRecording if it is damaged, too large when decompressed, or the meaning of its columns is
-    not known.
-    """
-
-    damage: tuple[str, ...] = ()
-
-    def __init__(self, path: str, reading: TableReading, budget: WorkBudget, kind: str = "NumPy") -> None:
-        stated = {name.partition("[")[0].strip().lower() for _, name in reading.columns}
-        arrays, left_out = arrays_in(path, kind, stated, budget)
-        of_stated = [shape for name, (shape, _) in arrays.items() if (name or UNNAMED).lower() in stated]
-        shapes = [shape for shape, _ in arrays.values()]
-        choices = (of_stated, WIDEST), (of_stated, MOST_COLUMNS), (shapes, WIDEST)
-        self._rows = next(filter(None, starmap(_rows_of, choices)), 0)
-        names, not_read, self._values = list[str](), dict[str, list[str]](), list[NDArray[Any]]()
-        for name, (shape, values) in arrays.items():
-            if values is None or self._rows not in (shape[0], shape[-1]):
-                most = widest_of(name, stated)
-                why = f"more than {most} values a row" if values is None else f"no axis of {self._rows}"
-                not_read.setdefault(why, []).append(f"{name} ({' x '.join(map(str, shape))})")
-                continue
-            rows = (values if shape[0] == self._rows else np.moveaxis(values, -1, 0)).reshape(self._rows, -1)
-            names += [name] if rows.shape[1] == 1 else [f"{name}[{i}]" for i in range(rows.shape[1])]
-            self._values += list(rows.T)
-        beyond = f"{left_out} arrays after the first {MOST_ARRAYS} are not read: name them by --columns"
-        beyond = beyond if left_out else ""
-        try:
-            if not names:
-                raise UnreadableRecording("it has no array of numbers with a row for each pose")
-            rows = np.array([values[:FIRST_ROWS] for values in self._values]).T.astype(str).tolist()
-            if list(arrays) == [""]:
-                layout = layout_without_names(rows, reading, path)
-            else:
-                layout = layout_of_names(names, reading, path, rows=lambda: rows)
-        except (UnreadableRecording, ChoiceError) as error:
-            text = "; ".join(filter(None, (str(error), beyond)))
-            for why, entries in not_read.items():
-                listing = ", ".join(entries[:_SHOWN]) + ", ..." * (len(entries) > _SHOWN)
-                text += f"; not read: {listing}, which {'have' if entries[1:] else 'has'} {why}"
-            raise type(error)(text) from error
-        self.layout = replace(layout, kind=kind, note="" if stated else beyond)
+    def __init__(self, layout: TableLayout, values: Sequence[NDArray[Any]], *damage: str) -> None:
+        self.layout, self._values, self.damage = layout, values, damage
 
     def __iter__(self) -> Iterator[dict[int, Any]]:
-        layout = self.layout
-        for begin in range(0, self._rows, ROWS_AT_ONCE):
-            batch = {place: self._values[place][begin : begin + ROWS_AT_ONCE] for place in layout.places}
-            yield {
-                place: list(map(str, values.tolist())) if place in layout.texts else values.astype(np.float64)
-                for place, values in batch.items()
-            }
+        for begin in range(0, len(self._values[0]), ROWS_AT_ONCE):
+            rows = slice(begin, begin + ROWS_AT_ONCE)
+            batch = {place: self._values[place][rows] for place in self.layout.places}
+            texts = {place: list(map(str, batch.pop(place).tolist())) for place in self.layout.texts}
+            yield texts | {place: values.astype(np.float64) for place, values in batch.items()}
+
+
+def _of_arrays(path: str, reading: TableReading, budget: WorkBudget, kind: str) -> ArrayTable:
+    """The columns of arrays with as many rows.
+
+    Raises UnreadableRecording if they are damaged, too large when decompressed, or the meaning of the columns
+    is not known.
+    """
+    stated = {name.partition("[")[0].strip().lower() for _, name in reading.columns}
+    arrays, left_out = arrays_in(path, kind, stated, budget)
+    of_stated = [shape for name, (shape, _) in arrays.items() if (name or UNNAMED).lower() in stated]
+    shapes = [shape for shape, _ in arrays.values()]
+    choices = (of_stated, WIDEST), (of_stated, MOST_COLUMNS), (shapes, WIDEST)
+    count = next(filter(None, starmap(_rows_of, choices)), 0)
+    names, not_read, columns = list[str](), dict[str, list[str]](), list[NDArray[Any]]()
+    for name, (shape, values) in arrays.items():
+        if values is None or count not in (shape[0], shape[-1]):
+            most = widest_of(name, stated)
+            why = f"more than {most} values a row" if values is None else f"no axis of {count}"
+            not_read.setdefault(why, []).append(f"{name} ({' x '.join(map(str, shape))})")
+            continue
+        rows = (values if shape[0] == count else np.moveaxis(values, -1, 0)).reshape(count, -1)
+        names += [name] if rows.shape[1] == 1 else [f"{name}[{i}]" for i in range(rows.shape[1])]
+        columns += list(rows.T)
+    beyond = f"{left_out} arrays after the first {MOST_ARRAYS} are not read: name them by --columns"
+    beyond = beyond if left_out else ""
+    try:
+        if not names:
+            raise UnreadableRecording("it has no array of numbers with a row for each pose")
+        first = np.array([values[:FIRST_ROWS] for values in columns]).T.astype(str).tolist()
+        if list(arrays) == [""]:
+            layout = layout_without_names(first, reading, path)
+        else:
+            layout = layout_of_names(names, reading, path, rows=lambda: first)
+    except (UnreadableRecording, ChoiceError) as error:
+        text = "; ".join(filter(None, (str(error), beyond)))
+        for why, entries in not_read.items():
+            listing = ", ".join(entries[:_SHOWN]) + ", ..." * (len(entries) > _SHOWN)
+            text += f"; not read: {listing}, which {'have' if entries[1:] else 'has'} {why}"
+        raise type(error)(text) from error
+    return ArrayTable(replace(layout, kind=kind, note="" if stated else beyond), columns)
 
 
 def _rows_of(shapes: Sequence[tuple[int, ...]], widest: int) -> int:
@@ -460,63 +461,60 @@ _NO_BODIES: Final = (
 )
 
 
-class C3DTable(ArrayTable):
-    """The bodies of a C3D file in columns, batch by batch; ``damage`` says how many frames are missing.
+def _of_c3d(path: str, reading: TableReading, _: WorkBudget) -> ArrayTable:
+    """The bodies of a C3D file in columns.
 
     Raises UnreadableRecording if it is damaged or has no bodies, and ChoiceError if the user states rotations
     or times, which the file states itself.
     """
-
-    def __init__(self, path: str, reading: TableReading, budget: WorkBudget) -> None:
-        if reading != reading_of(unit=reading.unit):
-            raise ChoiceError(f"{path}: C3D says what its rotations and times are: leave out all but --unit")
-        try:
-            with open(path, "rb") as file:
-                head = file.read(_BLOCK)
-                file.seek((head[0] - 1) * _BLOCK)
-                blocks = file.read(4)
-                if blocks[3] != _INTEL:
-                    raise UnreadableRecording("its numbers are not those of a PC: write it for Intel")
-                parameters = _parameters(file.read(blocks[2] * _BLOCK))
-            labels = [key for key in sorted(parameters) if key.startswith("ROTATION:LABELS")]
-            names = [name for key in labels for name in parameters[key]]
-            names = names[: int(parameters.get("ROTATION:USED", [0])[0])]
-            if not names:
-                markers = [*map(printable, parameters.get("POINT:LABELS", []))]
-                listed = markers[:_MARKERS_SHOWN] + ["..."] * (len(markers) > _MARKERS_SHOWN)
-                about = {"names": ", ".join(listed) or "none", "name": os.path.basename(path)}
-                raise UnreadableRecording(_NO_BODIES.format(**about))
-            units = *parameters.get("ROTATION:UNITS", []), *parameters.get("POINT:UNITS", []), "mm"
-            ratio = parameters.get("ROTATION:RATIO", [1])[0]
-            own_rate = parameters.get("ROTATION:RATE")
-            rate = float(parameters["POINT:RATE"][0] * float(ratio) if own_rate is None else own_rate[0])
-            if not 0.0 < rate < 1e6:
-                raise ValueError(f"a rate of {rate:g} Hz")
-            bodies = tuple(
-                Body(
-                    name[: -len(_SUFFIX)] if name.lower().endswith(_SUFFIX) else name,
-                    tuple(_POSE * i + place for place in (9, 10, 11, 0, 3, 6, 1, 4, 7, 2, 5, 8)),
-                    LENGTHS_M[reading.unit or str(units[0]).lower()],
-                    "matrix",
-                )
-                for i, name in enumerate(names)
+    if reading != reading_of(unit=reading.unit):
+        raise ChoiceError(f"{path}: C3D says what its rotations and times are: leave out all but --unit")
+    try:
+        with open(path, "rb") as file:
+            head = file.read(_BLOCK)
+            file.seek((head[0] - 1) * _BLOCK)
+            blocks = file.read(4)
+            if blocks[3] != _INTEL:
+                raise UnreadableRecording("its numbers are not those of a PC: write it for Intel")
+            parameters = _parameters(file.read(blocks[2] * _BLOCK))
+        labels = [key for key in sorted(parameters) if key.startswith("ROTATION:LABELS")]
+        names = [name for key in labels for name in parameters[key]]
+        names = names[: int(parameters.get("ROTATION:USED", [0])[0])]
+        if not names:
+            markers = [*map(printable, parameters.get("POINT:LABELS", []))]
+            listed = markers[:_MARKERS_SHOWN] + ["..."] * (len(markers) > _MARKERS_SHOWN)
+            about = {"names": ", ".join(listed) or "none", "name": os.path.basename(path)}
+            raise UnreadableRecording(_NO_BODIES.format(**about))
+        units = *parameters.get("ROTATION:UNITS", []), *parameters.get("POINT:UNITS", []), "mm"
+        ratio = parameters.get("ROTATION:RATIO", [1])[0]
+        own_rate = parameters.get("ROTATION:RATE")
+        rate = float(parameters["POINT:RATE"][0] * float(ratio) if own_rate is None else own_rate[0])
+        if not 0.0 < rate < 1e6:
+            raise ValueError(f"a rate of {rate:g} Hz")
+        bodies = tuple(
+            Body(
+                name[: -len(_SUFFIX)] if name.lower().endswith(_SUFFIX) else name,
+                tuple(_POSE * i + place for place in (9, 10, 11, 0, 3, 6, 1, 4, 7, 2, 5, 8)),
+                LENGTHS_M[reading.unit or str(units[0]).lower()],
+                "matrix",
             )
-            first, last = struct.unpack_from("<HH", head, 6)
-            rows = (last - first + 1) * int(ratio)
-            start = (int(parameters["ROTATION:DATA_START"][0]) % 2**16 - 1) * _BLOCK
-            stored = max(os.path.getsize(path) - start, 0) // (4 * _VALUES * len(bodies))
-            self._rows = stored if last == 2**16 - 1 else min(rows, stored)  # longer ones do not fit
-            values = np.fromfile(path, "<f4", self._rows * len(bodies) * _VALUES, offset=start)
-        except (LookupError, ValueError, TypeError, struct.error, OSError) as error:
-            raise UnreadableRecording(f"it is damaged: its parameters cannot be read ({error})") from error
-        if self._rows < rows:
-            text = f"it ends after {self._rows} of {rows} frames: if more was recorded, copy it again"
-            self.damage = (text,)
-        self.layout = TableLayout(-1, 1e9 / rate, bodies, "C3D", has_own_unit=True)
-        matrices = values.reshape(self._rows, len(bodies), _VALUES).astype(np.float64)
-        matrices[matrices[:, :, -1] < 0.0] = np.nan
-        poses = matrices[:, :, :16].reshape(self._rows, len(bodies), 4, 4)[..., :3]
-        self._values = list(poses.reshape(self._rows, _POSE * len(bodies)).T)
+            for i, name in enumerate(names)
+        )
+        first, last = struct.unpack_from("<HH", head, 6)
+        rows = (last - first + 1) * int(ratio)
+        start = (int(parameters["ROTATION:DATA_START"][0]) % 2**16 - 1) * _BLOCK
+        stored = max(os.path.getsize(path) - start, 0) // (4 * _VALUES * len(bodies))
+        count = stored if last == 2**16 - 1 else min(rows, stored)  # longer ones do not fit
+        values = np.fromfile(path, "<f4", count * len(bodies) * _VALUES, offset=start)
+    except (LookupError, ValueError, TypeError, struct.error, OSError) as error:
+        raise UnreadableRecording(f"it is damaged: its parameters cannot be read ({error})") from error
+    cut_off = f"it ends after {count} of {rows} frames: if more was recorded, copy it again"
+    layout = TableLayout(-1, 1e9 / rate, bodies, "C3D", has_own_unit=True)
+    matrices = values.reshape(count, len(bodies), _VALUES).astype(np.float64)
+    matrices[matrices[:, :, -1] < 0.0] = np.nan
+    poses = matrices[:, :, :16].reshape(count, len(bodies), 4, 4)[..., :3]
+    columns = list(poses.reshape(count, _POSE * len(bodies)).T)
+    return ArrayTable(layout, columns, *([cut_off] if count < rows else []))
 
 
 def _parameters(data: bytes) -> dict[str, Any]:
@@ -546,7 +544,7 @@ def _parameters(data: bytes) -> dict[str, Any]:
 
 TABLES: Final[Mapping[str, Callable[[str, TableReading, WorkBudget], ParquetTable | ArrayTable]]] = {
     **{kind: partial(ParquetTable, kind=kind) for kind in ("Parquet", "Feather")},
-    **{kind: partial(ArrayTable, kind=kind) for kind in ("NumPy", "MATLAB", "HDF5")},
-    "C3D": C3DTable,
+    **{kind: partial(_of_arrays, kind=kind) for kind in ("NumPy", "MATLAB", "HDF5")},
+    "C3D": _of_c3d,
 }
 """Readers of the kinds of tables."""

@@ -218,9 +218,7 @@ def _fields_of(line: str) -> dict[str, str]:
         entry = _loads(line)
     except RecursionError as error:
         raise ValueError("it is too deep") from error
-    if not isinstance(entry, dict):
-        raise ValueError("it is no object")
-    return _flattened(entry)
+    return _flattened(entry)  # as it begins with a brace
 
 
 def _flattened(entry: Mapping[str, Any]) -> dict[str, str]:
