@@ -27,10 +27,9 @@ from contact_tracker.ground_truth import Truth
 from contact_tracker.map.map import Accuracy, Map, NamedElement, elements_of, known_to, number_name
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import need_truth, read_metadata
-from contact_tracker.segmenting import OfflineTracker
+from contact_tracker.segmenting import segmented
 from contact_tracker.tracking.belief import Detail
-from contact_tracker.tracking.segmentation import Segmentation
-from contact_tracker.trajectory import vertices_from_metadata
+from contact_tracker.trajectory import Trajectory, vertices_from_metadata
 from contact_tracker_lab.benchmark.runner import Table, find_sets, measured, parser_of, report
 from contact_tracker_lab.evaluation.evaluate import Evaluation, evaluate
 from contact_tracker_lab.evaluation.geometry_errors import is_same
@@ -110,11 +109,11 @@ def known(path: Path, level: str, poses: Poses, truth: Truth, off: tuple[float, 
 def measure(path: Path, level: str, off: tuple[float, float]) -> Measured:
     """Track and evaluate one recording."""
     poses, truth = read_gated(path), need_truth(str(path))
-    tracker = OfflineTracker(load_model(), known(path, level, poses, truth, off))
-    segmentation = Segmentation.join(list(tracker.pieces(poses, detail=Detail.GEOMETRY)))
-    report = tracker.report
-    is_warned = report is not None and any(one.kind == "knowledge" for one in report.findings)
-    return Measured(evaluate(poses, truth, segmentation), is_warned)
+    found = segmented(
+        Trajectory(poses), load_model(), known(path, level, poses, truth, off), detail=Detail.GEOMETRY
+    )
+    is_warned = found.report is not None and any(one.kind == "knowledge" for one in found.report.findings)
+    return Measured(evaluate(poses, truth, found.segmentation), is_warned)
 
 
 def displacement(text: str) -> tuple[float, float]:

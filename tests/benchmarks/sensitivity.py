@@ -129,17 +129,15 @@ def run_variant(constant: tuple[str, str, float] | None, logs: Sequence[Path], s
     from contact_tracker.config.loading import load_model
     from contact_tracker.motion.poses import Poses
     from contact_tracker.recording import need_truth, open_log
-    from contact_tracker.segmenting import OfflineTracker
-    from contact_tracker.tracking.belief import Detail
-    from contact_tracker.tracking.segmentation import Segmentation
+    from contact_tracker.segmenting import segmented
+    from contact_tracker.trajectory import Trajectory
     from contact_tracker_lab.evaluation.evaluate import evaluate
 
     totals, digest = dict[str, Any](), hashlib.sha256()
     for log in logs:
         poses = Poses.collect(open_log(str(log)))
         poses = poses[: int(np.searchsorted(poses.stamp_ns, poses.stamp_ns[0] + round(seconds * 1e9)))]
-        tracker = OfflineTracker(load_model())
-        segmentation = Segmentation.join(list(tracker.pieces(poses, None, Detail.SHARED)))
+        segmentation = segmented(Trajectory(poses), load_model()).segmentation
         for beliefs in (segmentation.beliefs, segmentation.filtered):
             digest.update(np.ascontiguousarray(beliefs.rows["contact"]).tobytes())
             digest.update(np.ascontiguousarray(beliefs.probability).tobytes())

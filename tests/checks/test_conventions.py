@@ -19,8 +19,8 @@ from contact_tracker.inspection.stream_checks import NOTHING_INSPECTED
 from contact_tracker.motion.poses import AS_GIVEN, Poses, ReadAs
 from contact_tracker.motion.sensor_noise import estimate_noise
 from contact_tracker.recording.table_layouts import quaternions
-from contact_tracker.segmenting import OfflineTracker
-from contact_tracker.tracking.segmentation import Segmentation
+from contact_tracker.segmenting import segmented
+from contact_tracker.trajectory import Trajectory
 from contact_tracker_lab.simulate import simulate
 from short_recordings import MODEL, needs_kernels, shipped
 from smooth_motion import moving, slid_and_tilted, smooth
@@ -279,11 +279,10 @@ def test_readings_that_explain_the_motion_alike_are_all_named(mistake: str) -> N
 @needs_kernels
 def test_while_a_mistake_is_found_no_label_is_certain() -> None:
     box = slid_and_tilted(np.random.default_rng(1), np.array([0.2, 0.12, 0.08]))
-    tracker = OfflineTracker(MODEL)
-    segmentation = Segmentation.join(list(tracker.pieces(turned_axes(box))))
-    (finding,) = tracker.report.findings
+    found = segmented(Trajectory(turned_axes(box)), MODEL)
+    (finding,) = found.report.findings
     assert "orientations" in finding.text
-    assert max(belief.probability.max() for belief in segmentation.beliefs) < 0.9
+    assert found.beliefs.probability.max() < 0.9
 
 
 @pytest.mark.long
@@ -295,10 +294,8 @@ def test_poses_that_were_asked_for_in_a_moving_frame_are_not_inverse(frame_moves
     state, _ = as_values.advance(as_values.start(MODEL, read_as=ReadAs(frame_moves)), poses)
     assert ["inverse" in finding.text for finding in state.findings] == ([] if frame_moves else [True])
     assert state.is_in_doubt is not frame_moves
-    tracker = OfflineTracker(MODEL, read_as=ReadAs(frame_moves))
-    segmentation = Segmentation.join(list(tracker.pieces(poses)))
-    is_certain = max(belief.probability.max() for belief in segmentation.beliefs) > 0.9
-    assert bool(is_certain) is frame_moves
+    found = segmented(Trajectory(poses, read_as=ReadAs(frame_moves)), MODEL)
+    assert bool(found.beliefs.probability.max() > 0.9) is frame_moves
 
 
 @pytest.mark.parametrize("name", ["paper_experiment", "all_states", "robot_1khz", "vision_30hz"])

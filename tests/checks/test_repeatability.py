@@ -12,9 +12,10 @@ from contact_tracker.checks.map_use import Repeatability, difference
 from contact_tracker.config.parameters import SystematicErrors
 from contact_tracker.geometry.elements import ContactGeometry, Line, Plane, Point, shifted
 from contact_tracker.motion.pose_validation import gate
-from contact_tracker.segmenting import OfflineTracker
+from contact_tracker.segmenting import segmented
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Segment
+from contact_tracker.trajectory import Trajectory
 from contact_tracker.trajectory.arguments import model_from
 from short_recordings import shipped
 
@@ -50,10 +51,8 @@ def findings(found, errors):
 
 
 def accuracy_finding(poses, accuracy=None):
-    tracker = OfflineTracker(model_from("default", accuracy=accuracy))
-    for _ in tracker.pieces(gate(poses)):
-        pass
-    return [finding for finding in tracker.report.findings if finding.kind == "accuracy"]
+    report = segmented(Trajectory(gate(poses)), model_from("default", accuracy=accuracy)).report
+    return [finding for finding in report.findings if finding.kind == "accuracy"]
 
 
 @pytest.mark.long
