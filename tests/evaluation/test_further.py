@@ -5,17 +5,16 @@ import pytest
 
 from contact_tracker.geometry.elements import ContactGeometry, Plane, Point
 from contact_tracker.ground_truth import FurtherTruth, Truth, TruthInterval
-from contact_tracker.motion.poses import Poses
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Belief, FurtherContact
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker_lab.evaluation.evaluate import FurtherScore, evaluate
+from smooth_motion import unturned
 
 STEP_NS = 10_000_000
 FRAMES = 100
 GEOMETRY = ContactGeometry(Point(np.zeros(3)), Plane(np.array([0.0, 0.0, 1.0]), 0.0))
-STAMPS_NS = np.arange(FRAMES, dtype=np.int64) * STEP_NS
-POSES = Poses(STAMPS_NS, np.zeros((FRAMES, 3)), np.tile([0.0, 0.0, 0.0, 1.0], (FRAMES, 1)))
+POSES = unturned(np.zeros((FRAMES, 3)), STEP_NS)
 EF, VF, FF = Contact.EF, Contact.VF, Contact.FF
 
 
