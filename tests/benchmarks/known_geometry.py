@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 from contact_tracker.arrays import Array
 from contact_tracker.config.loading import load_model
 from contact_tracker.config.quantities import deviations
-from contact_tracker.geometry.elements import Element, Line, Plane, Point
+from contact_tracker.geometry.elements import Element, Line, Plane, Point, shifted
 from contact_tracker.geometry.polyhedron import convex
 from contact_tracker.ground_truth import Truth
 from contact_tracker.map.map import Accuracy, Map, NamedElement, elements_of, known_to, number_name
@@ -43,31 +43,28 @@ EXACT: Final = "exact"
 
 
 class Displacement(NamedTuple):
-    """A rotation (3, 3) about ``centre_m`` (3,), then a shift by ``by_m`` (3,)."""
+    """A rotation (3, 3) about the origin, then a shift by ``by_m`` (3,)."""
 
     rotation: Array
-    centre_m: Array
     by_m: Array
 
     @classmethod
     def random(cls, off: tuple[float, float], centre_m: Array, rng: np.random.Generator) -> "Displacement":
-        """By ``off`` (m, rad), in random directions."""
+        """By ``off`` (m, rad) at ``centre_m`` (3,), in random directions."""
         shift, axis = (vector / np.linalg.norm(vector) for vector in rng.standard_normal((2, 3)))
-        return cls(Rotation.from_rotvec(off[1] * axis).as_matrix(), centre_m, off[0] * shift)
+        rotation = Rotation.from_rotvec(off[1] * axis).as_matrix()
+        return cls(rotation, off[0] * shift + centre_m - rotation @ centre_m)
 
     def of(self, element: Element) -> Element:
         """The element, displaced."""
         match element:
             case Plane(normal, offset_m):
-                turned = self.rotation @ normal
-                return Plane(turned, float(turned @ self._moved(normal * offset_m)))
+                turned: Element = Plane(self.rotation @ normal, offset_m)
             case Line(direction, point_m):
-                return Line(self.rotation @ direction, self._moved(point_m))
+                turned = Line(self.rotation @ direction, self.rotation @ point_m)
             case Point(point_m):
-                return Point(self._moved(point_m))
-
-    def _moved(self, point_m: Array) -> Array:
-        return np.asarray(self.rotation @ (point_m - self.centre_m) + self.centre_m + self.by_m)
+                turned = Point(self.rotation @ point_m)
+        return shifted(turned, self.by_m)
 
 
 class Measured(NamedTuple):

@@ -68,26 +68,11 @@ def tuned_constants(package: Path) -> Iterator[Constant]:
 def _constant(module: str, node: ast.stmt) -> Iterator[Constant]:
     match node:
         case ast.AnnAssign(target=ast.Name(id=name), value=ast.expr() as value) if name.isupper():
-            source = ast.unparse(value)
-            try:
-                number = ast.literal_eval(value) if not isinstance(value, ast.BinOp) else _arithmetic(value)
-            except ValueError:
-                return
-            if isinstance(number, (int, float)) and not isinstance(number, bool) and abs(number) > GUARD:
-                yield Constant(module, name, source, float(number))
-
-
-def _arithmetic(node: ast.BinOp) -> float:
-    """The value of an expression of numbers alone.
-
-    Raises
-    ------
-    ValueError
-        There are names in it: then it is derived.
-    """
-    if any(isinstance(part, (ast.Name, ast.Call, ast.Attribute)) for part in ast.walk(node)):
-        raise ValueError
-    return float(eval(compile(ast.Expression(node), "<constant>", "eval"), {"__builtins__": {}}))
+            if any(isinstance(part, ast.Name | ast.Call | ast.Attribute) for part in ast.walk(value)):
+                return  # it is derived from others
+            number = eval(compile(ast.Expression(value), "<constant>", "eval"), {"__builtins__": {}})
+            if type(number) in (int, float) and abs(number) > GUARD:
+                yield Constant(module, name, ast.unparse(value), float(number))
 
 
 class ScalingFinder(PathFinder):
