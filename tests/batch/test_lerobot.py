@@ -35,6 +35,19 @@ def outcome(simulated, tmp_path_factory):
     return segmented(LeRobot.open(folder).trajectory(0), MODEL)
 
 
+@pytest.fixture
+def source(simulated, tmp_path):
+    """A data set of its one episode."""
+    return write_data_set(tmp_path / "data", [simulated], "v3.0")
+
+
+@pytest.fixture
+def at_once(outcome):
+    """Segments any episode as this one."""
+    with patch("contact_tracker.batch.lerobot.segmented", return_value=outcome) as segmented_with:
+        yield segmented_with
+
+
 def content(folder):
     return {
         path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
@@ -73,16 +86,13 @@ def write_new(table, path) -> None:
 
 
 @pytest.mark.parametrize(("version", "name"), [("v2.1", "../data"), ("v3.0", ".")])
-def test_a_copy_has_contacts_of_its_frames(simulated, outcome, tmp_path, monkeypatch, version, name) -> None:
+def test_a_copy_has_contacts_of_its_frames(simulated, at_once, tmp_path, monkeypatch, version, name) -> None:
     """The source is as before, and what else there is copied, but no frames."""
     source = write_data_set(tmp_path / "data", [simulated], version)
     before = content(source)
     copy = tmp_path / "copy"
     monkeypatch.chdir(source)
-    with (
-        patch("contact_tracker.batch.lerobot.segmented", return_value=outcome),
-        patch("contact_tracker.batch.lerobot.write_table", write_new),
-    ):
+    with patch("contact_tracker.batch.lerobot.write_table", write_new):
         assert LeRobot.open(name).annotate(copy, MODEL) == 0
     assert content(source) == before
     assert (copy / "videos" / "camera.mp4").read_bytes() == b"frames"
@@ -114,7 +124,7 @@ def test_a_copy_has_contacts_of_its_frames(simulated, outcome, tmp_path, monkeyp
 
 
 @pytest.mark.parametrize("version", ["v2.0", "v2.1", "v3.0"])
-def test_statistics_are_those_of_the_new_columns(simulated, outcome, tmp_path, version) -> None:
+def test_statistics_are_those_of_the_new_columns(simulated, at_once, tmp_path, version) -> None:
     """Of all frames, and of each episode, in place of those of an earlier ``subtask_index``. An episode
     without frames, here 2, gets none."""
     source, meta = write_data_set(tmp_path / "data", [simulated] * 2, version), tmp_path / "data" / "meta"
@@ -130,8 +140,7 @@ def test_statistics_are_those_of_the_new_columns(simulated, outcome, tmp_path, v
         episodes.parent.mkdir(parents=True)
         columns = {f"stats/{name}/{key}": [v] * 3 for name, one in features.items() for key, v in one.items()}
         write_table(pyarrow.table({"episode_index": [1, 0, 2], **columns}), episodes)
-    with patch("contact_tracker.batch.lerobot.segmented", return_value=outcome):
-        LeRobot.open(source).annotate(tmp_path / "copy", MODEL)
+    LeRobot.open(source).annotate(tmp_path / "copy", MODEL)
     tables = [read_table(path) for path in sorted((tmp_path / "copy" / "data").rglob("*.parquet"))]
     frames = pyarrow.concat_tables(tables)
     subtask, probability = frames["subtask_index"].to_numpy(), frames["contact_probability"].to_pylist()
@@ -166,19 +175,14 @@ def assert_statistics(found, values, others) -> None:
 
 
 @pytest.mark.parametrize("text", ["[", "[]", '{"a": 3}', "[" * 100_000, "{}" + " " * 20_000_000], ids=len)
-def test_statistics_that_cannot_be_read_are_one_line(simulated, outcome, tmp_path, text) -> None:
-    source = write_data_set(tmp_path / "data", [simulated], "v3.0")
+def test_statistics_that_cannot_be_read_are_one_line(source, at_once, tmp_path, text) -> None:
     (source / "meta" / "stats.json").write_text(text, encoding="utf-8")
-    with (
-        patch("contact_tracker.batch.lerobot.segmented", return_value=outcome),
-        pytest.raises(UnreadableRecording, match=r"meta/stats\.json: statistics cannot be read"),
-    ):
+    with pytest.raises(UnreadableRecording, match=r"meta/stats\.json: statistics cannot be read"):
         LeRobot.open(source).annotate(tmp_path / "copy", MODEL)
     assert not (tmp_path / "copy").exists()
 
 
-def test_a_data_set_without_frames_or_with_an_episode_twice_is_refused(simulated, tmp_path) -> None:
-    source = write_data_set(tmp_path / "data", [simulated], "v3.0")
+def test_a_data_set_without_frames_or_with_an_episode_twice_is_refused(source, tmp_path) -> None:
     (file,) = source.rglob("file-000.parquet")
     again = file.with_name("file-001.parquet")
     write_table(read_table(file), again)
@@ -210,9 +214,8 @@ def test_the_command_with_an_episode_that_cannot_be_used(simulated, tmp_path) ->
     assert {NAMES[k] for k in subtask[episode == 0]} == {"f-f", "e-f"}
 
 
-def test_forces_of_a_feature_are_the_wrench(simulated, outcome, tmp_path) -> None:
+def test_forces_of_a_feature_are_the_wrench(source, at_once, tmp_path) -> None:
     """Of all entries or of some; what is said of them is reported for the episode."""
-    source = write_data_set(tmp_path / "data", [simulated], "v3.0")
     data, lines, evidence = LeRobot.open(source), [], object()
     wrenches = data.wrenches(0, "observation.state[1:5],observation.state[5:7]")
     frames = read_table(source / "data" / "chunk-000" / "file-000.parquet")
@@ -220,21 +223,17 @@ def test_forces_of_a_feature_are_the_wrench(simulated, outcome, tmp_path) -> Non
     np.testing.assert_array_equal(np.hstack([wrenches.force_n, wrenches.moment_nm]), state[:, 1:7])
     assert wrenches.stamp_ns.tolist() == data.trajectory(0).stamp_ns.tolist()
     options = {"report": lines.append, "wrench": "observation.state[1:7]", "mass_kg": 2.0}
-    with (
-        patch("contact_tracker.batch.lerobot.segmented", return_value=outcome) as segmented_with,
-        patch("contact_tracker.batch.lerobot.evidence_as_given") as given,
-    ):
+    with patch("contact_tracker.batch.lerobot.evidence_as_given") as given:
         given.return_value = evidence, "", ("a doubt",)
         data.annotate(tmp_path / "copy", MODEL, **options)
-    assert segmented_with.call_args.args[-1] is evidence
+    assert at_once.call_args.args[-1] is evidence
     np.testing.assert_array_equal(given.call_args.args[0].force_n, wrenches.force_n)
     assert given.call_args.args[-1] == 2.0
     assert [line.endswith("episode 0: a doubt") for line in lines] == [True]
 
 
-def test_missing_forces_end_nothing_but_their_episode(simulated, tmp_path) -> None:
-    source, lines = write_data_set(tmp_path / "data", [simulated], "v3.0"), []
-    file = source / "data" / "chunk-000" / "file-000.parquet"
+def test_missing_forces_end_nothing_but_their_episode(source, tmp_path) -> None:
+    lines, file = [], source / "data" / "chunk-000" / "file-000.parquet"
     frames = read_table(file).to_pylist()
     frames[5]["observation.state"] = None
     write_table(pyarrow.Table.from_pylist(frames), file)

@@ -26,10 +26,11 @@ from contact_tracker.ground_truth import FurtherTruth, Truth, TruthInterval
 from contact_tracker.motion.pose_validation import gate
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import read_truth
-from contact_tracker.segmenting import OfflineTracker
+from contact_tracker.segmenting import segmented
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Detail, FurtherContact, Segment
 from contact_tracker.tracking.segmentation import Segmentation
+from contact_tracker.trajectory import Trajectory
 from contact_tracker_lab.benchmark.runner import Table, measured, parser_of, report
 from contact_tracker_lab.evaluation.geometry_errors import geometry_errors
 from contact_tracker_lab.evaluation.tables import number
@@ -100,7 +101,7 @@ def measure_file(path: str) -> Measured:
 
 def _segmented(poses: Poses, online: bool) -> Segmentation:
     detail = Detail.FORMATION if online else Detail.WEIGHTS
-    return Segmentation.join([*OfflineTracker(load_model()).pieces(poses, None, detail)])
+    return segmented(Trajectory(poses), load_model(), detail=detail).segmentation
 
 
 def single(found: Segmentation, poses: Poses) -> Measured:

@@ -3,8 +3,8 @@
     python tests/benchmarks/geometry.py --seeds 60
     python tests/benchmarks/geometry.py FOLDER --set paper sequence --noise mocap
 
-Simulated: intervals of one known contact, fitted to all their ticks. FOLDER: sets of labelled recordings as
-in identification.py, segmented by the tracker; without one, only the simulation.
+Simulated: intervals of one known contact, fitted to all their ticks. FOLDER: sets of labelled recordings, a
+folder each, segmented by the tracker; without one, only the simulation.
 """
 
 import sys

@@ -23,7 +23,7 @@ from scipy.special import expit
 
 from contact_tracker.arrays import Array
 from contact_tracker.config.loading import load_model
-from contact_tracker.explanations.joint_evidence import find_joint
+from contact_tracker.explanations.joint_evidence import FittedJoint, find_joint
 from contact_tracker.geometry.lifted_pose import R, T, lift
 from contact_tracker.motion.window import Window
 from contact_tracker.tracking.state import scales_of
@@ -115,8 +115,8 @@ def motion(case: Case) -> tuple[Rotation, Array]:
     return turn, turn.apply(arm) + share * case.play_m * shift
 
 
-def named(case: Case) -> tuple[str, bool]:
-    """The joint that is named, or ``none``, and whether it has more than 0.9."""
+def fitted(case: Case) -> FittedJoint | None:
+    """The joint of the noisy poses, if any."""
     turn, place = motion(case)
     rng, sigma, model = np.random.default_rng([case.seed, 1]), np.array(NOISES[case.noise]), load_model()
     turn = turn * Rotation.from_rotvec(sigma[1] * rng.normal(size=place.shape))
@@ -125,10 +125,15 @@ def named(case: Case) -> tuple[str, bool]:
     variance, step = sigma**2 / TICK, np.square(np.diff(zeta, axis=0)).mean(axis=0)
     moved = variance + np.array([step[T].mean(), step[R].sum() / 6.0])
     window = Window(np.arange(len(zeta)), zeta, *(np.tile(one, (len(zeta), 1)) for one in (variance, moved)))
-    joint = find_joint(window, scales_of(model), [], 1, model.systematic)
+    return find_joint(window, scales_of(model), [], 1, model.systematic)
+
+
+def named(case: Case) -> tuple[str, bool]:
+    """The joint that is named, or ``none``, and whether it has more than 0.9."""
+    joint = fitted(case)
     if joint is None:
         return "none", False
-    is_sure = bool(expit(model.certainty.posterior_power * joint.log_odds) > 0.9)
+    is_sure = bool(expit(load_model().certainty.posterior_power * joint.log_odds) > 0.9)
     return joint.model.kind.value, is_sure
 
 

@@ -21,16 +21,15 @@ from scipy.spatial.transform import Rotation
 from contact_tracker.arrays import Array
 from contact_tracker.config.loading import load_model
 from contact_tracker.config.quantities import deviations
-from contact_tracker.geometry.elements import Element, Line, Plane, Point
+from contact_tracker.geometry.elements import Element, Line, Plane, Point, shifted
 from contact_tracker.geometry.polyhedron import convex
 from contact_tracker.ground_truth import Truth
 from contact_tracker.map.map import Accuracy, Map, NamedElement, elements_of, known_to, number_name
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import need_truth, read_metadata
-from contact_tracker.segmenting import OfflineTracker
+from contact_tracker.segmenting import segmented
 from contact_tracker.tracking.belief import Detail
-from contact_tracker.tracking.segmentation import Segmentation
-from contact_tracker.trajectory import vertices_from_metadata
+from contact_tracker.trajectory import Trajectory, vertices_from_metadata
 from contact_tracker_lab.benchmark.runner import Table, find_sets, measured, parser_of, report
 from contact_tracker_lab.evaluation.evaluate import Evaluation, evaluate
 from contact_tracker_lab.evaluation.geometry_errors import is_same
@@ -44,31 +43,28 @@ EXACT: Final = "exact"
 
 
 class Displacement(NamedTuple):
-    """A rotation (3, 3) about ``centre_m`` (3,), then a shift by ``by_m`` (3,)."""
+    """A rotation (3, 3) about the origin, then a shift by ``by_m`` (3,)."""
 
     rotation: Array
-    centre_m: Array
     by_m: Array
 
     @classmethod
     def random(cls, off: tuple[float, float], centre_m: Array, rng: np.random.Generator) -> "Displacement":
-        """By ``off`` (m, rad), in random directions."""
+        """By ``off`` (m, rad) at ``centre_m`` (3,), in random directions."""
         shift, axis = (vector / np.linalg.norm(vector) for vector in rng.standard_normal((2, 3)))
-        return cls(Rotation.from_rotvec(off[1] * axis).as_matrix(), centre_m, off[0] * shift)
+        rotation = Rotation.from_rotvec(off[1] * axis).as_matrix()
+        return cls(rotation, off[0] * shift + centre_m - rotation @ centre_m)
 
     def of(self, element: Element) -> Element:
         """The element, displaced."""
         match element:
             case Plane(normal, offset_m):
-                turned = self.rotation @ normal
-                return Plane(turned, float(turned @ self._moved(normal * offset_m)))
+                turned: Element = Plane(self.rotation @ normal, offset_m)
             case Line(direction, point_m):
-                return Line(self.rotation @ direction, self._moved(point_m))
+                turned = Line(self.rotation @ direction, self.rotation @ point_m)
             case Point(point_m):
-                return Point(self._moved(point_m))
-
-    def _moved(self, point_m: Array) -> Array:
-        return np.asarray(self.rotation @ (point_m - self.centre_m) + self.centre_m + self.by_m)
+                turned = Point(self.rotation @ point_m)
+        return shifted(turned, self.by_m)
 
 
 class Measured(NamedTuple):
@@ -110,11 +106,11 @@ def known(path: Path, level: str, poses: Poses, truth: Truth, off: tuple[float, 
 def measure(path: Path, level: str, off: tuple[float, float]) -> Measured:
     """Track and evaluate one recording."""
     poses, truth = read_gated(path), need_truth(str(path))
-    tracker = OfflineTracker(load_model(), known(path, level, poses, truth, off))
-    segmentation = Segmentation.join(list(tracker.pieces(poses, detail=Detail.GEOMETRY)))
-    report = tracker.report
-    is_warned = report is not None and any(one.kind == "knowledge" for one in report.findings)
-    return Measured(evaluate(poses, truth, segmentation), is_warned)
+    found = segmented(
+        Trajectory(poses), load_model(), known(path, level, poses, truth, off), detail=Detail.GEOMETRY
+    )
+    is_warned = found.report is not None and any(one.kind == "knowledge" for one in found.report.findings)
+    return Measured(evaluate(poses, truth, found.segmentation), is_warned)
 
 
 def displacement(text: str) -> tuple[float, float]:

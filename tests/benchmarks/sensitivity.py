@@ -68,26 +68,11 @@ def tuned_constants(package: Path) -> Iterator[Constant]:
 def _constant(module: str, node: ast.stmt) -> Iterator[Constant]:
     match node:
         case ast.AnnAssign(target=ast.Name(id=name), value=ast.expr() as value) if name.isupper():
-            source = ast.unparse(value)
-            try:
-                number = ast.literal_eval(value) if not isinstance(value, ast.BinOp) else _arithmetic(value)
-            except ValueError:
-                return
-            if isinstance(number, (int, float)) and not isinstance(number, bool) and abs(number) > GUARD:
-                yield Constant(module, name, source, float(number))
-
-
-def _arithmetic(node: ast.BinOp) -> float:
-    """The value of an expression of numbers alone.
-
-    Raises
-    ------
-    ValueError
-        There are names in it: then it is derived.
-    """
-    if any(isinstance(part, (ast.Name, ast.Call, ast.Attribute)) for part in ast.walk(node)):
-        raise ValueError
-    return float(eval(compile(ast.Expression(node), "<constant>", "eval"), {"__builtins__": {}}))
+            if any(isinstance(part, ast.Name | ast.Call | ast.Attribute) for part in ast.walk(value)):
+                return  # it is derived from others
+            number = eval(compile(ast.Expression(value), "<constant>", "eval"), {"__builtins__": {}})
+            if type(number) in (int, float) and abs(number) > GUARD:
+                yield Constant(module, name, ast.unparse(value), float(number))
 
 
 class ScalingFinder(PathFinder):
@@ -129,17 +114,15 @@ def run_variant(constant: tuple[str, str, float] | None, logs: Sequence[Path], s
     from contact_tracker.config.loading import load_model
     from contact_tracker.motion.poses import Poses
     from contact_tracker.recording import need_truth, open_log
-    from contact_tracker.segmenting import OfflineTracker
-    from contact_tracker.tracking.belief import Detail
-    from contact_tracker.tracking.segmentation import Segmentation
+    from contact_tracker.segmenting import segmented
+    from contact_tracker.trajectory import Trajectory
     from contact_tracker_lab.evaluation.evaluate import evaluate
 
     totals, digest = dict[str, Any](), hashlib.sha256()
     for log in logs:
         poses = Poses.collect(open_log(str(log)))
         poses = poses[: int(np.searchsorted(poses.stamp_ns, poses.stamp_ns[0] + round(seconds * 1e9)))]
-        tracker = OfflineTracker(load_model())
-        segmentation = Segmentation.join(list(tracker.pieces(poses, None, Detail.SHARED)))
+        segmentation = segmented(Trajectory(poses), load_model()).segmentation
         for beliefs in (segmentation.beliefs, segmentation.filtered):
             digest.update(np.ascontiguousarray(beliefs.rows["contact"]).tobytes())
             digest.update(np.ascontiguousarray(beliefs.probability).tobytes())

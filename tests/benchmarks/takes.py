@@ -10,6 +10,8 @@ import sys
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import groupby
+from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +20,7 @@ from contact_tracker import Result, Trajectory, read, segment
 from contact_tracker.arrays import Array
 from contact_tracker.geometry.elements import Plane
 from contact_tracker.ground_truth import TruthInterval
-from contact_tracker.recording import read_truth
+from contact_tracker.recording import need_truth
 from contact_tracker.sequences.comparison import Comparison, Verdict, compare_outcomes
 from contact_tracker.states import Contact
 
@@ -31,17 +33,11 @@ SHIFT_M, WORLD_M = 0.02, np.array([0.03, 0.0, 0.04])
 
 def long_contacts(log: str) -> Iterator[TruthInterval]:
     """True contacts of some seconds, without the parts of a tenth of a second between."""
-    merged = list[TruthInterval]()
-    truth = read_truth(log)
-    assert truth is not None
-    for one in truth.intervals:
-        if merged and one.contact is merged[-1].contact:
-            merged[-1] = replace(merged[-1], end_ns=one.end_ns)
-        else:
-            merged.append(one)
-    for one in merged:
-        if one.contact not in (None, Contact.FREE) and one.end_ns - one.start_ns > LONG_S * 1e9:
-            yield one
+    for contact, group in groupby(need_truth(log).intervals, attrgetter("contact")):
+        parts = list(group)
+        whole = replace(parts[0], end_ns=parts[-1].end_ns)
+        if contact not in (None, Contact.FREE) and whole.end_ns - whole.start_ns > LONG_S * 1e9:
+            yield whole
 
 
 def changed(take: Trajectory, what: str, at: TruthInterval, normal: Array) -> Trajectory:

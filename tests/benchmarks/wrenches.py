@@ -20,8 +20,8 @@ import numpy as np
 from contact_tracker.config.loading import load_model
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import need_truth, open_log, read_wrenches
-from contact_tracker.segmenting import OfflineTracker, wrench_evidence
-from contact_tracker.tracking.segmentation import Segmentation
+from contact_tracker.segmenting import segmented, wrench_evidence
+from contact_tracker.trajectory import Trajectory
 from contact_tracker.wrenches.load import NoLoad
 from contact_tracker.wrenches.wrenches import Wrenches
 from contact_tracker_lab.benchmark.runner import Table, find_sets, measured, parser_of, report
@@ -60,8 +60,8 @@ def measure(path: Path, way: str, seed: int) -> Evaluation:
             )
         except NoLoad as reason:
             print(f"{path.stem}: {reason}", file=sys.stderr)
-    segmentation = Segmentation.join(list(OfflineTracker(model, wrenches=evidence).pieces(poses)))
-    return evaluate(poses, need_truth(str(path)), segmentation)
+    found = segmented(Trajectory(poses), model, wrenches=evidence)
+    return evaluate(poses, need_truth(str(path)), found.segmentation)
 
 
 def row(name: str, way: str, evaluations: list[Evaluation]) -> list[str]:

@@ -15,8 +15,9 @@ from contact_tracker.map.map import Map
 from contact_tracker.motion.pose_validation import gate
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import read_truth
-from contact_tracker.segmenting import OfflineTracker
+from contact_tracker.segmenting import segmented
 from contact_tracker.tracking.segmentation import Segmentation
+from contact_tracker.trajectory import Trajectory
 from contact_tracker_lab.evaluation.evaluate import evaluate
 from distortions import moving_average
 from short_recordings import MODEL, SHIPPED, needs_kernels, shipped
@@ -35,9 +36,9 @@ def poses_of(name: str) -> Poses:
 
 
 def tracked(poses: Poses, known_map: Map) -> tuple[list[str], Segmentation]:
-    tracker = OfflineTracker(MODEL, known_map)
-    segmentation = Segmentation.join(list(tracker.pieces(poses)))
-    return [finding.text for finding in tracker.report.findings if finding.kind == "knowledge"], segmentation
+    found = segmented(Trajectory(poses), MODEL, known_map)
+    texts = [finding.text for finding in found.report.findings if finding.kind == "knowledge"]
+    return texts, found.segmentation
 
 
 @needs_kernels
@@ -81,9 +82,9 @@ def test_a_correct_direction_is_not_reported_while_a_box_only_tilts_about_an_edg
     """A box with a face on a wall across the edge would tilt like that too, if ``--up`` did not exclude it;
     this counts for nothing, as the hand may restrict the motion."""
     normal = np.array([0.0, -0.6, 0.8])
-    tracker = OfflineTracker(MODEL, up(list(normal)))
-    assert list(tracker.pieces(tilting(np.random.default_rng(0), normal)))
-    assert [finding.text for finding in tracker.report.findings if finding.kind == "knowledge"] == []
+    texts, found = tracked(tilting(np.random.default_rng(0), normal), up(list(normal)))
+    assert texts == []
+    assert found.segments
 
 
 @needs_kernels
@@ -95,10 +96,9 @@ def test_a_table_that_fits_does_not_excuse_a_box_that_does_not(width_m: float, f
     table = {"normal": [0.0, 0.0, 1.0], "offset_m": 0.0, "name": "table"}
     box = {"size_m": [0.2, width_m, 0.08]}
     known = map_from({"environment": {"plane": [table]}, "object": {"box": box}})
-    tracker = OfflineTracker(MODEL, known)
-    segmentation = Segmentation.join(list(tracker.pieces(slid_and_tilted(np.random.default_rng(0), size_m))))
-    assert (tracker.report.findings == ()) == fits, tracker.report.findings
-    assert (segmentation.beliefs.probability.max() > 0.9) == fits
+    found = segmented(Trajectory(slid_and_tilted(np.random.default_rng(0), size_m)), MODEL, known)
+    assert (found.report.findings == ()) == fits, found.report.findings
+    assert (found.beliefs.probability.max() > 0.9) == fits
 
 
 @pytest.mark.long

@@ -12,6 +12,7 @@ from contact_tracker.inspection.stream_checks import Finding
 from contact_tracker.map.file import map_from
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.motion.poses import Poses
+from smooth_motion import unturned
 
 TICK_S = 0.1
 TABLE = {"name": "table", "normal": [0.0, 0.0, 1.0], "offset_m": 0.0}
@@ -25,8 +26,7 @@ ON_BENCH = map_from({"environment": {"box": [BENCH]}, "object": CUBE})
 def moving(path_m: np.ndarray, rate_hz: float, noise_m: float = 1e-4) -> Poses:
     """Poses without turns along ``path_m`` (N, 3)."""
     noise = np.random.default_rng(0).normal(scale=noise_m, size=path_m.shape)
-    stamp_ns = np.round(1e9 / rate_hz * np.arange(len(path_m))).astype(np.int64)
-    return Poses(stamp_ns, path_m + noise, np.tile([0.0, 0, 0, 1], (len(path_m), 1)))
+    return unturned(path_m + noise, round(1e9 / rate_hz))
 
 
 def heights(height_m: np.ndarray) -> np.ndarray:

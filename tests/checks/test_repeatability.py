@@ -12,9 +12,10 @@ from contact_tracker.checks.map_use import Repeatability, difference
 from contact_tracker.config.parameters import SystematicErrors
 from contact_tracker.geometry.elements import ContactGeometry, Line, Plane, Point, shifted
 from contact_tracker.motion.pose_validation import gate
-from contact_tracker.segmenting import OfflineTracker
+from contact_tracker.segmenting import segmented
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Segment
+from contact_tracker.trajectory import Trajectory
 from contact_tracker.trajectory.arguments import model_from
 from short_recordings import shipped
 
@@ -50,10 +51,8 @@ def findings(found, errors):
 
 
 def accuracy_finding(poses, accuracy=None):
-    tracker = OfflineTracker(model_from("default", accuracy=accuracy))
-    for _ in tracker.pieces(gate(poses)):
-        pass
-    return [finding for finding in tracker.report.findings if finding.kind == "accuracy"]
+    report = segmented(Trajectory(gate(poses)), model_from("default", accuracy=accuracy)).report
+    return [finding for finding in report.findings if finding.kind == "accuracy"]
 
 
 @pytest.mark.long
@@ -66,26 +65,11 @@ def test_it_is_found_in_a_bent_volume_and_not_where_errors_are_given():
     assert not accuracy_finding(distorted, "0.5mm,0.1deg")
 
 
-def test_estimates_that_agree_are_no_finding():
-    found = observed(segments((point(), plane()), (point(1e-3), plane(offset_m=0.502))))
-    assert (found.near, found.apart) == (2, 0)
-    assert findings(found, NONE) == []
-
-
 def test_the_text_has_the_pair_that_differs_most():
     found = observed(segments(*((point(), plane((tilt, 0.0, 1.0))) for tilt in (0.0, 0.01, 0.02))))
     assert (found.near, found.apart) == (6, 3)
     (said,) = findings(found, NONE)
     assert "3 of 6 pairs; the face of the surroundings from 0.00 s and from 2.00 s by 1.1 deg, " in said.text
-
-
-@pytest.mark.parametrize(
-    "other",
-    [plane((0.05, 0.0, 1.0)), plane(offset_m=0.52), plane((0.0, 0.0, -1.0), -0.5)],
-    ids=["turned", "shifted", "the other side"],
-)
-def test_elements_that_are_not_near_are_different_ones(other):
-    assert observed(segments((point(), plane()), (point(0.05), other))).near == 0
 
 
 def test_given_elements_and_those_without_covariance_are_not_compared():
@@ -124,13 +108,6 @@ def test_it_does_not_depend_on_where_the_bodys_origin_is():
     assert near.worst[2].sigmas == pytest.approx(far.worst[2].sigmas, rel=1e-3)
 
 
-def test_faces_whose_offset_is_not_known_differ_by_their_normals_alone():
-    """As in f-f, with the origin of the body far away: a small angle there is a large distance."""
-    body = plane(offset_m=0.0)
-    found = observed(segments((body, plane()), (body, plane((1e-3, 0.0, 1.0), offset_m=0.55))))
-    assert (found.near, found.apart) == (2, 0)
-
-
 def test_lines_are_compared_across_and_without_regard_to_their_sense():
     across = np.diag([0.0, 1.0, 1.0])
     covariance = np.zeros((6, 6))
@@ -142,31 +119,48 @@ def test_lines_are_compared_across_and_without_regard_to_their_sense():
     assert by.sigmas == pytest.approx(4.0 / np.sqrt(2.0), rel=0.02)
 
 
-def test_segments_whose_contact_is_open_or_improbable_do_not_count():
-    made = segments((point(), plane()), (point(), plane((0.01, 0.0, 1.0))))
-    others = tuple(state for state in STATES if state is not Contact.VF)
-    for doubtful in ({"probability": 0.2}, {"inseparable": others}):
-        assert observed([made[0], replace(made[1], **doubtful)]).near == 0
+def open_face(tilt):
+    """A face of unknown offset, as of an object that tilts on it."""
+    one = plane((tilt, 0.0, 1.0), 0.0)
+    covariance = one.covariance.copy()
+    covariance[3, 3] = 0.09
+    return replace(one, covariance=covariance)
 
 
-def test_faces_of_unknown_offset_are_compared_until_the_contact_ends():
-    """A table and a shelf may be nearly parallel; a face on which an object tilts is one."""
+AGREE = segments((point(), plane()), (point(1e-3), plane(offset_m=0.502)))
+TILTED = segments((point(), plane()), (point(), plane((0.01, 0.0, 1.0))))
+# as in f-f, with the origin of the body far away: a small angle there is a large distance
+FLAT = segments(*((plane(offset_m=0.0), other) for other in (plane(), plane((1e-3, 0.0, 1.0), 0.55))))
+OPEN = segments((open_face(0.0), open_face(0.0)), (point(), plane((0.01, 0.0, 1.0), 0.1)))
+FREE = replace(OPEN[0], contact=Contact.FREE, geometry=None)
+BESIDE = {
+    "turned": plane((0.05, 0.0, 1.0)),
+    "shifted": plane(offset_m=0.52),
+    "the other side": plane((0.0, 0.0, -1.0), -0.5),
+}
+DOUBTFUL = {
+    "improbable": {"probability": 0.2},
+    "open": {"inseparable": tuple(state for state in STATES if state is not Contact.VF)},
+}
+PAIRS = {
+    "they agree": (AGREE, 2, 0),
+    **{name: (segments((point(), plane()), (point(0.05), face)), 0, 0) for name, face in BESIDE.items()},
+    "faces of unknown offset differ by their normals alone": (FLAT, 2, 0),
+    "a face on which an object tilts is one": (OPEN, 1, 1),
+    "a table and a shelf may be nearly parallel": ([OPEN[0], FREE, OPEN[1]], 0, 0),
+    **{name: ([TILTED[0], replace(TILTED[1], **doubt)], 0, 0) for name, doubt in DOUBTFUL.items()},
+}
 
-    def face(tilt):
-        one = plane((tilt, 0.0, 1.0), 0.0)
-        open_ = one.covariance.copy()
-        open_[3, 3] = 0.09
-        return replace(one, covariance=open_)
 
-    made = segments((face(0.0), face(0.0)), (point(), plane((0.01, 0.0, 1.0), 0.1)))
-    found = observed(made)
-    assert (found.near, found.apart) == (1, 1)
-    free = replace(made[0], contact=Contact.FREE, geometry=None)
-    assert observed([made[0], free, made[1]]).near == 0
+@pytest.mark.parametrize(("given", "near", "apart"), PAIRS.values(), ids=PAIRS)
+def test_pairs_near_each_other_are_compared(given, near, apart):
+    found = observed(given)
+    assert (found.near, found.apart) == (near, apart)
+    assert apart or findings(found, NONE) == []
 
 
 def test_larger_errors_are_asked_for_where_some_are_given():
-    found = observed(segments((point(), plane()), (point(), plane((0.01, 0.0, 1.0)))))
+    found = observed(TILTED)
     (said,) = findings(found, SystematicErrors(1e-5, 1e-5))
     assert "errors larger than these" in said.text
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import geometry
 from contact_tracker.errors import UsageError
-from contact_tracker.ground_truth import Truth, TruthInterval
+from contact_tracker.ground_truth import Truth
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Segment
 from contact_tracker_lab.benchmark import benchmark, bic, fixed_windows, others, tracked
@@ -57,12 +57,10 @@ def test_a_chain_over_windows_is_the_sum_over_its_paths(seed: int) -> None:
 # --- fixed windows ---------------------------------------------------------------------------------------
 
 
-def truth_of(*phases: tuple[str, float], singular: tuple[int, ...] = ()) -> Truth:
+def truth_of(*phases: tuple[str, float]) -> Truth:
     """Phases of (label, seconds)."""
-    ends = np.cumsum([round(seconds * SECOND) for _, seconds in phases]).tolist()
-    rows = enumerate(zip(phases, [0, *ends[:-1]], ends, strict=True))
-    spans = [(a, b - 1, Contact(label), i in singular) for i, ((label, _), a, b) in rows]
-    return Truth(tuple(TruthInterval(a, b, label, singular=is_one) for a, b, label, is_one in spans))
+    *starts, end = np.cumsum([0, *(round(seconds * SECOND) for _, seconds in phases)]).tolist()
+    return Truth.from_changes(starts, [label for label, _ in phases], end - 1)
 
 
 def stamps(seconds: float, every_s: float = 0.01) -> np.ndarray:

@@ -5,17 +5,16 @@ import pytest
 
 from contact_tracker.geometry.elements import ContactGeometry, Plane, Point
 from contact_tracker.ground_truth import FurtherTruth, Truth, TruthInterval
-from contact_tracker.motion.poses import Poses
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Belief, FurtherContact
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker_lab.evaluation.evaluate import FurtherScore, evaluate
+from smooth_motion import unturned
 
 STEP_NS = 10_000_000
 FRAMES = 100
 GEOMETRY = ContactGeometry(Point(np.zeros(3)), Plane(np.array([0.0, 0.0, 1.0]), 0.0))
-STAMPS_NS = np.arange(FRAMES, dtype=np.int64) * STEP_NS
-POSES = Poses(STAMPS_NS, np.zeros((FRAMES, 3)), np.tile([0.0, 0.0, 0.0, 1.0], (FRAMES, 1)))
+POSES = unturned(np.zeros((FRAMES, 3)), STEP_NS)
 EF, VF, FF = Contact.EF, Contact.VF, Contact.FF
 
 
@@ -49,30 +48,23 @@ def test_shares_of_time_are_those_of_the_frames() -> None:
 
 
 @pytest.mark.parametrize(
-    ("label", "others", "right", "is_open"),
+    ("truth", "label", "others", "right", "is_open"),
     [
-        (EF, [(VF,)], 1.0, 0.0),
-        (VF, [(EF,)], 1.0, 0.0),  # either of them may be the label
-        (EF, [(FF, VF)], 0.0, 1.0),
-        (EF, [(FF,)], 0.0, 0.0),
-        (EF, [], 0.0, 0.0),
-        (FF, [(VF,)], 0.0, 0.0),
-        (EF, [(VF,), (VF,)], 0.0, 0.0),
+        ((VF,), EF, [(VF,)], 1.0, 0.0),
+        ((VF,), VF, [(EF,)], 1.0, 0.0),  # either of them may be the label
+        ((VF,), EF, [(FF, VF)], 0.0, 1.0),
+        ((VF,), EF, [(FF,)], 0.0, 0.0),
+        ((VF,), EF, [], 0.0, 0.0),
+        ((VF,), FF, [(VF,)], 0.0, 0.0),
+        ((VF,), EF, [(VF,), (VF,)], 0.0, 0.0),
+        *(((VF, FF), *found, 1.0, 0.0) for found in ((EF, [(VF,), (FF,)]), (FF, [(EF,), (VF,)]))),
     ],
 )
-def test_the_reported_set_matches(
-    label: Contact, others: list[tuple[Contact, ...]], right: float, is_open: float
-) -> None:
+def test_the_reported_set_matches(truth, label, others, right, is_open) -> None:
+    """In any order."""
     beliefs = [belief(i, label, *(further(*kinds) for kinds in others)) for i in range(FRAMES)]
-    scores = score(true(EF, (VF, 0, FRAMES)), beliefs)
+    scores = score(true(EF, *((contact, 0, FRAMES) for contact in truth)), beliefs)
     assert (scores.right, scores.open) == pytest.approx((right, is_open))
-
-
-def test_three_at_once_are_found_in_any_order() -> None:
-    truth = true(EF, (VF, 0, FRAMES), (FF, 0, FRAMES))
-    for label, *others in ((EF, VF, FF), (FF, EF, VF), (VF, FF, EF)):
-        beliefs = [belief(i, label, *map(further, others)) for i in range(FRAMES)]
-        assert score(truth, beliefs).right == pytest.approx(1.0)
 
 
 def test_frames_without_truth_are_not_scored() -> None:

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from contact_tracker.arrays import Array, Ints
-from contact_tracker.ground_truth import Truth, TruthInterval
+from contact_tracker.ground_truth import Truth
 from contact_tracker.states import STATES, Contact
 from contact_tracker_lab.evaluation.metrics import Tally, quantile, tally
 from contact_tracker_lab.evaluation.scoring import (
@@ -31,13 +31,10 @@ def make_truth(
     *phases: tuple[str, int], motion: tuple[str, ...] = (), singular: tuple[int, ...] = ()
 ) -> Truth:
     """Phases of (label, milliseconds) one after the other from EPOCH_NS on."""
-    rows, start = [], EPOCH_NS
-    for i, (label, ms) in enumerate(phases):
-        contact = None if label == "?" else Contact(label)
-        kind = motion[i] if i < len(motion) else "normal"
-        rows.append(TruthInterval(start, start + ms * MS - 1, contact, kind, i in singular))
-        start += ms * MS
-    return Truth(tuple(rows))
+    *starts, end = (EPOCH_NS + MS * np.cumsum([0, *(ms for _, ms in phases)])).tolist()
+    truth = Truth.from_changes(starts, [label for label, _ in phases], end - 1)
+    kinds = zip(truth.intervals, (*motion, *["normal"] * (len(phases) - len(motion))), strict=True)
+    return Truth(tuple(replace(x, motion=kind, singular=i in singular) for i, (x, kind) in enumerate(kinds)))
 
 
 def frames(ms: int, every: int = 10) -> Ints:

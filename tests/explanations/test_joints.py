@@ -1,13 +1,13 @@
 """Joints: their derivatives, and their identification, with and without a joint."""
 
 import json
-from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from io import StringIO
 
 import numpy as np
 import pytest
+from benchmarks.joint_play import Case, fitted
 from benchmarks.simulated_fits import with_systematic_errors
 from scipy.spatial.transform import Rotation
 
@@ -15,7 +15,7 @@ from contact_tracker import segmenting
 from contact_tracker.arrays import Array
 from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import SystematicErrors
-from contact_tracker.explanations.joint_evidence import FittedJoint, Joint, find_joint, joint_of
+from contact_tracker.explanations.joint_evidence import Joint, find_joint, joint_of
 from contact_tracker.explanations.joint_models import JOINT_MODELS, PITCH, JointFrames, JointKind, JointModel
 from contact_tracker.exports.formats import json_line, open_text
 from contact_tracker.geometry.elements import Line, Origins, Point
@@ -140,118 +140,67 @@ def test_each_joint_is_named_with_its_place(kind: JointKind) -> None:
         assert joint.pitch_m_per_rad == pytest.approx(PITCH_M, abs=4.0 * joint.pitch_sd_m_per_rad)
 
 
-def ticks_of(turn: Rotation, shift_m: Array, arm_m: float, rng: np.random.Generator) -> Window:
-    """Ticks of 0.1 s at 200 Hz of an object that turns and shifts about a point, so far from its origin."""
-    turn = turn * Rotation.from_rotvec(SIGMA[1] * rng.normal(size=shift_m.shape))
-    place_m = shift_m + turn.apply([arm_m, 0.0, 0.0]) + SIGMA[0] * rng.normal(size=shift_m.shape)
-    zeta = lift(turn.as_matrix(), place_m).reshape(-1, 20, 25).mean(axis=1)
-    variance = np.tile([SIGMA[0] ** 2 / 20.0, SIGMA[1] ** 2 / 20.0], (len(zeta), 1))
-    step = np.square(np.diff(zeta, axis=0))
-    moved = variance[0] + [step[:, T].sum(axis=1).mean() / 3.0, step[:, :9].sum(axis=1).mean() / 6.0]
-    return Window(np.arange(len(zeta)), zeta, variance, np.tile(moved, (len(zeta), 1)))
-
-
-def with_play(play_m: float, angle: Array, rng: np.random.Generator) -> Array:
-    """The axis tilts, by that play over 0.1 m, with the angle."""
-    return play_m / 0.1 * np.sin(angle[:, None] / 0.2 + rng.uniform(0.0, 2.0 * np.pi, 2))
-
-
-def jumping(play_m: float, angle: Array, rng: np.random.Generator) -> Array:
-    """The axis jumps from side to side, so that its motion has several directions."""
-    axis = rng.normal(size=2)
-    return play_m / 0.1 * np.sign(angle)[:, None] * axis / np.linalg.norm(axis)
-
-
-def backlash(play_m: float, angle: Array, rng: np.random.Generator) -> Array:
-    """The axis lies on the other side after a turn back of 10 deg."""
-    side, sides = 0.0, []
-    for step in np.diff(angle, prepend=angle[:1]):
-        side = float(np.clip(side + step / np.radians(5.0), -1.0, 1.0))
-        sides.append(side)
-    return play_m / 0.1 * np.array(sides)[:, None] * rng.normal(size=2) / np.sqrt(2.0)
-
-
-def joint_of_ticks(window: Window) -> FittedJoint:
-    found = find_joint(window, scales_of(load_model()), [], 1, load_model().systematic)
-    assert found is not None
-    return found
-
-
 @pytest.mark.parametrize(
-    ("tilting", "play_m", "turns_rad", "arm_m"),
+    ("errors", "play_m", "swing_deg", "arm_m"),
     [
-        (with_play, 2e-3, 0.4, 0.15),
-        (with_play, 5e-3, 0.4, 0.15),
-        (jumping, 5e-3, 0.4, 0.15),
-        (backlash, 2e-3, 0.4, 0.3),
-        (jumping, 2e-3, 0.1, 0.15),
-        (jumping, 5e-3, 0.05, 0.15),
-        (backlash, 5e-3, 0.15, 0.3),
+        ("waves", 2e-3, 60.0, 0.15),
+        ("sign", 5e-3, 90.0, 0.15),
+        ("sides", 2e-3, 60.0, 0.3),
+        ("waves", 5e-3, 20.0, 0.15),
+        ("sign", 2e-3, 11.0, 0.15),
+        ("sign", 5e-3, 6.0, 0.15),
+        ("sides", 5e-3, 17.0, 0.3),
     ],
 )
 @pytest.mark.parametrize("seed", range(3))
 def test_a_hinge_with_play_is_a_hinge(
-    tilting: Callable[..., Array], play_m: float, turns_rad: float, arm_m: float, seed: int
+    errors: str, play_m: float, swing_deg: float, arm_m: float, seed: int
 ) -> None:
     """Such errors follow the angle: they are no freedom of a ball joint. They may look like a small pitch.
 
     Where they are as large as a small swing, no joint is named."""
-    rng = np.random.default_rng(seed)
-    angle = turns_rad * band_limited(rng, np.arange(2000) / 200.0, 1, 1.0)[:, 0]
-    turn = Rotation.from_rotvec(np.column_stack([tilting(play_m, angle, rng), np.zeros(2000)]))
-    turn = turn * Rotation.from_rotvec(angle[:, None] * [0.0, 0.0, 1.0])
-    window = ticks_of(turn, np.zeros((2000, 3)), arm_m, rng)
-    fitted = find_joint(window, scales_of(load_model()), [], 1, load_model().systematic)
-    if fitted is None:
-        assert turns_rad < 0.2
+    found = fitted(Case("hinge", errors, play_m, swing_deg, arm_m, 0, seed))
+    if found is None:
+        assert swing_deg < 25.0
     else:
-        assert fitted.model.kind in (JointKind.HINGE, JointKind.SCREW)
-        assert abs(fitted.frames.pitch_m) < 0.005
-
-
-@pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize(("bend_m", "turn_rad"), [(0.02, 0.3), (0.05, 0.6), (0.05, 0.0)])
-def test_a_shift_there_and_back_along_a_bent_curve_is_no_joint(
-    bend_m: float, turn_rad: float, seed: int
-) -> None:
-    way = np.sin(np.pi * np.arange(2000) / 1000.0) ** 2
-    turn = turn_rad * np.sin(2.0 * np.pi * way)[:, None] * [0.0, 0.0, 1.0]
-    shift_m = np.column_stack([0.12 * way, bend_m * np.sin(np.pi * way), 0.0 * way])
-    window = ticks_of(Rotation.from_rotvec(turn), shift_m, 0.0, np.random.default_rng(seed))
-    assert find_joint(window, scales_of(load_model()), [], 1, load_model().systematic) is None
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_a_ball_joint_needs_no_second_turn_that_moves_far(seed: int) -> None:
-    """Of its two turns, about as large, that about the arm of a metre does not move the object's origin."""
-    rng = np.random.default_rng(seed)
-    turn = 0.15 * band_limited(rng, np.arange(2000) / 200.0, 2, 1.0) @ [[0.6, 0.0, 0.0], [0.0, 0.0, 1.0]]
-    found = joint_of_ticks(ticks_of(Rotation.from_rotvec(turn), np.zeros((2000, 3)), 1.0, rng))
-    assert found.model.kind is JointKind.BALL
+        assert found.model.kind in (JointKind.HINGE, JointKind.SCREW)
+        assert abs(found.frames.pitch_m) < 0.005
 
 
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize(
-    ("turn_rad", "slide_m", "arm_m"), [(0.4, 0.03, 0.1), (0.04, 0.03, 0.3), (0.2, 0.03, 1.0)]
+    ("joint", "bend_m", "swing_deg", "arm_m"),
+    [
+        ("curve", 0.02, 34.0, 0.0),
+        ("curve", 0.05, 70.0, 0.0),
+        ("curve", 0.05, 0.0, 0.0),
+        ("turn and slide", 0.0, 45.0, 0.1),
+        ("turn and slide", 0.0, 5.0, 0.3),
+        ("turn and slide", 0.0, 25.0, 1.0),
+    ],
 )
-def test_a_turn_and_a_slide_of_their_own_are_no_joint(
-    turn_rad: float, slide_m: float, arm_m: float, seed: int
+def test_motion_along_a_bent_curve_and_a_turn_and_a_slide_of_their_own_are_no_joint(
+    joint: str, bend_m: float, swing_deg: float, arm_m: float, seed: int
 ) -> None:
-    rng = np.random.default_rng(seed)
-    turn, slide = band_limited(rng, np.arange(2000) / 200.0, 2, 1.0).T[:, :, None] * [0.0, 0.0, 1.0]
-    window = ticks_of(Rotation.from_rotvec(turn_rad * turn), slide_m * slide, arm_m, rng)
-    assert find_joint(window, scales_of(load_model()), [], 1, load_model().systematic) is None
+    assert fitted(Case(joint, "", bend_m, swing_deg, arm_m, 0, seed)) is None
 
 
 @pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize(("turn_rad", "is_sure"), [(0.02, False), (0.4, True)])
+def test_a_ball_joint_needs_no_second_turn_that_moves_far(seed: int) -> None:
+    """Of its two turns, as large, that about the arm of a metre does not move the object's origin."""
+    found = fitted(Case("ball", "1 1 0", 0.0, 17.0, 1.0, 0, seed))
+    assert found is not None
+    assert found.model.kind is JointKind.BALL
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("swing_deg", "is_sure"), [(2.3, False), (45.0, True)])
 def test_a_shift_along_the_axis_shows_a_screw_over_a_wide_swing_alone(
-    turn_rad: float, is_sure: bool, seed: int
+    swing_deg: float, is_sure: bool, seed: int
 ) -> None:
     """Over a small one the play of a hinge follows the angle as a pitch does: 1 mm at 0.02 rad."""
-    rng = np.random.default_rng(seed)
-    angle = turn_rad * band_limited(rng, np.arange(2000) / 200.0, 1, 1.0) * [0.0, 0.0, 1.0]
-    found = joint_of_ticks(ticks_of(Rotation.from_rotvec(angle), 0.05 * angle, 0.3, rng))
+    found = fitted(Case("screw", "", 0.05, swing_deg, 0.3, 0, seed))
+    assert found is not None
     assert found.model.kind in (JointKind.HINGE, JointKind.SCREW)
     assert (found.log_odds > 5.0) is is_sure
     assert is_sure or found.log_odds < 1.0
@@ -260,9 +209,8 @@ def test_a_shift_along_the_axis_shows_a_screw_over_a_wide_swing_alone(
 @pytest.mark.parametrize("seed", range(3))
 def test_a_lid_with_markers_on_its_axis_is_a_screw(seed: int) -> None:
     """Of 4 mm a turn. Only the pitch moves its origin, so free motion does not explain a hinge's misfit."""
-    rng = np.random.default_rng(seed)
-    angle = 0.5 * band_limited(rng, np.arange(2000) / 200.0, 1, 1.0) * [0.0, 0.0, 1.0]
-    found = joint_of_ticks(ticks_of(Rotation.from_rotvec(angle), 0.64e-3 * angle, 0.0, rng))
+    found = fitted(Case("screw", "", 0.64e-3, 57.0, 0.0, 0, seed))
+    assert found is not None
     assert found.model.kind is JointKind.SCREW
     assert found.frames.pitch_m == pytest.approx(0.64e-3, abs=1e-4)
 

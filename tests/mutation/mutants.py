@@ -2,8 +2,10 @@
 
 import ast
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from copy import deepcopy
+from functools import partial
+from itertools import islice
 from pathlib import Path
 from types import CodeType, ModuleType
 from typing import Any, NamedTuple
@@ -56,11 +58,11 @@ def mutants_of(root: Path, file: str) -> Iterator[Mutant]:
     tree = ast.parse((root / file).read_text(encoding="utf-8"))
     counts = Counter[str]()
     for index, (node, place) in enumerate(_places(tree, "")):
-        for kind in range(len(list(_changes(deepcopy(node))))):
+        before = _text(node)
+        for kind in range(len(list(_changes(node)))):
             faulty = deepcopy(tree)
-            target = _places_list(faulty)[index]
-            before = _text(target)
-            list(_changes(target, kind))
+            target, _ = next(islice(_places(faulty, ""), index, None))
+            list(_changes(target))[kind]()
             change = f"{before} -> {_text(target)}"
             counts[f"{place} {change}"] += 1
             if (many := counts[f"{place} {change}"]) > 1:
@@ -71,10 +73,6 @@ def mutants_of(root: Path, file: str) -> Iterator[Mutant]:
 def _text(node: ast.AST) -> str:
     text = " ".join(ast.unparse(node).split("\n")[0].split())
     return text if len(text) <= _WIDTH else text[:_WIDTH] + "..."
-
-
-def _places_list(tree: ast.Module) -> list[Any]:
-    return [node for node, _ in _places(tree, "")]
 
 
 def _places(node: ast.AST, place: str) -> Iterator[tuple[Any, str]]:
@@ -103,66 +101,43 @@ def _is_in_function(place: str) -> bool:
     return place.endswith("()")
 
 
-def _changes(node: Any, chosen: int | None = None) -> Iterator[None]:
-    """Yield once for each way to change ``node``; only the ``chosen`` way is carried out."""
-    number = -1
-
-    def turn() -> bool:
-        nonlocal number
-        number += 1
-        return number == chosen
-
-    if isinstance(node, ast.Constant) and type(node.value) in (int, float):
-        if turn():
-            node.value = node.value + 1 if type(node.value) is int else 2.0 * node.value or 1.0
-        yield
-    elif isinstance(node, ast.Constant) and isinstance(node.value, bool):
-        if turn():
-            node.value = not node.value
-        yield
-    if isinstance(node, ast.BinOp | ast.BoolOp | ast.AugAssign) and type(node.op) in _SWAPPED:
-        if turn():
-            node.op = _SWAPPED[type(node.op)]()
-        yield
-    if isinstance(node, ast.Compare):
-        for i, op in enumerate(node.ops):
-            if turn():
-                node.ops[i] = _SWAPPED[type(op)]()
-            yield
-    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub | ast.Not | ast.Invert):
-        if turn():
-            node.op = ast.UAdd() if isinstance(node.op, ast.USub) else ast.Not()
-            if chosen is not None and isinstance(node.op, ast.Not):
-                node.operand = ast.UnaryOp(ast.Not(), node.operand)
-        yield
-    if isinstance(node, ast.If | ast.IfExp | ast.While):
-        if turn():
-            node.test = ast.UnaryOp(ast.Not(), node.test)
-        yield
-    if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr in _CALLS:
-        if turn():
-            node.func.attr = _CALLS[node.func.attr]
-        yield
-    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in _CALLS:
-        if turn():
-            node.func.id = _CALLS[node.func.id]
-        yield
-    is_set = isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Attribute | ast.Subscript)
-    if is_set or isinstance(node, ast.AugAssign) or (isinstance(node, ast.Expr) and _is_call(node.value)):
-        if turn():
-            _remove(node)
-        yield
+def _changes(node: Any) -> Iterator[Callable[[], None]]:
+    """Each way to change ``node``, to be called."""
+    match node:
+        case ast.Constant(value=bool()):
+            yield partial(setattr, node, "value", not node.value)
+        case ast.Constant(value=int()):
+            yield partial(setattr, node, "value", node.value + 1)
+        case ast.Constant(value=float()):
+            yield partial(setattr, node, "value", 2.0 * node.value or 1.0)
+        case ast.BinOp() | ast.BoolOp() | ast.AugAssign() if type(node.op) in _SWAPPED:
+            yield partial(setattr, node, "op", _SWAPPED[type(node.op)]())
+        case ast.Compare():
+            for i, op in enumerate(node.ops):
+                yield partial(node.ops.__setitem__, i, _SWAPPED[type(op)]())
+        case ast.UnaryOp(op=ast.USub()):
+            yield partial(setattr, node, "op", ast.UAdd())
+        case ast.UnaryOp(op=ast.Not() | ast.Invert()):
+            yield partial(_put, node, ast.UnaryOp(ast.Not(), ast.UnaryOp(ast.Not(), node.operand)))
+        case ast.If() | ast.IfExp() | ast.While():
+            yield partial(setattr, node, "test", ast.UnaryOp(ast.Not(), node.test))
+        case ast.Call(func=ast.Attribute(attr=name)) if name in _CALLS:
+            yield partial(setattr, node.func, "attr", _CALLS[name])
+        case ast.Call(func=ast.Name(id=name)) if name in _CALLS:
+            yield partial(setattr, node.func, "id", _CALLS[name])
+    match node:
+        case (
+            ast.AugAssign()
+            | ast.Expr(value=ast.Call())
+            | ast.Assign(targets=[ast.Attribute() | ast.Subscript(), *_])
+        ):
+            yield partial(_put, node, ast.Expr(ast.Constant(None)))
 
 
-def _is_call(node: ast.expr) -> bool:
-    return isinstance(node, ast.Call)
-
-
-def _remove(node: Any) -> None:
-    """A statement that does nothing, in its place."""
-    nothing = ast.Expr(ast.Constant(None))
-    node.__class__ = ast.Expr
-    node.__dict__ = nothing.__dict__ | {"lineno": node.lineno, "col_offset": node.col_offset}
+def _put(node: Any, other: ast.AST) -> None:
+    """Another node in place of one."""
+    place = {"lineno": node.lineno, "col_offset": node.col_offset}
+    node.__class__, node.__dict__ = type(other), other.__dict__ | place
 
 
 def apply(mutant: Mutant, module: ModuleType, others: list[ModuleType]) -> None:

@@ -12,9 +12,9 @@ from contact_tracker.arrays import Array
 from contact_tracker.config.loading import load_model
 from contact_tracker.geometry.elements import Line
 from contact_tracker.recording import open_log, read_wrenches, write_recording
-from contact_tracker.segmenting import OfflineTracker, wrench_evidence
+from contact_tracker.segmenting import segmented, wrench_evidence
 from contact_tracker.states import CONTACTS, Contact
-from contact_tracker.tracking.segmentation import Segmentation
+from contact_tracker.trajectory import Trajectory
 from contact_tracker_lab.evaluation.evaluate import evaluate
 from contact_tracker_lab.simulate import Phase, Scenario, Simulated, named_scenario, simulate
 from contact_tracker_lab.simulate import wrench as simulated_wrench
@@ -122,8 +122,8 @@ def test_they_decide_what_motion_leaves_open(tmp_path: Path) -> None:
     assert np.array_equal(wrenches.wrenches.moment_nm, made.wrenches.moment_nm)
     evidence, load = wrench_evidence(made.poses, wrenches.wrenches, model)
     assert load.mass_kg == pytest.approx(MASS_KG, rel=0.05)
-    result = Segmentation.join(list(OfflineTracker(model, wrenches=evidence).pieces(made.poses)))
-    by_wrenches = evaluate(made.poses, made.truth, result)
+    found = segmented(Trajectory(made.poses), model, wrenches=evidence)
+    by_wrenches = evaluate(made.poses, made.truth, found.segmentation)
     assert by_wrenches.offline.accuracy() > 0.95  # by motion alone it is below 0.6
     geometry = by_wrenches.geometry  # a face whose normal is the axis of the hinge would move alike
     assert geometry.found_segments == geometry.true_segments == 2
@@ -140,7 +140,6 @@ def test_free_motion_at_the_start_is_known_by_its_missing_force(contact: Contact
     made, model = simulate(scenario, 1), load_model()
     evidence, _ = wrench_evidence(made.poses, made.wrenches, model)
     assert evidence.shows_contact_at_start() is not is_free
-    segmentation = Segmentation.join(list(OfflineTracker(model, wrenches=evidence).pieces(made.poses)))
-    first, *_ = segmentation.segments
-    assert first.contact is contact
-    assert evaluate(made.poses, made.truth, segmentation).offline.accuracy() > 0.95
+    found = segmented(Trajectory(made.poses), model, wrenches=evidence)
+    assert found.segments[0].contact is contact
+    assert evaluate(made.poses, made.truth, found.segmentation).offline.accuracy() > 0.95

@@ -18,12 +18,8 @@ def copied(tracker: Tracker) -> Tracker:
     other.filters, other.uninspected = tracker.filters.copied(), [*tracker.uninspected]
     before = tracker.checks.contradiction
     if before.with_map is not None and before.without_map is not None:
-        pair = []
-        for one in (before.with_map, before.without_map):
-            own = copy(one)
-            own.grid, own.filter = copy(one.grid), copy(one.filter)
-            pair.append(own)
-        after = replace(before, with_map=pair[0], without_map=pair[1])
+        pair = {"with_map": before.with_map.copied(), "without_map": before.without_map.copied()}
+        after = replace(before, **pair)
         other.checks = tracker.checks._replace(contradiction=after)
     return other
 

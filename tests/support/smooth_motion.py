@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from contact_tracker.motion.pose_validation import PoseGate
@@ -53,6 +53,13 @@ def slid_and_tilted(rng: np.random.Generator, size_m: Array) -> Poses:
     error = Rotation.from_rotvec(np.radians(0.15) * rng.normal(size=place_m.shape))
     place_m += 3e-4 * rng.normal(size=place_m.shape)
     return Poses(START_NS + np.rint(time_s * 1e9).astype(np.int64), place_m, (turn * error).as_quat())
+
+
+def unturned(position_m: ArrayLike, period_ns: int = 10_000_000, start_ns: int = 0) -> Poses:
+    """Poses at these positions (N, 3) without turns, by default at 100 Hz."""
+    position = np.array(position_m, float)
+    stamp_ns = start_ns + period_ns * np.arange(len(position), dtype=np.int64)
+    return Poses(stamp_ns, position, np.tile([0.0, 0.0, 0.0, 1.0], (len(position), 1)))
 
 
 def pass_through(poses: Iterable[Pose]) -> tuple[list[Pose], dict[str, int]]:

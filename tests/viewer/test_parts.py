@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
-from rerun.chunk import RrdReader
 
 from contact_tracker.api import Result
 from contact_tracker.explanations.joint_evidence import Joint
@@ -32,6 +31,8 @@ from contact_tracker.trajectory import Trajectory
 from contact_tracker.viewer import canvas
 from contact_tracker.viewer.sinks import to_file
 from contact_tracker.viewer.views import LiveViewer
+from rerun_files import rows
+from smooth_motion import unturned
 
 Z = np.array([0.0, 0.0, 1.0])
 KNOWLEDGE = map_from(
@@ -46,6 +47,7 @@ KNOWLEDGE = map_from(
 CORNER_M = np.array([0.1, 0.05, -0.05])
 ON_TABLE = ContactGeometry(Point(CORNER_M), Plane(Z, 0.0, name="table"))
 VERTEX_M = np.array([0.1, 0.0, 0.02])
+NAMES = f"{canvas.KNOWN[0]}/names", "Points3D:labels"
 
 
 @pytest.fixture(scope="module")
@@ -55,8 +57,7 @@ def poses() -> Poses:
     position_m = np.zeros((300, 3))
     position_m[:200, 0], position_m[200:, 0], position_m[200:, 2] = along, 1.0, up
     position_m[:, 2] += 0.05
-    stamp_ns = 10_000_000 * np.arange(300, dtype=np.int64)
-    return Poses(stamp_ns, position_m, np.tile([0.0, 0.0, 0.0, 1.0], (300, 1)))
+    return unturned(position_m)
 
 
 @pytest.fixture(scope="module")
@@ -165,33 +166,21 @@ def test_joints_are_drawn_in_all_outputs(poses, tmp_path) -> None:
         ((_, _, scene),) = make_reader(file).iter_messages(topics=[MAP_TOPIC])
     assert all(f'"label":"{name}"' in page and f"object {name}".encode() in scene.data for name in names)
     write_outcome(result, tmp_path / "out.rrd")
-    static, _ = static_and_first(tmp_path / "out.rrd", f"{canvas.KNOWN[0]}/names", "Points3D:labels")
-    assert static[-1] == 3
+    assert counts(tmp_path / "out.rrd", *NAMES, static=True)[-1] == (0, 3)
 
 
-def static_and_first(path: Path, entity: str, component: str) -> tuple[list[int], list[tuple[int, int]]]:
-    """Counts of the component of an entity in static rows, and with the time (ns) in the others."""
-    static, later = list[int](), list[tuple[int, int]]()
-    for chunk in RrdReader(path).stream().filter(content=f"/{entity}").to_chunks():
-        batch = chunk.to_record_batch()
-        if component not in batch.schema.names:
-            continue
-        counts = [len(value) for value in batch.column(component).to_pylist()]
-        if chunk.is_static:
-            static += counts
-        else:
-            times = batch.column(canvas.TIMELINE).to_numpy(zero_copy_only=False).astype(np.int64).tolist()
-            later += zip(times, counts, strict=True)
-    return static, sorted(later)
+def counts(path: Path, entity: str, component: str, static: bool = False) -> list[tuple[int, int]]:
+    """Number of values of a component by the time since the first pose in ns."""
+    return [(since, len(values)) for since, values in rows(path, entity, component, static)]
 
 
 def test_a_file_has_everything_at_all_times(tmp_path, poses, world) -> None:
     path = tmp_path / "known.rrd"
     write_outcome(Outcome(Trajectory(poses), Segmentation(), known_map=KNOWLEDGE, touched=world), path)
-    static, later = static_and_first(path, f"{canvas.KNOWN[0]}/names", "Points3D:labels")
-    assert (static[-1], later) == (2, [])  # the box, and the vertex of the map
-    static, later = static_and_first(path, f"{canvas.KNOWN[1]}/outline", "LineStrips3D:strips")
-    assert (static[-1], later) == (12 + 2, [])
+    outline = f"{canvas.KNOWN[1]}/outline", "LineStrips3D:strips"
+    for what, count in ((NAMES, 2), (outline, 12 + 2)):  # of the object the box, and the vertex of the map
+        assert counts(path, *what, static=True)[-1] == (0, count)
+        assert counts(path, *what) == []
 
 
 def test_live_elements_appear_as_they_become_known(tmp_path, poses, world) -> None:
@@ -202,16 +191,13 @@ def test_live_elements_appear_as_they_become_known(tmp_path, poses, world) -> No
             if number % 10 == 9:
                 belief = Belief(pose.stamp_ns, Contact.FREE, probability, 0, None, np.full(6, np.nan))
                 view.belief(belief, world if number > 150 else None)
-    static, later = static_and_first(path, f"{canvas.KNOWN[0]}/names", "Points3D:labels")
-    assert static == []
-    assert later == [(0, 0), (1_590_000_000, 1)]
+    assert counts(path, *NAMES, static=True) == []
+    assert counts(path, *NAMES) == [(0, 0), (1_590_000_000, 1)]
 
 
 def test_long_streams_keep_few_poses_of_all_their_time() -> None:
     count = 40_000
-    stamp_ns = np.arange(count, dtype=np.int64) * 100_000_000
-    quat_xyzw = np.tile([0.0, 0.0, 0.0, 1.0], (count, 1))
-    poses = Poses(stamp_ns, np.zeros((count, 3)), quat_xyzw)
+    poses = unturned(np.zeros((count, 3)), 100_000_000)
     at_once, one_by_one = KnownParts(), KnownParts()
     at_once.add_poses(poses)
     for first in range(0, count, 97):
@@ -219,5 +205,5 @@ def test_long_streams_keep_few_poses_of_all_their_time() -> None:
     for known in (at_once, one_by_one):
         kept = Poses.join(known._poses)
         assert MOST_KEPT // 2 <= len(kept) <= MOST_KEPT
-        assert np.diff(kept.stamp_ns).max() <= 4 * stamp_ns[-1] // MOST_KEPT
+        assert np.diff(kept.stamp_ns).max() <= 4 * poses.stamp_ns[-1] // MOST_KEPT
         assert kept.stamp_ns[0] == 0

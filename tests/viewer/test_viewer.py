@@ -3,7 +3,6 @@
 import json
 from collections.abc import Iterator
 from dataclasses import replace
-from functools import cache
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,7 @@ import pytest
 import rerun as rr
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rerun.chunk import Chunk, RrdReader
+from rerun.chunk import RrdReader
 
 from contact_tracker.cli.main import run
 from contact_tracker.contacts.contact_motion import ContactMotion
@@ -36,6 +35,8 @@ from contact_tracker.viewer import canvas, sinks
 from contact_tracker.viewer.sinks import to_file
 from contact_tracker.viewer.views import LiveViewer, begin
 from mcap_logs import smooth_poses
+from rerun_files import chunks, column, rows
+from smooth_motion import unturned
 
 ORIGIN_NS = 1_700_000_000_000_000_000
 TICK_NS = 100_000_000
@@ -70,8 +71,7 @@ def poses() -> Poses:
     """A body that slides along x, upright, at 200 Hz."""
     position = np.zeros((POSES, 3))
     position[:, 0] = np.linspace(0.0, 0.3, POSES)
-    stamp_ns = ORIGIN_NS + 5_000_000 * np.arange(POSES, dtype=np.int64)
-    return Poses(stamp_ns, position, np.tile([0.0, 0.0, 0.0, 1.0], (POSES, 1)))
+    return unturned(position, 5_000_000, ORIGIN_NS)
 
 
 @pytest.fixture(scope="module")
@@ -111,25 +111,6 @@ def streamed(tmp_path_factory, poses, segmentation) -> Path:
     path = tmp_path_factory.mktemp("viewer") / "live.rrd"
     play(path, poses, segmentation.filtered)
     return path
-
-
-@cache
-def read(path: Path) -> list[Chunk]:
-    return RrdReader(path).stream().to_chunks()
-
-
-def chunks(path: Path, entity: str, static: bool = False) -> list[Chunk]:
-    return [c for c in read(path) if c.entity_path == f"/{entity}" and c.is_static == static]
-
-
-def rows(path: Path, entity: str, component: str) -> list[tuple[int, Any]]:
-    """(time since the first pose in ns, values) of each row that has the component, in order of time."""
-    found = []
-    for batch in (c.to_record_batch() for c in chunks(path, entity)):
-        if component in batch.schema.names:
-            since = batch.column(canvas.TIMELINE).to_numpy(zero_copy_only=False).astype(np.int64)
-            found += zip(since.tolist(), batch.column(component).to_pylist(), strict=True)
-    return sorted(found, key=lambda row: row[0])
 
 
 def total(path: Path, entity: str) -> int:
@@ -320,12 +301,6 @@ def test_a_recording_beside_others_has_its_name_and_the_list_open(tmp_path, spar
         assert properties == [["shelf.mcap"]]
         panels.append(column(reader, reader.blueprints()[0], "PanelBlueprint:state", "/blueprint_panel"))
     assert panels[0] != panels[1]
-
-
-def column(reader: RrdReader, store: Any, name: str, entity: str | None = None) -> list[Any]:
-    chunks = reader.stream(store=store).to_chunks()
-    batches = [chunk.to_record_batch() for chunk in chunks if entity in (None, chunk.entity_path)]
-    return [value for b in batches if name in b.schema.names for value in b.column(name).to_pylist()]
 
 
 def with_a_wall(segmentation: Segmentation) -> Segmentation:

@@ -30,42 +30,38 @@ def test_weight_and_centre_of_mass_are_estimated(seed: int) -> None:
     assert load.mass_kg == pytest.approx(MASS_KG, rel=0.05)
 
 
-def test_a_contact_misclassified_as_free_is_an_outlier() -> None:
-    made = pressed(Contact.FV)
-    free = made.is_free.copy()
-    touch = int(np.flatnonzero(~free)[0])
-    free[touch - 30 : touch - 25] = False  # two runs of free motion, and a longer one of contact
-    free[touch + 5 : touch + 50] = True
-    load = load_of(made, free)
-    np.testing.assert_allclose(load.weight_n, WEIGHT_N, atol=0.3)
-
-
-@pytest.mark.parametrize("contact", [Contact.VF, Contact.FV, Contact.EF])
-@pytest.mark.parametrize("seed", [2, 3])
-def test_as_many_ticks_of_contact_are_outliers(contact: Contact, seed: int) -> None:
-    """An estimate that starts at one of their forces ends at the few ticks that agree with it."""
-    made = pressed(contact, seed, noise=True, bias=True)
+@pytest.mark.parametrize(
+    ("runs", "contact", "seed", "is_noisy", "mass_kg"),
+    [
+        # two runs of free motion, and a longer one of contact
+        (((-60, -30), (-25, 0), (5, 50)), Contact.FV, 0, False, None),
+        # as many ticks of contact: an estimate that starts at one of their forces ends at the few like it
+        *(
+            (((-55, -40), (5, 15), (30, 40)), contact, seed, True, None)
+            for contact in (Contact.VF, Contact.FV, Contact.EF)
+            for seed in (2, 3)
+        ),
+        # about one second of free motion, and four of contact: the mass decides
+        (((-55, -43), (5, 50)), Contact.FV, 1, False, MASS_KG),
+    ],
+)
+def test_contact_misclassified_as_free_is_an_outlier(
+    runs: tuple[tuple[int, int], ...], contact: Contact, seed: int, is_noisy: bool, mass_kg: float | None
+) -> None:
+    """``runs`` of ticks from the touch on."""
+    made = pressed(contact, seed, noise=is_noisy, bias=is_noisy)
     touch, free = int(np.flatnonzero(~made.is_free)[0]), np.zeros(len(made.tick_ns), bool)
-    free[5:20] = free[touch + 5 : touch + 15] = free[touch + 30 : touch + 40] = True
-    load = load_of(made, free)
+    for first, end in runs:
+        free[touch + first : touch + end] = True
+    load = load_of(made, free, mass_kg)
     assert load is not None
     assert load.mass_kg == pytest.approx(MASS_KG, rel=0.02)
+    np.testing.assert_allclose(load.weight_n, WEIGHT_N, atol=0.5)
 
 
 def test_without_free_motion_there_is_no_load() -> None:
     made = pressed(Contact.FV)
     assert load_of(made, np.zeros(len(made.tick_ns), bool)) is None
-
-
-def test_a_known_mass_decides_between_loads() -> None:
-    """About one second of free motion, and four of contact misclassified as free."""
-    made = pressed(Contact.FV, 1)
-    free = np.zeros(len(made.tick_ns), bool)
-    touch = int(np.flatnonzero(~made.is_free)[0])
-    free[5:17] = True
-    free[touch + 5 : touch + 50] = True
-    load = load_of(made, free, MASS_KG)
-    np.testing.assert_allclose(load.weight_n, WEIGHT_N, atol=0.5)
 
 
 @pytest.mark.parametrize("share", [0.8, 1.03, 10.0])

@@ -286,14 +286,14 @@ class WrenchEvidence:
         rows, force = rows[strong], force[strong]
         if len(rows) < FEWEST_TICKS:
             return np.zeros(len(CONTACTS)), {}
-        moment, rotation, square = wrenches.moment_nm[rows], wrenches.ticks.rotation[rows], dot(force, force)
-        foot = cross(force, moment) / square[:, None]
-        place = (wrenches.moment_noise[rows] + dot(foot, foot) * wrenches.force_noise[rows]) / square
+        moment, square, ticks = wrenches.moment_nm[rows], dot(force, force), wrenches.ticks.at(rows)
+        foot, rotation = cross(force, moment) / square[:, None], ticks.rotation
+        place = (ticks.moment_variance + dot(foot, foot) * ticks.force_variance) / square
         middle = foot.mean(axis=0)  # the prior of elements is centred where the force acts
         common_n, common_nm = (errors[rows] for errors in wrenches.load_errors)
         common_nm = common_nm - cross_matrix(middle) @ common_n
         body = LinesOfAction(force, moment - cross(middle, force), place + FLOOR_M**2, common_n, common_nm)
-        origin_m = np.einsum("tij,j->ti", rotation, middle) + wrenches.ticks.position_m[rows]
+        origin_m = np.einsum("tij,j->ti", rotation, middle) + ticks.position_m
         world = body.in_world_frame(rotation, origin_m)
         body_fixed, world_fixed = fixed_direction(body.direction), fixed_direction(world.direction)
         edge, ridge, twist = body.along_lines(), world.along_lines(), body.twist()

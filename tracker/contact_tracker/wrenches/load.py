@@ -48,8 +48,6 @@ MOST_COMPARED: Final = 2000
 """Largest number of free ticks that are compared with each other."""
 NEAR_N: Final = 1.0
 """Weights (N) that differ by less belong to the same load."""
-LEAST_VARIANCE: Final = (0.05**2, 0.005**2)
-"""Least variance of a tick's mean (N^2, (N m)^2), by sensor and tremor."""
 BIAS_SD: Final = (1.0, 0.1)
 """Prior standard deviations of the sensor's bias per axis (N, N m)."""
 FORCE_PRIOR: Final = np.diag([0.0] * 3 + [BIAS_SD[0] ** -2] * 3)
@@ -165,7 +163,6 @@ class ContactWrenches:
 
     Parameters
     ----------
-    force_noise, moment_noise : (T,) variance of the mean per axis, by noise.
     force_by_load, moment_by_load : (T, 3, 6), (T, 3, 12) derivatives of each by the load's parameters.
     """
 
@@ -173,8 +170,6 @@ class ContactWrenches:
     load: Load
     force_n: Array
     moment_nm: Array
-    force_noise: Array
-    moment_noise: Array
     force_by_load: Array
     moment_by_load: Array
 
@@ -182,7 +177,7 @@ class ContactWrenches:
         """(n,) variance of the force per axis in the ticks ``rows``, by noise and by the load's errors."""
         design, covariance = self.force_by_load[rows], self.load.force_covariance
         by_load = np.einsum("tij,jk,tik->t", design, covariance, design) / 3.0
-        return np.asarray(self.force_noise[rows] + by_load)
+        return np.asarray(self.ticks.force_variance[rows] + by_load)
 
     @cached_property
     def load_errors(self) -> tuple[Array, Array]:
@@ -247,8 +242,7 @@ def _in_world(ticks: TickWrenches, force_n: Array) -> Array:
 
 def _refine(free: TickWrenches, weight_n: Array, mass_kg: float | None) -> Load:
     """Iteratively reweighted least squares: force for weight and its bias, moment for the rest."""
-    force_noise = np.maximum(free.force_variance, LEAST_VARIANCE[0])
-    moment_noise = np.maximum(free.moment_variance, LEAST_VARIANCE[1])
+    force_noise, moment_noise = free.force_variance, free.moment_variance
     centre, scale = np.zeros(3), 1.0
     by_tick = _in_world(free, free.force_n)
     weight = _redescending((np.linalg.norm(by_tick - weight_n, axis=1) / NEAR_N) ** 2)
@@ -347,8 +341,6 @@ def contact_wrenches(ticks: TickWrenches, load: Load) -> ContactWrenches:
         load,
         force - ticks.force_n,
         moment - ticks.moment_nm,
-        np.maximum(ticks.force_variance, LEAST_VARIANCE[0]),
-        np.maximum(ticks.moment_variance, LEAST_VARIANCE[1]),
         force_design,
         moment_design,
     )

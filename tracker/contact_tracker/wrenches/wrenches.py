@@ -1,6 +1,6 @@
 """Wrenches on the object, as columns."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -68,7 +68,7 @@ class Wrenches:
 
 def reversed_wrenches(wrenches: Wrenches) -> Wrenches:
     """The reaction wrenches: forces and moments with the opposite sign."""
-    return Wrenches(wrenches.stamp_ns, -wrenches.force_n, -wrenches.moment_nm)
+    return replace(wrenches, force_n=-wrenches.force_n, moment_nm=-wrenches.moment_nm)
 
 
 def about_body(wrenches: Wrenches, poses: Poses) -> Wrenches:
@@ -77,7 +77,7 @@ def about_body(wrenches: Wrenches, poses: Poses) -> Wrenches:
     Each wrench is turned by the pose nearest in time; ``poses``: at least one, in order of time.
     """
     moment_nm = wrenches.moment_nm - cross(_nearest(wrenches, poses).position_m, wrenches.force_n)
-    return turned_to_body(Wrenches(wrenches.stamp_ns, wrenches.force_n, moment_nm), poses)
+    return turned_to_body(replace(wrenches, moment_nm=moment_nm), poses)
 
 
 def turned_to_body(wrenches: Wrenches, poses: Poses) -> Wrenches:
@@ -106,11 +106,13 @@ def about_parent(wrenches: Wrenches, frames: Poses) -> Wrenches:
     their poses in the parent."""
     turned = _turned(frames.rotation, wrenches)
     moment_nm = turned.moment_nm + cross(frames.position_m, turned.force_n)
-    return Wrenches(wrenches.stamp_ns, turned.force_n, moment_nm)
+    return replace(turned, moment_nm=moment_nm)
 
 
 STEADY: Final = 1.5
 """Largest interval of ticks for accelerations, relative to the median."""
+LEAST_VARIANCE: Final = (0.05**2, 0.005**2)
+"""Least variance of a tick's mean (N^2, (N m)^2), by sensor and tremor."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +126,8 @@ class TickWrenches:
     acceleration : (T, 3) of the body's origin, in the body's axes (m/s^2).
     angular_velocity, angular_acceleration : (T, 3) in the body's axes (rad/s, rad/s^2).
     force_n, moment_nm : (T, 3) mean measured wrench about the body's origin, in the body's axes.
-    force_variance, moment_variance : (T,) of the mean, per axis, by the scatter within the tick.
+    force_variance, moment_variance : (T,) of the mean, per axis, by the scatter within the tick; at least
+        ``LEAST_VARIANCE``.
     is_measured : (T,) whether a tick has wrenches, and it and its neighbours have poses.
     """
 
@@ -163,8 +166,8 @@ def average(poses: Poses, wrenches: Wrenches, stamp_ns: Ints) -> TickWrenches:
         *_motion(quat, position_m, time_s, steady),
         _means(wrenches.force_n, rows),
         _means(wrenches.moment_nm, rows),
-        _variances(wrenches.force_n, rows),
-        _variances(wrenches.moment_nm, rows),
+        np.maximum(_variances(wrenches.force_n, rows), LEAST_VARIANCE[0]),
+        np.maximum(_variances(wrenches.moment_nm, rows), LEAST_VARIANCE[1]),
         steady & (np.diff(rows) > 0),
     )
 

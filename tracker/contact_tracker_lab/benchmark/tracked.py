@@ -11,9 +11,9 @@ from contact_tracker.map.elements import NOTHING_LEARNED
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log
-from contact_tracker.segmenting import OfflineTracker
-from contact_tracker.tracking.belief import Detail
-from contact_tracker.tracking.segmentation import Beliefs, Segmentation
+from contact_tracker.segmenting import segmented
+from contact_tracker.tracking.segmentation import Beliefs
+from contact_tracker.trajectory import Trajectory
 from contact_tracker_lab.benchmark.scores import OFFLINE, Answer, Labelling, Method
 from contact_tracker_lab.evaluation.evaluate import answers_to
 from contact_tracker_lab.evaluation.scoring import tick_containing, tick_in_force
@@ -36,10 +36,10 @@ def methods(model: Model, earlier: Path | None = None) -> dict[Method, Labelling
 
 def _offline(poses: Poses, model: Model, known_map: Map = EMPTY_MAP) -> tuple[Answer, Map]:
     """Labels of ``segment``, each frame with that of the tick that contains it, and the map."""
-    tracker = OfflineTracker(model, known_map)
-    beliefs = Segmentation.join(list(tracker.pieces(poses, None, Detail.SHARED))).beliefs
-    learned = NOTHING_LEARNED if tracker.map is None else tracker.map.learned
-    return _answer(tick_containing(poses.stamp_ns, beliefs.stamp_ns), beliefs), Map(learned=learned)
+    found = segmented(Trajectory(poses), model, known_map)
+    learned = NOTHING_LEARNED if found.touched is None else found.touched.learned
+    tick = tick_containing(poses.stamp_ns, found.beliefs.stamp_ns)
+    return _answer(tick, found.beliefs), Map(learned=learned)
 
 
 def _with_map(poses: Poses, model: Model, earlier: Path) -> Answer:

@@ -23,8 +23,6 @@ from contact_tracker.tracking.transition_model import (
     destinations,
     initial,
     leave_per_s,
-    log_initial,
-    tick_transitions,
 )
 from contact_tracker_lab.calibration.parameters import (
     How,
@@ -50,7 +48,7 @@ from contact_tracker_lab.calibration.transitions import (
     KnownStates,
     learn_transitions,
 )
-from contact_tracker_lab.calibration.trellis import RecordedPass, smooth
+from contact_tracker_lab.calibration.trellis import RecordedPass
 from contact_tracker_lab.evaluation.evaluate import Evaluation, evaluate
 from contact_tracker_lab.evaluation.metrics import ratio
 from contact_tracker_lab.evaluation.scoring import scoring
@@ -178,11 +176,9 @@ def _pass(
 ) -> tuple[ModelScore, EstimatedStates, Segmentation]:
     recorded = RecordedPass()
     segmentation = segment(poses, model, known_map=known_map, watch=recorded.note)
-    steps = np.array([tick_transitions(model, exposed).log_transition for exposed in recorded.exposure])
-    _, log_evidence = smooth(recorded.trellis, log_initial(model), steps)
     evaluation = None if truth is None else evaluate(poses, truth, segmentation)
     believed = EstimatedStates.of(recorded.trellis, recorded.exposure, model)
-    return ModelScore(evaluation, log_evidence), believed, segmentation
+    return ModelScore(evaluation, believed.expect(model).log_evidence), believed, segmentation
 
 
 @dataclass(frozen=True)
