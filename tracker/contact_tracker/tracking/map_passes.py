@@ -21,6 +21,7 @@ from contact_tracker.tracking import ambiguity
 from contact_tracker.tracking.belief import Segment
 from contact_tracker.tracking.contact_filter import ContactFilter
 from contact_tracker.tracking.offline_smoother import PassRecord, Segmenter, pieces
+from contact_tracker.tracking.rest_sightings import sightings_at_rest
 from contact_tracker.tracking.segment_fit import without_short_gaps
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.tracking.transition_model import FREE
@@ -76,16 +77,18 @@ def _better_pass(first: PassRecord, executor: Executor | None) -> Segmentation |
     assert first.state is not None
     best: Segmentation | None = None
     allowed = first.state.known_map.allowed
-    best_evidence = first.log_evidence + log_prior_of_new(len(first.contacts)) + DECISIVE_NATS
-    previous = first
+    start, previous = first.state.map, first
+    first.at_rest = sightings_at_rest(first.ticks, first.state.model, start.reach_m)
+    lead = 0.0 if first.at_rest else DECISIVE_NATS  # what rests show together is sure already
+    best_evidence = first.log_evidence + log_prior_of_new(len(first.contacts)) + lead
     for _ in range(MOST_PASSES):
-        start = first.state.map
-        world = GrowingMap.learn(previous.sightings, start.reach_m, len(first.contacts), start.prior)
+        world = GrowingMap.learn(previous.all_sightings, start.reach_m, len(first.contacts), start.prior)
         latest = PassRecord()
+        latest.at_rest = first.at_rest
         result = _pass(first, world, latest, executor)
         if not world.is_shared:
             result = _with_open_free(result, np.ones(len(result.beliefs), bool), lambda _: allowed)
-        evidence = latest.log_evidence - world.complexity
+        evidence = latest.log_evidence + _evidence_at_rest(latest, result) - world.complexity
         if evidence <= best_evidence:
             break
         is_settled = best is not None and _labels(best) == _labels(result)
@@ -94,6 +97,15 @@ def _better_pass(first: PassRecord, executor: Executor | None) -> Segmentation |
         if is_settled:
             break
     return best
+
+
+def _evidence_at_rest(record: PassRecord, result: Segmentation) -> float:
+    """How much likelier the poses of rests are on faces of the map than anywhere, where the label is f-f: at
+    rest, no tick counts."""
+    is_on_faces = result.beliefs.rows["contact"] == Contact.FF.column
+    return sum(
+        rest.evidence for rest in record.at_rest if is_on_faces[rest.sighting.first : rest.sighting.end].mean() > 0.5
+    )
 
 
 def _pass(
