@@ -69,8 +69,8 @@ def sightings_at_rest(ticks: Sequence[Tick], model: Model, reach_m: float) -> li
 @dataclass(frozen=True, eq=False)
 class _Rests:
     """K rests: their ``rows`` (K, 2), the first tick and the end (excluded), mean lifted poses ``zeta``
-    (K, 25), the ``rotation`` (K, 3, 3), and the ``variance`` (K, 2) of place (m^2) and turn (rad^2), with that
-    by which faces differ from one place to the next."""
+    (K, 25), the ``rotation`` (K, 3, 3), and the ``variance`` (K, 2) of place (m^2) and turn (rad^2), with
+    that by which faces differ from one place to the next."""
 
     rows: Ints
     zeta: Array
@@ -88,7 +88,7 @@ class _Rests:
             zeta[k] = np.average(window.zeta[within], axis=0, weights=window.frames[within])
             variance[k] = window.variance[within].mean(axis=0) / len(within)
         rotation = matrices(np.array([nearest(mean) for mean in zeta[:, R]]).reshape(-1, 4))
-        return cls(rows, zeta, rotation, variance + (LOOSE_M**2, LOOSE_RAD**2))
+        return cls(rows, zeta, rotation, np.add(variance, (LOOSE_M**2, LOOSE_RAD**2)))
 
     @property
     def row_variance(self) -> Array:
@@ -113,9 +113,9 @@ class _Rests:
 
 @dataclass(frozen=True, eq=False)
 class _Faces:
-    """A pair of faces x (7,) with its free directions ``tangent`` (7, 5), the ``members`` (n,) among the rests
-    that agree with it, and of each the ``information`` (n, 5, 5) and the evidence ``by_member`` (n,); all
-    together are likelier by ``evidence`` (nats) than rests anywhere."""
+    """A pair of faces x (7,) with its free directions ``tangent`` (7, 5), the ``members`` (n,) among the
+    rests that agree with it, and of each the ``information`` (n, 5, 5) and the evidence ``by_member`` (n,);
+    all together are likelier by ``evidence`` (nats) than rests anywhere."""
 
     x: Array
     tangent: Array
@@ -144,7 +144,7 @@ def _faces_of(rests: _Rests, reach_m: float) -> list[_Faces]:
 
 
 def _fits(rests: _Rests, left: Ints, reach_m: float) -> Iterator[_Faces]:
-    """The faces that each two of the rests that are ``left`` propose: the object turned about their normal."""
+    """The faces that two of the rests that are ``left`` propose: the object turned about their normal."""
     tried = set[frozenset[int]]()
     for i, j in combinations(left.tolist(), 2):
         turn = rests.turn(i, j)

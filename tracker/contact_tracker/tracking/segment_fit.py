@@ -291,6 +291,7 @@ class FinishedSegment(NamedTuple):
 
     def with_fit(self, fit: SegmentFit) -> tuple[tuple[Segment, ...], Beliefs]:
         """The segment, split where the object rests, and the beliefs of its ticks."""
+        fit = self._open_to_likelier_states(fit)
         contact, column, known_map = fit.contact, fit.contact.column, self.ticks.known_map
         beliefs = np.zeros(len(self.rows), BELIEF)
         curved = np.broadcast_to(fit.curved, len(beliefs))
@@ -337,6 +338,15 @@ class FinishedSegment(NamedTuple):
         geometries = [] if fit.geometry is None else [pack(fit.geometry)]
         joints = [] if fit.joint is None else [fit.joint]
         return segments, Beliefs(beliefs, geometries, formations, joints)
+
+    def _open_to_likelier_states(self, fit: SegmentFit) -> SegmentFit:
+        """The fit open to the states that are more probable than the label in the mean over the segment: the
+        most probable sequence may have it nevertheless."""
+        mean = self.posterior.mean(axis=0)
+        likelier = {state for state in STATES if mean[state.column] > mean[fit.contact.column]}
+        if fit.share is not None or likelier <= {*fit.inseparable}:
+            return fit
+        return replace(fit, inseparable=tuple(s for s in STATES if s in likelier | {*fit.inseparable}))
 
     def _at_contact(
         self, contact: Contact, geometry: ContactGeometry | None
