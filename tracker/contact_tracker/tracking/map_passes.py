@@ -21,6 +21,7 @@ from contact_tracker.tracking import ambiguity
 from contact_tracker.tracking.belief import Segment
 from contact_tracker.tracking.contact_filter import ContactFilter
 from contact_tracker.tracking.offline_smoother import PassRecord, Segmenter, pieces
+from contact_tracker.tracking.rest_sightings import sightings_at_rest
 from contact_tracker.tracking.segment_fit import without_short_gaps
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.tracking.transition_model import FREE
@@ -60,9 +61,10 @@ def with_map(
     first = Segmentation.join(waiting)
     result = _better_pass(record, executor) or first
     result = _with_touches(result, first, record.pace, record.state.model.certainty.posterior_power)
+    result = _with_free_beside_lasting_faces(result)
     world, allowed = record.state.map, record.state.known_map.allowed
     if world.untested_sides or any(world.prior_is_dropped):  # its price hid contacts in free motion
-        result = _with_open_free(result, np.ones(len(result.beliefs), bool), lambda _: allowed)
+        result = _with_open(result, Contact.FREE, np.ones(len(result.beliefs), bool), lambda _: allowed)
     result = with_offsets(result, record.map)
     yield replace(result, filtered=first.filtered, outliers=first.outliers)
 
@@ -76,16 +78,19 @@ def _better_pass(first: PassRecord, executor: Executor | None) -> Segmentation |
     assert first.state is not None
     best: Segmentation | None = None
     allowed = first.state.known_map.allowed
-    best_evidence = first.log_evidence + log_prior_of_new(len(first.contacts)) + DECISIVE_NATS
-    previous = first
+    start, previous = first.state.map, first
+    lead = DECISIVE_NATS
+    if not first.sightings:  # what rests show together is sure already
+        lead, first.at_rest = 0.0, sightings_at_rest(first.ticks, first.state.model, start.reach_m)
+    best_evidence = first.log_evidence + log_prior_of_new(len(first.contacts)) + lead
     for _ in range(MOST_PASSES):
-        start = first.state.map
-        world = GrowingMap.learn(previous.sightings, start.reach_m, len(first.contacts), start.prior)
+        world = GrowingMap.learn(previous.all_sightings, start.reach_m, len(first.contacts), start.prior)
         latest = PassRecord()
+        latest.at_rest = first.at_rest
         result = _pass(first, world, latest, executor)
         if not world.is_shared:
-            result = _with_open_free(result, np.ones(len(result.beliefs), bool), lambda _: allowed)
-        evidence = latest.log_evidence - world.complexity
+            result = _with_open(result, Contact.FREE, np.ones(len(result.beliefs), bool), lambda _: allowed)
+        evidence = latest.log_evidence + _evidence_at_rest(latest, result) - world.complexity
         if evidence <= best_evidence:
             break
         is_settled = best is not None and _labels(best) == _labels(result)
@@ -94,6 +99,17 @@ def _better_pass(first: PassRecord, executor: Executor | None) -> Segmentation |
         if is_settled:
             break
     return best
+
+
+def _evidence_at_rest(record: PassRecord, result: Segmentation) -> float:
+    """How much likelier the poses of rests are on faces of the map than anywhere, where the label is f-f: at
+    rest, no tick counts."""
+    is_on_faces = result.beliefs.rows["contact"] == Contact.FF.column
+    return sum(
+        rest.evidence
+        for rest in record.at_rest
+        if is_on_faces[rest.sighting.first : rest.sighting.end].mean() > 0.5
+    )
 
 
 def _pass(
@@ -119,28 +135,42 @@ def _with_touches(segmentation: Segmentation, first: Segmentation, pace: float, 
     probability = first.beliefs.probability
     odds = pace ** (2.0 * power) * probability[:, :FREE]
     is_open = odds.sum(axis=1) >= ambiguity.NOT_EXCLUDED * probability[:, FREE]
-    return _with_open_free(segmentation, is_open, lambda rows: (STATES[odds[rows].sum(axis=0).argmax()],))
+    return _with_open(
+        segmentation, Contact.FREE, is_open, lambda rows: (STATES[odds[rows].sum(axis=0).argmax()],)
+    )
 
 
-def _with_open_free(
+def _with_free_beside_lasting_faces(segmentation: Segmentation) -> Segmentation:
+    """The segmentation with f-f open to free motion if it is the contact of all segments.
+
+    An arm or a gantry that moves in a plane moves an object in the air as faces would. A hand does not, and
+    a recording of other contacts as well shows that the object can leave these faces.
+    """
+    if any(segment.contact is not Contact.FF for segment in segmentation.segments):
+        return segmentation
+    every = np.ones(len(segmentation.beliefs), bool)
+    return _with_open(segmentation, Contact.FF, every, lambda _: (Contact.FREE,))
+
+
+def _with_open(
     segmentation: Segmentation,
+    label: Contact,
     is_open: NDArray[np.bool_],
     rivals: Callable[[NDArray[np.int64]], tuple[Contact, ...]],
 ) -> Segmentation:
-    """The segmentation with free motion open to ``rivals`` in the ticks that ``is_open`` (T,), short gaps of
+    """The segmentation with a ``label`` open to ``rivals`` in the ticks that ``is_open`` (T,), short gaps of
     these included. A segment is open if most of its ticks are."""
     rows, segments = segmentation.beliefs.rows.copy(), list[Segment]()
     for segment in segmentation.segments:
         first, end = rows["stamp_ns"].searchsorted([segment.start_ns, segment.end_ns + 1])
         within = without_short_gaps(is_open[first:end])
-        if segment.contact is Contact.FREE and within.any():
+        if segment.contact is label and within.any():
             open_rows = first + np.flatnonzero(within)
             others = tuple(s for s in STATES if s in {*segment.inseparable, *rivals(open_rows)})
             for row in open_rows.tolist():
-                shared = ambiguity.with_rivals(rows["probability"][row], Contact.FREE, others)
-                rows["probability"][row] = shared
+                rows["probability"][row] = ambiguity.with_rivals(rows["probability"][row], label, others)
             rows["inseparable"][open_rows] = [state in others for state in STATES]
-            p = float(rows["probability"][first:end, FREE].mean())
+            p = float(rows["probability"][first:end, label.column].mean())
             is_mostly_open = 2 * len(open_rows) > end - first
             inseparable = others if is_mostly_open else segment.inseparable
             segment = replace(segment, probability=p, inseparable=inseparable)

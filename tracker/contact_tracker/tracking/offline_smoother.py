@@ -36,6 +36,7 @@ from contact_tracker.tracking.contact_filter import (
     pairs_touched_elsewhere,
     ticks_of,
 )
+from contact_tracker.tracking.rest_sightings import RestSighting
 from contact_tracker.tracking.segment_fit import (
     FinishedSegment,
     SegmentFit,
@@ -154,7 +155,7 @@ MOST_TICKS: Final = 36_000
 
 class PassRecord:
     """The ``ticks`` of a pass if it ``keeps_ticks`` for further passes, the ``state`` after it, the
-    ``contacts`` and ``sightings`` of its segments."""
+    ``contacts`` and ``sightings`` of its segments, and what rests show of the recording (``at_rest``)."""
 
     def __init__(self, keeps_ticks: bool = True) -> None:
         self.keeps_ticks = keeps_ticks
@@ -162,6 +163,7 @@ class PassRecord:
         self._count = 0
         self.contacts: list[Contact] = []
         self.sightings: list[Sighting] = []
+        self.at_rest: Sequence[RestSighting] = ()
         self._exposure: list[float] = []  # of each tick, in ticks of motion
         self._changes = self._expected_changes = 0.0
         self._last_posterior = np.zeros((0, len(STATES)))
@@ -178,8 +180,18 @@ class PassRecord:
         start = self.state.map
         if self.is_full:
             return start
-        world = GrowingMap.learn(self.best.sightings, start.reach_m, prior=start.prior)
+        world = GrowingMap.learn(self.best.all_sightings, start.reach_m, prior=start.prior)
         return replace(world, origins=start.origins, prior_is_dropped=start.prior_is_dropped)
+
+    @property
+    def all_sightings(self) -> list[Sighting]:
+        """Those of segments, and those at rest that no segment includes."""
+        alone = [
+            rest.sighting
+            for rest in self.at_rest
+            if not any(s.first < rest.sighting.end and rest.sighting.first < s.end for s in self.sightings)
+        ]
+        return [*self.sightings, *alone]
 
     @property
     def pace(self) -> float:
@@ -468,6 +480,10 @@ class Segmenter:
         state, ticks, first = self._state, segment.ticks, int(segment.ticks.window.index[0])
         pairs = pairs_touched_elsewhere(state, fit.contact, ticks.window, first, shown)
         on_map = fit if pairs is None else fit_on_map(ticks, fit, pairs)
+        at_rest = [] if self._record is None else [rest.sighting for rest in self._record.at_rest]
+        if on_map is fit and at_rest:
+            pairs = pairs_touched_elsewhere(state, fit.contact, ticks.window, first, at_rest)
+            on_map = fit if pairs is None else fit_on_map(ticks, fit, pairs, moved=False)
         return result if on_map is fit else segment.with_fit(on_map)
 
 

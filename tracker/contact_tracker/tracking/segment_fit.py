@@ -174,18 +174,23 @@ def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
     return SegmentFit(label, geometry, inseparable, p_restricted, curved, *parts)
 
 
-def fit_on_map(segment: SegmentTicks, fit: SegmentFit, pairs: BirthProposals) -> SegmentFit:
+def fit_on_map(
+    segment: SegmentTicks, fit: SegmentFit, pairs: BirthProposals, moved: bool = True
+) -> SegmentFit:
     """The fit without those indistinguishable states against which the poses are evidence, since they are on
     one of these ``pairs`` of elements, which are listed or which other contacts of the recording have
     touched; its elements are then the pair's.
 
-    Unchanged if the motion itself shows the contact, or if wrenches have decided it.
+    If these pairs were not seen to be touched while the object ``moved``, but only where it rested, free
+    motion stays open, as robots hold still in the air, too. Unchanged if the motion itself shows the contact,
+    or if wrenches have decided it.
     """
     if not fit.inseparable or fit.geometry is None or fit.share is not None:
         return fit
     model, contact, scales = segment.model, CONTACT_MODELS[fit.contact.column], scales_of(segment.model)
     error = model.noise.extra_contact_variance[fit.contact.column]
     against, touched = map_evidence(contact, pairs, segment.window.with_error(error), scales)
+    against[Contact.FREE.column] *= moved
     inseparable = tuple(state for state in fit.inseparable if against[state.column] < DECISIVE)
     if inseparable == fit.inseparable:
         return fit
@@ -286,6 +291,7 @@ class FinishedSegment(NamedTuple):
 
     def with_fit(self, fit: SegmentFit) -> tuple[tuple[Segment, ...], Beliefs]:
         """The segment, split where the object rests, and the beliefs of its ticks."""
+        fit = self._open_to_likelier_states(fit)
         contact, column, known_map = fit.contact, fit.contact.column, self.ticks.known_map
         beliefs = np.zeros(len(self.rows), BELIEF)
         curved = np.broadcast_to(fit.curved, len(beliefs))
@@ -332,6 +338,15 @@ class FinishedSegment(NamedTuple):
         geometries = [] if fit.geometry is None else [pack(fit.geometry)]
         joints = [] if fit.joint is None else [fit.joint]
         return segments, Beliefs(beliefs, geometries, formations, joints)
+
+    def _open_to_likelier_states(self, fit: SegmentFit) -> SegmentFit:
+        """The fit open to the states that are more probable than the label in the mean over the segment: the
+        most probable sequence may have it nevertheless."""
+        mean = self.posterior.mean(axis=0)
+        likelier = {state for state in STATES if mean[state.column] > mean[fit.contact.column]}
+        if fit.share is not None or likelier <= {*fit.inseparable}:
+            return fit
+        return replace(fit, inseparable=tuple(s for s in STATES if s in likelier | {*fit.inseparable}))
 
     def _at_contact(
         self, contact: Contact, geometry: ContactGeometry | None
