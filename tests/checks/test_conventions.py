@@ -286,7 +286,7 @@ def test_straight_legs_with_turns_about_single_axes_are_no_mistake(seed: int) ->
 
 
 @pytest.mark.parametrize("seed", [0, 1])
-def test_motion_in_fewer_directions_than_any_contact_leaves_is_neither_a_mistake_nor_suspect(seed: int) -> None:
+def test_motion_in_fewer_directions_than_contacts_leave_is_neither_mistake_nor_suspect(seed: int) -> None:
     """A robot carries and turns a part in the air, seldom in more than two ways within two seconds: in some
     readings a vertex on a face agrees with that by chance."""
     rng, legs, sigma, rest = np.random.default_rng(seed), list[Leg](), (2e-5, np.radians(0.01)), np.zeros(3)

@@ -167,8 +167,10 @@ def _refutes(lead: float, lost: float, known_map: Map) -> bool:
 
 def _is_undecided(with_map: Belief, without_map: Belief) -> bool:
     """Whether motion in few directions does not decide between the contacts of the two trackers: the second
-    has more evidence because something else, such as the hand, adds a constraint (T24)."""
-    if not without_map.p_restricted or with_map.contact not in (without_map.contact, *without_map.inseparable):
+    has more evidence because something else, such as the hand, adds a constraint (T24). It may be one contact
+    on other elements, as of a hinge, on which faces fit across its axis."""
+    open_contacts = without_map.contact, *without_map.inseparable
+    if not without_map.p_restricted or with_map.contact not in open_contacts:
         return False
     residual, rival = (
         1.0 if belief.contact is Contact.FREE else float(belief.residual[belief.contact.column])

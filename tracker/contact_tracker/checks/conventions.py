@@ -40,8 +40,8 @@ STEPS: Final = 8
 MOVED: Final = 3.0
 """Least standard deviation of position and orientation in a window with motion, over the noise of a tick."""
 FEWEST_DIRECTIONS: Final = DIRECTIONS - max(contact.codimension for contact in CONTACTS)
-"""Number of directions in which two faces leave the object free, fewer than any other contact (T24). To second
-order, motion in two directions agrees with a vertex on a face by chance: five coefficients, five parameters."""
+"""Number of directions in which two faces leave the object free, fewer than any other contact (T24). To
+second order, motion in two agrees with a vertex on a face by chance: five coefficients, five parameters."""
 _ROUNDING: Final = 1e-14
 """Share of the trace of a matrix that is lost in rounding."""
 _INVERSE: Final = np.concatenate([np.arange(9).reshape(3, 3).T.ravel(), [12, 13, 14]])
@@ -191,16 +191,16 @@ POSES_PER_TICK: Final = 8
 MOST_WINDOWS: Final = 30
 """Number of windows with motion, 60 s, after which the comparison ends."""
 LIKELY_NATS: Final = 30.0
-"""Lead (nats) of a reading that may soon be a remedy above which no label is certain. In 166 right files, of
-single motions, robots in the air and handling, none is for 1.2 % of the time, in 153 with a mistake for 70 %."""
+"""Lead (nats) of a reading that may soon be a remedy above which no label is certain. In 166 right files,
+of single motions, robots in the air and handling, none is for 0.012 of the time, in 153 wrong ones for 0.70."""
 BETTER_NATS: Final = 60.0
 """Least lead (nats) of a remedy, which also has to explain most windows to the noise. With 30, 37 instead of
 32 late recordings are named, but also a mistake in a box that only slides and tilts."""
 ODD_NATS: Final = 100.0
 """Lead (nats) from which positions and orientations do not fit together, even if no reading fits. In the 166
-files and in 15 right recordings leads are at most 79 (free motion), 57 along curved surfaces, and 54 in the rest;
-mistakes lead by up to 40 in each window. Readings this far behind the best are no longer compared, which saves
-0.7 of the time."""
+files and in 15 right recordings leads are at most 79 (free motion), 57 along curved surfaces, 54 in the rest;
+mistakes lead by up to 40 in each window. Readings this far behind the best are no longer compared, which
+saves 0.7 of the time."""
 FITS: Final = 3.0
 """Largest misfit of contacts that explain a window to the noise; 1 for the right contact."""
 NEARLY_FITS: Final = 10.0

@@ -147,7 +147,8 @@ class Source:
             self._suspected_since_ns = stamp_ns
         elif stamp_ns - self._suspected_since_ns >= _SUSPECTED_NS:
             since_s = (self._suspected_since_ns - self.log.origin_ns) * 1e-9
-            text = f"no label is certain since {since_s:.1f} s: {'; or '.join(suspicions)}; more motion decides"
+            suspected = "; or ".join(suspicions)
+            text = f"no label is certain since {since_s:.1f} s: {suspected}; more motion decides"
             for line in not_given([text], self._warned):
                 say(line)
 
