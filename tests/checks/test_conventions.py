@@ -270,7 +270,8 @@ def along(legs: list[Leg], rng: np.random.Generator, sigma: tuple[float, float] 
 def test_what_is_suspected_is_named_if_it_may_be_found(lead: float, explained: int, is_suspect: bool) -> None:
     """Readings lead by chance where the object moves freely: none then explains most windows to the noise."""
     window = shipped(PAPER)[:2], np.arange(2)
-    known = Conventions(kept=(window,) * 4, nats=np.array([0.0, lead]), fitting=np.array([1, explained]))
+    nats, fitting = np.array([0.0, lead]), np.array([1, explained])
+    known = Conventions(kept=(window,) * 4, nats=nats, fitting=fitting, chance=np.zeros(2))
     suspicions = Checks(conventions=known).suspicions(stream_of())
     assert ["positions and orientations may not fit" in text for text in suspicions] == [True] * is_suspect
 

@@ -192,7 +192,7 @@ MOST_WINDOWS: Final = 30
 """Number of windows with motion, 60 s, after which the comparison ends."""
 LIKELY_NATS: Final = 30.0
 """Lead (nats) of a reading that may soon be a remedy above which no label is certain. In 166 right files,
-of single motions, robots in the air and handling, none is for 0.012 of the time, in 153 wrong ones for 0.70."""
+of single motions, robots in the air and handling, none is for 0.012 of the time; in 153 wrong ones, 0.70."""
 BETTER_NATS: Final = 60.0
 """Least lead (nats) of a remedy, which also has to explain most windows to the noise. With 30, 37 instead of
 32 late recordings are named, but also a mistake in a box that only slides and tilts."""
@@ -210,6 +210,10 @@ FITTING_SHARE: Final = 0.55
 """Least share of windows with motion that a remedy explains to the noise: for four contacts in turn it is 0.6
 to 0.7 in the right reading and at most 0.5 in wrong ones."""
 FEWEST_WINDOWS: Final = 4
+CHANCE_NATS: Final = BETTER_NATS / FEWEST_WINDOWS
+"""Largest lead (nats) of a reading that counts in a window that poses as they are explain, if most are."""
+EXPLAINED_SHARE: Final = 0.85
+"""Share of windows that counts as nearly all."""
 REFINED_WINDOWS: Final = 8
 """Number of windows by which a delay is refined to a millisecond; all would take 0.18 of the time."""
 TIED_NATS: Final = 20.0
@@ -233,7 +237,9 @@ class Conventions(Check):
     kept : thinned poses of the windows with motion, with their ticks.
     nats, fitting : (K,) log evidence of contacts in each reading less that in poses as they are, -inf for
         readings that are no longer compared, and number of windows that it explains to the noise.
-    units : (3, U) the same two rows for ``UNITS``, and the number of windows in which they were compared.
+    chance : (K,) the part of ``nats`` that may be chance: the excess over ``CHANCE_NATS`` in windows that
+        poses as they are explain to the noise, in which readings differ by the kind of contact.
+    units : (3, U) the first two rows for ``UNITS``, and the number of windows in which they were compared.
     is_settled : whether the comparison has ended.
     mistake : text of the mistake that was found, or empty.
     """
@@ -242,6 +248,7 @@ class Conventions(Check):
     kept: tuple[tuple[Poses, Ints], ...] = ()
     nats: Array = field(default_factory=lambda: np.zeros(0))
     fitting: Array = field(default_factory=lambda: np.zeros(0))
+    chance: Array = field(default_factory=lambda: np.zeros(0))
     suspicion = (
         "positions and orientations may not fit together (order of quaternions or angles, axes, or a delay)"
     )
@@ -252,10 +259,16 @@ class Conventions(Check):
 
     def is_likely(self, stream: Stream) -> bool:
         """Also while a reading may soon be a remedy, or the lead may soon be one without."""
-        explains = self.fitting >= FITTING_SHARE * len(self.kept)
-        leads = float(self.nats[explains].max(initial=0.0)), float(self.nats.max(initial=0.0))
-        may_be = leads[0] > LIKELY_NATS or leads[1] > BETTER_NATS
+        leads, explains = self.leads, self.fitting >= FITTING_SHARE * len(self.kept)
+        may_be_named = float(leads[explains].max(initial=0.0)) > LIKELY_NATS
+        may_be = may_be_named or float(leads.max(initial=0.0)) > BETTER_NATS
         return bool(self.mistake) or (may_be and not self.is_settled)
+
+    @property
+    def leads(self) -> Array:
+        """Log evidence (K,), less what may be chance if poses as they are explain nearly all windows."""
+        is_explained = self.fitting[:1].sum() >= EXPLAINED_SHARE * len(self.kept)
+        return self.nats - self.chance if is_explained else self.nats
 
     @property
     def fitting_units(self) -> tuple[str, ...]:
@@ -302,7 +315,7 @@ def _after_window(state: Conventions, stream: Stream, window: Poses, tick_ns: in
     readings = readings_of(stream.inspection.read_as)
     if not len(state.nats):
         zeros = np.zeros(len(readings))
-        state = replace(state, nats=zeros, fitting=zeros)
+        state = replace(state, nats=zeros, fitting=zeros, chance=zeros)
     tick_of = (window.stamp_ns - window.stamp_ns[0]) // tick_ns
     usual = np.median(np.bincount(tick_of, minlength=TICKS + 2))
     thinned = slice(None, None, max(int(usual) // POSES_PER_TICK, 1))
@@ -321,13 +334,16 @@ def _after_window(state: Conventions, stream: Stream, window: Poses, tick_ns: in
         units = np.array([explained.nats, fits, np.ones(len(UNITS))])
         return replace(state, units=state.units + units, mistake="")
     near = np.minimum(explained.misfit, explained.misfit[0]) < NEARLY_FITS
-    nats, fitting = np.where(compared, state.nats, -np.inf), state.fitting.copy()
-    nats[remaining] += near * (explained.nats - explained.nats[0]) * explained.shows_contact
+    nats, fitting, chance = np.where(compared, state.nats, -np.inf), state.fitting.copy(), state.chance.copy()
+    leads = near * (explained.nats - explained.nats[0]) * explained.shows_contact
+    nats[remaining] += leads
     fitting[remaining] += fits
-    state = replace(state, nats=nats, fitting=fitting)
+    if fits[0]:
+        chance[remaining] += np.maximum(leads - CHANCE_NATS, 0.0)
+    state = replace(state, nats=nats, fitting=fitting, chance=chance)
     count = len(state.kept)
     has_doubled = count & (count - 1) == 0 or not state.mistake  # as naming takes time
-    is_refuted = bool(state.nats.max() < BETTER_NATS)
+    is_refuted = bool(state.leads.max() < BETTER_NATS)
     if has_doubled or is_refuted or count == MOST_WINDOWS:
         return replace(state, mistake=_mistake(state, readings, model, sigma))
     return state
@@ -337,7 +353,7 @@ def _mistake(
     state: Conventions, readings: Sequence[Reading], model: Model, sigma: tuple[float, float]
 ) -> str:
     """Text of the mistake, with a remedy if a reading fits; empty without one."""
-    nats, fitting = state.nats, state.fitting
+    nats, fitting = state.leads, state.fitting
     if nats.max() < BETTER_NATS or len(state.kept) < FEWEST_WINDOWS:
         return ""
     needed = FITTING_SHARE * len(state.kept)
