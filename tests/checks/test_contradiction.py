@@ -87,6 +87,29 @@ def test_a_correct_direction_is_not_reported_while_a_box_only_tilts_about_an_edg
     assert found.segments
 
 
+def slid_and_tilted_by_hand(rng: np.random.Generator) -> Poses:
+    """A box that slides on a table with normal z, and is then tilted about one of its edges and put back six
+    times; the poses of a point far from the edge."""
+    time_s = np.arange(0.0, 34.0, 0.005)
+    slid, cycle_s = np.clip((time_s - 1.0) / 2.0, 0.0, 1.0), np.maximum(time_s - 4.0, 0.0) % 5.0
+    up_by, back_by = (np.clip((cycle_s - start) / 1.5, 0.0, 1.0) for start in (0.0, 2.0))
+    tilt = 0.5 * (up_by**2 * (3.0 - 2.0 * up_by) - back_by**2 * (3.0 - 2.0 * back_by))
+    turn = Rotation.from_euler("ZY", np.c_[0.2 * np.sin(3.0 * slid), tilt])
+    touch_m = np.c_[0.06 * np.sin(7.0 * slid), 0.05 * np.sin(9.0 * slid), 0.0 * slid]
+    place_m = touch_m - turn.apply([0.12, -0.01, -0.12])
+    error = Rotation.from_rotvec(np.radians(0.15) * rng.normal(size=place_m.shape))
+    place_m += 3e-4 * rng.normal(size=place_m.shape)
+    return Poses(np.rint(1e9 * time_s).astype(np.int64), place_m, (turn * error).as_quat())
+
+
+@needs_kernels
+def test_a_hinge_on_which_a_face_fits_that_is_excluded_refutes_nothing() -> None:
+    """A face across the edge fits without ``--up``, but motion in one direction leaves that open."""
+    trajectory = Trajectory(slid_and_tilted_by_hand(np.random.default_rng(0)))
+    found = segmented(trajectory, MODEL, up([0.0, 0.0, 1.0]))
+    assert [finding.text for finding in found.report.findings if finding.kind == "knowledge"] == []
+
+
 @needs_kernels
 @pytest.mark.parametrize(
     ("width_m", "fits"), [pytest.param(0.12, True, marks=pytest.mark.long), (0.02, False)]

@@ -12,6 +12,7 @@ import as_values
 import contact_tracker
 from checked_stream import stream_of, updated
 from contact_tracker.checks import conventions
+from contact_tracker.checks.checks import Checks
 from contact_tracker.checks.conventions import Conventions
 from contact_tracker.checks.readings import Given, angles_in, readings_of
 from contact_tracker.config.table_reading import TableReading
@@ -225,21 +226,32 @@ def test_a_slide_on_a_vertex_is_neither_a_mistake_nor_suspect(seed: int) -> None
     assert not known.is_likely(stream._replace(is_end=True))
 
 
-def straight_legs(seed: int) -> Poses:
-    """What a robot's script does: along one axis, or two, and about one at a time."""
-    rng, places_m, turned = np.random.default_rng(seed), [np.zeros((1, 3))], [Rotation.identity(1)]
-    for _ in range(14):
-        seconds, way = rng.uniform(1.3, 3.5), rng.uniform(-0.3, 0.3, 3) * (rng.uniform(size=3) < 0.5)
-        vector = np.eye(3)[rng.integers(3)] * rng.uniform(-1.2, 1.2)
+Leg = tuple[float, np.ndarray, np.ndarray]
+"""Time in seconds, shift and turn about a fixed axis, each between rests and in proportion to each other."""
+
+
+def along(legs: list[Leg], rng: np.random.Generator, sigma: tuple[float, float] = SIGMA) -> Poses:
+    """What a robot's script does."""
+    places_m, turned = [np.zeros((1, 3))], [Rotation.identity(1)]
+    for seconds, way, vector in legs:
         at = np.linspace(0.0, 1.0, round(100 * seconds))[1:, None]
         at = at**2 * (3.0 - 2.0 * at)
         places_m.append(places_m[-1][-1] + at * way)
         turned.append(Rotation.from_rotvec(at * vector) * turned[-1][-1])
     place_m = np.concatenate(places_m)
-    error = Rotation.from_rotvec(SIGMA[1] * rng.normal(size=place_m.shape))
+    error = Rotation.from_rotvec(sigma[1] * rng.normal(size=place_m.shape))
     stamp_ns = 10_000_000 * np.arange(len(place_m))
-    place_m += SIGMA[0] * rng.normal(size=place_m.shape)
+    place_m += sigma[0] * rng.normal(size=place_m.shape)
     return Poses(stamp_ns, place_m, (error * Rotation.concatenate(turned)).as_quat())
+
+
+def straight_legs(seed: int) -> Poses:
+    """Along one axis, or two, and about one at a time."""
+    rng, legs = np.random.default_rng(seed), list[Leg]()
+    for _ in range(14):
+        seconds, way = rng.uniform(1.3, 3.5), rng.uniform(-0.3, 0.3, 3) * (rng.uniform(size=3) < 0.5)
+        legs.append((seconds, way, np.eye(3)[rng.integers(3)] * rng.uniform(-1.2, 1.2)))
+    return along(legs, rng)
 
 
 VALID: dict[str, Callable[[], Poses]] = {
@@ -259,6 +271,33 @@ VALID: dict[str, Callable[[], Poses]] = {
 @pytest.mark.parametrize("motion", VALID)
 def test_valid_motion_has_no_mistake(motion: str) -> None:
     assert mistake_in(VALID[motion]()) == ""
+
+
+@pytest.mark.parametrize(("lead", "explained", "is_suspect"), [(40, 4, True), (40, 1, False), (70, 1, True)])
+def test_what_is_suspected_is_named_if_it_may_be_found(lead: float, explained: int, is_suspect: bool) -> None:
+    """Readings lead by chance where the object moves freely: none then explains most windows to the noise."""
+    window = shipped(PAPER)[:2], np.arange(2)
+    nats, fitting = np.array([0.0, lead]), np.array([1, explained])
+    known = Conventions(kept=(window,) * 4, nats=nats, fitting=fitting, chance=np.zeros(2))
+    suspicions = Checks(conventions=known).suspicions(stream_of())
+    assert ["positions and orientations may not fit" in text for text in suspicions] == [True] * is_suspect
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_motion_in_fewer_directions_than_contacts_leave_is_neither_mistake_nor_suspect(seed: int) -> None:
+    """A robot carries and turns a part in the air, seldom in more than two ways within two seconds: in some
+    readings a vertex on a face agrees with that by chance."""
+    rng, legs, sigma, rest = np.random.default_rng(seed), list[Leg](), (2e-5, np.radians(0.01)), np.zeros(3)
+    for _ in range(20):
+        axis = rng.normal(size=3)
+        turn = rng.uniform(0.2, 1.0) * axis / np.linalg.norm(axis)
+        legs.append((rng.uniform(1.2, 2.4), rng.uniform(-0.3, 0.3, 3), turn))
+        legs.append((rng.uniform(0.3, 1.2), rest, rest))
+    poses, known, stream = along(legs, rng, sigma), Conventions(), stream_of(first=MODEL, sigma=sigma)
+    for first in range(0, len(poses), 200):
+        known = known.update(poses[first : first + 200], stream)
+        assert not known.is_likely(stream)
+    assert len(known.kept) > 20
 
 
 @pytest.mark.long

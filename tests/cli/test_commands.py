@@ -389,8 +389,9 @@ def test_a_suspicion_that_lasts_is_said_once(log: Path, capsys: pytest.CaptureFi
     source = Source(open_log(str(log)), args.log, args)
     reported_s = []
     for seconds, is_suspected in ((0, 1), (2, 1), (3, 0), (4, 1), (8, 1), (9, 0), (10, 1), (20, 1)):
-        source.report_suspicion(seconds * 10**9, bool(is_suspected))
-        reported_s += [seconds] * capsys.readouterr().err.count("no label is certain for now")
+        source.report_suspicion(seconds * 10**9, ("the map may be wrong",) * is_suspected)
+        said = "no label is certain since 4.0 s: the map may be wrong"
+        reported_s += [seconds] * capsys.readouterr().err.count(said)
     assert reported_s == [8]
 
 

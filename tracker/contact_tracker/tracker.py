@@ -229,9 +229,10 @@ class Tracker:
         return self.checks.is_likely(stream) or any(f.doubts_labels for f in self.checks.findings(stream))
 
     @property
-    def suspects_mistake(self) -> bool:
-        """Whether no label is certain because a mistake, which is not yet confirmed, is likely."""
-        return self._doubt and not self.is_in_doubt
+    def suspicions(self) -> tuple[str, ...]:
+        """Likely mistakes, not yet confirmed, because of which no label is certain."""
+        suspects = self._doubt and not self.is_in_doubt
+        return self.checks.suspicions(self.stream) if suspects else ()
 
     @property
     def outliers(self) -> Outliers:

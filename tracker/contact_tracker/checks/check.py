@@ -1,7 +1,7 @@
 """The common interface of all checks of a stream."""
 
 from collections.abc import Iterable, Sequence
-from typing import Final, NamedTuple, Self
+from typing import ClassVar, Final, NamedTuple, Self
 
 from contact_tracker.config.parameters import Model
 from contact_tracker.geometry.elements import Array
@@ -44,6 +44,9 @@ class Stream(NamedTuple):
 
 class Check:
     """One check of a stream as an immutable value; subclasses override the methods that they need."""
+
+    suspicion: ClassVar[str] = ""
+    """What may be wrong while ``is_likely``."""
 
     def update(self, poses: Poses, stream: Stream) -> Self:
         """Updated by poses."""

@@ -81,6 +81,8 @@ class Contradiction(Check):
     is_found : whether a contradiction is found.
     """
 
+    suspicion = "what is given (--up, --states, or known elements) may not fit the motion"
+
     with_map: ReferenceFilter | None = None
     without_map: ReferenceFilter | None = None
     lead: float = 0.0
@@ -165,8 +167,10 @@ def _refutes(lead: float, lost: float, known_map: Map) -> bool:
 
 def _is_undecided(with_map: Belief, without_map: Belief) -> bool:
     """Whether motion in few directions does not decide between the contacts of the two trackers: the second
-    has more evidence because something else, such as the hand, adds a constraint (T24)."""
-    if not without_map.p_restricted or with_map.contact not in without_map.inseparable:
+    has more evidence because something else, such as the hand, adds a constraint (T24). It may be one contact
+    on other elements, as of a hinge, on which faces fit across its axis."""
+    open_contacts = without_map.contact, *without_map.inseparable
+    if not without_map.p_restricted or with_map.contact not in open_contacts:
         return False
     residual, rival = (
         1.0 if belief.contact is Contact.FREE else float(belief.residual[belief.contact.column])
@@ -205,6 +209,10 @@ class Checks(NamedTuple):
     def is_likely(self, stream: Stream) -> bool:
         """Whether there may soon be a finding that makes labels unreliable."""
         return any(check.is_likely(stream) for check in self)
+
+    def suspicions(self, stream: Stream) -> tuple[str, ...]:
+        """What may be wrong in words, before there is a finding."""
+        return tuple(check.suspicion for check in self if check.is_likely(stream))
 
     def findings(self, stream: Stream) -> tuple[Finding, ...]:
         """Findings so far."""

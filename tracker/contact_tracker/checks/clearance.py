@@ -198,6 +198,8 @@ class Impacts(Check):
     recent : the latest poses, about 100 at most.
     """
 
+    suspicion = "the object may hit what is known, with contacts shorter than a tick"
+
     top_m_per_s: float = 0.0
     is_near: bool = False
     recent: Poses = NO_POSES

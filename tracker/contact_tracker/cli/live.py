@@ -141,7 +141,7 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
         def report(beliefs: "list[Belief]") -> None:
             if beliefs:
                 source.warn_of_problems(tracker.report_so_far)
-                source.report_suspicion(beliefs[-1].stamp_ns, tracker.suspects_mistake)
+                source.report_suspicion(beliefs[-1].stamp_ns, tracker.suspicions)
             for belief in beliefs:
                 with deferred(*SIGNALS):  # so that the file has every printed belief, in full
                     motions = suggested() if belief is beliefs[-1] else ()  # for the newest belief only

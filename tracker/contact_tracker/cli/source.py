@@ -5,7 +5,7 @@ import argparse
 import os
 import signal
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import FrameType
@@ -32,10 +32,6 @@ _LONGEST_SLEEP_S: Final = 0.1
 """Longest sleep in seconds between checks whether the stream has to end."""
 _SUSPECTED_NS: Final = 3_000_000_000
 """Time in ns after which a suspicion is printed; ``live`` prints none for the seven shipped recordings."""
-_SUSPICION: Final = (
-    "no label is certain for now: units or conventions of the poses, or the map, may be wrong, which more "
-    "motion decides"
-)
 _POSES_PER_CHECK: Final = 100
 """Number of poses between checks whether most poses of a stream are dropped."""
 
@@ -143,14 +139,17 @@ class Source:
         for line in not_given(warnings(adapted), self._warned):
             warn(line)
 
-    def report_suspicion(self, stamp_ns: int, is_suspected: bool) -> None:
-        """Print once why no label is certain, if a mistake has been suspected for ``_SUSPECTED_NS``."""
-        if not is_suspected:
+    def report_suspicion(self, stamp_ns: int, suspicions: Sequence[str]) -> None:
+        """Print once why no label is certain, and since when, if that has lasted for ``_SUSPECTED_NS``."""
+        if not suspicions:
             self._suspected_since_ns = None
         elif self._suspected_since_ns is None:
             self._suspected_since_ns = stamp_ns
         elif stamp_ns - self._suspected_since_ns >= _SUSPECTED_NS:
-            for line in not_given([_SUSPICION], self._warned):
+            since_s = (self._suspected_since_ns - self.log.origin_ns) * 1e-9
+            suspected = "; or ".join(suspicions)
+            text = f"no label is certain since {since_s:.1f} s: {suspected}; more motion decides"
+            for line in not_given([text], self._warned):
                 say(line)
 
 
