@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 from contact_tracker.cli.terminal import detail, say, warn
 from contact_tracker.errors import DAMAGED, DONE, StateError, UsageError
-from contact_tracker.files import why_not_replaceable
+from contact_tracker.files import why_not_writable
 from contact_tracker.interrupts import SIGNALS, repeat_unless
 from contact_tracker.motion.pose_validation import Arrival, counts_text
 from contact_tracker.motion.poses import Outliers, Poses
@@ -224,9 +224,7 @@ class SavedStream:
         if path.exists():
             self._resume(load(path))
             say(f"resumed from {path}, after {self._log.valid} poses")
-        elif not path.parent.is_dir():
-            raise UsageError(f"{path}: there is no folder {path.parent} to save it in")
-        elif (refusal := why_not_replaceable(path)) is not None:
+        elif (refusal := why_not_writable(path)) is not None:
             raise UsageError(f"{path}: the state cannot be saved there: {refusal}")
         for number in (getattr(signal, name) for name in SIGNALS if hasattr(signal, name)):
             if signal.getsignal(number) is not signal.SIG_IGN:
