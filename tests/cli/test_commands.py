@@ -517,7 +517,8 @@ def test_an_output_that_cannot_be_made_is_wrong_usage(log: Path, words: str) -> 
 
 
 @pytest.mark.parametrize(
-    "words", ["--up 0,0,1 --up 0,1,0", "--start 1 --start=1", "--model default --model hand", "--rate 1 --rate 2"]
+    "words",
+    ["--up 0,0,1 --up 0,1,0", "--start 1 --start=1", "--model default --model hand", "--rate 1 --rate 2"],
 )
 def test_an_option_with_one_value_is_given_once(log: Path, words: str) -> None:
     """Before, the last value was used, without a word."""

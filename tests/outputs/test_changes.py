@@ -22,8 +22,8 @@ def belief(stamp_ns: int, contact: Contact, p: float) -> Belief:
 
 
 def reported(labels: str) -> list[tuple[int, str]]:
-    """Number and label of the ticks of 0.1 s that are reported: ``FF`` is a label that has settled, ``ff`` one
-    that no other fits, though it is not certain, ``f-`` one that is open."""
+    """Number and label of the ticks of 0.1 s that are reported: ``FF`` is a label that has settled, ``ff``
+    one beside which no other fits, though it is not certain, ``f-`` one that is open."""
     contacts = {"f": Contact.FF, "v": Contact.VF, "o": Contact.FREE}
     changes, found = Changes(), []
     for number, label in enumerate(labels.split()):

@@ -600,29 +600,6 @@ def test_what_does_not_fit_is_wrong_usage(
     assert message in capsys.readouterr().err
 
 
-KINDS = {"quaternion": "qx,qy,qz,qw", "angles": "rx,ry,rz", "matrix": "r11,r12,r13,r21,r22,r23,r31,r32,r33"}
-
-
-@pytest.mark.parametrize(
-    ("kind", "options", "message"),
-    [
-        ("quaternion", ["--euler", "xyz:deg"], "a quaternion (qx, qy, qz, qw): leave out --euler, which is"),
-        ("quaternion", ["--rotation-vector"], "leave out --rotation-vector, which is not needed"),
-        ("quaternion", ["--matrix", "rows"], "leave out --matrix, which is not needed"),
-        ("angles", ["--matrix", "rows"], "give --euler XYZ:deg or --rotation-vector instead of --matrix"),
-        ("matrix", ["--euler", "xyz:deg"], "a matrix (r11, r12, r13, r21"),
-        ("matrix", ["--rotation-vector"], "give --matrix rows instead of --rotation-vector"),
-    ],
-)
-def test_a_rotation_of_another_kind_than_stated_is_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], kind: str, options: list[str], message: str
-) -> None:
-    names = KINDS[kind].split(",")
-    path = write(tmp_path / "a.csv", [f"t,x,y,z,{KINDS[kind]}"], rows(T, P, np.ones((len(T), len(names)))))
-    assert run(["info", str(path), *options]) == 2
-    assert message in capsys.readouterr().err
-
-
 def test_readings_are_for_tables(tmp_path: Path) -> None:
     shipped = Path(__file__).parents[2] / "recordings" / "paper_experiment.mcap"
     with pytest.raises(ChoiceError, match="it is no table: leave out unit"):

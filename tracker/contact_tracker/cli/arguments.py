@@ -5,7 +5,6 @@ A bad value is a usage error before any work.
 
 import argparse
 import math
-import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
@@ -330,9 +329,7 @@ def load_wrenches(
 
 def add_output(parser: argparse._ActionsContainer, suffixes: Iterable[str], text: str, **extra: Any) -> None:
     """``--output`` with one of ``suffixes``, and ``--overwrite``."""
-    parser.add_argument(
-        "-o", "--output", type=output_file(*suffixes), metavar="FILE", help=text, **extra
-    )
+    parser.add_argument("-o", "--output", type=output_file(*suffixes), metavar="FILE", help=text, **extra)
     add_overwrite(parser)
 
 

@@ -249,9 +249,9 @@ def _seconds(stamp_ns: int, origin_ns: int) -> float:
 
 
 class Changes:
-    """The last report: the ``label``, whether it was ``settled``, ``decided`` (no other state fits the motion) or
-    ``open`` among all states, and its stamp; the ``further`` contacts; since when beliefs ``differ_since_ns``
-    from it, if they do."""
+    """The last report: the ``label``, whether it was ``settled``, ``decided`` (no other state fits the
+    motion) or ``open`` among all states, and its stamp; since when beliefs ``differ_since_ns`` from it, if
+    they do; the ``further`` contacts."""
 
     def __init__(self) -> None:
         self.label: Contact | None = None
@@ -263,12 +263,12 @@ class Changes:
     def update(self, belief: Belief) -> tuple[bool, list[FurtherContact], list[FurtherContact]]:
         """Whether the next belief is reported, the further contacts that begin with it, and those that end.
 
-        Reported at once: another label than that of the last report, unless both are open among all states, and
-        a label that settles. Reported when it has lasted for ``STAYS_NS``: that beliefs differ from the last
-        report in the label, or in whether other states fit the motion. So no report holds for longer than that
-        while beliefs differ from it, and shorter doubts are no news. A report follows the last one after
-        ``SHORTEST_NS`` or more, as the last tick of a stream may be short. A further contact ends with free
-        motion, or when no contact of its kind has followed for ``SAME_NS``.
+        Reported at once: another label than that of the last report, unless both are open among all states,
+        and a label that settles. Reported after ``STAYS_NS``: that beliefs differ from the last report in the
+        label, or in whether other states fit the motion. So no report stands for longer than that while
+        beliefs differ from it, and shorter doubts are no news. Two reports are ``SHORTEST_NS`` apart or more,
+        as the last tick of a stream may be short. A further contact ends with free motion, or when no contact
+        of its kind has followed for ``SAME_NS``.
         """
         opened, decided, settles = is_open(belief), not belief.inseparable, is_settled(belief)
         is_other = belief.contact is not self.label

@@ -257,8 +257,8 @@ def bodies_of(
     columns : name and unit of each column; if it is empty, ``unit`` is the unit of positions.
 
     Raises OpenReading if it is not known what the rotation of a body is, or the unit of its angles,
-    ChoiceError if all rotations are of another kind than stated, and UnreadableRecording if a unit is unknown, or
-    the units of x, y and z differ.
+    ChoiceError if all rotations are of another kind than stated, and UnreadableRecording if a unit is
+    unknown, or the units of x, y and z differ.
     """
     bodies, open_names, other = list[Body](), list[str](), ""
     for name, places in by_body.items():
