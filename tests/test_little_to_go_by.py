@@ -115,3 +115,4 @@ def test_a_short_part_of_a_recording_is_segmented(tmp_path: Path, capsys: Any) -
     assert line.split()[0] == "0.50"
     assert doubt == "The motion leaves the contact open for 0.02 of 0.02 s."
     assert "4 poses" in captured.err
+    assert "no contact is decided: move the object in more directions" in captured.err

@@ -114,8 +114,12 @@ def test_a_link_is_written_where_it_leads(log: Path, tmp_path: Path, monkeypatch
     (tmp_path / "there").mkdir()
     (tmp_path / "out.csv").symlink_to(tmp_path / "there" / "out.csv")
     folders = list[Path]()
-    access = "contact_tracker.cli.arguments.os.access"
-    monkeypatch.setattr(access, lambda path, mode: bool(folders.append(path)))
+
+    def refused(dir: Path, **_: object) -> None:
+        folders.append(dir)
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr("tempfile.TemporaryFile", refused)
     with pytest.raises(UsageError, match="there is not writable"):
         output_file(".csv")(str(tmp_path / "out.csv"))
     assert folders == [tmp_path.resolve() / "there"]
@@ -502,6 +506,25 @@ def test_a_live_stream_that_waits_ends_at_once_and_loses_no_pose(tmp_path: Path)
         assert log not in words or b"3 poses" in said  # the third one releases the second
     assert (tmp_path / "t.state").is_file()
     assert "60 poses" in run("live", log, "--state", state).stderr
+
+
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="needs a folder in which no file can be made")
+@pytest.mark.parametrize(
+    "words", ["segment {} -o /proc/x.csv", "live {} --state /proc/x.state", "batch {} -o /proc/x"]
+)
+def test_an_output_that_cannot_be_made_is_wrong_usage(log: Path, words: str) -> None:
+    """As one in a folder that does not exist: another name would do, and it is known before the work."""
+    assert_one_line_error(run(*words.format(log).split()), 2, "the folder /proc is not writable")
+
+
+@pytest.mark.parametrize(
+    "words",
+    ["--up 0,0,1 --up 0,1,0", "--start 1 --start=1", "--model default --model hand", "--rate 1 --rate 2"],
+)
+def test_an_option_with_one_value_is_given_once(log: Path, words: str) -> None:
+    """Before, the last value was used, without a word."""
+    option = words.split()[0]
+    assert_one_line_error(run("segment", log, *words.split()), 2, f"{option}: give it once")
 
 
 def test_a_state_that_does_not_fit_is_refused_in_one_line(log: Path, tmp_path: Path) -> None:

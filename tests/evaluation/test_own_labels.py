@@ -141,6 +141,10 @@ def test_results_and_commands_compare_with_labels(tmp_path: Path, capsys: pytest
     assert total["arrival"]["scored_s"] == pytest.approx(0.9, abs=0.01)
     assert report.total.arrival is not None
     assert "touch" in str(report)
+    for name in ("identifiable", "ambiguous", "moved"):  # labels do not say how the object moved
+        assert total["offline"]["accuracy"][name] is None
+        assert total["offline"]["subset_s"][name] is None
+        assert name not in str(report).splitlines()[0]
     other = write_log(tmp_path / "b.mcap", [poses_topic(poses, "/a")])
     assert run(["evaluate", str(log), str(other), "--labels", str(labels)]) == 2
     assert "--labels are of one recording" in capsys.readouterr().err

@@ -232,6 +232,17 @@ def test_no_label_is_certain_with_a_joint(kind: JointKind) -> None:
 
 
 @needs_kernels
+def test_no_joint_is_sure_while_a_mistake_is_suspected() -> None:
+    """Positions in millimetres open all labels; a joint that holds for any of them is no surer."""
+    _, poses = moved(JointKind.HINGE, 0)
+    found = segmenting.segment(replace(poses, position_m=1e3 * poses.position_m), load_model())
+    assert all(segment.inseparable for segment in found.segments)
+    joints = [one.joint for one in (*found.segments, *found.beliefs) if one.joint is not None]
+    assert joints
+    assert max(joint.probability for joint in joints) <= 0.5
+
+
+@needs_kernels
 def test_a_slider_is_no_screw_of_metres_per_radian() -> None:
     """Such a screw would turn by the noise of its angle."""
     slider = replace(named_scenario("slider", 2), phases=(Phase(Contact.FREE, 5.0),))

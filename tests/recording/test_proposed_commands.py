@@ -267,3 +267,27 @@ def test_unwrapped_angles_that_exceed_a_turn_later_are_read_on(tmp_path: Path) -
     with pytest.warns(ContactTrackerWarning, match="larger than a turn"):
         trajectory = read(tmp_path / "a.csv", euler="xyz:rad")
     assert len(trajectory) == 12000
+
+
+KINDS = {"quaternion": "qx,qy,qz,qw", "angles": "rx,ry,rz", "matrix": "r11,r12,r13,r21,r22,r23,r31,r32,r33"}
+
+
+@pytest.mark.parametrize(
+    ("kind", "options", "message"),
+    [
+        ("quaternion", ["--euler", "xyz:deg"], "a quaternion (qx, qy, qz, qw): leave out --euler, which is"),
+        ("quaternion", ["--rotation-vector"], "leave out --rotation-vector, which is not needed"),
+        ("quaternion", ["--matrix", "rows"], "leave out --matrix, which is not needed"),
+        ("angles", ["--matrix", "rows"], "give --euler XYZ:deg or --rotation-vector instead of --matrix"),
+        ("matrix", ["--euler", "xyz:deg"], "a matrix (r11, r12, r13, r21"),
+        ("matrix", ["--rotation-vector"], "give --matrix rows instead of --rotation-vector"),
+    ],
+)
+def test_a_rotation_of_another_kind_than_stated_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], kind: str, options: list[str], message: str
+) -> None:
+    path, count = tmp_path / "a.csv", 4 + len(KINDS[kind].split(","))
+    lines = [f"t,x,y,z,{KINDS[kind]}", *(",".join([f"{0.1 * i:.1f}"] * count) for i in range(1, 9))]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    assert run(["info", str(path), *options]) == 2
+    assert message in capsys.readouterr().err

@@ -133,6 +133,15 @@ def test_places_are_not_compared_where_elements_are_given(first) -> None:
     assert not result.differences
 
 
+def test_takes_without_a_common_element_have_a_warning(first) -> None:
+    """As of another object in another place: contacts alone may be the same."""
+    other = contact_tracker.Result(**vars(first) | {"touched": replace(first.touched, sightings=())})
+    for takes in ((first, other), (other, first)):
+        (note,) = compare_outcomes(*takes).notes
+        assert "no touched element in common" in note
+    assert not compare_outcomes(first, first).notes
+
+
 def test_open_segments_are_no_difference(first) -> None:
     others = tuple(state for state in STATES if state is not Contact.VF)
     opened = replace(first.segments[1], inseparable=others, probability=0.4)

@@ -1,6 +1,7 @@
 """A plan followed by beliefs, its file, the graph of contacts, and both as outputs."""
 
 import json
+import re
 from itertools import pairwise
 from types import SimpleNamespace
 from xml.etree import ElementTree
@@ -188,6 +189,10 @@ def test_live_says_once_that_a_plan_is_left(folder) -> None:
     assert done.returncode == DIFFERENT, done.stderr
     (line,) = [line for line in done.stdout.splitlines() if "plan: left" in line]
     assert len(line) <= 80
+    assert re.search(
+        r"plan: left \(p \d\.\d\d\), in or before step \d \(f-.\) of 2, (next is 2 \(f-v\)|the last step)$",
+        line,
+    )
     done = run("live", "log.mcap", "--expect", "plan.toml", "--state", "s", cwd=path)
     assert (done.returncode, "--state" in done.stderr) == (2, True)
 

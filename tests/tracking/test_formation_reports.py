@@ -15,7 +15,7 @@ from contact_tracker.geometry.lifted_pose import lift
 from contact_tracker.map.map import EMPTY_MAP
 from contact_tracker.motion.window import Window
 from contact_tracker.outputs.text import SAME_NS, Changes
-from contact_tracker.states import STATES, Contact
+from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Belief, FurtherContact, Segment
 from contact_tracker.tracking.contact_filter import lagged_belief
 from contact_tracker.tracking.segment_fit import (
@@ -116,22 +116,6 @@ def test_a_further_contact_is_never_more_probable_than_the_label_beside_it() -> 
     assert doubted.contacts_json[1]["probability"] == pytest.approx(0.9)
     row = Segment(0, 9, Contact.VF, 0.28, GEOMETRY, further=belief.further)
     assert row.contacts_json[1]["probability"] == pytest.approx(0.9 * 0.28)
-
-
-def test_a_change_between_labels_that_are_all_open_is_no_news() -> None:
-    def belief(contact: Contact, is_open: bool) -> Belief:
-        others = tuple(state for state in STATES if state is not contact) if is_open else ()
-        return belief_at(5, contact, inseparable=others)
-
-    changes = Changes()
-    given = [
-        (Contact.FF, True),
-        (Contact.VF, True),
-        (Contact.VF, False),
-        (Contact.FF, True),
-        (Contact.FREE, True),
-    ]
-    assert [changes.update(belief(*one))[0] for one in given] == [True, False, True, True, False]
 
 
 def test_further_contacts_that_begin_at_about_the_same_time_are_reported_as_often_as_they_end() -> None:

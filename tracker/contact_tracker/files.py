@@ -78,6 +78,22 @@ def why_not_replaceable(path: Path) -> str | None:
     return why_not_regular(mode)
 
 
+def why_not_writable(path: Path) -> str | None:
+    """Why no file can be made or replaced at ``path`` (or the target of a link there), or None."""
+    folder = (Path(os.path.realpath(path)) if path.is_symlink() else path).parent
+    if not os.path.isdir(folder):
+        return f"there is no folder {folder}"
+    if (refusal := why_not_replaceable(path)) is not None:
+        return refusal
+    import tempfile
+
+    try:  # rights do not show all reasons, as in /proc
+        with tempfile.TemporaryFile(dir=folder, prefix=TEMPORARY, suffix=".part"):
+            return None
+    except OSError as error:
+        return f"the folder {folder} is not writable ({error.strerror or error})"
+
+
 def accept_any() -> None:
     """The check of ``whole_file`` that accepts any file."""
 

@@ -48,7 +48,7 @@ class TruthInterval:
     Parameters
     ----------
     contact : the state; None if ``coarse`` has several, or the interval is not scored.
-    motion : normal, rest, translation, one-axis or tilt.
+    motion : normal, rest, translation, one-axis or tilt; None if unknown, as with a user's labels.
     singular : whether the motion of this interval cannot distinguish its contact from others.
     geometry : of the touching elements, if known.
     further : contacts at the same time.
@@ -57,7 +57,7 @@ class TruthInterval:
     start_ns: int
     end_ns: int
     contact: Contact | None
-    motion: str = "normal"
+    motion: str | None = "normal"
     singular: bool = False
     geometry: ContactGeometry | None = None
     further: tuple[FurtherTruth, ...] = ()
@@ -130,7 +130,7 @@ class Truth:
         except ValueError as error:
             raise NoTruth(f"a truth message is no contact at a time: {error}") from error
         rows = zip(stamp_ns, ends, contacts, strict=True)
-        return cls(tuple(TruthInterval(start, end, contact) for start, end, contact in rows))
+        return cls(tuple(TruthInterval(start, end, contact, None) for start, end, contact in rows))
 
 
 def _interval_to_dict(interval: TruthInterval) -> dict[str, Any]:
@@ -171,7 +171,7 @@ def _interval_from_dict(row: dict[str, Any]) -> TruthInterval:
         _stamp(row["start_ns"]),
         _stamp(row["end_ns"]),
         None if row["contact"] == UNSCORED else Contact(row["contact"]),
-        str(row.get("motion", "normal")),
+        None if (motion := row.get("motion", "normal")) is None else str(motion),
         bool(row.get("singular", False)),
         _geometry_from_dict(row),
         tuple(

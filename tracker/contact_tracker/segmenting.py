@@ -13,6 +13,7 @@ import numpy as np
 
 from contact_tracker.checks.map_use import FaceNameDelay
 from contact_tracker.config.parameters import Model
+from contact_tracker.explanations.joint_evidence import Joint
 from contact_tracker.geometry.elements import Array
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.map.world_map import GrowingMap
@@ -27,6 +28,7 @@ from contact_tracker.tracker import BATCH_POSES, Tracker
 from contact_tracker.tracking.belief import Belief, Detail, Segment
 from contact_tracker.tracking.contact_filter import ContactFilter, ticks_of
 from contact_tracker.tracking.filter_bank import (
+    DOUBT,
     Report,
     map_findings,
     map_use,
@@ -226,7 +228,8 @@ def _validated(stream: Iterator[Poses]) -> Iterator[Poses]:
 
 
 def _in_doubt(piece: Segmentation, possible: tuple[Contact, ...]) -> Segmentation:
-    """The piece with probabilities mixed with uniform ones, and all contacts open: its poses are doubtful."""
+    """The piece with probabilities mixed with uniform ones, all contacts open, and no joint sure: its poses
+    are doubtful."""
     states = np.array([state is Contact.FREE or state in possible for state in STATES])
 
     def mixed(probability: Array) -> Array:
@@ -236,12 +239,17 @@ def _in_doubt(piece: Segmentation, possible: tuple[Contact, ...]) -> Segmentatio
         label = segment.contact
         p_label = float(mixed(np.full(len(STATES), segment.probability))[label.column])
         alternatives = tuple(state for state in compress(STATES, states) if state is not label)
-        return replace(segment, probability=p_label, inseparable=alternatives)
+        joint = None if segment.joint is None else doubted_joint(segment.joint)
+        return replace(segment, probability=p_label, inseparable=alternatives, joint=joint)
 
+    def doubted_joint(joint: Joint) -> Joint:
+        return replace(joint, probability=(1.0 - DOUBT) * joint.probability)
+
+    beliefs = piece.beliefs.with_probability(mixed(piece.beliefs.probability), states)
     return replace(
         piece,
         segments=tuple(map(doubted, piece.segments)),
-        beliefs=piece.beliefs.with_probability(mixed(piece.beliefs.probability), states),
+        beliefs=replace(beliefs, joints=[*map(doubted_joint, beliefs.joints)]),
         filtered=piece.filtered.with_probability(mixed(piece.filtered.probability)),
     )
 

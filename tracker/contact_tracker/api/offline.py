@@ -426,7 +426,8 @@ def compare(first: Any, second: Any, tolerance: float = TOLERANCE) -> Comparison
 
     Warns
     -----
-    ContactTrackerWarning : places are not compared, as no element that touched is where it was.
+    ContactTrackerWarning : places are not compared, as no element that touched is where it was, or none
+        can be compared.
     """
     tolerance = number_from(tolerance, "tolerance", "between 0 and 1", lambda share: 0.0 < share < 1.0)
     takes = [take if isinstance(take, Result) else segment(take) for take in (first, second)]

@@ -23,7 +23,7 @@ from contact_tracker.batch.segmenting import SUMMARY_COLUMNS, Answer, Content, R
 from contact_tracker.errors import StateError, UsageError
 from contact_tracker.exports.columns import kinds_of
 from contact_tracker.exports.parquet import read_rows, require_kind, write_merged
-from contact_tracker.files import TEMPORARY, whole_file
+from contact_tracker.files import TEMPORARY, whole_file, why_not_writable
 from contact_tracker.processes import Jobs
 
 FORMAT: Final = {"format": "contact-tracker batch", "format_version": 2}
@@ -176,8 +176,8 @@ def _check(folder: Path) -> None:
     if not folder.exists():
         if folder.is_symlink():
             raise UsageError(f"cannot write {folder}: it is a link that leads to no folder")
-        if not folder.parent.is_dir():
-            raise UsageError(f"cannot write {folder}: there is no folder {folder.parent}")
+        if (refusal := why_not_writable(folder)) is not None:
+            raise UsageError(f"cannot write {folder}: {refusal}")
         return
     if not folder.is_dir():
         raise UsageError(f"cannot write {folder}: it is a file, a dataset is a folder")

@@ -5,7 +5,6 @@ A bad value is a usage error before any work.
 
 import argparse
 import math
-import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
@@ -17,7 +16,7 @@ from contact_tracker.config import preset_names
 from contact_tracker.config.quantities import LENGTHS, deviations
 from contact_tracker.config.table_reading import FRAMES, TIME_UNIT_HELP, reading_of
 from contact_tracker.errors import INPUT, USAGE, ChoiceError, InputError, UsageError
-from contact_tracker.files import why_not_replaceable
+from contact_tracker.files import why_not_writable
 from contact_tracker.states import states_from
 
 if TYPE_CHECKING:
@@ -330,19 +329,8 @@ def load_wrenches(
 
 def add_output(parser: argparse._ActionsContainer, suffixes: Iterable[str], text: str, **extra: Any) -> None:
     """``--output`` with one of ``suffixes``, and ``--overwrite``."""
-    parser.add_argument(
-        "-o", "--output", type=output_file(*suffixes), action=Once, metavar="FILE", help=text, **extra
-    )
+    parser.add_argument("-o", "--output", type=output_file(*suffixes), metavar="FILE", help=text, **extra)
     add_overwrite(parser)
-
-
-class Once(argparse.Action):
-    """Stores an argument and refuses a second one, which argparse would store instead."""
-
-    def __call__(self, _: Any, namespace: argparse.Namespace, value: Any, option: str | None = None) -> None:
-        if getattr(namespace, self.dest, None) is not None:
-            raise argparse.ArgumentError(self, "give it once: a command has one output")
-        setattr(namespace, self.dest, value)
 
 
 def add_overwrite(parser: argparse._ActionsContainer) -> None:
@@ -361,13 +349,7 @@ def output_file(*suffixes: str) -> Callable[[str], Path | None]:
         if path.suffix.lower() not in suffixes:
             named = " or ".join(suffix for suffix in suffixes if suffix != "-")
             raise UsageError(f"cannot write {text}: its name must end in {named}")
-        refusal = why_not_replaceable(path)
-        folder = (Path(os.path.realpath(path)) if path.is_symlink() else path).parent
-        if not os.path.isdir(folder):
-            refusal = f"there is no folder {folder}"
-        elif refusal is None and not os.access(folder, os.W_OK | os.X_OK):
-            refusal = f"the folder {folder} is not writable"
-        if refusal is not None:
+        if (refusal := why_not_writable(path)) is not None:
             raise UsageError(f"cannot write {text}: {refusal}")
         return path
 

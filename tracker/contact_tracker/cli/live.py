@@ -218,7 +218,7 @@ def _ticks(
 
 
 class _Printer:
-    """Prints each belief as JSON, or a line when the contact changes or becomes settled."""
+    """Prints each belief as JSON, or a line when it is news (``Changes``)."""
 
     def __init__(
         self, as_json: bool, source: "Source", status: StatusLine, suggests: bool, plan: "Plan | None"

@@ -55,11 +55,24 @@ exit codes: {DONE} done, {INPUT} the input cannot be used, {USAGE} wrong usage,
   {INTERRUPTED} ended by Ctrl-C{_SIGNALLED}"""
 
 
+class Once(argparse.Action):
+    """Stores the value of an option and refuses a second one, which argparse would store instead."""
+
+    def __call__(self, _: Any, namespace: argparse.Namespace, value: Any, option: str | None = None) -> None:
+        given = vars(namespace).setdefault("given", set())
+        if option is not None and self.dest in given:
+            raise argparse.ArgumentError(self, "give it once: it has one value")
+        given.add(self.dest)
+        setattr(namespace, self.dest, value)
+
+
 class Parser(argparse.ArgumentParser):
-    """A parser that raises its errors as UsageError."""
+    """A parser that raises its errors as UsageError, and refuses to replace the value of an option."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False, **options)
+        for name in (None, "store"):
+            self.register("action", name, Once)
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """The known arguments, with the ``table`` that they describe, and the unknown words."""

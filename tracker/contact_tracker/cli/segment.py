@@ -4,7 +4,7 @@ import argparse
 import os
 import re
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from functools import partial
@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
     from contact_tracker.config.parameters import Model
     from contact_tracker.map.map import Map
+    from contact_tracker.tracking.belief import Segment
+    from contact_tracker.tracking.filter_bank import Report
 
 HELP: Final = "the contacts of whole recordings over time, as smoothed segments"
 DESCRIPTION: Final = """\
@@ -161,6 +163,16 @@ def run(args: argparse.Namespace) -> int:
     return next(filter(None, codes), DONE)
 
 
+def _say_what_decides(segments: "Sequence[Segment]", report: "Report | None") -> None:
+    """Say what would decide contacts if none is decided, no joint named, and no mistake suspected."""
+    is_in_doubt = report is not None and any(finding.doubts_labels for finding in report.findings)
+    if segments and all(one.inseparable and one.joint is None for one in segments) and not is_in_doubt:
+        say(
+            "no contact is decided: move the object in more directions (live LOG --suggest names motions), "
+            "or list known elements (--known)"
+        )
+
+
 def _workers(processes: int) -> "AbstractContextManager[Executor | None]":
     """A context with one process less than ``processes``, as this process works, too."""
     if processes == 1:
@@ -229,6 +241,8 @@ def _segment(
             show(line)
         sys.stdout.flush()
     code = source.finish(report, outliers)
+    if args.output is None:
+        _say_what_decides(segments, report)
     if args.output is not None:
         say(f"wrote {args.output}{'' if args.rows is None else f': {count} {args.rows}'}")
     if args.map_out is not None and trajectory is not None:

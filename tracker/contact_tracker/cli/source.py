@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 from contact_tracker.cli.terminal import detail, say, warn
 from contact_tracker.errors import DAMAGED, DONE, StateError, UsageError
-from contact_tracker.files import why_not_replaceable
+from contact_tracker.files import why_not_writable
 from contact_tracker.interrupts import SIGNALS, repeat_unless
 from contact_tracker.motion.pose_validation import Arrival, counts_text
 from contact_tracker.motion.poses import Outliers, Poses
@@ -174,7 +174,7 @@ def paced(
 
 EVERY_S: Final = 10.0
 """Time in seconds between two saved states."""
-_SAVED: Final = ("initial", "state", "source", "first", "taken", "gate", "stamping", "span", "reported")
+_SAVED: Final = ("initial", "state", "source", "first", "taken", "gate", "stamping", "span", "changes")
 """Keys of a saved state: a hash of the initial state, which model, lag and prior map determine; the tracker;
 topic, type and frames of the poses; the first pose of the log with its log time (ns); the number of poses
 read; the gate; the stamping (``sources.Stamping``); the stamps of the first pose and of the first and last
@@ -223,9 +223,7 @@ class SavedStream:
         if path.exists():
             self._resume(load(path))
             say(f"resumed from {path}, after {self._log.valid} poses")
-        elif not path.parent.is_dir():
-            raise UsageError(f"{path}: there is no folder {path.parent} to save it in")
-        elif (refusal := why_not_replaceable(path)) is not None:
+        elif (refusal := why_not_writable(path)) is not None:
             raise UsageError(f"{path}: the state cannot be saved there: {refusal}")
         for number in (getattr(signal, name) for name in SIGNALS if hasattr(signal, name)):
             if signal.getsignal(number) is not signal.SIG_IGN:
@@ -247,11 +245,11 @@ class SavedStream:
     def save(self) -> None:
         """Write the state to the file."""
         self._waits = False
-        log, changes = self._log, self._changes
+        log = self._log
         values = (
             *(self._initial, self.tracker, self._names, log.first, log.taken, log.gate, tuple(log.stamping)),
             (log.origin_ns, log.first_ns, log.last_ns, log.valid),
-            (changes.label, changes.settled, changes.open, changes.further),
+            vars(self._changes),
         )
         save(self._path, dict(zip(_SAVED, values, strict=True)))
 
@@ -264,7 +262,7 @@ class SavedStream:
         """Resume the stream from the loaded state ``saved``."""
         if not isinstance(saved, dict) or tuple(saved) != _SAVED:
             raise StateError(f"{self._path}: it is no state of a stream")
-        initial, self.tracker, names, first, taken, gate, stamping, span, reported = saved.values()
+        initial, self.tracker, names, first, taken, gate, stamping, span, changes = saved.values()
         if initial != self._initial:
             raise UsageError(
                 f"{self._path} was saved with another model, --lag, --states or known geometry: give the "
@@ -284,8 +282,7 @@ class SavedStream:
             )
         self.tracker.inspection = self.tracker.inspection._replace(read_as=log.source.read_as)
         log.carry_on(gate, Stamping(*stamping), taken, is_same_log, span)
-        changes = self._changes
-        changes.label, changes.settled, changes.open, changes.further = reported
+        vars(self._changes).update(changes)
 
     def _stop(self, number: int, _: FrameType | None) -> None:
         if self.signal:

@@ -47,6 +47,11 @@ SURE_PROBABILITY: Final = 0.9
 SAME_NS: Final = 1_000_000_000
 """Largest change (ns) of a further contact's estimated onset from belief to belief, and the longest time for
 which it may be missing."""
+STAYS_NS: Final = 1_000_000_000
+"""Time (ns) for which a belief has to differ from the last report, if it does not settle: with a tenth of it,
+15 instead of 10 lines for ``paper_experiment``."""
+SHORTEST_NS: Final = 50_000_000
+"""Least time (ns) between two reports: half a usual tick."""
 JOINS: Final = "+ "
 LEAVES: Final = "- "
 JOINT: Final = "= "
@@ -244,29 +249,40 @@ def _seconds(stamp_ns: int, origin_ns: int) -> float:
 
 
 class Changes:
-    """The last report: the ``label``, whether it was ``settled`` or ``open`` among all states, and the
-    ``further`` contacts."""
+    """The last report: the ``label``, whether it was ``settled``, ``decided`` (no other state fits the
+    motion) or ``open`` among all states, and its stamp; since when beliefs ``differ_since_ns`` from it, if
+    they do; the ``further`` contacts."""
 
     def __init__(self) -> None:
         self.label: Contact | None = None
-        self.settled = False
-        self.open = False
+        self.settled = self.decided = self.open = False
+        self.stamp_ns: int | None = None
+        self.differ_since_ns: int | None = None
         self.further: tuple[FurtherContact, ...] = ()
 
     def update(self, belief: Belief) -> tuple[bool, list[FurtherContact], list[FurtherContact]]:
         """Whether the next belief is reported, the further contacts that begin with it, and those that end.
 
-        A new label is reported, a label that settles, and free motion that is open among all states, as at
-        rest. While all states are open, a new label is no news. A further contact ends with free motion, or
-        when no contact of its kind has followed for ``SAME_NS``.
+        Reported at once: another label than that of the last report, unless both are open among all states,
+        and a label that settles. Reported after ``STAYS_NS``: that beliefs differ from the last report in the
+        label, or in whether other states fit the motion. So no report stands for longer than that while
+        beliefs differ from it, and shorter doubts are no news. Two reports are ``SHORTEST_NS`` apart or more,
+        as the last tick of a stream may be short. A further contact ends with free motion, or when no contact
+        of its kind has followed for ``SAME_NS``.
         """
-        opened, settles = is_open(belief), is_settled(belief)
-        changed = belief.contact is not self.label and not (self.open and opened)
-        opens = belief.contact is Contact.FREE and opened and not self.open
-        is_news = changed or opens or (settles and not self.settled)
+        opened, decided, settles = is_open(belief), not belief.inseparable, is_settled(belief)
+        is_other = belief.contact is not self.label
+        if not is_other and decided is self.decided:
+            self.differ_since_ns = None
+        elif self.differ_since_ns is None:
+            self.differ_since_ns = belief.stamp_ns
+        stays = self.differ_since_ns is not None and belief.stamp_ns - self.differ_since_ns >= STAYS_NS
+        changed = is_other and not (self.open and opened)
+        is_soon = self.stamp_ns is not None and belief.stamp_ns - self.stamp_ns < SHORTEST_NS
+        is_news = (changed or stays or (settles and not self.settled)) and not is_soon
         if is_news:
-            self.label, self.open = belief.contact, opened
-        self.settled = settles or (self.settled and not changed and not opens)
+            self.label, self.settled, self.decided, self.open = belief.contact, settles, decided, opened
+            self.stamp_ns, self.differ_since_ns = belief.stamp_ns, None
         joins = _without(belief.further, self.further)
         missing, leaves = list[FurtherContact](), list[FurtherContact]()
         for further in _without(self.further, belief.further):

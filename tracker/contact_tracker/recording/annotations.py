@@ -174,7 +174,7 @@ def read_labels(
         contact = states[0] if len(states) == 1 else None
         coarse = CoarseLabel(name, states) if len(states) > 1 else None
         span = start_ns + offset_ns, end_ns + offset_ns - 1
-        intervals.append(TruthInterval(*span, contact, coarse=coarse))
+        intervals.append(TruthInterval(*span, contact, None, coarse=coarse))
     how = "since the first pose" if is_since else "as stamps of the recording"
     return Truth(tuple(intervals)), f"{path}: the times of its {len(rows)} labels are taken {how}"
 

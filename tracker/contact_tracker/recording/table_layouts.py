@@ -256,10 +256,11 @@ def bodies_of(
     by_body : indices of columns by body and role.
     columns : name and unit of each column; if it is empty, ``unit`` is the unit of positions.
 
-    Raises OpenReading if it is not known what the rotation of a body is, or the unit of its angles, and
-    UnreadableRecording if a unit is unknown, or the units of x, y and z differ.
+    Raises OpenReading if it is not known what the rotation of a body is, or the unit of its angles,
+    ChoiceError if all rotations are of another kind than stated, and UnreadableRecording if a unit is
+    unknown, or the units of x, y and z differ.
     """
-    bodies, open_names = list[Body](), list[str]()
+    bodies, open_names, other = list[Body](), list[str](), ""
     for name, places in by_body.items():
         kinds = [kind for kind, (roles, _) in ROTATIONS.items() if places.keys() >= set(roles)]
         if not kinds or not places.keys() >= set(POSITION):
@@ -268,8 +269,11 @@ def bodies_of(
         if kind == "rotation_vector" and "axis_angle" in kinds:
             kind = "axis_angle"
         if kind not in kinds:
+            names = [columns[places[role]][0] for role in ROTATIONS[kinds[0]][0]]
             if reading.kind is None:
-                open_names = open_names or [columns[places[r]][0] for r in ROTATIONS[kinds[0]][0]]
+                open_names = open_names or names
+            else:
+                other = other or _of_another_kind(reading, kinds[0], names)
             continue
         roles, _ = ROTATIONS[kind]
         named = [columns[places[role]] for role in POSITION]
@@ -290,7 +294,18 @@ def bodies_of(
         bodies.append(Body(name, own_places, metres, kind, how, has_unit, has_angle_unit))
     if open_names and not bodies:
         raise OpenReading(", ".join(open_names[:3]))
+    if other and not bodies:
+        raise ChoiceError(other)
     return tuple(bodies)
+
+
+def _of_another_kind(reading: TableReading, kind: str, names: Sequence[str]) -> str:
+    """What to do if the columns with these names are a rotation of another ``kind`` than stated."""
+    stated = next(word for word in reading.words() if word in ("--euler", "--rotation-vector", "--matrix"))
+    is_what = {"quaternion": "a quaternion", "matrix": "a matrix"}.get(kind, "angles or a vector")
+    instead = {"quaternion": "", "matrix": "--matrix rows"}.get(kind, "--euler XYZ:deg or --rotation-vector")
+    remedy = f"give {instead} instead of {stated}" if instead else f"leave out {stated}, which is not needed"
+    return f"its rotation is {is_what} ({_listed(names)}): {remedy}"
 
 
 def _how(reading: TableReading, columns: Sequence[tuple[str, str]]) -> str:

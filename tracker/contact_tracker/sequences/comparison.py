@@ -17,7 +17,7 @@ from contact_tracker.outputs.outcome import Outcome
 from contact_tracker.outputs.text import SURE_PROBABILITY
 from contact_tracker.sequences.pair_hmm import align
 from contact_tracker.sequences.steps import UNKNOWN, Distance, Step, distances, place_evidence, steps_of
-from contact_tracker.states import STATES
+from contact_tracker.states import STATES, Contact
 
 TOLERANCE: Final = 0.25
 """Tolerated difference of a step's durations, relative to the longer one: 34 of 38 steps in nine pairs of
@@ -171,6 +171,12 @@ def compare_outcomes(first: Outcome, second: Outcome, tolerance: float = TOLERAN
         for rows, columns in alignment.steps
     ]
     chosen = np.array([evidence[pair] for pair in matched if pair is not None]).reshape(-1, 2, 2)
+    touch = all(any(step.contact is not Contact.FREE for step in take) for take in takes)
+    if not len(chosen) and touch and first_map is not None and second_map is not None:
+        notes.append(
+            "the takes have no touched element in common, or too little motion to tell: of another object or "
+            "place? Places are not compared"
+        )
     is_compared = np.array([_log_odds_of_same(chosen), _log_odds_of_same(chosen.swapaxes(1, 2))]) >= 0.0
     for name, is_same in zip(("object", "surroundings"), is_compared, strict=True):
         if not is_same:

@@ -218,9 +218,10 @@ class PlanFollower:
         self.news = ""
         if leaves or is_sure:
             self._reported = step
-            comes = "the last one" if following is None else f"next {self._step_text(following)}"
-            departure = f"left (p {p_left:.2f}), at the latest in " if leaves else ""
-            self.news = f"{departure}step {self._step_text(step + 1)} of {len(shares)}; {comes}"
+            comes = "the last step" if step + 1 == len(shares) else "after which none has to come"
+            comes = comes if following is None else f"next is {self._step_text(following)}"
+            departure = f"left (p {p_left:.2f}), in or before " if leaves else ""
+            self.news = f"{departure}step {self._step_text(step + 1)} of {len(shares)}, {comes}"
         return Progress(step + 1, float(shares[step]), p_left, following, leaves)
 
     def _advance(self, tick_s: float, leaves: float) -> None:

@@ -74,6 +74,12 @@ class Tally:
         """Time scored in ``subset``."""
         return float(self.confusion_s[subset].sum())
 
+    @property
+    def subsets(self) -> tuple[Subset, ...]:
+        """The subsets that the truth determines: a user's labels do not say how the object moved."""
+        is_known = self.seconds(Subset.IDENTIFIABLE) + self.seconds(Subset.AMBIGUOUS) > 0.0
+        return tuple(Subset) if is_known or not self.seconds() else (Subset.ALL, Subset.CLEAR)
+
     def accuracy(self, subset: Subset = Subset.ALL) -> float:
         """Share of the time in which the label was right; nan where there was none."""
         return ratio(float(self.right_s(subset).sum()), self.seconds(subset))

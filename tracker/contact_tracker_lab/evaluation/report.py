@@ -2,9 +2,9 @@
 
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
-from functools import reduce
+from functools import partial, reduce
 from operator import add
 from pathlib import Path
 from typing import Any, Final
@@ -33,6 +33,12 @@ determines the contact (identifiable), and over the others, singular or at rest
 before the first motion (ambiguous); without the rest at the start (moved). F1:
 mean over the true states. Online: the latest belief up to the stamp of a pose;
 by arrival: the latest that `live` has given out when the pose comes."""
+LABELS_NOTE: Final = """\
+Share of the time in which the label was right: over all scored frames; over
+those more than 0.25 s from a true change (clear). The labels do not say how
+the object moved. F1: mean over the true states. Online: the latest belief up
+to the stamp of a pose; by arrival: the latest that `live` has given out when
+the pose comes."""
 BELIEF_NOTE: Final = """\
 Log-loss in nats; Brier score 0 to 2; ECE: expected calibration error, 15 bins;
 sure & wrong: share of the time with a probability above 0.9 on a wrong state;
@@ -68,12 +74,15 @@ class Report:
 
     def to_text(self) -> str:
         """Tables per recording and in total, without a trailing newline."""
-        total = self.total
+        total, subsets = self.total, self.total.offline.subsets
         entries = [*self.recordings.items()]
         entries += [(TOTAL, total)] if len(entries) > 1 else []
         blocks = [
-            table(_ACCURACY, _mode_rows(entries, _accuracy_cells)),
-            ACCURACY_NOTE,
+            table(
+                ("recording", "scored s", *(s.name.lower() for s in subsets), "F1"),
+                _mode_rows(entries, partial(_accuracy_cells, subsets)),
+            ),
+            ACCURACY_NOTE if len(subsets) == len(Subset) else LABELS_NOTE,
             table(_BELIEF, _mode_rows(entries, _belief_cells)),
             BELIEF_NOTE,
             table(_CHANGE, _mode_rows(entries, _change_cells)),
@@ -139,7 +148,6 @@ def evaluate(
     return Report({name: replace(evaluation, further_online=FurtherScore())})  # a result has none
 
 
-_ACCURACY: Final = ("recording", "scored s", *(s.name.lower() for s in Subset), "F1")
 _BELIEF: Final = ("recording", "log-loss", "Brier", "ECE", "sure & wrong", "open")
 _BELIEF_FIGURES: Final = ("log_loss", "brier", "calibration_error", "sure_wrong", "open")
 _CHANGE: Final = ("recording", "changes", "boundary s", "90 %", "missed", "delay s", "90 %", "never")
@@ -168,8 +176,8 @@ def _mode_rows(
     return rows
 
 
-def _accuracy_cells(tally: Tally) -> list[str]:
-    accuracies = (number(tally.accuracy(subset)) for subset in Subset)
+def _accuracy_cells(subsets: Iterable[Subset], tally: Tally) -> list[str]:
+    accuracies = (number(tally.accuracy(subset)) for subset in subsets)
     return [number(tally.seconds(), 1), *accuracies, number(tally.macro_f1)]
 
 
@@ -239,7 +247,7 @@ def _tally_json(tally: Tally | None) -> dict[str, Any] | None:
     return {
         "scored_s": tally.seconds(),
         "accuracy": {s.name.lower(): tally.accuracy(s) for s in Subset},
-        "subset_s": {s.name.lower(): tally.seconds(s) for s in Subset},
+        "subset_s": {s.name.lower(): tally.seconds(s) if s in tally.subsets else math.nan for s in Subset},
         **{name: getattr(tally, name) for name in ("macro_f1", *_BELIEF_FIGURES)},
         "boundary_s": {**_quantiles(tally.boundary_s), "missed_share": tally.missed_share},
         "delay_s": {**_quantiles(tally.delay_s), "never_share": tally.never_share},

@@ -25,7 +25,8 @@ UNSCORED: Final = -1
 
 
 class Subset(IntEnum):
-    """Subsets of the scored frames; the value is the row in ``Scoring.subsets``."""
+    """Subsets of the scored frames; the value is the row in ``Scoring.subsets``. The last three are empty if
+    it is not known how the object moved."""
 
     ALL = 0
     """every scored frame"""
@@ -116,10 +117,11 @@ def scoring(stamp_ns: Ints, truth: Truth) -> Scoring:
         if interval.contact is not None or interval.coarse is not None:
             state, coarse = interval.contact, interval.coarse
             column[frames] = len(STATES) + truth.coarse.index(coarse) if state is None else state.column
-            subsets[Subset.MOVED, frames] = moved
-            subsets[Subset.AMBIGUOUS, frames] = interval.singular or not moved
+            if interval.motion is not None:
+                subsets[Subset.MOVED, frames] = moved
+                subsets[Subset.AMBIGUOUS, frames] = interval.singular or not moved
+                subsets[Subset.IDENTIFIABLE, frames] = moved and not interval.singular
     subsets[Subset.ALL] = column != UNSCORED
-    subsets[Subset.IDENTIFIABLE] = subsets[Subset.ALL] & ~subsets[Subset.AMBIGUOUS]
     subsets[Subset.CLEAR] = subsets[Subset.ALL]
     runs = _runs(stamp_ns, column)
     for (_, last), (onset, _) in pairwise(runs):
