@@ -25,7 +25,7 @@ def further(*kinds: Contact) -> FurtherContact:
 
 def belief(frame: int, label: Contact, *others: FurtherContact) -> Belief:
     probability = np.full(len(STATES), 1 / len(STATES))
-    return Belief(frame * STEP_NS, label, probability, 0, None, np.zeros(6), (), 0.0, others)
+    return Belief(frame * STEP_NS, label, probability, 0, None, np.zeros(6), (), others)
 
 
 def score(truth: Truth, beliefs: list[Belief]) -> FurtherScore:

@@ -12,9 +12,9 @@ CONSTANTS = {one.name: one for one in tuned_constants(Path(contact_tracker.__fil
 
 
 def test_constants_are_numbers_with_their_modules() -> None:
-    found = CONSTANTS["RESTRICTED"]
-    assert found == Constant("contact_tracker.tracking.ambiguity", "RESTRICTED", "0.12", 0.12)
-    assert found.label == "tracking/ambiguity.py: RESTRICTED"
+    found = CONSTANTS["OPEN_AT_MOST"]
+    assert found == Constant("contact_tracker.tracking.ambiguity", "OPEN_AT_MOST", "0.9", 0.9)
+    assert found.label == "tracking/ambiguity.py: OPEN_AT_MOST"
     assert len(CONSTANTS) > 100
     assert "SHORT_OF_TIE" in CONSTANTS  # an expression of numbers
     assert "NOT_EXCLUDED" not in CONSTANTS  # derived from another one
@@ -23,11 +23,10 @@ def test_constants_are_numbers_with_their_modules() -> None:
 
 @pytest.mark.long
 def test_a_constant_is_multiplied_in_a_process_of_its_own() -> None:
-    """Twice the prior of restricted motion changes probabilities; the tracker of this process stays as it
-    is."""
+    """Half the bound of open labels changes probabilities; the tracker of this process stays as it is."""
     base = run_apart(None, 1.0, [LOG], 3.0)
-    same = run_apart(CONSTANTS["RESTRICTED"], 1.0, [LOG], 3.0)
-    other = run_apart(CONSTANTS["RESTRICTED"], 2.0, [LOG], 3.0)
+    same = run_apart(CONSTANTS["OPEN_AT_MOST"], 1.0, [LOG], 3.0)
+    other = run_apart(CONSTANTS["OPEN_AT_MOST"], 0.5, [LOG], 3.0)
     assert not base.error + same.error + other.error
     assert (same.digest, same.accuracy) == (base.digest, base.accuracy)
     assert other.digest != base.digest
@@ -36,7 +35,7 @@ def test_a_constant_is_multiplied_in_a_process_of_its_own() -> None:
 
 
 def test_the_table_tells_no_effect_from_a_failure() -> None:
-    names = "RESTRICTED", "VARIED_S", "FIRST_CHOICE", "SAME_SPAN"
+    names = "CURVED", "FLUSH_S", "FIRST_CHOICE", "SAME_SPAN"
     idle, failing, felt, slight = constants = [CONSTANTS[name] for name in names]
     base = Outcome({"set": (0.9, 0.8)}, "base")
     found = {("", "", 1.0): base}
@@ -49,7 +48,7 @@ def test_the_table_tells_no_effect_from_a_failure() -> None:
     assert lines[2].endswith("| fails | fails |")
     assert lines[3].endswith("| 0 / -0.100 | 0 / -0.100 |")
     assert "- `tracking/ambiguity.py`: `SAME_SPAN`" in lines[4:-2]
-    assert lines[-1] == "- `tracking/ambiguity.py`: `RESTRICTED`"
+    assert lines[-1] == "- `tracking/ambiguity.py`: `CURVED`"
 
 
 def test_outcomes_are_of_recordings_and_their_length() -> None:

@@ -221,7 +221,12 @@ def test_another_version_is_named(
     tmp_path: Path, saved: tuple[Path, Tracker], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     changed = {**STREAM.schema, "Tick": ["other"]}
-    for holder, name, value in ((Kind, "schema", changed), (saved_state, "__version__", "9.9")):
+    rows = np.dtype([("stamp_ns", np.int64), ("of_then", np.float64)])
+    for holder, name, value in (
+        (Kind, "schema", changed),
+        (saved_state, "__version__", "9.9"),
+        (saved_state, "BELIEF", rows),
+    ):
         with monkeypatch.context() as patch:
             patch.setattr(holder, name, value)
             with pytest.raises(StateError, match="another version"):

@@ -47,7 +47,7 @@ def reported(tilt_rad: float, fit: SegmentFit, known_map: Map = EMPTY_MAP) -> tu
 
 
 def fit_of(contact: Contact, geometry: ContactGeometry) -> SegmentFit:
-    return SegmentFit(contact, geometry, (), 0.0, np.zeros(1))
+    return SegmentFit(contact, geometry, (), np.zeros(1))
 
 
 @pytest.mark.parametrize("is_mirrored", [False, True])

@@ -59,7 +59,7 @@ def finished(contact: Contact, first: int, count: int) -> FinishedSegment:
 
 
 def fitted(contact: Contact, **more: object) -> SegmentFit:
-    return replace(SegmentFit(contact, GEOMETRY, (), 0.0, np.zeros(1)), **more)
+    return replace(SegmentFit(contact, GEOMETRY, (), np.zeros(1)), **more)
 
 
 def test_constraints_are_those_of_all_contacts_of_the_time() -> None:

@@ -250,13 +250,13 @@ def test_beliefs_in_columns_equal_single_ones():
     )
     expected += [
         replace(one, contact=Contact.FREE, where=None, residual=np.full(6, np.nan)),
-        replace(one, contact=Contact.FE, where=named, inseparable=(Contact.EF,), p_restricted=0.25),
+        replace(one, contact=Contact.FE, where=named, inseparable=(Contact.EF,)),
     ]
 
     def values(belief):
         elements = (belief.geometry.object, belief.geometry.environment) if belief.geometry else ()
         covariances = [None if e.covariance is None else e.covariance.tolist() for e in elements]
-        return json_line(belief), belief.residual.tobytes(), belief.p_restricted, belief.touching, covariances
+        return json_line(belief), belief.residual.tobytes(), belief.touching, covariances
 
     for parts in (1, 4):
         cuts = np.linspace(0, len(expected), parts + 1).astype(int)

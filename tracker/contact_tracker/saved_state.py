@@ -72,7 +72,8 @@ class Kind(NamedTuple):
         """The field names of all classes and tables by name; they identify the version of a file."""
         classes = {name: list(_field_names(kind)) for name, kind in sorted(self.classes.items())}
         layouts = {} if self.outlives_version else _LAYOUTS
-        return classes | {name: list(dtype.names or ()) for name, dtype in layouts.items()}
+        tables = layouts | {"rows of beliefs": BELIEF}
+        return classes | {name: list(dtype.names or ()) for name, dtype in tables.items()}
 
 
 STREAM: Final = Kind("contact-tracker state", classes_in(Tracker, Ordered, Step, *_GATES))

@@ -18,8 +18,10 @@ from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.tick_averaging import TickGrid
 from contact_tracker.states import CONTACTS, Contact
+from contact_tracker.tracking.ambiguity import freedom_of
 from contact_tracker.tracking.belief import Belief, Detail, Segment
 from contact_tracker.tracking.contact_filter import ContactFilter
+from contact_tracker.tracking.state import FilterState
 
 WRONG_NATS: Final = 8.0
 """Lead (nats) of the tracker without the map from which the map is reported as wrong. Correct directions cost
@@ -123,7 +125,7 @@ class Contradiction(Check):
         for with_map, without_map in beliefs:
             previous, difference = difference, second.log_evidence - first.log_evidence
             is_counted = stream.is_chosen or not stream.is_at_rest
-            if is_counted and not _is_undecided(with_map, without_map):
+            if is_counted and not _is_undecided(with_map, without_map, second.filter.state):
                 lead += difference - previous
                 lost = max(lost + difference - previous, 0.0)
             may_be_found = stream.is_chosen or not stream.inspection.filtered
@@ -165,12 +167,14 @@ def _refutes(lead: float, lost: float, known_map: Map) -> bool:
     return (known_map.lists_elements and lead > WRONG_NATS) or lost > LOST_NATS
 
 
-def _is_undecided(with_map: Belief, without_map: Belief) -> bool:
-    """Whether motion in few directions does not decide between the contacts of the two trackers: the second
-    has more evidence because something else, such as the hand, adds a constraint (T24). It may be one contact
-    on other elements, as of a hinge, on which faces fit across its axis."""
-    open_contacts = without_map.contact, *without_map.inseparable
-    if not without_map.p_restricted or with_map.contact not in open_contacts:
+def _is_undecided(with_map: Belief, without_map: Belief, state: FilterState) -> bool:
+    """Whether motion in few directions does not decide between the contacts of the two trackers: the second,
+    in this ``state``, has more evidence because something else, such as the hand, adds a constraint (T24). It
+    may be one contact on other elements, as of a hinge, on which faces fit across its axis."""
+    label = without_map.contact
+    if with_map.contact not in (label, *without_map.inseparable):
+        return False
+    if not freedom_of(label, state.window, state.onset_of(label)).underused:
         return False
     residual, rival = (
         1.0 if belief.contact is Contact.FREE else float(belief.residual[belief.contact.column])

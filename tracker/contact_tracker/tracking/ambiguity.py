@@ -8,7 +8,6 @@ surface, which is none of the six contacts (T42).
 from collections.abc import Sequence
 from functools import lru_cache
 from itertools import compress
-from math import exp
 from operator import attrgetter
 from typing import Final, NamedTuple
 
@@ -32,12 +31,10 @@ from contact_tracker.states import CONTACTS, STATES, Contact
 SAME_SPAN: Final = 0.25
 """Share of the contact's age by which onsets of the same span may differ, since few old ones are kept."""
 SAME_SPAN_TICKS: Final = 3
-RESTRICTED: Final = 0.12
-"""Share of the contacts in which an object is moved in fewer directions than it could be."""
+CURVED: Final = 0.12
+"""Prior probability that free motion is on a curved surface."""
 MOST_NATS: Final = 50.0
 """Largest evidence (nats) in an exponential, against overflow."""
-VARIED_S: Final = 0.7
-"""Time in which unrestricted motion has used all its directions."""
 FIRST_CHOICE: Final = 2.0
 """Prior weight of the label among states that motion does not distinguish."""
 OPEN_AT_MOST: Final = 0.9
@@ -148,14 +145,6 @@ def tempered(probability: Array, exponent: float) -> Array:
     return np.asarray(power / power.sum(axis=-1, keepdims=True))
 
 
-def p_restricted(underused: bool, moved_s: float) -> float:
-    """Probability that the object is intentionally moved in few directions (T30).
-
-    The prior is ``RESTRICTED``; the probability grows with motion that shows no other directions.
-    """
-    return RESTRICTED / (RESTRICTED + (1.0 - RESTRICTED) * exp(-moved_s / VARIED_S)) if underused else 0.0
-
-
 def at_most(
     probability: Array,
     label: Contact,
@@ -179,39 +168,8 @@ def at_most(
 
 def p_curved(log_evidence: float) -> float:
     """Probability that free motion is on a curved surface, given its evidence (nats)."""
-    odds = RESTRICTED / (1.0 - RESTRICTED) * np.exp(min(log_evidence, MOST_NATS))
+    odds = CURVED / (1.0 - CURVED) * np.exp(min(log_evidence, MOST_NATS))
     return float(odds / (1.0 + odds))
-
-
-def redistribute(
-    probability: Array,
-    label: Contact,
-    rivals: tuple[Contact, ...],
-    p_restricted: float,
-    possible: tuple[Contact, ...] = CONTACTS,
-) -> Array:
-    """Posterior (7,) in which the label and the indistinguishable ``rivals`` share probability.
-
-    The most probable contact among them gives to all the others, in proportion to the probability
-    ``p_restricted`` that the restriction of the motion is on purpose (T30). That contact is the label itself,
-    except on a Viterbi path or with a lag. Free motion gives only where every ``possible`` contact is
-    consistent with it. The most probable state stays the most probable one, and the sum stays 1.
-    """
-    is_free = label is Contact.FREE
-    if not rivals or (is_free and not set(possible) <= set(rivals)):
-        return probability
-    alike = [state.column for state in (label, *rivals)]
-    contacts = [label.column] if is_free else [c for c in alike if c != Contact.FREE.column]
-    giver = max(contacts, key=lambda c: (probability[c], c == alike[0]))
-    share = np.zeros(len(STATES))
-    share[alike] = 1.0
-    share[giver] = FIRST_CHOICE
-    share /= share.sum()
-    share[giver] -= 1.0
-    change = probability[giver] * share
-    # as far as the giver, and the most probable state, stay ahead of those that are behind them
-    limit = min(_until_overtaken(probability, change, ahead) for ahead in (giver, int(probability.argmax())))
-    return np.asarray(probability + min(p_restricted, SHORT_OF_TIE * limit) * change)
 
 
 def shared_with(probability: Array, label: Contact, rivals: Sequence[Contact]) -> Array:
@@ -227,7 +185,7 @@ def shared_with(probability: Array, label: Contact, rivals: Sequence[Contact]) -
 
 def with_rivals(probability: Array, label: Contact, rivals: tuple[Contact, ...]) -> Array:
     """Posterior (7,) in which the label is not certain beside the indistinguishable ``rivals``: it has at
-    most its share of their total probability if each rival has ``NOT_EXCLUDED`` times the label's.
+    most its share of their total probability if each rival has ``NOT_EXCLUDED`` times the label's (T30).
 
     In the posterior of the hypotheses the label is also ahead by its history and its prior, which the motion
     has not shown. The excess of the label goes to the rivals below their share. Only the reported posterior
@@ -284,15 +242,12 @@ def reported(
     label: Contact,
     rivals: tuple[Contact, ...],
     known_map: Map,
-    p_restricted: float = 0.0,
     is_open: bool = False,
     share: Array | None = None,
 ) -> Array:
     """The posterior (7,) to report, from that of the hypotheses: shared with the indistinguishable ``rivals``
     (by wrenches, where they have decided a ``share``), and limited where constraints are left unnamed."""
-    if share is None:
-        probability = redistribute(probability, label, rivals, p_restricted, known_map.allowed)
-    else:
+    if share is not None:
         alike = share > 0.0  # states that wrenches decide between divide their total probability
         probability = np.where(alike, probability[alike].sum() * share, probability)
     probability = with_rivals(probability, label, rivals)
@@ -349,13 +304,6 @@ def may_be_flush(
     for first in np.flatnonzero(keeps):
         flush[rows[first] : rows[first + count - 1] + 1] = True
     return flush
-
-
-def _until_overtaken(probability: Array, change: Array, ahead: int) -> float:
-    """The largest share, at most 1, of the ``change`` (7,) with which no state passes the state ``ahead``."""
-    lead, loss = (probability[ahead] - probability).tolist(), (change - change[ahead]).tolist()
-    shares = [a / b for a, b in zip(lead, loss, strict=True) if b > 0.0 and a >= 0.0]
-    return float(min([1.0, *shares]))
 
 
 def competing_evidence(banks: Sequence[Bank], label: Contact, onset: int, tick: int) -> CompetingEvidence:

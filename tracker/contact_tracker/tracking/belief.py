@@ -102,7 +102,6 @@ class Belief:
         (1: at the noise) at the minimum of its objective function over the last 25 ticks with motion, or a
         little more; nan before.
     inseparable : states that the motion since the onset does not distinguish from ``contact``.
-    p_restricted : probability that the object is intentionally moved in fewer directions than it could be.
     further : contacts beside the labelled one.
     joint : the joint in which the object moves, as found offline.
     is_open : whether the motion keeps more constraints than the reported contacts have, as found online.
@@ -115,7 +114,6 @@ class Belief:
     where: ContactGeometry | FittedContact | None
     residual: Array
     inseparable: tuple[Contact, ...] = ()
-    p_restricted: float = 0.0
     further: tuple[FurtherContact, ...] = ()
     joint: Joint | None = None
     is_open: bool = False

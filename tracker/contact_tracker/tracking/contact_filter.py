@@ -383,14 +383,15 @@ def read_posterior(
     fit = label_fit(state, label) if detail >= Detail.GEOMETRY else None
     shared = belief = Belief(tick.stamp_ns, label, probability, onset_ns, fit, state.residual)
     state = state._replace(label=label)
-    if detail >= Detail.SHARED or _should_update_map(state, belief):
+    is_due = _should_update_map(state, belief)
+    if detail >= Detail.SHARED or is_due:
         if label is not Contact.FREE:
             state = state._replace(curved=NO_CURVED_MOTION)
         elif tests_curvature:  # at intervals
             motion = state.curved, state.window, state.free_since, state.scales, state.known_map
             state = state._replace(curved=update_curved_motion(*motion))
-        shared = share_among_indistinguishable(state, belief)
-    if not shared.inseparable and _should_update_map(state, shared):  # sharing never raises its probability
+        shared = beside_indistinguishable(state, belief)
+    if is_due and not shared.inseparable:
         state = state._replace(map=state.map.insert(label_sighting(state, label, tick.stamp_ns)))
     if detail >= Detail.SHARED:
         belief = decide_on_map(state, shared)
@@ -425,8 +426,9 @@ def lagged_belief(state: FilterState, row: int) -> Belief:
     # further contacts of the latest belief in which all of them had begun: their constraints are counted
     complete = (b.further for b in agreeing if all(contact.start_ns <= stamp_ns for contact in b.further))
     further = max(complete, key=len, default=())
-    args = source.inseparable, state.known_map, source.p_restricted, source.is_open
-    probability = ambiguity.reported(probability, contact, *args)
+    probability = ambiguity.reported(
+        probability, contact, source.inseparable, state.known_map, source.is_open
+    )
     return replace(
         source,
         stamp_ns=stamp_ns,
@@ -469,9 +471,8 @@ def may_agree_by_chance(state: FilterState, label: Contact) -> bool:
     return ambiguity.freedom_of(label, state.window, onset).underused
 
 
-def share_among_indistinguishable(state: FilterState, belief: Belief) -> Belief:
-    """The belief in which states that the motion does not distinguish from the label share its
-    probability."""
+def beside_indistinguishable(state: FilterState, belief: Belief) -> Belief:
+    """The belief with the states that the motion does not distinguish from its label."""
     label = belief.contact
     onset = state.onset_of(label)
     rivals = ambiguity.competing_evidence(state.banks, label, onset, state.ticks - 1)
@@ -480,16 +481,10 @@ def share_among_indistinguishable(state: FilterState, belief: Belief) -> Belief:
     before = state.belief
     if freedom.is_unknown and before is not None and before.contact is label:
         alternatives = tuple(rival for rival in STATES if rival in (*alternatives, *before.inseparable))
-    p_restricted = ambiguity.p_restricted(freedom.underused, state.model.tick_s * freedom.moved_ticks)
-    if label is Contact.FREE and state.curved.probability > 0.5:
-        alternatives, p_restricted = CONTACTS, max(p_restricted, state.curved.probability)
-    if label is Contact.FREE and state.map.untested_sides:
+    if label is Contact.FREE and (state.curved.probability > 0.5 or state.map.untested_sides):
         alternatives = CONTACTS
-    inseparable, possible = tuple(filter(state.known_map.allows, alternatives)), state.known_map.allowed
-    if not inseparable and not p_restricted:
-        return belief
-    probability = ambiguity.redistribute(belief.probability, label, inseparable, p_restricted, possible)
-    return replace(belief, probability=probability, inseparable=inseparable, p_restricted=p_restricted)
+    inseparable = tuple(filter(state.known_map.allows, alternatives))
+    return replace(belief, inseparable=inseparable) if inseparable else belief
 
 
 def decide_on_map(state: FilterState, belief: Belief) -> Belief:
@@ -504,9 +499,7 @@ def decide_on_map(state: FilterState, belief: Belief) -> Belief:
         return belief
     on_map, _ = map_evidence(CONTACT_MODELS[label.column], pairs, state.window.cut(-1), state.scales)
     inseparable = tuple(rival for rival in belief.inseparable if on_map[rival.column] < DECISIVE)
-    args = inseparable, belief.p_restricted, state.known_map.allowed
-    probability = ambiguity.redistribute(label_posterior(state), label, *args)
-    return replace(belief, probability=probability, inseparable=inseparable)
+    return replace(belief, inseparable=inseparable)
 
 
 def open_beside(state: FilterState, belief: Belief) -> Belief:
@@ -521,9 +514,7 @@ def open_beside(state: FilterState, belief: Belief) -> Belief:
     if not alike:
         return belief
     inseparable = tuple(kind for kind in STATES if kind in alike | {*belief.inseparable})
-    moved_s = state.model.tick_s * ambiguity.motion_since(state.window, onset)[1]
-    p_restricted = ambiguity.p_restricted(True, moved_s)
-    return replace(belief, inseparable=inseparable, p_restricted=p_restricted)
+    return replace(belief, inseparable=inseparable)
 
 
 def with_rest(state: FilterState, belief: Belief, is_in_rest: bool) -> tuple[FilterState, Belief]:
@@ -533,7 +524,7 @@ def with_rest(state: FilterState, belief: Belief, is_in_rest: bool) -> tuple[Fil
         open_at_rest = ambiguity.others_at_rest(belief.contact, state.known_map, belief.inseparable)
         belief = replace(belief, inseparable=open_at_rest or belief.inseparable)
     if belief.inseparable or belief.is_open:
-        args = belief.inseparable, state.known_map, belief.p_restricted, belief.is_open
+        args = belief.inseparable, state.known_map, belief.is_open
         probability = ambiguity.reported(label_posterior(state), belief.contact, *args)
         belief = replace(belief, probability=probability)
     length = state.lag_history.shape[1]

@@ -79,7 +79,6 @@ class SegmentFit:
     contact: Contact
     geometry: ContactGeometry | None
     inseparable: tuple[Contact, ...]
-    p_restricted: float
     curved: Array
     share: Array | None = None
     formation: Formation = NO_FORMATION
@@ -129,22 +128,18 @@ def _segment_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
     if not fit.leaves_constraints_unnamed or fit.share is not None:
         return fit
     rivals = tuple(state for state in STATES if state is not fit.contact and segment.known_map.allows(state))
-    moved_s = segment.model.tick_s * float(window.motion_ratio.sum())
-    p_restricted = max(fit.p_restricted, ambiguity.p_restricted(True, moved_s))
-    return replace(fit, inseparable=rivals, p_restricted=p_restricted)
+    return replace(fit, inseparable=rivals)
 
 
 def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) -> SegmentFit:
     model, known_map, label = segment.model, segment.known_map, segment.contact
     freedom = ambiguity.freedom_of(label, window, int(window.index[0]))
-    moved_s = model.tick_s * freedom.moved_ticks
     rivals = ambiguity.CompetingEvidence(
         np.array([*(f.log_likelihood.max(initial=-np.inf) for f in fits), 0.0]),
         np.array([*(f.rms.min(initial=np.inf) for f in fits), 1.0]),
     )
     inseparable = tuple(filter(known_map.allows, ambiguity.indistinguishable(label, rivals, freedom)))
-    p_restricted, share = ambiguity.p_restricted(freedom.underused, moved_s), None
-    curved, none_fits = np.zeros(1), False
+    curved, none_fits, share = np.zeros(1), False, None
     if label is Contact.FREE:
         curved = curved_probabilities(segment.window, scales_of(model), known_map)
         none_fits = is_mostly_curved(curved) and not freedom.one_direction
@@ -153,7 +148,7 @@ def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
         evidence = segment.wrenches.log_evidence
         label, inseparable, share = ambiguity.decide_by_wrenches(label, inseparable, evidence)
     if label is Contact.FREE or none_fits:  # without elements
-        return SegmentFit(label, None, inseparable, p_restricted, curved, share)
+        return SegmentFit(label, None, inseparable, curved, share)
     contact, scales = CONTACT_MODELS[label.column], scales_of(model)
     fit = fits[label.column] if share is None else _measured_fit(segment, window, contact, fits[label.column])
     extra_variance = model.noise.extra_contact_variance[label.column]
@@ -166,12 +161,11 @@ def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
     alike = tuple(filter(known_map.allows, ambiguity.alike_in_formation(label, rivals)))
     if formation.further and alike and share is None:
         inseparable = tuple(state for state in STATES if state in {*inseparable, *alike})
-        p_restricted = ambiguity.p_restricted(True, moved_s)
     estimate = element_estimate(fitted, contact, scales, window, information)
     geometry, curved = located.geometry, np.zeros(1)
     tolerance = _tolerance(contact, fitted.x, window) if any(extra_variance) else None
     parts = share, formation, None, estimate, tolerance
-    return SegmentFit(label, geometry, inseparable, p_restricted, curved, *parts)
+    return SegmentFit(label, geometry, inseparable, curved, *parts)
 
 
 def fit_on_map(
@@ -295,17 +289,16 @@ class FinishedSegment(NamedTuple):
         contact, column, known_map = fit.contact, fit.contact.column, self.ticks.known_map
         beliefs = np.zeros(len(self.rows), BELIEF)
         curved = np.broadcast_to(fit.curved, len(beliefs))
-        p_restricted, possible = np.maximum(fit.p_restricted, curved), known_map.allowed
         is_open, resting = (curved > 0.5) & (fit.share is None), np.zeros(len(beliefs), bool)
         at_rest = ambiguity.others_at_rest(contact, known_map, fit.inseparable)
         flush = resting
         if at_rest and fit.share is None:
             resting = self.resting
             flush = self._flush(fit) & ~resting
-        columns = beliefs, self.posterior, p_restricted, resting, flush, is_open
-        for belief, posterior, p, rests, lies, bends in zip(*columns, strict=True):
-            states = fit.with_flush if lies else possible if bends else fit.inseparable
-            args = states, known_map, float(p), fit.leaves_constraints_unnamed, fit.share
+        columns = beliefs, self.posterior, resting, flush, is_open
+        for belief, posterior, rests, lies, bends in zip(*columns, strict=True):
+            states = fit.with_flush if lies else known_map.allowed if bends else fit.inseparable
+            args = states, known_map, fit.leaves_constraints_unnamed, fit.share
             probability = ambiguity.reported(posterior, contact, *args)
             if rests:
                 states, probability = at_rest, ambiguity.at_most(probability, contact, possible=at_rest)
@@ -313,7 +306,6 @@ class FinishedSegment(NamedTuple):
             belief["inseparable"] = [state in states for state in STATES]
         beliefs["stamp_ns"], beliefs["onset_ns"] = self.rows["stamp_ns"], self.rows["start_ns"][0]
         beliefs["contact"], beliefs["residual"] = column, self.rows["residual"]
-        beliefs["p_restricted"] = p_restricted
         beliefs["geometry"] = -1 if fit.geometry is None else 0
         beliefs["joint"] = np.where(resting, -1, -1 if fit.joint is None else 0)
         further = self._further(fit.formation)

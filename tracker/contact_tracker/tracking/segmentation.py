@@ -21,7 +21,6 @@ BELIEF: Final = np.dtype(
         ("onset_ns", np.int64),
         ("probability", np.float64, len(STATES)),
         ("residual", np.float64, len(CONTACTS)),
-        ("p_restricted", np.float64),
         ("geometry", np.int64),
         ("further", np.int64),
         ("joint", np.int64),
@@ -68,8 +67,8 @@ class Beliefs(Sequence[Belief]):
             if b.joint is not None:
                 joint, _ = joints.setdefault(id(b.joint), (len(joints), b.joint))
             is_inseparable = [state in b.inseparable for state in STATES]
-            cells = (b.stamp_ns, b.onset_ns, b.probability, b.residual, b.p_restricted, number, formation)
-            rows.append((*cells, joint, is_inseparable, b.contact.column))
+            cells = (b.stamp_ns, b.onset_ns, b.probability, b.residual, number, formation, joint)
+            rows.append((*cells, is_inseparable, b.contact.column))
         return cls(
             np.array(rows, BELIEF),
             [pack(geometry) for _, geometry in geometries.values()],
@@ -133,7 +132,6 @@ class Beliefs(Sequence[Belief]):
             self._geometry(int(row["geometry"])),
             row["residual"].copy(),
             tuple(state for state, open in zip(STATES, row["inseparable"], strict=True) if open),
-            float(row["p_restricted"]),
             () if row["further"] < 0 else self.formations[row["further"]],
             None if row["joint"] < 0 else self.joints[row["joint"]],
         )

@@ -1,4 +1,5 @@
-"""Redistribution of probability keeps every posterior a distribution; wrenches decide among open states."""
+"""The reported posterior is a distribution, without certainty beside open states; wrenches decide among
+them."""
 
 import json
 from pathlib import Path
@@ -25,31 +26,6 @@ def is_distribution(probability: np.ndarray) -> bool:
     return bool((probability >= 0.0).all() and abs(probability.sum() - 1.0) < 1e-9)
 
 
-@given(posteriors, states, st.sets(states), st.floats(0.0, 1.0))
-@example(np.array([0.0, 0.2, 0.0, 0.0, 0.0, 0.4, 0.4]), Contact.EF, {Contact.FREE}, 1.0)
-def test_sharing_among_inseparable_states_keeps_a_distribution(posterior, label, others, purpose):
-    """Also if the label is not the most probable state, as on a Viterbi path or with a lag."""
-    others = tuple(state for state in STATES if state in others - {label})
-    shared = ambiguity.redistribute(posterior, label, others, purpose)
-    assert is_distribution(shared)
-    group = [label.column, *(other.column for other in others)]
-    outside = np.setdiff1d(np.arange(7), group)
-    assert shared[outside] == pytest.approx(posterior[outside], abs=1e-12)
-    first = int(posterior.argmax())
-    assert shared[first] >= shared.max() - 1e-9, "what was most probable stays so"
-
-
-def test_free_motion_shares_where_all_possible_contacts_are_open():
-    posterior, faces = np.array([0.0, 0.0, 0.0, 0.02, 0.0, 0.0, 0.98]), (Contact.FF, Contact.EF, Contact.VF)
-    shared = ambiguity.redistribute(posterior, Contact.FREE, faces, 1.0, faces)
-    assert shared[Contact.FREE.column] < 0.5
-    assert is_distribution(shared)
-    assert not shared[[Contact.FE.column, Contact.FV.column, Contact.EE.column]].any()
-    some = ambiguity.redistribute(posterior, Contact.FREE, faces[:2], 1.0, faces)
-    assert (some == posterior).all()
-    assert (ambiguity.redistribute(posterior, Contact.FREE, faces, 1.0) == posterior).all()
-
-
 @given(posteriors, states, st.sets(states))
 @example(np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0]), Contact.EE, {Contact.VF})
 def test_no_label_is_certain_beside_a_state_that_is_not_excluded(posterior, label, others):
@@ -61,18 +37,6 @@ def test_no_label_is_certain_beside_a_state_that_is_not_excluded(posterior, labe
     assert shared[label.column] <= ambiguity.most_beside(len(others)) + 1e-8
     again = ambiguity.with_rivals(shared, label, others)
     assert again == pytest.approx(shared, abs=1e-8)
-
-
-@given(posteriors, states, states)
-def test_indistinguishable_states_share_whichever_is_the_label(posterior, first, second):
-    """The shares do not depend on which of the indistinguishable contacts is the label."""
-    every = [tuple(state for state in STATES if state is not label) for label in (first, second)]
-    if Contact.FREE in (first, second):
-        return
-    one, other = (
-        ambiguity.redistribute(posterior, c, o, 1.0) for c, o in zip((first, second), every, strict=True)
-    )
-    assert one == pytest.approx(other, abs=1e-12)
 
 
 def test_every_belief_with_a_lag_is_a_distribution():
