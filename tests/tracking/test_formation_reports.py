@@ -76,6 +76,16 @@ def test_constraints_are_those_of_all_contacts_of_the_time() -> None:
     assert pickle.loads(pickle.dumps(fit)).formation.ranks == ranks  # as between processes
 
 
+def test_a_segment_is_open_to_states_that_are_more_probable_than_its_label() -> None:
+    """The most probable sequence may have a label that is improbable in each tick."""
+    segment = finished(Contact.EF, 0, 10)
+    for column, expected in ((Contact.FF.column, (Contact.FF,)), (Contact.EF.column, ())):
+        posterior = np.full((10, 7), 0.02)
+        posterior[:, column] = 0.88
+        (found,), _ = segment._replace(posterior=posterior).with_fit(fitted(Contact.EF))
+        assert found.inseparable == expected
+
+
 def further(start_ns: int) -> FurtherContact:
     return FurtherContact(Contact.VF, 0.9, start_ns, None, GEOMETRY, (), 2)
 

@@ -159,6 +159,25 @@ def test_a_lid_on_known_faces_is_not_contact_of_its_faces() -> None:
         assert segment.contact is not Contact.FF or (segment.inseparable and segment.probability <= 0.9)
 
 
+@pytest.mark.parametrize("is_lifted", [False, True])
+def test_motion_in_one_plane_alone_may_be_that_of_a_machine(is_lifted: bool) -> None:
+    """A gantry that moves a part in the air at one height moves it like a face on a table."""
+    rng, time_s = np.random.default_rng(1), np.arange(0.0, 12.0, 0.01)
+    position_m = np.stack([0.2 * np.sin(time_s), 0.1 * np.sin(1.7 * time_s), 0.0 * time_s], axis=1)
+    turn = np.stack([0.0 * time_s, 0.0 * time_s, 0.8 * np.sin(1.3 * time_s)], axis=1)
+    if is_lifted:
+        hand = gaussian_filter1d(rng.normal(size=(len(time_s), 6)), 40, axis=0)
+        hand *= np.clip(time_s - 8.0, 0.0, 1.0)[:, None] / hand.std(axis=0)
+        position_m, turn = position_m + 0.05 * hand[:, :3], turn + 0.3 * hand[:, 3:]
+    position_m += rng.normal(0.0, 1e-4, position_m.shape)
+    noisy = Rotation.from_rotvec(rng.normal(0.0, 1e-3, turn.shape)) * Rotation.from_rotvec(turn)
+    trajectory = contact_tracker.Trajectory.from_arrays(time_s, position_m, noisy, time_unit="s")
+    flat = contact_tracker.segment(trajectory).at(5.0)
+    assert flat.contact is Contact.FF
+    assert flat.inseparable == (() if is_lifted else (Contact.FREE,))
+    assert (flat.probability > 0.9) == is_lifted
+
+
 @pytest.mark.parametrize("higher_m", [0.003, 0.03])
 def test_a_pose_beside_known_faces_shows_no_contact(higher_m: float) -> None:
     """It may stand on something else, or a hand may hold it parallel to the table."""

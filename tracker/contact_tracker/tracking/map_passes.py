@@ -29,6 +29,8 @@ from contact_tracker.tracking.transition_model import FREE
 KNOWN_M: Final = 0.02
 """Largest standard deviation (m) of an offset that is reported. It is 0.4 to 5 mm on everyday handling if
 other contacts touch the same faces, and that of the prior, 300 mm, if f-f alone does."""
+PARALLEL_RAD: Final = 0.1
+"""Largest angle between parallel faces, as between what is observed of a direction and what is not."""
 MOST_PASSES: Final = 2
 """Most passes after the first."""
 DECISIVE_NATS: Final = 35.0
@@ -141,12 +143,15 @@ def _with_touches(segmentation: Segmentation, first: Segmentation, pace: float, 
 
 
 def _with_free_beside_lasting_faces(segmentation: Segmentation) -> Segmentation:
-    """The segmentation with f-f open to free motion if it is the contact of all segments.
+    """The segmentation with f-f open to free motion if it is the contact of all segments, in one plane.
 
     An arm or a gantry that moves in a plane moves an object in the air as faces would. A hand does not, and
     a recording of other contacts as well shows that the object can leave these faces.
     """
-    if any(segment.contact is not Contact.FF for segment in segmentation.segments):
+    faces = [s.geometry.environment for s in segmentation.segments if s.geometry is not None]
+    normals = np.array([face.normal for face in faces if isinstance(face, Plane) and not face.unobserved])
+    is_one_plane = bool((np.abs(normals @ normals.T) > np.cos(PARALLEL_RAD)).all()) if len(normals) else True
+    if not is_one_plane or any(segment.contact is not Contact.FF for segment in segmentation.segments):
         return segmentation
     every = np.ones(len(segmentation.beliefs), bool)
     return _with_open(segmentation, Contact.FF, every, lambda _: (Contact.FREE,))
