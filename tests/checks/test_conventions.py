@@ -113,7 +113,7 @@ WITHOUT_REMEDY: dict[str, tuple[str, Callable[[Poses], Poses]]] = {
         "paper_experiment",
         lambda poses: with_quaternions(turned_axes(poses), [0, 1, 2, 3], -1.0),
     ),
-    "proper Euler angles": ("mug_first_take", taken_for_fixed_axes("ZXZ")),
+    "proper Euler angles": ("robot_1khz", taken_for_fixed_axes("ZXZ")),
     "late by 150 ms": ("all_states", lambda poses: late(poses, 150.0)),
 }
 
