@@ -29,7 +29,8 @@ MOST_RESTS: Final = 60
 """Most rests of a recording that are compared, the first ones: as many as a map has contacts."""
 SIGMAS: Final = 4.0
 """A rest that is farther from two faces than this many standard deviations stands on others, and two rests
-that turn by less propose none."""
+that turn by less propose none. Half and double give the same sightings in 24 simulations of four or five
+rests, as of the next constant."""
 ROUNDS: Final = 4
 """Steps in which faces are fitted to the rests that agree with them."""
 
