@@ -117,6 +117,19 @@ def test_faces_at_another_height_are_another_pair() -> None:
     assert world.pairs[200] != world.pairs[100]
 
 
+def test_one_face_of_a_body_at_two_heights_touches_two_faces() -> None:
+    """Another face of the body in the same direction would be behind the one that touches the table."""
+    rng = np.random.default_rng(3)
+    sightings = [
+        seen(Contact.FF, (BOTTOM, environment), 100 * i, rng=rng)
+        for i, environment in enumerate([TABLE, SHELF, TABLE, SHELF])
+    ]
+    pairs = [*GrowingMap.learn(sightings, REACH_M).pairs.values()]
+    assert len({body for body, _ in pairs}) == 1
+    assert len({environment for _, environment in pairs}) == 2
+    assert pairs[0] == pairs[2] != pairs[1] == pairs[3]
+
+
 def test_different_elements_stay_apart() -> None:
     rng = np.random.default_rng(4)
     pairs = [(CORNER, TABLE), (OTHER_CORNER, TABLE), (CORNER, SHELF)]

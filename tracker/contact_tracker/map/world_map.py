@@ -38,6 +38,9 @@ SOLVER_ROUNDS: Final = 4
 LONGEST_TURN_RAD: Final = 0.3
 """Largest turn of an element in one step of the solver."""
 CONVERGED: Final = 1e-7
+COVERED_COSINE: Final = 0.99
+"""Least product of the cosines of the angles between two faces, in two contacts, that are parallel in both:
+other faces of a body are at least 20 deg off."""
 DROPPED_NATS: Final = 7.5
 """Evidence against the prior's elements of a side by which they are dropped: a contact that they do not
 explain costs the price of a new element, 5 nats with ten contacts known and 2.5 with two, and one that they
@@ -351,6 +354,8 @@ class _Mapper:
         """Let a sighting touch the pair of elements, known or new, that is most probable for it."""
         view = self.map.whole
         choices, log_weight = weigh_pairs(sighting, view, self._start.reach_m)
+        covered = [key is not None and self._is_covered(sighting, key) for key, _ in choices[1]]
+        log_weight[0, covered] = -np.inf  # the first choice is a new element
         best = np.unravel_index(log_weight.argmax(), log_weight.shape)
         keys = [side[int(row)][0] for side, row in zip(choices, best, strict=True)]
         pair = [
@@ -365,6 +370,23 @@ class _Mapper:
         self._pairs[sighting.first] = named[0], named[1]
         if not all(is_new):
             self.solve(1)
+
+    def _is_covered(self, sighting: Sighting, face: Key) -> bool:
+        """Whether a face of the object that has touched this ``face`` of the environment is parallel to it in
+        a ``sighting`` of f-f, on the same side: a new face of the object would be behind that one, or in
+        front of it. So an object on a shelf touches a new face of the environment, not another one of its
+        own."""
+        if not sighting.has_one_height:
+            return False
+        normal = self._elements[face].direction
+        for first, (body, touched) in self._pairs.items():
+            earlier = self._sightings[first]
+            if touched == face and earlier.has_one_height:
+                outward = self._elements[body].direction
+                cosines = [normal @ shown.estimate.rotation @ outward for shown in (sighting, earlier)]
+                if cosines[0] * cosines[1] > COVERED_COSINE:
+                    return True
+        return False
 
     def solve(self, rounds: int) -> None:
         """Move the elements to where all sightings agree best (Gauss-Newton)."""
