@@ -81,9 +81,9 @@ def _better_pass(first: PassRecord, executor: Executor | None) -> Segmentation |
     best: Segmentation | None = None
     allowed = first.state.known_map.allowed
     start, previous = first.state.map, first
-    lead = DECISIVE_NATS
-    if not first.sightings:  # what rests show together is sure already
-        lead, first.at_rest = 0.0, sightings_at_rest(first.ticks, first.state.model, start.reach_m)
+    if not first.sightings:
+        first.at_rest = sightings_at_rest(first.ticks, first.state.model, start.reach_m)
+    lead = 0.0 if first.at_rest else DECISIVE_NATS  # what rests show together is sure already
     best_evidence = first.log_evidence + log_prior_of_new(len(first.contacts)) + lead
     for _ in range(MOST_PASSES):
         world = GrowingMap.learn(previous.all_sightings, start.reach_m, len(first.contacts), start.prior)
