@@ -132,7 +132,7 @@ def test_a_known_face_on_a_known_plane_is_certain_at_once(accuracy, is_sure):
 
 
 def test_a_known_face_that_slides_along_a_line_on_a_known_plane_is_face_on_face():
-    """Also in the whole recording, of which the motion is that of a slider."""
+    """Also in the whole recording, of which the motion is that of a slider, which may be just above it."""
     rng, time_s = np.random.default_rng(0), np.arange(0.0, 3.0, 0.01)
     position_m = np.zeros((len(time_s), 3))
     position_m[:, 0], position_m[:, 2] = 0.1 * np.sin(time_s), 0.05
@@ -147,8 +147,8 @@ def test_a_known_face_that_slides_along_a_line_on_a_known_plane_is_face_on_face(
     known_map = map_from({"environment": {"plane": [table]}, "object": {"plane": [bottom]}})
     (found,) = segment(poses, MODEL, known_map=known_map).segments
     assert found.contact is Contact.FF
-    assert not found.inseparable
-    assert found.probability == pytest.approx(0.9)  # at most, as the motion keeps more constraints
+    assert found.inseparable == (Contact.FREE,)
+    assert found.probability == pytest.approx(0.9, abs=1e-3)  # at most, as the motion keeps more constraints
     assert found.touching == ("bottom", "table")
 
 

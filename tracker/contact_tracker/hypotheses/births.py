@@ -501,9 +501,9 @@ def map_evidence(
     model: ContactModel, begins: BirthProposals, window: Window, scales: EvidenceParameters
 ) -> tuple[Array, int]:
     """Log-likelihood ratio (7,) of the poses in the ``window``, if one of the known pairs that ``begins``
-    proposes touches in all but a share ``NEAR_ENDS`` of them, times the share of the pair, against poses
-    with the constraints of each state that the contact contains (T29); 0 for other states, and without known
-    pairs. Also the number of that proposal, -1 without one."""
+    proposes touches in all but a share ``NEAR_ENDS`` of them, against poses with the constraints of each
+    state that the contact contains (T29); 0 for other states, and without known pairs whose distance is
+    known. Also the number of that proposal, -1 without one."""
     pairs = _known_pairs(model, begins)
     assert window.frames is not None
     rows = np.flatnonzero(window.frames)
@@ -513,9 +513,10 @@ def map_evidence(
     poses = [_touching_evidence(model, pairs, window.cut(row, row + 1), scales) for row in rows.tolist()]
     row_gain, log_ratio = (np.quantile(part, NEAR_ENDS, axis=0) for part in zip(*poses, strict=True))
     is_located = row_gain[:, -1] > DECISIVE  # a hand may hold a face parallel to another one at any distance
-    weight = np.where(is_located, log_ratio, -np.inf)
-    best = int(weight.argmax())
-    against = _against_contained(model, row_gain[best], float(weight[best]))
+    if not is_located.any():
+        return np.zeros(len(STATES)), -1
+    best = int(np.where(is_located, log_ratio, -np.inf).argmax())
+    against = _against_contained(model, row_gain[best], float(log_ratio[best]))
     against[FREE] -= row_gain[best, :-1].sum()  # ... and so at this distance
     return against, int(np.flatnonzero(pairs.is_known)[best])
 

@@ -63,8 +63,9 @@ def with_map(
     first = Segmentation.join(waiting)
     result = _better_pass(record, executor) or first
     result = _with_touches(result, first, record.pace, record.state.model.certainty.posterior_power)
-    result = _with_free_beside_lasting_faces(result)
     world, allowed = record.state.map, record.state.known_map.allowed
+    if not world.prior:
+        result = _with_free_beside_lasting_faces(result)
     if world.untested_sides or any(world.prior_is_dropped):  # its price hid contacts in free motion
         result = _with_open(result, Contact.FREE, np.ones(len(result.beliefs), bool), lambda _: allowed)
     result = with_offsets(result, record.map)

@@ -1,11 +1,12 @@
 """Sightings of faces by rests alone: what an object stood on in several places (docs/theory.md, section 22).
 
 A single rest fits any face on any other. Two rests on one pair of faces differ by a turn about their normal
-and a shift along them, and each further rest agrees in three numbers more.
+and a shift along them, as a turn about an axis does, and each further rest agrees in three numbers more.
 """
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations
 from typing import Final, NamedTuple
 
@@ -26,13 +27,19 @@ from contact_tracker.motion.window import Window, at_rest
 from contact_tracker.states import Contact
 
 MOST_RESTS: Final = 60
-"""Most rests of a recording that are compared, the first ones: as many as a map has contacts."""
+"""Most rests of a recording that are compared, the first ones: as many as a map has contacts. They take up to
+1 s on a surface so uneven that each two propose faces of their own, 0.1 s on one face."""
+FEWEST_RESTS: Final = 3
+"""Fewest rests that show faces: two whose turn is about the faces' normal are also a turn about an axis."""
 SIGMAS: Final = 4.0
 """A rest that is farther from two faces than this many standard deviations stands on others, and two rests
 that turn by less propose none. Half and double give the same sightings in 24 simulations of four or five
 rests, as of the next constant."""
-ROUNDS: Final = 4
+ROUNDS: Final = 2
 """Steps in which faces are fitted to the rests that agree with them."""
+
+AXIS_SHARE: Final = 1e-2
+"""Largest singular value, of all, that the noise of orientations gives to a point's place along an axis."""
 
 _FACES: Final = CONTACT_MODELS[Contact.FF.column]
 
@@ -96,20 +103,35 @@ class _Rests:
         """Variances (K, 3) of the residuals of f-f: two angles, one distance."""
         return self.variance[:, [1, 1, 0]]
 
-    def turn(self, i: int, j: int) -> Array:
-        """The rotation vector (3,), in the world, from the orientation of rest i to that of rest j."""
-        return np.asarray(Rotation.from_matrix(self.rotation[j] @ self.rotation[i].T).as_rotvec())
+    @cached_property
+    def turns(self) -> Array:
+        """Rotation vectors (K, K, 3), in the world, from the orientation of the row to that of the column."""
+        between = np.einsum("jab,icb->ijac", self.rotation, self.rotation)
+        vectors = Rotation.from_matrix(between.reshape(-1, 3, 3)).as_rotvec()
+        return np.asarray(vectors.reshape(*between.shape[:2], 3))
 
     def moved_variance(self, members: Ints, reach_m: float) -> Array:
         """Variances (n, 3) of the residuals of the ``members`` if no face held the object: of the first one
         anywhere, of each other by how far it is from the nearest before it. For whatever moves the object may
         return to a place or an orientation on purpose."""
-        variance = np.full((len(members), 3), [ANY_DIRECTION, ANY_DIRECTION, reach_m**2])
-        for row, k in enumerate(members):
-            for before in members[:row]:
-                turn, shift_m = self.turn(before, k), self.zeta[k, T] - self.zeta[before, T]
-                variance[row] = np.minimum(variance[row], [turn @ turn, turn @ turn, shift_m @ shift_m])
-        return variance
+        place_m = self.zeta[members][:, T]
+        turned = (self.turns[np.ix_(members, members)] ** 2).sum(axis=-1)
+        shifted = ((place_m[:, None] - place_m) ** 2).sum(axis=-1)
+        is_later = np.triu(np.ones_like(turned, dtype=bool))
+        turned, shifted = (np.where(is_later, np.inf, square).min(axis=1) for square in (turned, shifted))
+        moved = np.stack([turned, turned, shifted], axis=1)
+        return np.asarray(np.minimum(moved, [ANY_DIRECTION, ANY_DIRECTION, reach_m**2]))
+
+    def are_about_one_axis(self, members: Ints) -> bool:
+        """Whether the object has turned about one fixed axis between the ``members``, as on a hinge: a point
+        of the body stays where it is. Any face across the axis fits that."""
+        rotation, place_m = self.rotation[members], self.zeta[members][:, T]
+        points = np.concatenate([np.tile(np.eye(3), (len(members), 1, 1)), -rotation], axis=2).reshape(-1, 6)
+        # in the world, and in the body; along the axis, both are open together
+        fixed = np.linalg.lstsq(points, place_m.ravel(), rcond=AXIS_SHARE)[0]
+        apart_m = (points @ fixed).reshape(-1, 3) - place_m
+        variance = self.variance[members] @ np.array([1.0, fixed[3:] @ fixed[3:]])
+        return bool((apart_m**2 <= SIGMAS**2 * variance[:, None]).all())
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,23 +154,23 @@ class _Faces:
 
 
 def _faces_of(rests: _Rests, reach_m: float) -> list[_Faces]:
-    """The pairs of faces that explain most, each by the rests that those before leave."""
-    left, found = np.arange(len(rests.rows)), list[_Faces]()
-    while len(left) > 1:
-        fits = {frozenset(fit.members.tolist()): fit for fit in _fits(rests, left, reach_m)}
-        best = max(fits.values(), key=lambda fit: fit.evidence, default=None)
-        if best is None or best.evidence < DECISIVE + np.log(len(left) * (len(left) - 1) / 2):
+    """The pairs of faces that explain most, without rests in common."""
+    count, found, taken = len(rests.rows), list[_Faces](), set[int]()
+    for fit in sorted(_fits(rests, reach_m), key=lambda fit: -fit.evidence):
+        if fit.evidence < DECISIVE + np.log(count * (count - 1) / 2):
             break
-        found.append(best)
-        left = np.setdiff1d(left, best.members)
+        members = fit.members.tolist()
+        if taken.isdisjoint(members) and not rests.are_about_one_axis(fit.members):
+            found.append(fit)
+            taken.update(members)
     return found
 
 
-def _fits(rests: _Rests, left: Ints, reach_m: float) -> Iterator[_Faces]:
-    """The faces that two of the rests that are ``left`` propose: the object turned about their normal."""
-    tried = set[frozenset[int]]()
-    for i, j in combinations(left.tolist(), 2):
-        turn = rests.turn(i, j)
+def _fits(rests: _Rests, reach_m: float) -> Iterator[_Faces]:
+    """The faces that each two rests propose, as the object turned about their normal, if others agree."""
+    tried, every = set[frozenset[int]](), np.arange(len(rests.rows))
+    for i, j in combinations(every.tolist(), 2):
+        turn = rests.turns[i, j]
         angle = float(np.linalg.norm(turn))
         sigma_rad = float(np.sqrt(rests.variance[i, 1] + rests.variance[j, 1]))
         if angle < SIGMAS * sigma_rad:
@@ -156,13 +178,16 @@ def _fits(rests: _Rests, left: Ints, reach_m: float) -> Iterator[_Faces]:
         normal, place_m = turn / angle, 0.5 * (rests.zeta[i, T] + rests.zeta[j, T])
         x = np.concatenate([rests.rotation[i].T @ normal, normal, [normal @ place_m]])
         # the error of the normal
-        arm_m = np.linalg.norm(rests.zeta[left][:, T] - place_m, axis=1)
+        arm_m = np.linalg.norm(rests.zeta[:, T] - place_m, axis=1)
         tilt = (sigma_rad / (2.0 * np.sin(0.5 * angle))) ** 2
-        variance = rests.row_variance[left] + tilt * np.stack([arm_m**0, arm_m**0, arm_m**2], axis=1)
-        members = left[_agree(_residual(x, rests, left), variance)]
-        if frozenset(members.tolist()) not in tried and {i, j} <= {*members.tolist()}:
-            tried.add(frozenset(members.tolist()))
-            yield _fitted(x, rests, left, members, reach_m)
+        variance = rests.row_variance + tilt * np.stack([arm_m**0, arm_m**0, arm_m**2], axis=1)
+        members = every[_agree(_residual(x, rests, every), variance)]
+        agreeing = frozenset(members.tolist())
+        if len(members) < FEWEST_RESTS or not agreeing >= {i, j} or agreeing in tried:
+            continue
+        tried.add(agreeing)
+        if (fit := _fitted(x, rests, members, reach_m)) is not None:
+            yield fit
 
 
 def _residual(x: Array, rests: _Rests, members: Ints) -> Array:
@@ -174,8 +199,9 @@ def _agree(residual: Array, variance: Array) -> Bools:
     return np.asarray((residual**2 <= SIGMAS**2 * variance).all(axis=1))
 
 
-def _fitted(x: Array, rests: _Rests, left: Ints, members: Ints, reach_m: float) -> _Faces:
-    """The faces fitted to the ``members``, which are chosen again from those ``left`` in each step."""
+def _fitted(x: Array, rests: _Rests, members: Ints, reach_m: float) -> _Faces | None:
+    """The faces fitted to the ``members``, which are chosen again in each step; None if few are left."""
+    every = np.arange(len(rests.rows))
     for _ in range(ROUNDS):
         tangent, derivative = _derivative(x, rests, members)
         weight = 1.0 / rests.row_variance[members]
@@ -183,9 +209,9 @@ def _fitted(x: Array, rests: _Rests, left: Ints, members: Ints, reach_m: float) 
         gradient = np.einsum("nkp,nk->p", derivative, weight * _residual(x, rests, members))
         change = np.linalg.solve(np.eye(len(gradient)) + information.sum(axis=0), gradient)
         x = face_face.normalise(x - tangent @ change, np.zeros(6))
-        members = left[_agree(_residual(x, rests, left), rests.row_variance[left])]
-        if len(members) < 2:
-            break
+        members = every[_agree(_residual(x, rests, every), rests.row_variance)]
+        if len(members) < FEWEST_RESTS:
+            return None
     tangent, derivative = _derivative(x, rests, members)
     variance = rests.row_variance[members]
     ratio = rests.moved_variance(members, reach_m) / variance

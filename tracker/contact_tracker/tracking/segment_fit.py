@@ -175,16 +175,20 @@ def fit_on_map(
     one of these ``pairs`` of elements, which are listed or which other contacts of the recording have
     touched; its elements are then the pair's.
 
-    If these pairs were not seen to be touched while the object ``moved``, but only where it rested, free
-    motion stays open, as robots hold still in the air, too. Unchanged if the motion itself shows the contact,
-    or if wrenches have decided it.
+    Free motion stays open if the motion keeps more constraints than the contact has, as on a slider just
+    above a plane, and if these pairs were not seen to be touched while the object ``moved``, but only where
+    it rested, as robots hold still in the air, too; both together leave the fit as it is. So it is if the
+    motion itself shows the contact, or if wrenches have decided it.
     """
     if not fit.inseparable or fit.geometry is None or fit.share is not None:
+        return fit
+    if fit.leaves_constraints_unnamed and not moved:
         return fit
     model, contact, scales = segment.model, CONTACT_MODELS[fit.contact.column], scales_of(segment.model)
     error = model.noise.extra_contact_variance[fit.contact.column]
     against, touched = map_evidence(contact, pairs, segment.window.with_error(error), scales)
-    against[Contact.FREE.column] *= moved
+    if fit.leaves_constraints_unnamed or not moved:
+        against[Contact.FREE.column] = 0.0
     inseparable = tuple(state for state in fit.inseparable if against[state.column] < DECISIVE)
     if inseparable == fit.inseparable:
         return fit
