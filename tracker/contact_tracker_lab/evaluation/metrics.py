@@ -77,7 +77,7 @@ class Tally:
     @property
     def subsets(self) -> tuple[Subset, ...]:
         """The subsets that the truth determines: a user's labels do not say how the object moved."""
-        is_known = self.seconds(Subset.IDENTIFIABLE) + self.seconds(Subset.AMBIGUOUS) > 0.0
+        is_known = self.seconds(Subset.MOVED) + self.seconds(Subset.AMBIGUOUS) > 0.0
         return tuple(Subset) if is_known or not self.seconds() else (Subset.ALL, Subset.CLEAR)
 
     def accuracy(self, subset: Subset = Subset.ALL) -> float:

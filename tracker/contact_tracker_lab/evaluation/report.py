@@ -243,11 +243,11 @@ def _evaluation_json(value: Evaluation) -> dict[str, Any]:
 def _tally_json(tally: Tally | None) -> dict[str, Any] | None:
     if tally is None:
         return None
-    confusion = tally.confusion_s[Subset.ALL]
+    confusion, known = tally.confusion_s[Subset.ALL], tally.subsets
     return {
         "scored_s": tally.seconds(),
-        "accuracy": {s.name.lower(): tally.accuracy(s) for s in Subset},
-        "subset_s": {s.name.lower(): tally.seconds(s) if s in tally.subsets else math.nan for s in Subset},
+        "accuracy": {s.name.lower(): tally.accuracy(s) if s in known else math.nan for s in Subset},
+        "subset_s": {s.name.lower(): tally.seconds(s) if s in known else math.nan for s in Subset},
         **{name: getattr(tally, name) for name in ("macro_f1", *_BELIEF_FIGURES)},
         "boundary_s": {**_quantiles(tally.boundary_s), "missed_share": tally.missed_share},
         "delay_s": {**_quantiles(tally.delay_s), "never_share": tally.never_share},

@@ -25,8 +25,8 @@ UNSCORED: Final = -1
 
 
 class Subset(IntEnum):
-    """Subsets of the scored frames; the value is the row in ``Scoring.subsets``. The last three are empty if
-    it is not known how the object moved."""
+    """Subsets of the scored frames; the value is the row in ``Scoring.subsets``. If it is not known how the
+    object moved, all frames count as identifiable."""
 
     ALL = 0
     """every scored frame"""
@@ -120,8 +120,8 @@ def scoring(stamp_ns: Ints, truth: Truth) -> Scoring:
             if interval.motion is not None:
                 subsets[Subset.MOVED, frames] = moved
                 subsets[Subset.AMBIGUOUS, frames] = interval.singular or not moved
-                subsets[Subset.IDENTIFIABLE, frames] = moved and not interval.singular
     subsets[Subset.ALL] = column != UNSCORED
+    subsets[Subset.IDENTIFIABLE] = subsets[Subset.ALL] & ~subsets[Subset.AMBIGUOUS]
     subsets[Subset.CLEAR] = subsets[Subset.ALL]
     runs = _runs(stamp_ns, column)
     for (_, last), (onset, _) in pairwise(runs):
