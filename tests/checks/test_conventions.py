@@ -330,7 +330,7 @@ def test_poses_that_were_asked_for_in_a_moving_frame_are_not_inverse(frame_moves
     assert ["inverse" in finding.text for finding in state.findings] == ([] if frame_moves else [True])
     assert state.is_in_doubt is not frame_moves
     found = segmented(Trajectory(poses, read_as=ReadAs(frame_moves)), MODEL)
-    assert bool(found.beliefs.probability.max() > 0.9) is frame_moves
+    assert bool(found.beliefs.probability.max() > 0.8) is frame_moves  # f-f alone has up to 0.9
 
 
 @pytest.mark.parametrize("name", ["paper_experiment", "all_states", "robot_1khz", "vision_30hz"])
