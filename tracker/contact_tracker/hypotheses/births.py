@@ -27,7 +27,12 @@ from contact_tracker.geometry.elements import (
 from contact_tracker.geometry.lifted_pose import R
 from contact_tracker.hypotheses import compiled
 from contact_tracker.hypotheses.bank import Bank, blank
-from contact_tracker.hypotheses.evidence import DECISIVE, EvidenceParameters, residual_noise
+from contact_tracker.hypotheses.evidence import (
+    DECISIVE,
+    EvidenceParameters,
+    gain_and_misfit,
+    residual_noise,
+)
 from contact_tracker.hypotheses.schedule import burn_in_ticks
 from contact_tracker.map.association import MapView
 from contact_tracker.map.map import Map, NamedElement, Up
@@ -469,9 +474,7 @@ def _touching_evidence(
     noise = residual_noise(measurement, newest.cut(-1, None))[..., 0] + _spread(model, pairs, zeta)
     anywhere = np.full(family.ROWS, ANY_DIRECTION)
     anywhere[-1] = scales.reach_m**2
-    ratio = anywhere / noise
-    gain = 0.5 * np.log1p(ratio)
-    misfit = 0.5 * measurement.residual[:, :, 0] ** 2 / noise * (ratio / (1.0 + ratio))
+    gain, misfit = gain_and_misfit(measurement.residual[:, :, 0] ** 2, noise, anywhere)
     return gain, (gain - misfit).sum(axis=1)
 
 

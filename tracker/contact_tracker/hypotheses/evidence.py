@@ -108,9 +108,7 @@ def log_ratio(
         lever_sq = measurement.lever_sq[rows] + scales.body_radius_m**2
         excess[rows, -1] = free_position + free_rotation * lever_sq
     square = measurement.residual**2
-    ratio = excess / noise
-    gain = 0.5 * np.log1p(ratio)
-    misfit = 0.5 * square / noise * (ratio / (1.0 + ratio))
+    gain, misfit = gain_and_misfit(square, noise, excess)
     # the touching point hardly moves within a tick: its distance counts once a second
     reach_penalty = 0.5 * measurement.reach_sq / (2.0 * scales.reach_m) ** 2 * scales.tick_s
     return Ratio(
@@ -119,6 +117,13 @@ def log_ratio(
         np.swapaxes(square / noise, 1, 2),
         np.swapaxes(1.0 / noise, 1, 2),
     )
+
+
+def gain_and_misfit(square: Array, noise: Array, excess: Array) -> tuple[Array, Array]:
+    """The gain of constraints whose residuals have the variance ``noise``, and ``noise + excess`` under free
+    motion, and the misfit of squared residuals (T17), in nats."""
+    ratio = excess / noise
+    return 0.5 * np.log1p(ratio), 0.5 * square / noise * (ratio / (1.0 + ratio))
 
 
 def _whitened(

@@ -40,6 +40,8 @@ WIDTHS: Final = {"f": 4, "e": 6, "v": 3}
 LOOSE_M: Final = 0.3e-3
 LOOSE_RAD: Final = 2e-3
 """Standard deviations by which real elements differ from one touch to the next."""
+PARALLEL: Final = 0.99
+"""Least cosine of the angle between the normals of parallel faces: 8 deg."""
 ANY_DIRECTION_RAD: Final = 1.0
 """Standard deviation at which a Gaussian on the tangent has the density of a uniform direction without
 sense, 1 / (2 pi)."""

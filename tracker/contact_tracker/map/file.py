@@ -24,12 +24,12 @@ from contact_tracker.map.elements import (
     KINDS,
     MOST_CORNERS,
     NOTHING_LEARNED,
+    PARALLEL,
     Key,
     LearnedElements,
     MapElement,
 )
 from contact_tracker.map.map import (
-    OPPOSITE,
     Accuracy,
     Map,
     NamedElement,
@@ -437,7 +437,7 @@ def learned_from(keys: Keys) -> LearnedElements:
             extents[key] = row.matrix("touched_m", 3, range(1, MOST_CORNERS + 1), FARTHEST_M)
         if short == "f" and "outward" in row:
             outward[key] = row.direction("outward")
-            if abs(outward[key] @ direction) < -OPPOSITE:
+            if abs(outward[key] @ direction) < PARALLEL:
                 raise row.wrong("outward", "must be the direction or its opposite")
         row.finish()
         elements[key] = MapElement(short, direction, place_m)

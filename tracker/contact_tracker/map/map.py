@@ -12,7 +12,7 @@ import numpy as np
 
 from contact_tracker.geometry.elements import Array, Element, Line, Plane, Point
 from contact_tracker.geometry.polyhedron import Feature, Polyhedron
-from contact_tracker.map.elements import KINDS, NOTHING_LEARNED, LearnedElements, kind_of
+from contact_tracker.map.elements import KINDS, NOTHING_LEARNED, PARALLEL, LearnedElements, kind_of
 from contact_tracker.states import CONTACTS, Contact
 
 
@@ -199,8 +199,6 @@ def _axis_order(name: str) -> tuple[int, str]:
 
 GAP_M: Final = 0.005
 """Largest gap between faces that lie on each other, too small for an object to touch one of them."""
-OPPOSITE: Final = -0.99
-"""Greatest cosine between the normals of faces that lie on each other."""
 _SAME_M: Final = 5e-4
 _SAME_DIRECTION: Final = 0.01
 """Distance from the plane of a face, and cosine to its normal, of what lies in it: meshes are rounded."""
@@ -241,7 +239,7 @@ def _covers(
     face_element: NamedElement, face: Plane, corners_m: Array, elements: Sequence[NamedElement]
 ) -> bool:
     """Whether the ``corners_m`` (C, 3) of a face lie on another, and within it, where its body is known."""
-    if not isinstance(face_element.element, Plane) or face_element.element.normal @ face.normal > OPPOSITE:
+    if not isinstance(face_element.element, Plane) or face_element.element.normal @ face.normal > -PARALLEL:
         return False
     if np.abs(_in_front_m(face_element.element, corners_m)).max() > GAP_M:
         return False
@@ -267,7 +265,7 @@ def _lies_in(element: Element, face: Plane) -> bool:
     """Whether an element of a body lies in the plane of one of its faces."""
     match element:
         case Plane(normal, offset_m):
-            return bool(normal @ face.normal > -OPPOSITE and abs(offset_m - face.offset_m) < _SAME_M)
+            return bool(normal @ face.normal > PARALLEL and abs(offset_m - face.offset_m) < _SAME_M)
         case Line(direction, point_m):
             is_parallel = abs(direction @ face.normal) < _SAME_DIRECTION
             return bool(is_parallel and abs(_in_front_m(face, point_m[None])[0]) < _SAME_M)

@@ -22,6 +22,7 @@ from contact_tracker.map.association import (
 )
 from contact_tracker.map.elements import (
     NOTHING_LEARNED,
+    PARALLEL,
     Key,
     LearnedElements,
     MapElement,
@@ -38,9 +39,6 @@ SOLVER_ROUNDS: Final = 4
 LONGEST_TURN_RAD: Final = 0.3
 """Largest turn of an element in one step of the solver."""
 CONVERGED: Final = 1e-7
-COVERED_COSINE: Final = 0.99
-"""Least product of the cosines of the angles between two faces, in two contacts, that are parallel in both:
-other faces of a body are at least 20 deg off."""
 DROPPED_NATS: Final = 7.5
 """Evidence against the prior's elements of a side by which they are dropped: a contact that they do not
 explain costs the price of a new element, 5 nats with ten contacts known and 2.5 with two, and one that they
@@ -384,7 +382,7 @@ class _Mapper:
             if touched == face and earlier.has_one_height:
                 outward = self._elements[body].direction
                 cosines = [normal @ shown.estimate.rotation @ outward for shown in (sighting, earlier)]
-                if cosines[0] * cosines[1] > COVERED_COSINE:
+                if cosines[0] * cosines[1] > PARALLEL:
                     return True
         return False
 

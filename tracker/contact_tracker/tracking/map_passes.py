@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.geometry.elements import ContactGeometry, Element, Plane, numbers
 from contact_tracker.map.association import log_prior_of_new
-from contact_tracker.map.elements import best_known_place, covariance_of
+from contact_tracker.map.elements import PARALLEL, best_known_place, covariance_of
 from contact_tracker.map.map import Map
 from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.states import STATES, Contact
@@ -29,8 +29,6 @@ from contact_tracker.tracking.transition_model import FREE
 KNOWN_M: Final = 0.02
 """Largest standard deviation (m) of an offset that is reported. It is 0.4 to 5 mm on everyday handling if
 other contacts touch the same faces, and that of the prior, 300 mm, if f-f alone does."""
-PARALLEL_RAD: Final = 0.1
-"""Largest angle between parallel faces, as between what is observed of a direction and what is not."""
 MOST_PASSES: Final = 2
 """Most passes after the first."""
 DECISIVE_NATS: Final = 35.0
@@ -151,7 +149,7 @@ def _with_free_beside_lasting_faces(segmentation: Segmentation) -> Segmentation:
     """
     faces = [s.geometry.environment for s in segmentation.segments if s.geometry is not None]
     normals = np.array([face.normal for face in faces if isinstance(face, Plane) and not face.unobserved])
-    is_one_plane = bool((np.abs(normals @ normals.T) > np.cos(PARALLEL_RAD)).all()) if len(normals) else True
+    is_one_plane = not len(normals) or bool((np.abs(normals @ normals.T) > PARALLEL).all())
     if not is_one_plane or any(segment.contact is not Contact.FF for segment in segmentation.segments):
         return segmentation
     every = np.ones(len(segmentation.beliefs), bool)

@@ -13,33 +13,23 @@ from typing import Final, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from contact_tracker.arrays import Array, Bools, Ints
+from contact_tracker.arrays import Array, Ints
 from contact_tracker.config.parameters import Model
 from contact_tracker.contacts import CONTACT_MODELS, face_face
 from contact_tracker.geometry.lifted_pose import R, T
-from contact_tracker.geometry.linalg import matrices, nearest
 from contact_tracker.hypotheses.births import ANY_DIRECTION
-from contact_tracker.hypotheses.evidence import DECISIVE
+from contact_tracker.hypotheses.evidence import DECISIVE, gain_and_misfit
 from contact_tracker.map.association import ElementEstimate, Sighting
 from contact_tracker.map.elements import LOOSE_M, LOOSE_RAD
+from contact_tracker.map.world_map import MOST_SIGHTINGS
 from contact_tracker.motion.tick_averaging import Tick, tick_variances
 from contact_tracker.motion.window import Window, at_rest
 from contact_tracker.states import Contact
 
-MOST_RESTS: Final = 60
-"""Most rests of a recording that are compared, the first ones: as many as a map has contacts. They take up to
-1 s on a surface so uneven that each two propose faces of their own, 0.1 s on one face."""
-FEWEST_RESTS: Final = 3
-"""Fewest rests that show faces: two whose turn is about the faces' normal are also a turn about an axis."""
 SIGMAS: Final = 4.0
 """A rest that is farther from two faces than this many standard deviations stands on others, and two rests
 that turn by less propose none. Half and double give the same sightings in 24 simulations of four or five
-rests, as of the next constant."""
-ROUNDS: Final = 2
-"""Steps in which faces are fitted to the rests that agree with them."""
-
-AXIS_SHARE: Final = 1e-2
-"""Largest singular value, of all, that the noise of orientations gives to a point's place along an axis."""
+rests."""
 
 _FACES: Final = CONTACT_MODELS[Contact.FF.column]
 
@@ -64,44 +54,43 @@ def sightings_at_rest(ticks: Sequence[Tick], model: Model, reach_m: float) -> li
         np.array([tick.innovation_excess for tick in ticks]),
         frames=count,
     )
-    rests = _Rests.of(window, model.tick_s)
+    rests = _Rests.of(window, model.tick_s, reach_m)
     return [
         RestSighting(
             Sighting(first, end, estimate, ticks[first].start_ns, ticks[end - 1].stamp_ns), float(evidence)
         )
-        for faces in _faces_of(rests, reach_m)
+        for faces in _faces_of(rests)
         for (first, end), estimate, evidence in faces.by_rest(rests)
     ]
 
 
 @dataclass(frozen=True, eq=False)
 class _Rests:
-    """K rests: their ``rows`` (K, 2), the first tick and the end (excluded), mean lifted poses ``zeta``
-    (K, 25), the ``rotation`` (K, 3, 3), and the ``variance`` (K, 2) of place (m^2) and turn (rad^2), with
-    that by which faces differ from one place to the next."""
+    """The first K rests: their ``rows`` (K, 2), the first tick and the end (excluded), mean lifted poses
+    ``zeta`` (K, 25), and ``variance`` (K, 3) of the residuals of f-f, two angles and a distance, with that by
+    which faces differ from one place to the next. An object reaches ``reach_m`` from its origin."""
 
     rows: Ints
     zeta: Array
-    rotation: Array
     variance: Array
+    reach_m: float
 
     @classmethod
-    def of(cls, window: Window, tick_s: float) -> "_Rests":
+    def of(cls, window: Window, tick_s: float, reach_m: float) -> "_Rests":
         assert window.frames is not None
         resting = at_rest(window, tick_s)
-        rows = np.flatnonzero(np.diff(resting, prepend=False, append=False)).reshape(-1, 2)[:MOST_RESTS]
+        rows = np.flatnonzero(np.diff(resting, prepend=False, append=False)).reshape(-1, 2)[:MOST_SIGHTINGS]
         zeta, variance = np.empty((len(rows), window.zeta.shape[1])), np.empty((len(rows), 2))
         for k, (first, end) in enumerate(rows):
             within = first + np.flatnonzero(window.frames[first:end])
             zeta[k] = np.average(window.zeta[within], axis=0, weights=window.frames[within])
             variance[k] = window.variance[within].mean(axis=0) / len(within)
-        rotation = matrices(np.array([nearest(mean) for mean in zeta[:, R]]).reshape(-1, 4))
-        return cls(rows, zeta, rotation, np.add(variance, (LOOSE_M**2, LOOSE_RAD**2)))
+        return cls(rows, zeta, np.add(variance, (LOOSE_M**2, LOOSE_RAD**2))[:, [1, 1, 0]], reach_m)
 
-    @property
-    def row_variance(self) -> Array:
-        """Variances (K, 3) of the residuals of f-f: two angles, one distance."""
-        return self.variance[:, [1, 1, 0]]
+    @cached_property
+    def rotation(self) -> Array:
+        """(K, 3, 3) the nearest rotations."""
+        return np.asarray(Rotation.from_matrix(self.zeta[:, R].reshape(-1, 3, 3)).as_matrix())
 
     @cached_property
     def turns(self) -> Array:
@@ -110,7 +99,7 @@ class _Rests:
         vectors = Rotation.from_matrix(between.reshape(-1, 3, 3)).as_rotvec()
         return np.asarray(vectors.reshape(*between.shape[:2], 3))
 
-    def moved_variance(self, members: Ints, reach_m: float) -> Array:
+    def moved_variance(self, members: Ints) -> Array:
         """Variances (n, 3) of the residuals of the ``members`` if no face held the object: of the first one
         anywhere, of each other by how far it is from the nearest before it. For whatever moves the object may
         return to a place or an orientation on purpose."""
@@ -120,18 +109,23 @@ class _Rests:
         is_later = np.triu(np.ones_like(turned, dtype=bool))
         turned, shifted = (np.where(is_later, np.inf, square).min(axis=1) for square in (turned, shifted))
         moved = np.stack([turned, turned, shifted], axis=1)
-        return np.asarray(np.minimum(moved, [ANY_DIRECTION, ANY_DIRECTION, reach_m**2]))
+        return np.asarray(np.minimum(moved, [ANY_DIRECTION, ANY_DIRECTION, self.reach_m**2]))
 
     def are_about_one_axis(self, members: Ints) -> bool:
         """Whether the object has turned about one fixed axis between the ``members``, as on a hinge: a point
-        of the body stays where it is. Any face across the axis fits that."""
-        rotation, place_m = self.rotation[members], self.zeta[members][:, T]
+        of the body, within its reach, stays where it is. Any face across the axis fits that, and two rests
+        on one pair of faces always do."""
+        rotation, place_m = self.rotation[members], self.zeta[members][:, T].ravel()
         points = np.concatenate([np.tile(np.eye(3), (len(members), 1, 1)), -rotation], axis=2).reshape(-1, 6)
-        # in the world, and in the body; along the axis, both are open together
-        fixed = np.linalg.lstsq(points, place_m.ravel(), rcond=AXIS_SHARE)[0]
-        apart_m = (points @ fixed).reshape(-1, 3) - place_m
-        variance = self.variance[members] @ np.array([1.0, fixed[3:] @ fixed[3:]])
-        return bool((apart_m**2 <= SIGMAS**2 * variance[:, None]).all())
+        noise = self.variance[members][:, [2, 0]] @ np.array([1.0, self.reach_m**2])  # m^2, of the point
+        prior = noise.mean() / self.reach_m**2 * np.eye(6)  # of its place in the world, and in the body
+        fixed_m = np.linalg.solve(points.T @ points + prior, points.T @ place_m)
+        apart_m = (points @ fixed_m - place_m).reshape(-1, 3)
+        return bool((apart_m**2 <= SIGMAS**2 * noise[:, None]).all())
+
+    def residual(self, x: Array) -> Array:
+        """Residuals (K, 3) of all rests on the faces x (7,)."""
+        return np.asarray(_FACES.measure(x[None], self.zeta).residual[0].T)
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,16 +141,36 @@ class _Faces:
     by_member: Array
     evidence: float
 
+    @classmethod
+    def fitted(cls, x: Array, members: Ints, rests: _Rests) -> "_Faces":
+        """Fitted to the ``members`` by one step of Gauss and Newton from near-by faces x (7,)."""
+        tangent, variance = face_face.tangent(x, np.zeros(6)), rests.variance[members]
+        by_x = face_face.rows_derivative(x) @ rests.zeta[members][:, face_face.COLUMNS].T  # (3, 7, n)
+        derivative = np.moveaxis(by_x, -1, 0) @ tangent
+        information = np.einsum("nkp,nk,nkq->npq", derivative, 1.0 / variance, derivative)
+        gradient = np.einsum("nkp,nk->p", derivative, rests.residual(x)[members] / variance)
+        posterior = np.eye(len(gradient)) + information.sum(axis=0)
+        x = face_face.normalise(x - tangent @ np.linalg.solve(posterior, gradient), np.zeros(6))
+        free = rests.moved_variance(members)
+        gain, misfit = gain_and_misfit(rests.residual(x)[members] ** 2, variance, free)
+        by_member = (gain - misfit).sum(axis=1)
+        shown = free / (free + variance) / variance
+        information = np.einsum("nkp,nk,nkq->npq", derivative, shown, derivative)
+        volume = 0.5 * np.linalg.slogdet(np.eye(len(gradient)) + information.sum(axis=0))[1]
+        tangent = face_face.tangent(x, np.zeros(6))
+        return cls(x, tangent, members, information, by_member, float(by_member.sum() - volume))
+
     def by_rest(self, rests: _Rests) -> Iterator[tuple[Ints, ElementEstimate, float]]:
+        """For each member its rows, its estimate of the faces, and its evidence."""
         for k, information, evidence in zip(self.members, self.information, self.by_member, strict=True):
             arguments = self.x, self.tangent, information, np.zeros(6), rests.rotation[k]
             yield rests.rows[k], ElementEstimate(Contact.FF, *arguments), evidence
 
 
-def _faces_of(rests: _Rests, reach_m: float) -> list[_Faces]:
+def _faces_of(rests: _Rests) -> list[_Faces]:
     """The pairs of faces that explain most, without rests in common."""
     count, found, taken = len(rests.rows), list[_Faces](), set[int]()
-    for fit in sorted(_fits(rests, reach_m), key=lambda fit: -fit.evidence):
+    for fit in sorted(_fits(rests), key=lambda fit: -fit.evidence):
         if fit.evidence < DECISIVE + np.log(count * (count - 1) / 2):
             break
         members = fit.members.tolist()
@@ -166,65 +180,23 @@ def _faces_of(rests: _Rests, reach_m: float) -> list[_Faces]:
     return found
 
 
-def _fits(rests: _Rests, reach_m: float) -> Iterator[_Faces]:
-    """The faces that each two rests propose, as the object turned about their normal, if others agree."""
-    tried, every = set[frozenset[int]](), np.arange(len(rests.rows))
-    for i, j in combinations(every.tolist(), 2):
+def _fits(rests: _Rests) -> Iterator[_Faces]:
+    """The faces that each two rests propose, as the object turned about their normal."""
+    tried = set[frozenset[int]]()
+    for i, j in combinations(range(len(rests.rows)), 2):
         turn = rests.turns[i, j]
         angle = float(np.linalg.norm(turn))
-        sigma_rad = float(np.sqrt(rests.variance[i, 1] + rests.variance[j, 1]))
+        sigma_rad = float(np.sqrt(rests.variance[i, 0] + rests.variance[j, 0]))
         if angle < SIGMAS * sigma_rad:
             continue
         normal, place_m = turn / angle, 0.5 * (rests.zeta[i, T] + rests.zeta[j, T])
         x = np.concatenate([rests.rotation[i].T @ normal, normal, [normal @ place_m]])
         # the error of the normal
-        arm_m = np.linalg.norm(rests.zeta[:, T] - place_m, axis=1)
+        arm_sq = ((rests.zeta[:, T] - place_m) ** 2).sum(axis=1)
         tilt = (sigma_rad / (2.0 * np.sin(0.5 * angle))) ** 2
-        variance = rests.row_variance + tilt * np.stack([arm_m**0, arm_m**0, arm_m**2], axis=1)
-        members = every[_agree(_residual(x, rests, every), variance)]
+        variance = rests.variance + tilt * np.stack([arm_sq**0, arm_sq**0, arm_sq], axis=1)
+        members = np.flatnonzero((rests.residual(x) ** 2 <= SIGMAS**2 * variance).all(axis=1))
         agreeing = frozenset(members.tolist())
-        if len(members) < FEWEST_RESTS or not agreeing >= {i, j} or agreeing in tried:
-            continue
-        tried.add(agreeing)
-        if (fit := _fitted(x, rests, members, reach_m)) is not None:
-            yield fit
-
-
-def _residual(x: Array, rests: _Rests, members: Ints) -> Array:
-    """Residuals (n, 3) of the ``members``."""
-    return np.asarray(_FACES.measure(x[None], rests.zeta[members]).residual[0].T)
-
-
-def _agree(residual: Array, variance: Array) -> Bools:
-    return np.asarray((residual**2 <= SIGMAS**2 * variance).all(axis=1))
-
-
-def _fitted(x: Array, rests: _Rests, members: Ints, reach_m: float) -> _Faces | None:
-    """The faces fitted to the ``members``, which are chosen again in each step; None if few are left."""
-    every = np.arange(len(rests.rows))
-    for _ in range(ROUNDS):
-        tangent, derivative = _derivative(x, rests, members)
-        weight = 1.0 / rests.row_variance[members]
-        information = np.einsum("nkp,nk,nkq->npq", derivative, weight, derivative)
-        gradient = np.einsum("nkp,nk->p", derivative, weight * _residual(x, rests, members))
-        change = np.linalg.solve(np.eye(len(gradient)) + information.sum(axis=0), gradient)
-        x = face_face.normalise(x - tangent @ change, np.zeros(6))
-        members = every[_agree(_residual(x, rests, every), rests.row_variance)]
-        if len(members) < FEWEST_RESTS:
-            return None
-    tangent, derivative = _derivative(x, rests, members)
-    variance = rests.row_variance[members]
-    ratio = rests.moved_variance(members, reach_m) / variance
-    shown = ratio / (1.0 + ratio)
-    misfit = _residual(x, rests, members) ** 2 / variance * shown
-    by_member = 0.5 * (np.log1p(ratio) - misfit).sum(axis=1)
-    information = np.einsum("nkp,nk,nkq->npq", derivative, shown / variance, derivative)
-    volume = 0.5 * np.linalg.slogdet(np.eye(information.shape[1]) + information.sum(axis=0))[1]
-    return _Faces(x, tangent, members, information, by_member, float(by_member.sum() - volume))
-
-
-def _derivative(x: Array, rests: _Rests, members: Ints) -> tuple[Array, Array]:
-    """The free directions (7, 5) of the faces, and the derivative (n, 3, 5) of the residuals by them."""
-    tangent = face_face.tangent(x, np.zeros(6))
-    by_x = face_face.rows_derivative(x) @ rests.zeta[members][:, face_face.COLUMNS].T  # (3, 7, n)
-    return tangent, np.moveaxis(by_x, -1, 0) @ tangent
+        if agreeing >= {i, j} and agreeing not in tried:
+            tried.add(agreeing)
+            yield _Faces.fitted(x, members, rests)
