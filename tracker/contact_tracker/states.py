@@ -42,6 +42,12 @@ _CONTAINS: Final[dict[Contact, frozenset[Contact]]] = {
 }
 
 
+def united(*groups: Iterable[Contact]) -> tuple[Contact, ...]:
+    """The states of all ``groups``, each once, in the order of ``STATES``."""
+    members = {state for group in groups for state in group}
+    return tuple(state for state in STATES if state in members)
+
+
 def states_from(names: str | Iterable[str]) -> tuple[Contact, ...]:
     """The states of names (a list, or a text with commas) in the order of ``STATES``; raises ValueError."""
     if isinstance(names, str):

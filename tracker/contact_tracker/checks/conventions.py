@@ -198,10 +198,9 @@ BETTER_NATS: Final = 60.0
 32 late recordings are named, but also a mistake in a box that only slides and tilts."""
 ODD_NATS: Final = 120.0
 """Lead (nats) from which positions and orientations do not fit together, even if no reading fits. In the 166
-files and in 15 right recordings leads are at most 79 (free motion), 57 along curved surfaces, 54 in the rest,
-but 100 to 120 in one of 12 more of a hand in the air;
-mistakes lead by up to 40 in each window. Readings this far behind the best are no longer compared, which
-saves 0.7 of the time."""
+files and in 15 right recordings leads are at most 79 (free motion), but 110 to 120 in one of 12 more of a
+hand in the air; mistakes lead by up to 40 in each window. Readings this far behind the best are no longer
+compared, which saves 0.7 of the time."""
 FITS: Final = 3.0
 """Largest misfit of contacts that explain a window to the noise; 1 for the right contact."""
 NEARLY_FITS: Final = 10.0
@@ -245,15 +244,15 @@ class Conventions(Check):
     mistake : text of the mistake that was found, or empty.
     """
 
+    suspicion = (
+        "positions and orientations may not fit together (order of quaternions or angles, axes, or a delay)"
+    )
+
     waiting: tuple[Poses, ...] = ()
     kept: tuple[tuple[Poses, Ints], ...] = ()
     nats: Array = field(default_factory=lambda: np.zeros(0))
     fitting: Array = field(default_factory=lambda: np.zeros(0))
     chance: Array = field(default_factory=lambda: np.zeros(0))
-    suspicion = (
-        "positions and orientations may not fit together (order of quaternions or angles, axes, or a delay)"
-    )
-
     units: Array = field(default_factory=lambda: np.zeros((3, len(UNITS))))
     is_settled: bool = False
     mistake: str = ""

@@ -45,11 +45,9 @@ GEOMETRY_TITLE: Final = "the object's element (body frame) on the surroundings' 
 CHANGES_HEADER: Final = f"  time s  contact     p   since s  {GEOMETRY_TITLE}"
 SURE_PROBABILITY: Final = 0.9
 SAME_NS: Final = 1_000_000_000
-"""Largest change (ns) of a further contact's estimated onset from belief to belief, and the longest time for
-which it may be missing."""
-STAYS_NS: Final = 1_000_000_000
-"""Time (ns) for which a belief has to differ from the last report, if it does not settle: with a tenth of it,
-15 instead of 10 lines for ``paper_experiment``."""
+"""Time (ns) for which a change is no news: of a further contact's estimated onset or presence, and of a
+belief that does not settle. With a tenth of it ``live`` has 15 instead of 10 lines for
+``paper_experiment``."""
 SHORTEST_NS: Final = 50_000_000
 """Least time (ns) between two reports: half a usual tick."""
 JOINS: Final = "+ "
@@ -264,7 +262,7 @@ class Changes:
         """Whether the next belief is reported, the further contacts that begin with it, and those that end.
 
         Reported at once: another label than that of the last report, unless both are open among all states,
-        and a label that settles. Reported after ``STAYS_NS``: that beliefs differ from the last report in the
+        and a label that settles. Reported after ``SAME_NS``: that beliefs differ from the last report in the
         label, or in whether other states fit the motion. So no report stands for longer than that while
         beliefs differ from it, and shorter doubts are no news. Two reports are ``SHORTEST_NS`` apart or more,
         as the last tick of a stream may be short. A further contact ends with free motion, or when no contact
@@ -276,7 +274,7 @@ class Changes:
             self.differ_since_ns = None
         elif self.differ_since_ns is None:
             self.differ_since_ns = belief.stamp_ns
-        stays = self.differ_since_ns is not None and belief.stamp_ns - self.differ_since_ns >= STAYS_NS
+        stays = self.differ_since_ns is not None and belief.stamp_ns - self.differ_since_ns >= SAME_NS
         changed = is_other and not (self.open and opened)
         is_soon = self.stamp_ns is not None and belief.stamp_ns - self.stamp_ns < SHORTEST_NS
         is_news = (changed or stays or (settles and not self.settled)) and not is_soon

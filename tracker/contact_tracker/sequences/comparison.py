@@ -171,8 +171,8 @@ def compare_outcomes(first: Outcome, second: Outcome, tolerance: float = TOLERAN
         for rows, columns in alignment.steps
     ]
     chosen = np.array([evidence[pair] for pair in matched if pair is not None]).reshape(-1, 2, 2)
-    touch = all(any(step.contact is not Contact.FREE for step in take) for take in takes)
-    if not len(chosen) and touch and first_map is not None and second_map is not None:
+    both_touch = all(any(step.contact is not Contact.FREE for step in take) for take in takes)
+    if not len(chosen) and both_touch and first_map is not None and second_map is not None:
         notes.append(
             "the takes have no touched element in common, or too little motion to tell: of another object or "
             "place? Places are not compared"

@@ -172,6 +172,12 @@ def p_curved(log_evidence: float) -> float:
     return float(odds / (1.0 + odds))
 
 
+def likelier_states(probability: Array, label: Contact) -> list[Contact]:
+    """The states that are more probable than the label, by a mean posterior (7,): of filters or of ticks, not
+    all of which have this label. They are open beside it."""
+    return [state for state in STATES if probability[state.column] > probability[label.column]]
+
+
 def shared_with(probability: Array, label: Contact, rivals: Sequence[Contact]) -> Array:
     """Posterior (7,) in which the label and the ``rivals`` divide their total probability: equal shares, but
     ``FIRST_CHOICE`` of them for the label."""

@@ -44,7 +44,7 @@ from contact_tracker.motion.free_motion import NO_EXCESS
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.tick_averaging import ORIGIN_M, Tick, TickGrid, with_excess
 from contact_tracker.motion.window import NO_REST, NewestRest, Window, advance_window, newest_rest, rest_ticks
-from contact_tracker.states import CONTACTS, STATES, Contact
+from contact_tracker.states import CONTACTS, STATES, Contact, united
 from contact_tracker.tracking import ambiguity
 from contact_tracker.tracking.ambiguity import NO_CURVED_MOTION, update_curved_motion
 from contact_tracker.tracking.belief import Belief, Detail, FurtherContact
@@ -480,7 +480,7 @@ def beside_indistinguishable(state: FilterState, belief: Belief) -> Belief:
     alternatives = ambiguity.indistinguishable(label, rivals, freedom)
     before = state.belief
     if freedom.is_unknown and before is not None and before.contact is label:
-        alternatives = tuple(rival for rival in STATES if rival in (*alternatives, *before.inseparable))
+        alternatives = united(alternatives, before.inseparable)
     if label is Contact.FREE and (state.curved.probability > 0.5 or state.map.untested_sides):
         alternatives = CONTACTS
     inseparable = tuple(filter(state.known_map.allows, alternatives))
@@ -510,11 +510,8 @@ def open_beside(state: FilterState, belief: Belief) -> Belief:
         return belief
     onset = state.onset_of(label)
     rivals = ambiguity.competing_evidence(state.banks, label, onset, state.ticks - 1)
-    alike = set(filter(known_map.allows, ambiguity.alike_in_formation(label, rivals)))
-    if not alike:
-        return belief
-    inseparable = tuple(kind for kind in STATES if kind in alike | {*belief.inseparable})
-    return replace(belief, inseparable=inseparable)
+    alike = filter(known_map.allows, ambiguity.alike_in_formation(label, rivals))
+    return replace(belief, inseparable=united(belief.inseparable, alike))
 
 
 def with_rest(state: FilterState, belief: Belief, is_in_rest: bool) -> tuple[FilterState, Belief]:

@@ -26,8 +26,8 @@ from contact_tracker.motion.free_motion import NO_EXCESS, NOW_TICKS, can_be_comp
 from contact_tracker.motion.poses import NO_OUTLIERS, NO_POSES, Outliers, Poses
 from contact_tracker.motion.sensor_noise import SLOW_PERIOD_S, begin, estimate_noise, independent_point
 from contact_tracker.motion.tick_averaging import ORIGIN_M, Tick, TickGrid, tick_variances, white_variances
-from contact_tracker.states import CONTACTS, STATES, Contact
-from contact_tracker.tracking.ambiguity import reported, shared_with
+from contact_tracker.states import CONTACTS, STATES, Contact, united
+from contact_tracker.tracking.ambiguity import likelier_states, reported, shared_with
 from contact_tracker.tracking.belief import Belief, Detail
 from contact_tracker.tracking.contact_filter import ContactFilter
 from contact_tracker.tracking.state import FilterState
@@ -289,15 +289,14 @@ def mixture(beliefs: Sequence[Belief], log_weight: Array, known_map: Map = EMPTY
     weight /= weight.sum()
     probability = weight @ np.array([belief.probability for belief in beliefs])
     label = max((belief.contact for belief in beliefs), key=lambda contact: probability[contact.column])
-    ahead = [state for state in STATES if probability[state.column] > probability[label.column]]
+    ahead = likelier_states(probability, label)
     probability = shared_with(probability, label, ahead)
     share = [
         (b.contact is label, w * b.probability[label.column]) for w, b in zip(weight, beliefs, strict=True)
     ]
     number = max(range(len(beliefs)), key=lambda i: (share[i], i))
     source = beliefs[number]
-    alike = {*source.inseparable, *ahead}
-    source = replace(source, inseparable=tuple(state for state in STATES if state in alike))
+    source = replace(source, inseparable=united(source.inseparable, ahead))
     # states of the other filters may be rivals; only one filter searches further contacts, and only its label
     # is limited
     probability = reported(probability, label, source.inseparable, known_map, is_open=source.is_open)

@@ -16,7 +16,7 @@ from contact_tracker.map.association import log_prior_of_new
 from contact_tracker.map.elements import PARALLEL, best_known_place, covariance_of
 from contact_tracker.map.map import Map
 from contact_tracker.map.world_map import GrowingMap
-from contact_tracker.states import STATES, Contact
+from contact_tracker.states import STATES, Contact, united
 from contact_tracker.tracking import ambiguity
 from contact_tracker.tracking.belief import Segment
 from contact_tracker.tracking.contact_filter import ContactFilter
@@ -170,7 +170,7 @@ def _with_open(
         within = without_short_gaps(is_open[first:end])
         if segment.contact is label and within.any():
             open_rows = first + np.flatnonzero(within)
-            others = tuple(s for s in STATES if s in {*segment.inseparable, *rivals(open_rows)})
+            others = united(segment.inseparable, rivals(open_rows))
             for row in open_rows.tolist():
                 rows["probability"][row] = ambiguity.with_rivals(rows["probability"][row], label, others)
             rows["inseparable"][open_rows] = [state in others for state in STATES]

@@ -43,7 +43,7 @@ from contact_tracker.map.map import Map
 from contact_tracker.map.pairs import Frame, named_pairs
 from contact_tracker.motion.free_motion import NOW_TICKS
 from contact_tracker.motion.window import Window
-from contact_tracker.states import STATES, Contact
+from contact_tracker.states import STATES, Contact, united
 from contact_tracker.tracking import ambiguity
 from contact_tracker.tracking.ambiguity import curved_probabilities, is_mostly_curved
 from contact_tracker.tracking.belief import FurtherContact, Segment
@@ -96,7 +96,7 @@ class SegmentFit:
     @property
     def with_flush(self) -> tuple[Contact, ...]:
         """The inseparable states, with f-f, in ticks in which the face does not turn."""
-        return tuple(state for state in STATES if state is Contact.FF or state in self.inseparable)
+        return united(self.inseparable, (Contact.FF,))
 
     @property
     def constraints(self) -> int:
@@ -160,7 +160,7 @@ def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
     formation = find_formation(ticks, KnownContact(label, fitted.x[0]))
     alike = tuple(filter(known_map.allows, ambiguity.alike_in_formation(label, rivals)))
     if formation.further and alike and share is None:
-        inseparable = tuple(state for state in STATES if state in {*inseparable, *alike})
+        inseparable = united(inseparable, alike)
     estimate = element_estimate(fitted, contact, scales, window, information)
     geometry, curved = located.geometry, np.zeros(1)
     tolerance = _tolerance(contact, fitted.x, window) if any(extra_variance) else None
@@ -337,12 +337,11 @@ class FinishedSegment(NamedTuple):
 
     def _open_to_likelier_states(self, fit: SegmentFit) -> SegmentFit:
         """The fit open to the states that are more probable than the label in the mean over the segment: the
-        most probable sequence may have it nevertheless."""
-        mean = self.posterior.mean(axis=0)
-        likelier = {state for state in STATES if mean[state.column] > mean[fit.contact.column]}
-        if fit.share is not None or likelier <= {*fit.inseparable}:
+        most probable sequence may have it nevertheless. Not where wrenches have decided."""
+        if fit.share is not None:
             return fit
-        return replace(fit, inseparable=tuple(s for s in STATES if s in likelier | {*fit.inseparable}))
+        likelier = ambiguity.likelier_states(self.posterior.mean(axis=0), fit.contact)
+        return replace(fit, inseparable=united(fit.inseparable, likelier))
 
     def _at_contact(
         self, contact: Contact, geometry: ContactGeometry | None
