@@ -3,7 +3,7 @@
 A contact may touch elements of other contacts, at little cost, or new ones, at a price.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 from typing import Final
@@ -11,11 +11,14 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from contact_tracker.arrays import Array
 from contact_tracker.geometry.elements import ContactGeometry, Element, Plane, numbers
+from contact_tracker.geometry.lifted_pose import R, T
 from contact_tracker.map.association import log_prior_of_new
-from contact_tracker.map.elements import PARALLEL, best_known_place, covariance_of
+from contact_tracker.map.elements import best_known_place, covariance_of
 from contact_tracker.map.map import Map
 from contact_tracker.map.world_map import GrowingMap
+from contact_tracker.motion.tick_averaging import Tick
 from contact_tracker.states import STATES, Contact, united
 from contact_tracker.tracking import ambiguity
 from contact_tracker.tracking.belief import Segment
@@ -35,6 +38,10 @@ DECISIVE_NATS: Final = 35.0
 """Evidence by which a pass with a map has to win. Both evidences are approximations: on the 15 recordings of
 everyday handling passes win by 38 to 143, and are more often right in 12 of them; on six of short and soft
 contacts they win by up to 32, and one of two that win by 30 or more is less often right."""
+
+
+PLANAR: Final = 0.01
+"""Largest motion out of a plane, as a share of that within it, of a machine that moves within one plane."""
 
 
 def with_map(
@@ -63,7 +70,7 @@ def with_map(
     result = _with_touches(result, first, record.pace, record.state.model.certainty.posterior_power)
     world, allowed = record.state.map, record.state.known_map.allowed
     if not world.prior:
-        result = _with_free_beside_lasting_faces(result)
+        result = _with_free_beside_planar_motion(result, record.ticks, world.reach_m)
     if world.untested_sides or any(world.prior_is_dropped):  # its price hid contacts in free motion
         result = _with_open(result, Contact.FREE, np.ones(len(result.beliefs), bool), lambda _: allowed)
     result = with_offsets(result, record.map)
@@ -141,19 +148,47 @@ def _with_touches(segmentation: Segmentation, first: Segmentation, pace: float, 
     )
 
 
-def _with_free_beside_lasting_faces(segmentation: Segmentation) -> Segmentation:
-    """The segmentation with f-f open to free motion if it is the contact of all segments, in one plane.
+def _with_free_beside_planar_motion(
+    segmentation: Segmentation, ticks: Sequence[Tick], reach_m: float
+) -> Segmentation:
+    """The segmentation with f-f open to free motion if the whole recording is motion within one plane.
 
-    An arm or a gantry that moves in a plane moves an object in the air as faces would. A hand does not, and
-    a recording of other contacts as well shows that the object can leave these faces.
+    An arm or a gantry that moves in a plane moves an object in the air as faces would. A hand does not.
     """
-    faces = [s.geometry.environment for s in segmentation.segments if s.geometry is not None]
-    normals = np.array([face.normal for face in faces if isinstance(face, Plane) and not face.unobserved])
-    is_one_plane = not len(normals) or bool((np.abs(normals @ normals.T) > PARALLEL).all())
-    if not is_one_plane or any(segment.contact is not Contact.FF for segment in segmentation.segments):
+    segments = segmentation.segments
+    lasting = sorted(segments, key=lambda segment: segment.start_ns - segment.end_ns)
+    normals = next((_normals(segment) for segment in lasting if _normals(segment) is not None), None)
+    if normals is None:
+        is_planar = all(segment.contact is Contact.FF for segment in segments)
+    else:
+        is_planar = _out_of_plane(*normals, np.array([tick.zeta for tick in ticks]), reach_m) < PLANAR
+    if not is_planar:
         return segmentation
-    every = np.ones(len(segmentation.beliefs), bool)
-    return _with_open(segmentation, Contact.FF, every, lambda _: (Contact.FREE,))
+    is_faces = segmentation.beliefs.rows["contact"] == Contact.FF.column
+    return _with_open(segmentation, Contact.FF, is_faces, lambda _: (Contact.FREE,))
+
+
+def _out_of_plane(body_normal: Array, world_normal: Array, zeta: Array, reach_m: float) -> float:
+    """Motion (m) of an object of size ``reach_m`` out of the plane in which faces with these normals slide on
+    each other, as a share of that within it, over lifted poses (T, 25)."""
+    apart_m, rotation = zeta[:, T] - zeta[:, T].mean(axis=0), zeta[:, R].reshape(-1, 3, 3)
+    height_m = apart_m @ world_normal
+    within_m = apart_m - np.outer(height_m, world_normal)
+    tilt = np.cross(rotation @ body_normal, world_normal)
+    turned = np.ptp(rotation, axis=0)
+    moved_m = np.hypot(np.ptp(within_m, axis=0).max(), reach_m * turned.max())
+    return float(np.hypot(np.ptp(height_m), reach_m * np.ptp(tilt, axis=0).max()) / moved_m)
+
+
+def _normals(segment: Segment) -> tuple[Array, Array] | None:
+    """The normals of two faces, in the body and in the world, if the motion shows them."""
+    geometry = segment.geometry
+    if geometry is None:
+        return None
+    body, world = geometry.object, geometry.environment
+    if not isinstance(body, Plane) or not isinstance(world, Plane) or world.unobserved:
+        return None
+    return body.normal, world.normal
 
 
 def _with_open(
