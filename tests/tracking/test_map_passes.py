@@ -178,24 +178,26 @@ def test_motion_in_one_plane_alone_may_be_that_of_a_machine(is_lifted: bool) -> 
     assert (flat.probability > 0.9) == is_lifted
 
 
-def test_motion_in_one_plane_may_be_that_of_a_machine_where_ticks_of_free_motion_interrupt_it() -> None:
-    """A palletising arm moves in its vertical plane; errors of the poses depend on the place."""
+@pytest.mark.parametrize("lift_m", [0.0, 0.1])
+def test_an_arm_that_never_tilts_an_object_may_hold_it_in_the_air(lift_m: float) -> None:
+    """An arm turns an object about one axis, in a plane or at several heights; errors depend on the place."""
     rng, time_s = np.random.default_rng(3), np.arange(0.0, 18.0, 0.008)
     goals = rng.uniform(-1.0, 1.0, (7, 3)) * [0.15, 0.15, 0.4]
     share = np.clip((time_s[:, None] - np.arange(1.0, 19.0, 3.0)) / 1.6, 0.0, 1.0)
     share = share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
     path = goals[0] + share @ np.diff(goals, axis=0)
     path[:, 1] += 0.03 * np.sin(np.pi * share).sum(axis=1)
-    shift, twist = (
-        np.sin(4.0 * np.pi * path[:, [0, 1, 0]] + phase) for phase in ([1.0, 2.0, 0.5], [1.5, 0.0, -1.0])
-    )
-    position_m = path * [1.0, 1.0, 0.0] + 2e-4 * shift + rng.normal(0.0, 1e-4, path.shape)
+    waves = 4.0 * np.pi * path[:, [0, 1, 0]]
+    shift, twist = (np.sin(waves + phase) for phase in ([1.0, 2.0, 0.5], [1.5, 0.0, -1.0]))
+    height_m = lift_m * (share[:, 1] - share[:, 2] + share[:, 4])
+    position_m = path * [1.0, 1.0, 0.0] + height_m[:, None] * [0.0, 0.0, 1.0]
+    position_m += 2e-4 * shift + rng.normal(0.0, 1e-4, path.shape)
     error = Rotation.from_rotvec(9e-4 * (twist[:, [1, 0, 2]] + rng.normal(size=path.shape)))
     turn = error * Rotation.from_rotvec(path * [0.0, 0.0, 1.0])
     poses = contact_tracker.Trajectory.from_arrays(time_s, position_m, turn, time_unit="s")
-    segments = contact_tracker.segment(poses).segments
-    assert {segment.contact for segment in segments} == {Contact.FF, Contact.FREE}
-    assert all(segment.inseparable and segment.probability <= 0.9 for segment in segments)
+    faces = [s for s in contact_tracker.segment(poses).segments if s.contact is Contact.FF]
+    assert faces
+    assert all(Contact.FREE in segment.inseparable and segment.probability <= 0.9 for segment in faces)
 
 
 @pytest.mark.parametrize("higher_m", [0.003, 0.03])

@@ -40,8 +40,9 @@ everyday handling passes win by 38 to 143, and are more often right in 12 of the
 contacts they win by up to 32, and one of two that win by 30 or more is less often right."""
 
 
-PLANAR: Final = 0.01
-"""Largest motion out of a plane, as a share of that within it, of a machine that moves within one plane."""
+UPRIGHT: Final = 0.01
+"""Largest tilt of an object that a machine turns about one axis, as a share of its motion; see docs/theory.md
+for what recordings have."""
 
 
 def with_map(
@@ -70,7 +71,7 @@ def with_map(
     result = _with_touches(result, first, record.pace, record.state.model.certainty.posterior_power)
     world, allowed = record.state.map, record.state.known_map.allowed
     if not world.prior:
-        result = _with_free_beside_planar_motion(result, record.ticks, world.reach_m)
+        result = _with_free_beside_kept_faces(result, record.ticks, world.reach_m)
     if world.untested_sides or any(world.prior_is_dropped):  # its price hid contacts in free motion
         result = _with_open(result, Contact.FREE, np.ones(len(result.beliefs), bool), lambda _: allowed)
     result = with_offsets(result, record.map)
@@ -148,36 +149,35 @@ def _with_touches(segmentation: Segmentation, first: Segmentation, pace: float, 
     )
 
 
-def _with_free_beside_planar_motion(
+def _with_free_beside_kept_faces(
     segmentation: Segmentation, ticks: Sequence[Tick], reach_m: float
 ) -> Segmentation:
-    """The segmentation with f-f open to free motion if the whole recording is motion within one plane.
+    """The segmentation with f-f open to free motion if the object never tilts from its faces in the whole
+    recording.
 
-    An arm or a gantry that moves in a plane moves an object in the air as faces would. A hand does not.
+    An arm, or a gantry, that turns an object about one axis moves it in the air as faces would. A hand does
+    not.
     """
     segments = segmentation.segments
     lasting = sorted(segments, key=lambda segment: segment.start_ns - segment.end_ns)
     normals = next((_normals(segment) for segment in lasting if _normals(segment) is not None), None)
     if normals is None:
-        is_planar = all(segment.contact is Contact.FF for segment in segments)
+        is_kept = all(segment.contact is Contact.FF for segment in segments)
     else:
-        is_planar = _out_of_plane(*normals, np.array([tick.zeta for tick in ticks]), reach_m) < PLANAR
-    if not is_planar:
+        is_kept = _tilt_share(*normals, np.array([tick.zeta for tick in ticks]), reach_m) < UPRIGHT
+    if not is_kept:
         return segmentation
     is_faces = segmentation.beliefs.rows["contact"] == Contact.FF.column
     return _with_open(segmentation, Contact.FF, is_faces, lambda _: (Contact.FREE,))
 
 
-def _out_of_plane(body_normal: Array, world_normal: Array, zeta: Array, reach_m: float) -> float:
-    """Motion (m) of an object of size ``reach_m`` out of the plane in which faces with these normals slide on
-    each other, as a share of that within it, over lifted poses (T, 25)."""
-    apart_m, rotation = zeta[:, T] - zeta[:, T].mean(axis=0), zeta[:, R].reshape(-1, 3, 3)
-    height_m = apart_m @ world_normal
-    within_m = apart_m - np.outer(height_m, world_normal)
-    tilt = np.cross(rotation @ body_normal, world_normal)
-    turned = np.ptp(rotation, axis=0)
-    moved_m = np.hypot(np.ptp(within_m, axis=0).max(), reach_m * turned.max())
-    return float(np.hypot(np.ptp(height_m), reach_m * np.ptp(tilt, axis=0).max()) / moved_m)
+def _tilt_share(body_normal: Array, world_normal: Array, zeta: Array, reach_m: float) -> float:
+    """How far an object of size ``reach_m`` tilts from faces with these normals, as a share of its motion,
+    over lifted poses (T, 25)."""
+    rotation = zeta[:, R].reshape(-1, 3, 3)
+    tilt = np.ptp(np.cross(rotation @ body_normal, world_normal), axis=0).max()
+    turned, moved_m = np.ptp(rotation, axis=0).max(), np.ptp(zeta[:, T], axis=0).max()
+    return float(reach_m * tilt / np.hypot(moved_m, reach_m * turned))
 
 
 def _normals(segment: Segment) -> tuple[Array, Array] | None:
