@@ -470,6 +470,12 @@ def log_marginal(sighting: Sighting, view: MapView, reach_m: float) -> float:
     return float(log_sum_exp(weigh_pairs(sighting, view, reach_m)[1].ravel()))
 
 
+def log_odds_of_known(sighting: Sighting, view: MapView, reach_m: float) -> float:
+    """Log odds that a sighting touched an element of the map, on either side, against two new ones."""
+    log_weight = weigh_pairs(sighting, view, reach_m)[1].ravel()
+    return float(log_sum_exp(log_weight[1:]) - log_weight[0]) if len(log_weight) > 1 else -math.inf
+
+
 def log_evidence(
     sighting: Sighting, view: MapView, choices: Sequence[Sequence[tuple[Key | None, float]]], reach_m: float
 ) -> Array:

@@ -460,15 +460,14 @@ def state_shares(state: FilterState) -> Array:
 
 
 def may_agree_by_chance(state: FilterState, label: Contact) -> bool:
-    """Whether ``label`` is a contact of one constraint between new elements, and the motion has not used the
-    five directions that it leaves: a new vertex and a new plane can be chosen such that they agree with any
-    smooth motion in few directions (T24). False for a contact that is older than the window."""
+    """Whether the best hypothesis of ``label`` may agree with free motion by chance; not with known elements,
+    nor if it is older than the window."""
     if label.codimension != 1:
         return False
     row, onset, _ = state.best[label.column].tolist()
     if state.banks[label.column].rows["prior_index"][row] or onset < state.window.index[0]:
         return False
-    return ambiguity.freedom_of(label, state.window, onset).underused
+    return ambiguity.agrees_by_chance(label, ambiguity.freedom_of(label, state.window, onset))
 
 
 def beside_indistinguishable(state: FilterState, belief: Belief) -> Belief:

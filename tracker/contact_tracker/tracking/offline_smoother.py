@@ -18,7 +18,8 @@ import contact_tracker.hmm as hmm
 from contact_tracker.arrays import Array
 from contact_tracker.config.parameters import Model
 from contact_tracker.hypotheses.bank_update import LiveHypotheses
-from contact_tracker.map.association import MAP_INSERTION_PROBABILITY, Sighting
+from contact_tracker.hypotheses.evidence import DECISIVE
+from contact_tracker.map.association import MAP_INSERTION_PROBABILITY, Sighting, log_odds_of_known
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion import tick_averaging
@@ -459,11 +460,11 @@ class Segmenter:
         else:
             fits = [fit for _ in range(count) for fit in self._fits.popleft().result()]
         fitted = joined_by_wrenches([*zip(finished, fits, strict=True)])
-        results = [segment.with_fit(fit) for segment, fit in fitted]
         if self._record is not None:
-            for (segment, fit), (parts, _) in zip(fitted, results, strict=True):
-                self._record.note_segment(segment, fit, parts)
-        results = [self._on_map(*each, result) for each, result in zip(fitted, results, strict=True)]
+            for segment, fit in fitted:
+                self._record.note_segment(segment, fit, segment.with_fit(fit)[0])
+        fitted = self._with_free_motion([(segment, self._on_map(segment, fit)) for segment, fit in fitted])
+        results = [segment.with_fit(fit) for segment, fit in fitted]
         online, self._online = [*self._filtered, Beliefs.of(self._online)], []
         self._filtered.clear()
         outliers, self._outliers = self._state.outliers.since(self._outliers), self._state.outliers
@@ -471,11 +472,40 @@ class Segmenter:
         rows = tuple(row for rows, _ in results for row in rows)
         return Segmentation(rows, beliefs, Beliefs.join(online), outliers)
 
-    def _on_map(
-        self, segment: FinishedSegment, fit: SegmentFit, result: tuple[tuple[Segment, ...], Beliefs]
-    ) -> tuple[tuple[Segment, ...], Beliefs]:
-        """The ``result`` of a segment with what the elements that are listed, or that other segments have
-        shown, tell of it."""
+    def _with_free_motion(
+        self, fitted: Sequence[tuple[FinishedSegment, SegmentFit]]
+    ) -> list[tuple[FinishedSegment, SegmentFit]]:
+        """The segments with their fits, those whose contact may agree with free motion by chance as free
+        motion, joined with that beside them."""
+        result = list[tuple[FinishedSegment, SegmentFit | None]]()
+        for segment, fit in fitted:
+            kept: SegmentFit | None = fit
+            if self._may_agree_by_chance(segment, fit):
+                segment, kept = segment.as_free, None
+            if result and result[-1][0].column == segment.column == FREE and None in (result[-1][1], kept):
+                segment, kept = result.pop()[0].followed_by(segment), None
+            result.append((segment, kept))
+        fits = iter(fit_segments([segment.ticks for segment, fit in result if fit is None]))
+        return [(segment, next(fits) if fit is None else fit) for segment, fit in result]
+
+    def _may_agree_by_chance(self, segment: FinishedSegment, fit: SegmentFit) -> bool:
+        """Whether the contact of a segment may agree with free motion by chance: if the motion does not
+        distinguish them, the object does not rest, and the elements are neither listed nor those of other
+        segments."""
+        ticks, world, first = segment.ticks, self._state.map, int(segment.ticks.window.index[0])
+        is_open = Contact.FREE in fit.inseparable and fit.share is None and not segment.resting.any()
+        if not is_open or fit.is_named or fit.estimate is None:
+            return False
+        freedom = ambiguity.freedom_of(fit.contact, ticks.window, first)
+        if not ambiguity.agrees_by_chance(fit.contact, freedom):
+            return False
+        end = first + len(segment.rows)
+        others = world.without(s.first for s in world.sightings if s.first < end and s.end > first)
+        return log_odds_of_known(Sighting(first, end, fit.estimate), others, world.reach_m) < DECISIVE
+
+    def _on_map(self, segment: FinishedSegment, fit: SegmentFit) -> SegmentFit:
+        """The ``fit`` of a segment with what the elements that are listed, or that other segments have shown,
+        tell of it."""
         shown = () if self._record is None else self._record.sightings
         state, ticks, first = self._state, segment.ticks, int(segment.ticks.window.index[0])
         pairs = pairs_touched_elsewhere(state, fit.contact, ticks.window, first, shown)
@@ -484,7 +514,7 @@ class Segmenter:
         if on_map is fit and at_rest:
             pairs = pairs_touched_elsewhere(state, fit.contact, ticks.window, first, at_rest)
             on_map = fit if pairs is None else fit_on_map(ticks, fit, pairs, moved=False)
-        return result if on_map is fit else segment.with_fit(on_map)
+        return on_map
 
 
 def end_at_rest(resting: NDArray[np.bool_], end: int, most_ticks: int) -> int:

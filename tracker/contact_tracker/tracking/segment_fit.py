@@ -88,6 +88,12 @@ class SegmentFit:
     tolerance: tuple[float, float] | None = None
 
     @property
+    def is_named(self) -> bool:
+        """Whether an element is one that is listed with a name."""
+        geometry = self.geometry
+        return geometry is not None and (geometry.object.name or geometry.environment.name) is not None
+
+    @property
     def leaves_constraints_unnamed(self) -> bool:
         """Whether the motion keeps more constraints than the reported contacts explain."""
         unexplained = self.joint is not None and self.joint.kind.constraints > self.constraints
@@ -286,6 +292,14 @@ class FinishedSegment(NamedTuple):
             ticks,
             np.concatenate([self.resting, following.resting]),
         )
+
+    @property
+    def as_free(self) -> "FinishedSegment":
+        """The same ticks as free motion, with which the state divides its probability."""
+        free, label = Contact.FREE, STATES[self.column]
+        shared = [ambiguity.shared_with(probability, free, [label]) for probability in self.posterior]
+        ticks = replace(self.ticks, contact=free)
+        return self._replace(column=free.column, posterior=np.array(shared), ticks=ticks)
 
     def with_fit(self, fit: SegmentFit) -> tuple[tuple[Segment, ...], Beliefs]:
         """The segment, split where the object rests, and the beliefs of its ticks."""
