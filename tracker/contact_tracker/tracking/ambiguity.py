@@ -142,8 +142,8 @@ def freedom_of(label: Contact, window: Window, onset: int) -> Freedom:
 def agrees_by_chance(label: Contact, freedom: Freedom) -> bool:
     """Whether a contact of one constraint between new elements may agree with free motion by chance (T24):
     these can be chosen such that they agree with any smooth motion in fewer directions than the five that
-    the contact leaves, which a hand makes for a few seconds."""
-    return label.codimension == 1 and freedom.underused and freedom.moved_ticks < LEAST_TICKS
+    the contact leaves."""
+    return label.codimension == 1 and freedom.underused
 
 
 def tempered(probability: Array, exponent: float) -> Array:

@@ -497,7 +497,8 @@ class Segmenter:
         if not is_open or fit.is_named or fit.estimate is None:
             return False
         freedom = ambiguity.freedom_of(fit.contact, ticks.window, first)
-        if not ambiguity.agrees_by_chance(fit.contact, freedom):
+        is_short = freedom.moved_ticks < ambiguity.LEAST_TICKS  # a hand moves smoothly for a few seconds
+        if not is_short or not ambiguity.agrees_by_chance(fit.contact, freedom):
             return False
         end = first + len(segment.rows)
         others = world.without(s.first for s in world.sightings if s.first < end and s.end > first)
