@@ -209,12 +209,10 @@ def test_a_pose_beside_known_faces_shows_no_contact(higher_m: float) -> None:
 
 
 @pytest.mark.parametrize("take", ["first", "second"])
-def test_a_smooth_carry_is_one_segment_of_free_motion(take: str) -> None:
-    """Two edges can be chosen such that they fit a part of it by chance."""
-    found = contact_tracker.segment(RECORDINGS / f"mug_{take}_take.mcap")
-    carried = found.at(24.7)
+def test_a_smooth_carry_is_free_motion(take: str) -> None:
+    """Two edges can be chosen such that they fit a part of it by chance, which stays open."""
+    carried = contact_tracker.segment(RECORDINGS / f"mug_{take}_take.mcap").at(24.7)
     assert carried.contact is Contact.FREE
-    assert carried.end_ns - carried.start_ns > 1.4e9
     assert Contact.EE in carried.inseparable
 
 

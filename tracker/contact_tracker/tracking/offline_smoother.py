@@ -463,7 +463,11 @@ class Segmenter:
         if self._record is not None:
             for segment, fit in fitted:
                 self._record.note_segment(segment, fit, segment.with_fit(fit)[0])
-        fitted = self._with_free_motion([(segment, self._on_map(segment, fit)) for segment, fit in fitted])
+        fitted = [(segment, self._on_map(segment, fit)) for segment, fit in fitted]
+        fitted = [
+            segment.as_free(fit) if self._may_agree_by_chance(segment, fit) else (segment, fit)
+            for segment, fit in fitted
+        ]
         results = [segment.with_fit(fit) for segment, fit in fitted]
         online, self._online = [*self._filtered, Beliefs.of(self._online)], []
         self._filtered.clear()
@@ -471,22 +475,6 @@ class Segmenter:
         beliefs = Beliefs.join([part for _, part in results])
         rows = tuple(row for rows, _ in results for row in rows)
         return Segmentation(rows, beliefs, Beliefs.join(online), outliers)
-
-    def _with_free_motion(
-        self, fitted: Sequence[tuple[FinishedSegment, SegmentFit]]
-    ) -> list[tuple[FinishedSegment, SegmentFit]]:
-        """The segments with their fits, those whose contact may agree with free motion by chance as free
-        motion, joined with that beside them."""
-        result = list[tuple[FinishedSegment, SegmentFit | None]]()
-        for segment, fit in fitted:
-            kept: SegmentFit | None = fit
-            if self._may_agree_by_chance(segment, fit):
-                segment, kept = segment.as_free, None
-            if result and result[-1][0].column == segment.column == FREE and None in (result[-1][1], kept):
-                segment, kept = result.pop()[0].followed_by(segment), None
-            result.append((segment, kept))
-        fits = iter(fit_segments([segment.ticks for segment, fit in result if fit is None]))
-        return [(segment, next(fits) if fit is None else fit) for segment, fit in result]
 
     def _may_agree_by_chance(self, segment: FinishedSegment, fit: SegmentFit) -> bool:
         """Whether the contact of a segment may agree with free motion by chance: if the motion does not

@@ -293,13 +293,14 @@ class FinishedSegment(NamedTuple):
             np.concatenate([self.resting, following.resting]),
         )
 
-    @property
-    def as_free(self) -> "FinishedSegment":
-        """The same ticks as free motion, with which the state divides its probability."""
-        free, label = Contact.FREE, STATES[self.column]
-        shared = [ambiguity.shared_with(probability, free, [label]) for probability in self.posterior]
-        ticks = replace(self.ticks, contact=free)
-        return self._replace(column=free.column, posterior=np.array(shared), ticks=ticks)
+    def as_free(self, fit: SegmentFit) -> tuple["FinishedSegment", SegmentFit]:
+        """The same ticks as free motion, open to the contact of the ``fit``, which divides its probability
+        with it, and to what is open beside that."""
+        free, rivals = Contact.FREE, united(fit.inseparable, (fit.contact,))
+        shared = [ambiguity.shared_with(probability, free, [fit.contact]) for probability in self.posterior]
+        segment = self._replace(column=free.column, posterior=np.array(shared))
+        rivals = tuple(state for state in rivals if state is not free)
+        return segment, SegmentFit(free, None, rivals, np.zeros(1))
 
     def with_fit(self, fit: SegmentFit) -> tuple[tuple[Segment, ...], Beliefs]:
         """The segment, split where the object rests, and the beliefs of its ticks."""
