@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.arrays import Array
 from contact_tracker.geometry.elements import ContactGeometry, Element, Plane, numbers
-from contact_tracker.geometry.lifted_pose import R, T
+from contact_tracker.geometry.lifted_pose import R
 from contact_tracker.map.association import log_prior_of_new
 from contact_tracker.map.elements import best_known_place, covariance_of
 from contact_tracker.map.map import Map
@@ -40,9 +40,9 @@ everyday handling passes win by 38 to 143, and are more often right in 12 of the
 contacts they win by up to 32, and one of two that win by 30 or more is less often right."""
 
 
-UPRIGHT: Final = 0.01
-"""Largest tilt of an object that a machine turns about one axis, as a share of its motion; see docs/theory.md
-for what recordings have."""
+MOST_TILT: Final = 10.0
+"""Largest tilt of an object that a machine turns about one axis, as a multiple of the largest tilt while its
+faces touch; see docs/theory.md for what recordings have."""
 
 
 def with_map(
@@ -71,7 +71,7 @@ def with_map(
     result = _with_touches(result, first, record.pace, record.state.model.certainty.posterior_power)
     world, allowed = record.state.map, record.state.known_map.allowed
     if not world.prior:
-        result = _with_free_beside_kept_faces(result, record.ticks, world.reach_m)
+        result = _with_free_beside_kept_faces(result, record.ticks)
     if world.untested_sides or any(world.prior_is_dropped):  # its price hid contacts in free motion
         result = _with_open(result, Contact.FREE, np.ones(len(result.beliefs), bool), lambda _: allowed)
     result = with_offsets(result, record.map)
@@ -149,35 +149,31 @@ def _with_touches(segmentation: Segmentation, first: Segmentation, pace: float, 
     )
 
 
-def _with_free_beside_kept_faces(
-    segmentation: Segmentation, ticks: Sequence[Tick], reach_m: float
-) -> Segmentation:
+def _with_free_beside_kept_faces(segmentation: Segmentation, ticks: Sequence[Tick]) -> Segmentation:
     """The segmentation with f-f open to free motion if the object never tilts from its faces in the whole
     recording.
 
     An arm, or a gantry, that turns an object about one axis moves it in the air as faces would. A hand does
     not.
     """
-    segments = segmentation.segments
-    lasting = sorted(segments, key=lambda segment: segment.start_ns - segment.end_ns)
-    normals = next((_normals(segment) for segment in lasting if _normals(segment) is not None), None)
-    if normals is None:
+    segments, rows = segmentation.segments, segmentation.beliefs.rows
+    observed = [(segment, normals) for segment in segments if (normals := _normals(segment)) is not None]
+    if not observed:
         is_kept = all(segment.contact is Contact.FF for segment in segments)
     else:
-        is_kept = _tilt_share(*normals, np.array([tick.zeta for tick in ticks]), reach_m) < UPRIGHT
+        longest, normals = max(observed, key=lambda part: part[0].end_ns - part[0].start_ns)
+        within = slice(*rows["stamp_ns"].searchsorted([longest.start_ns, longest.end_ns + 1]))
+        tilt = _tilt(*normals, np.array([tick.zeta for tick in ticks]))
+        is_kept = bool(tilt.max() <= MOST_TILT * tilt[within].max())
     if not is_kept:
         return segmentation
-    is_faces = segmentation.beliefs.rows["contact"] == Contact.FF.column
-    return _with_open(segmentation, Contact.FF, is_faces, lambda _: (Contact.FREE,))
+    return _with_open(segmentation, Contact.FF, np.ones(len(rows), bool), lambda _: (Contact.FREE,))
 
 
-def _tilt_share(body_normal: Array, world_normal: Array, zeta: Array, reach_m: float) -> float:
-    """How far an object of size ``reach_m`` tilts from faces with these normals, as a share of its motion,
-    over lifted poses (T, 25)."""
-    rotation = zeta[:, R].reshape(-1, 3, 3)
-    tilt = np.ptp(np.cross(rotation @ body_normal, world_normal), axis=0).max()
-    turned, moved_m = np.ptp(rotation, axis=0).max(), np.ptp(zeta[:, T], axis=0).max()
-    return float(reach_m * tilt / np.hypot(moved_m, reach_m * turned))
+def _tilt(body_normal: Array, world_normal: Array, zeta: Array) -> Array:
+    """Sine of the angle (T,) between the faces with these normals, in lifted poses (T, 25)."""
+    turned = zeta[:, R].reshape(-1, 3, 3) @ body_normal
+    return np.asarray(np.linalg.norm(np.cross(turned, world_normal), axis=1))
 
 
 def _normals(segment: Segment) -> tuple[Array, Array] | None:

@@ -478,11 +478,12 @@ class Segmenter:
 
     def _may_agree_by_chance(self, segment: FinishedSegment, fit: SegmentFit) -> bool:
         """Whether the contact of a segment may agree with free motion by chance: if the motion does not
-        distinguish them, the object does not rest, and the elements are neither listed nor those of other
-        segments."""
+        distinguish them, neither a rest nor a joint or further contact shows more, and the elements are neither
+        listed nor those of other segments."""
         ticks, world, first = segment.ticks, self._state.map, int(segment.ticks.window.index[0])
         is_open = Contact.FREE in fit.inseparable and fit.share is None and not segment.resting.any()
-        if not is_open or fit.is_named or fit.estimate is None:
+        is_complex = fit.joint is not None or bool(fit.formation.further)
+        if not is_open or is_complex or fit.touches_listed or fit.estimate is None:
             return False
         freedom = ambiguity.freedom_of(fit.contact, ticks.window, first)
         is_short = freedom.moved_ticks < ambiguity.LEAST_TICKS  # a hand moves smoothly for a few seconds

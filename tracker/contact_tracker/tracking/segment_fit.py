@@ -88,7 +88,7 @@ class SegmentFit:
     tolerance: tuple[float, float] | None = None
 
     @property
-    def is_named(self) -> bool:
+    def touches_listed(self) -> bool:
         """Whether an element is one that is listed with a name."""
         geometry = self.geometry
         return geometry is not None and (geometry.object.name or geometry.environment.name) is not None
