@@ -478,8 +478,8 @@ class Segmenter:
 
     def _may_agree_by_chance(self, segment: FinishedSegment, fit: SegmentFit) -> bool:
         """Whether the contact of a segment may agree with free motion by chance: if the motion does not
-        distinguish them, neither a rest nor a joint or further contact shows more, and the elements are neither
-        listed nor those of other segments."""
+        distinguish them, no rest, joint or further contact shows more, and the elements are neither listed
+        nor those of other segments."""
         ticks, world, first = segment.ticks, self._state.map, int(segment.ticks.window.index[0])
         is_open = Contact.FREE in fit.inseparable and fit.share is None and not segment.resting.any()
         is_complex = fit.joint is not None or bool(fit.formation.further)
