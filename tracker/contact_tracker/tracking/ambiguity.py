@@ -380,9 +380,9 @@ def _evidence(bank: Bank, since: Ints) -> Array:
 SPAN_TICKS: Final = 60
 """Number of ticks that are tested together."""
 LEAST_TICKS: Final = 40
-"""Least number of ticks; in fewer, smooth motion of a hand may fit by chance: a curved surface, or a contact of
-one constraint. Offline, with 300 for the latter, one of four recordings of singular motion is right for 0.44 of
-the time instead of 0.66; those of handling stay the same."""
+"""Least number of ticks; in fewer, smooth motion of a hand may fit by chance: a curved surface, or a contact
+of one constraint. Offline, with 300 for the latter, one of four recordings of singular motion is right for
+0.44 of the time instead of 0.66; those of handling stay the same."""
 LEAST_ACTIVITY: Final = 10.0
 """Least motion in them for a test."""
 RETEST_GROWTH: Final = 1.5
