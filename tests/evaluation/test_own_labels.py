@@ -122,7 +122,7 @@ def test_results_and_commands_compare_with_labels(tmp_path: Path, capsys: pytest
     options = ["--meaning", "touch=any", "--map", "air=free"]  # its former name
     assert run(["evaluate", str(log), "--labels", str(labels), *options, "--json"]) == 0
     shown = capsys.readouterr()
-    assert "the times of its 2 labels are taken since the first pose" in shown.err
+    assert "label times are taken since the first pose (2 labels)" in shown.err
     total = json.loads(shown.out)["total"]
     result = contact_tracker.segment(contact_tracker.read(log))
     own = contact_tracker.evaluate(result, result.to_pandas("segments"))

@@ -155,7 +155,9 @@ def test_what_too_little_motion_shows_is_assumed_and_not_found():
     """Nothing more is to come when the line is printed."""
     text = text_of(is_decided=False)
     assert "there is too little motion to estimate the noise of ticks" in text
-    assert text.endswith(" a tick and errors that last 0.1 mm 0.029 deg are assumed (set it by --noise)")
+    assert text.endswith(
+        " a tick and slowly varying errors of 0.1 mm 0.029 deg are assumed (set it by --noise)"
+    )
     assert "yet" not in text
     assert "assumed" not in text_of()
     assert "(as given)" in text_of(is_decided=False, model=MODEL.with_noise(3e-4, 2e-3))

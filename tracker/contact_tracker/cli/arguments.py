@@ -347,7 +347,8 @@ def output_file(*suffixes: str) -> Callable[[str], Path | None]:
         if text == "-" and "-" in suffixes:
             return None
         if path.suffix.lower() not in suffixes:
-            named = " or ".join(suffix for suffix in suffixes if suffix != "-")
+            *others, last = (suffix for suffix in suffixes if suffix != "-")
+            named = f"{', '.join(others)} or {last}" if others else last
             raise UsageError(f"cannot write {text}: its name must end in {named}")
         if (refusal := why_not_writable(path)) is not None:
             raise UsageError(f"cannot write {text}: {refusal}")

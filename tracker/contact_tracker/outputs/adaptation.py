@@ -32,7 +32,7 @@ def noise_text(report: Report) -> str:
     per_pose += f" at the point ({point}) m of the body" if any(report.point_m) else ""
     per_tick, lasting = (
         f"{_deviations(report.tick)} a tick",
-        f"errors that last {_deviations(report.lasting)}",
+        f"slowly varying errors of {_deviations(report.lasting)}",
     )
     if used.contact_rotation_rad != nominal.contact_rotation_rad:
         lasting += ", f-f to a tolerance"

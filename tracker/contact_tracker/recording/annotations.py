@@ -176,7 +176,8 @@ def read_labels(
         span = start_ns + offset_ns, end_ns + offset_ns - 1
         intervals.append(TruthInterval(*span, contact, None, coarse=coarse))
     how = "since the first pose" if is_since else "as stamps of the recording"
-    return Truth(tuple(intervals)), f"{path}: the times of its {len(rows)} labels are taken {how}"
+    count = f"{len(rows)} label{'s' if len(rows) != 1 else ''}"
+    return Truth(tuple(intervals)), f"{path}: label times are taken {how} ({count})"
 
 
 def meanings_of(texts: Sequence[str]) -> dict[str, str]:
