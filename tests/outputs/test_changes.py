@@ -1,5 +1,7 @@
 """Which beliefs are reported as changes: in the lines of ``live`` and in the live view."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -57,3 +59,15 @@ def test_a_short_last_tick_has_no_report_beside_that_of_the_tick_before() -> Non
     given = [(SAME_NS, LIKELY), (SAME_NS + SHORTEST_NS // 2, SETTLED)]
     assert changes.update(belief(0, Contact.FREE, SETTLED))[0]
     assert [changes.update(belief(at, Contact.FF, p))[0] for at, p in given] == [True, False]
+
+
+def test_another_contact_of_the_same_kind_is_reported_after_a_second() -> None:
+    """A box that tilts about its edge is f-f on a wall, and then on the table again."""
+    changes, period_ns = Changes(), SAME_NS // 10
+    begins_ns = {True: 0, False: 12 * period_ns}
+    given = [
+        replace(belief(tick * period_ns, Contact.FF, SETTLED), onset_ns=begins_ns[tick < 15])
+        for tick in range(40)
+    ]
+    are_news = [changes.update(state)[0] for state in given]
+    assert np.flatnonzero(are_news).tolist() == [0, 25]

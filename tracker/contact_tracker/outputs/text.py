@@ -263,14 +263,19 @@ class Changes:
 
         Reported at once: another label than that of the last report, unless both are open among all states,
         and a label that settles. Reported after ``SAME_NS``: that beliefs differ from the last report in the
-        label, or in whether other states fit the motion. So no report stands for longer than that while
-        beliefs differ from it, and shorter doubts are no news. Two reports are ``SHORTEST_NS`` apart or more,
-        as the last tick of a stream may be short. A further contact ends with free motion, or when no contact
-        of its kind has followed for ``SAME_NS``.
+        label, in whether other states fit the motion, or in the contact, which has the same label but has
+        begun since. So no report stands for longer than that while beliefs differ from it, and shorter doubts
+        are no news. Two reports are ``SHORTEST_NS`` apart or more, as the last tick of a stream may be short.
+        A further contact ends with free motion, or when no contact of its kind has followed for ``SAME_NS``.
         """
         opened, decided, settles = is_open(belief), not belief.inseparable, is_settled(belief)
         is_other = belief.contact is not self.label
-        if not is_other and decided is self.decided:
+        is_later = (
+            belief.contact is not Contact.FREE
+            and self.stamp_ns is not None
+            and belief.onset_ns > self.stamp_ns
+        )
+        if not is_other and not is_later and decided is self.decided:
             self.differ_since_ns = None
         elif self.differ_since_ns is None:
             self.differ_since_ns = belief.stamp_ns
