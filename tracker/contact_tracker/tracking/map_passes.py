@@ -154,7 +154,7 @@ def _with_free_beside_kept_faces(segmentation: Segmentation, ticks: Sequence[Tic
     recording.
 
     An arm, or a gantry, that turns an object about one axis moves it in the air as faces would. A hand does
-    not.
+    not; and faces that touch only to a tolerance are those of a floor, as machines are more exact.
     """
     segments, rows = segmentation.segments, segmentation.beliefs.rows
     observed = [(segment, normals) for segment in segments if (normals := _normals(segment)) is not None]
@@ -164,7 +164,8 @@ def _with_free_beside_kept_faces(segmentation: Segmentation, ticks: Sequence[Tic
         longest, normals = max(observed, key=lambda part: part[0].end_ns - part[0].start_ns)
         within = slice(*rows["stamp_ns"].searchsorted([longest.start_ns, longest.end_ns + 1]))
         tilt = _tilt(*normals, np.array([tick.zeta for tick in ticks]))
-        is_kept = bool(tilt.max() <= MOST_TILT * tilt[within].max())
+        is_exact = longest.tolerance is None
+        is_kept = is_exact and bool(tilt.max() <= MOST_TILT * tilt[within].max())
     if not is_kept:
         return segmentation
     return _with_open(segmentation, Contact.FF, np.ones(len(rows), bool), lambda _: (Contact.FREE,))
