@@ -421,7 +421,9 @@ def rolling(seed: int) -> Poses:
 def test_a_trolley_on_an_uneven_floor_is_on_its_face_to_a_tolerance() -> None:
     found = Segmentation.join([*OfflineTracker(MODEL).pieces(rolling(3))])
     assert np.mean([contact is Contact.FF for contact in found.beliefs.contacts]) > 0.9
-    within_m, within_rad = max(found.segments, key=lambda one: one.end_ns - one.start_ns).tolerance
+    longest = max(found.segments, key=lambda segment: segment.end_ns - segment.start_ns)
+    assert Contact.FREE not in longest.inseparable  # a machine that never tilts an object is more exact
+    within_m, within_rad = longest.tolerance
     assert within_m < 1e-3  # the floor is piecewise flat, as the price of a change allows
     assert within_rad == pytest.approx(np.radians(0.28), rel=0.4)
     exact = Segmentation.join([*OfflineTracker(MODEL).pieces(recorded(FACE_TO_EDGE).poses)])
