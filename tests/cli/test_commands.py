@@ -147,7 +147,7 @@ def test_versions_and_scenarios_are_listed() -> None:
         (["live", "x.mcap", "--start", "nan"], ["--start", "finite"]),
         (["live", "x.mcap", "--start", "1e300"], ["--start", "beyond"]),
         (["live", "x.mcap", "--lag", "1e9"], ["--lag", "30 s"]),
-        (["segment", "x.mcap", "-o", "out.txt"], ["out.txt", ".csv or .jsonl or .parquet or .mcap"]),
+        (["segment", "x.mcap", "-o", "out.txt"], ["out.txt", ".csv, .jsonl, .parquet, .mcap"]),
         (["segment", "x.mcap", "--box", "0.2,0.2"], ["not a list of 3 numbers, such as 0.2,0.1,0.1"]),
         (["segment", "x.mcap", "-o", "nowhere/out.csv"], ["no folder nowhere"]),
         (
