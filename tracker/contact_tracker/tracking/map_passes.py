@@ -42,7 +42,7 @@ contacts they win by up to 32, and one of two that win by 30 or more is less oft
 
 MOST_TILT: Final = 10.0
 """Largest tilt of an object that a machine turns about one axis, as a multiple of the largest tilt while its
-faces touch; see docs/theory.md for what recordings have."""
+faces touch. Half and double separate the same recordings, by 3 and 60 times (docs/theory.md, section 22)."""
 
 
 def with_map(
@@ -165,7 +165,7 @@ def _with_free_beside_kept_faces(segmentation: Segmentation, ticks: Sequence[Tic
         within = slice(*rows["stamp_ns"].searchsorted([longest.start_ns, longest.end_ns + 1]))
         tilt = _tilt(*normals, np.array([tick.zeta for tick in ticks]))
         is_exact = longest.tolerance is None
-        is_kept = is_exact and bool(tilt.max() <= MOST_TILT * tilt[within].max())
+        is_kept = is_exact and bool(tilt.max() <= MOST_TILT * tilt[within].max(initial=0.0))
     if not is_kept:
         return segmentation
     return _with_open(segmentation, Contact.FF, np.ones(len(rows), bool), lambda _: (Contact.FREE,))
