@@ -8,6 +8,7 @@ surface, which is none of the six contacts (T42).
 from collections.abc import Sequence
 from functools import lru_cache
 from itertools import compress
+from math import inf
 from operator import attrgetter
 from typing import Final, NamedTuple
 
@@ -139,11 +140,14 @@ def freedom_of(label: Contact, window: Window, onset: int) -> Freedom:
     return Freedom(used < DIRECTIONS - label.codimension, in_one_direction, moved_ticks)
 
 
-def agrees_by_chance(label: Contact, freedom: Freedom) -> bool:
+def agrees_by_chance(label: Contact, window: Window, onset: int, most_ticks: float = inf) -> bool:
     """Whether a contact of one constraint between new elements may agree with free motion by chance (T24):
     these can be chosen such that they agree with any smooth motion in fewer directions than the five that
-    the contact leaves."""
-    return label.codimension == 1 and freedom.underused
+    the contact leaves. Not if the object has moved for ``most_ticks`` or more."""
+    if label.codimension != 1:
+        return False
+    freedom = freedom_of(label, window, onset)
+    return freedom.underused and freedom.moved_ticks < most_ticks
 
 
 def tempered(probability: Array, exponent: float) -> Array:
@@ -382,7 +386,7 @@ SPAN_TICKS: Final = 60
 LEAST_TICKS: Final = 40
 """Least number of ticks; in fewer, smooth motion of a hand may fit by chance: a curved surface, or a contact
 of one constraint. Offline, with 300 for the latter, one of four recordings of singular motion is right for
-0.44 of the time instead of 0.66; those of handling stay the same."""
+0.44 of the time instead of 0.65 (`contact-tracker evaluate`); those of handling stay the same."""
 LEAST_ACTIVITY: Final = 10.0
 """Least motion in them for a test."""
 RETEST_GROWTH: Final = 1.5

@@ -462,12 +462,12 @@ def state_shares(state: FilterState) -> Array:
 def may_agree_by_chance(state: FilterState, label: Contact) -> bool:
     """Whether the best hypothesis of ``label`` may agree with free motion by chance; not with known elements,
     nor if it is older than the window."""
-    if label.codimension != 1:
+    if label is Contact.FREE:
         return False
     row, onset, _ = state.best[label.column].tolist()
     if state.banks[label.column].rows["prior_index"][row] or onset < state.window.index[0]:
         return False
-    return ambiguity.agrees_by_chance(label, ambiguity.freedom_of(label, state.window, onset))
+    return ambiguity.agrees_by_chance(label, state.window, onset)
 
 
 def beside_indistinguishable(state: FilterState, belief: Belief) -> Belief:

@@ -71,7 +71,7 @@ def with_map(
     result = _with_touches(result, first, record.pace, record.state.model.certainty.posterior_power)
     world, allowed = record.state.map, record.state.known_map.allowed
     if not world.prior:
-        result = _with_free_beside_kept_faces(result, record.ticks)
+        result = _with_free_if_never_tilted(result, record.ticks)
     if world.untested_sides or any(world.prior_is_dropped):  # its price hid contacts in free motion
         result = _with_open(result, Contact.FREE, np.ones(len(result.beliefs), bool), lambda _: allowed)
     result = with_offsets(result, record.map)
@@ -149,7 +149,7 @@ def _with_touches(segmentation: Segmentation, first: Segmentation, pace: float, 
     )
 
 
-def _with_free_beside_kept_faces(segmentation: Segmentation, ticks: Sequence[Tick]) -> Segmentation:
+def _with_free_if_never_tilted(segmentation: Segmentation, ticks: Sequence[Tick]) -> Segmentation:
     """The segmentation with f-f open to free motion if the object never tilts from its faces in the whole
     recording.
 
@@ -159,14 +159,14 @@ def _with_free_beside_kept_faces(segmentation: Segmentation, ticks: Sequence[Tic
     segments, rows = segmentation.segments, segmentation.beliefs.rows
     observed = [(segment, normals) for segment in segments if (normals := _normals(segment)) is not None]
     if not observed:
-        is_kept = all(segment.contact is Contact.FF for segment in segments)
+        never_tilts = all(segment.contact is Contact.FF for segment in segments)
     else:
         longest, normals = max(observed, key=lambda part: part[0].end_ns - part[0].start_ns)
         within = slice(*rows["stamp_ns"].searchsorted([longest.start_ns, longest.end_ns + 1]))
         tilt = _tilt(*normals, np.array([tick.zeta for tick in ticks]))
         is_exact = longest.tolerance is None
-        is_kept = is_exact and bool(tilt.max() <= MOST_TILT * tilt[within].max(initial=0.0))
-    if not is_kept:
+        never_tilts = is_exact and bool(tilt.max() <= MOST_TILT * tilt[within].max(initial=0.0))
+    if not never_tilts:
         return segmentation
     return _with_open(segmentation, Contact.FF, np.ones(len(rows), bool), lambda _: (Contact.FREE,))
 

@@ -460,21 +460,26 @@ class Segmenter:
         else:
             fits = [fit for _ in range(count) for fit in self._fits.popleft().result()]
         fitted = joined_by_wrenches([*zip(finished, fits, strict=True)])
-        if self._record is not None:
-            for segment, fit in fitted:
-                self._record.note_segment(segment, fit, segment.with_fit(fit)[0])
-        fitted = [(segment, self._on_map(segment, fit)) for segment, fit in fitted]
-        fitted = [
-            segment.as_free(fit) if self._may_agree_by_chance(segment, fit) else (segment, fit)
-            for segment, fit in fitted
-        ]
         results = [segment.with_fit(fit) for segment, fit in fitted]
+        if self._record is not None:
+            for (segment, fit), (parts, _) in zip(fitted, results, strict=True):
+                self._record.note_segment(segment, fit, parts)
+        results = [self._reported(*each, result) for each, result in zip(fitted, results, strict=True)]
         online, self._online = [*self._filtered, Beliefs.of(self._online)], []
         self._filtered.clear()
         outliers, self._outliers = self._state.outliers.since(self._outliers), self._state.outliers
         beliefs = Beliefs.join([part for _, part in results])
         rows = tuple(row for rows, _ in results for row in rows)
         return Segmentation(rows, beliefs, Beliefs.join(online), outliers)
+
+    def _reported(
+        self, segment: FinishedSegment, fit: SegmentFit, result: tuple[tuple[Segment, ...], Beliefs]
+    ) -> tuple[tuple[Segment, ...], Beliefs]:
+        """The ``result`` of a segment, or what the map makes of it: fewer open states, or free motion."""
+        on_map = self._on_map(segment, fit)
+        if self._may_agree_by_chance(segment, on_map):
+            return segment.as_free(on_map)
+        return result if on_map is fit else segment.with_fit(on_map)
 
     def _may_agree_by_chance(self, segment: FinishedSegment, fit: SegmentFit) -> bool:
         """Whether the contact of a segment may agree with free motion by chance: if the motion does not
@@ -485,9 +490,7 @@ class Segmenter:
         is_complex = fit.joint is not None or bool(fit.formation.further)
         if not is_open or is_complex or fit.touches_listed or fit.estimate is None:
             return False
-        freedom = ambiguity.freedom_of(fit.contact, ticks.window, first)
-        is_short = freedom.moved_ticks < ambiguity.LEAST_TICKS  # a hand moves smoothly for a few seconds
-        if not is_short or not ambiguity.agrees_by_chance(fit.contact, freedom):
+        if not ambiguity.agrees_by_chance(fit.contact, ticks.window, first, ambiguity.LEAST_TICKS):
             return False
         end = first + len(segment.rows)
         others = world.without(s.first for s in world.sightings if s.first < end and s.end > first)

@@ -293,14 +293,14 @@ class FinishedSegment(NamedTuple):
             np.concatenate([self.resting, following.resting]),
         )
 
-    def as_free(self, fit: SegmentFit) -> tuple["FinishedSegment", SegmentFit]:
-        """The same ticks as free motion, open to the contact of the ``fit``, which divides its probability
-        with it, and to what is open beside that."""
+    def as_free(self, fit: SegmentFit) -> tuple[tuple[Segment, ...], Beliefs]:
+        """The same as ``with_fit`` as free motion, which divides the probability with the contact of the
+        ``fit``, and is open to it and to what is open beside it."""
         free, rivals = Contact.FREE, united(fit.inseparable, (fit.contact,))
         shared = [ambiguity.shared_with(probability, free, [fit.contact]) for probability in self.posterior]
         segment = self._replace(column=free.column, posterior=np.array(shared))
         rivals = tuple(state for state in rivals if state is not free)
-        return segment, SegmentFit(free, None, rivals, np.zeros(1))
+        return segment.with_fit(SegmentFit(free, None, rivals, np.zeros(1)))
 
     def with_fit(self, fit: SegmentFit) -> tuple[tuple[Segment, ...], Beliefs]:
         """The segment, split where the object rests, and the beliefs of its ticks."""
