@@ -462,7 +462,7 @@ def state_shares(state: FilterState) -> Array:
 def may_agree_by_chance(state: FilterState, label: Contact) -> bool:
     """Whether the best hypothesis of ``label`` may agree with free motion by chance; not with known elements,
     nor if it is older than the window."""
-    if label is Contact.FREE:
+    if label.codimension != 1:  # nothing is looked up for other states, of which there may be no hypothesis
         return False
     row, onset, _ = state.best[label.column].tolist()
     if state.banks[label.column].rows["prior_index"][row] or onset < state.window.index[0]:
