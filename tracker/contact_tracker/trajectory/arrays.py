@@ -4,7 +4,7 @@ The columns of a table, such as a DataFrame, are identified by name, as in files
 """
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 from typing import Any, Final
 
@@ -20,9 +20,9 @@ from contact_tracker.config.table_reading import (
     TableReading,
     reading_of,
 )
-from contact_tracker.errors import ChoiceError, UnreadableRecording, UsageError
+from contact_tracker.errors import ChoiceError, UnreadableRecording, UsageError, shown
 from contact_tracker.geometry.elements import Array
-from contact_tracker.motion.poses import real_number, real_numbers
+from contact_tracker.motion.poses import Poses, real_number, real_numbers
 from contact_tracker.recording.table_layouts import are_no_radians, doubt_angles, quaternions
 from contact_tracker.recording.table_proposals import FIRST_ROWS, layout_of_names
 from contact_tracker.suggestions import closest
@@ -80,7 +80,7 @@ def moment_ns(value: Any, first_ns: int) -> int:
         return first_ns + round(real_number(value) * 1e9)
     except (TypeError, ValueError, OverflowError) as error:
         raise UsageError(
-            f"a time is seconds or a duration since the first pose, or a date, not {value!r}"
+            f"a time is seconds or a duration since the first pose, or a date, not {shown(value)}"
         ) from error
 
 
@@ -94,7 +94,11 @@ def times(stamps: ArrayLike) -> NDArray[Any]:
         raise UsageError(_NO_TIMES) from error
     if array.dtype.kind == "O" and array.size and all(isinstance(item, timedelta) for item in array.flat):
         return array.astype("timedelta64[ns]")
-    if array.dtype.kind != "O" or not all(isinstance(item, datetime) for item in array.flat):
+    if (
+        array.dtype.kind != "O"
+        or not array.ndim
+        or not all(isinstance(item, datetime) for item in array.flat)
+    ):
         return array
     utc = [date.astimezone(UTC).replace(tzinfo=None) if date.tzinfo else date for date in array.flat]
     return np.array(utc, "datetime64[ns]").reshape(array.shape)
@@ -128,7 +132,7 @@ def positions_and_quaternions(
         Shapes differ, or values are no real numbers.
     """
     if not isinstance(order, str) or order not in _ORDERS:
-        raise UsageError(f"order is 'xyzw' or 'wxyz', not {order!r}")
+        raise UsageError(f"order is 'xyzw' or 'wxyz', not {shown(order)}")
     if rotations is None:
         poses = rows(positions, "poses without rotations", 4, 4)
         return poses[:, :3, 3], quaternions("matrix", poses[:, :3, :3].reshape(-1, 9), "rows")
@@ -152,7 +156,8 @@ def positions_and_quaternions(
 
 def is_table(value: Any) -> bool:
     """Whether ``value`` has named columns."""
-    return hasattr(value, "columns") or isinstance(value, Mapping)
+    names = getattr(value, "columns", None)
+    return isinstance(value, Mapping) or (isinstance(names, Iterable) and not isinstance(value, Poses))
 
 
 def with_index(table: Any) -> Any:
@@ -185,7 +190,7 @@ def cells_of(table: Any) -> list[list[str]]:
         raise UsageError(f"two columns are {repeated}: name each of them otherwise")
     try:
         rows = list(zip(*(table[key] for key in _keys(table)), strict=True))
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, LookupError) as error:
         raise UsageError("the columns of a table are lists of one length, as of a DataFrame") from error
     return [names, *([str(value) for value in row] for row in rows)]
 
@@ -204,7 +209,7 @@ def with_columns(
     names = names_in(table)
     for name in columns.values():
         if not isinstance(name, str):
-            raise UsageError(f"the name of a column is text, not {name!r}")
+            raise UsageError(f"the name of a column is text, not {shown(name)}")
         if name not in names:
             with_unit = (column for column in names if re.match(rf"{re.escape(name)}\W", column))
             near = next(with_unit, None) or closest(name, names)
@@ -222,6 +227,8 @@ def columns_of(table: Any, reading: TableReading) -> tuple[NDArray[Any], float |
         The columns are not those of a single body, have no numbers, or angles exceed a turn in radians.
     """
     keys = _keys(table)
+    if not keys:
+        raise UsageError("the table has no columns")
 
     def first_rows() -> list[tuple[str, ...]]:
         columns = (_column(table, key)[:FIRST_ROWS].astype(str).tolist() for key in keys)
@@ -241,9 +248,12 @@ def columns_of(table: Any, reading: TableReading) -> tuple[NDArray[Any], float |
     (body,) = layout.bodies
     columns = [_column(table, keys[place]) for place in body.columns]
     try:
-        values = rows(np.ma.column_stack(columns), "columns of a pose", len(columns))
+        stacked = np.ma.column_stack(columns)
+    except TypeError as error:
+        raise UsageError("columns of a pose are no real numbers") from error
     except ValueError as error:
         raise UsageError("columns of a pose have different lengths") from error
+    values = rows(stacked, "columns of a pose", len(columns))
     if doubt := doubt_angles(values, body, reading, ""):
         raise UsageError(python_words(doubt))
     poses = body.poses(values)
@@ -251,14 +261,27 @@ def columns_of(table: Any, reading: TableReading) -> tuple[NDArray[Any], float |
         return np.arange(len(values)), layout.time_ns, poses
     time = _column(table, keys[layout.time])
     if layout.rest is not None:
-        seconds, subseconds = (np.asarray(c, np.int64) for c in (time, _column(table, keys[layout.rest])))
+        parts = time, _column(table, keys[layout.rest])
+        try:
+            numbers = np.stack([real_numbers(part) for part in parts])
+            if not np.isfinite(numbers).all():
+                raise ValueError
+        except (TypeError, ValueError, OverflowError) as error:
+            raise UsageError(_NO_TIMES) from error
+        seconds, subseconds = numbers.astype(np.int64)
         return seconds * 10**9 + subseconds * round(layout.rest_ns), 1.0, poses
     return time, layout.time_ns, poses
 
 
 def _column(table: Any, key: Any) -> NDArray[Any]:
-    """The values (N,) of a column."""
-    column = table[key]
-    if getattr(getattr(column, "dtype", None), "tz", None) is not None:
-        return times(column)
-    return np.asanyarray(column.to_numpy() if hasattr(column, "to_numpy") else column)
+    """The values (N,) of a column; raises UsageError."""
+    try:
+        column = table[key]
+        if getattr(getattr(column, "dtype", None), "tz", None) is not None:
+            return times(column)
+        values: NDArray[Any] = np.asanyarray(column.to_numpy() if hasattr(column, "to_numpy") else column)
+    except (TypeError, ValueError, LookupError) as error:
+        raise UsageError(f"the column {key} has no numbers or dates") from error
+    if not values.ndim:
+        raise UsageError(f"the column {key} is one value, not one per pose")
+    return values

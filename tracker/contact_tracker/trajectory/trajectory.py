@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from contact_tracker.config.quantities import LENGTHS, TIMES_NS
 from contact_tracker.config.table_reading import AS_NAMED, PYTHON, TableReading
-from contact_tracker.errors import NoPoses, UnreadableRecording, UsageError
+from contact_tracker.errors import NoPoses, UnreadableRecording, UsageError, shown
 from contact_tracker.geometry.elements import Array
 from contact_tracker.motion.pose_validation import (
     counts_text,
@@ -259,7 +259,7 @@ class Trajectory:
             ``span`` is not a slice of times, or has no pose.
         """
         if not isinstance(span, slice) or span.step is not None:
-            raise UsageError(f"poses are taken by times, as trajectory[2.0:5.0], not by {span!r}")
+            raise UsageError(f"poses are taken by times, as trajectory[2.0:5.0], not by {shown(span)}")
         first_ns = int(self.stamp_ns[0])
         start, stop = (
             default if time is None else int(np.searchsorted(self.stamp_ns, moment_ns(time, first_ns)))
