@@ -130,7 +130,12 @@ class Contradiction(Check):
         for with_map, without_map in beliefs:
             previous, difference = difference, second.log_evidence - first.log_evidence
             is_counted = stream.is_chosen or not stream.is_at_rest
-            if is_counted and not _is_undecided(with_map, without_map, second.filter.state):
+            is_scripted = stream.map.up is not None and _is_scripted(without_map)
+            if (
+                is_counted
+                and not is_scripted
+                and not _is_undecided(with_map, without_map, second.filter.state)
+            ):
                 lead += difference - previous
                 lost = max(lost + difference - previous, 0.0)
             may_be_found = stream.is_chosen or not stream.inspection.filtered
@@ -175,11 +180,7 @@ def _refutes(lead: float, lost: float, known_map: Map) -> bool:
 def _is_undecided(with_map: Belief, without_map: Belief, state: FilterState) -> bool:
     """Whether motion in few directions does not decide between the contacts of the two trackers: the second,
     in this ``state``, has more evidence because something else, such as the hand, adds a constraint (T24). It
-    may be one contact on other elements, as of a hinge, on which faces fit across its axis. Nor does a vertex
-    at the origin of the body's frame, the tool centre point of a robot, which a script moves in a plane."""
-    element = None if without_map.geometry is None else without_map.geometry.object
-    if isinstance(element, Point) and np.linalg.norm(element.point_m) < AT_ORIGIN_M:
-        return True
+    may be one contact on other elements, as of a hinge, on which faces fit across its axis."""
     label = without_map.contact
     if with_map.contact not in (label, *without_map.inseparable):
         return False
@@ -190,6 +191,14 @@ def _is_undecided(with_map: Belief, without_map: Belief, state: FilterState) -> 
         for belief in (with_map, without_map)
     )
     return not residual >= SAME_FIT_RATIO * max(1.0, rival)  # nan, while unknown, means undecided
+
+
+def _is_scripted(belief: Belief) -> bool:
+    """Whether a vertex touches at the origin of the body's frame: it may be the tool centre point of a robot,
+    which a script moves in a plane that no surface has."""
+    geometry = belief.geometry if belief.contact is Contact.VF else None
+    point = None if geometry is None else geometry.object
+    return isinstance(point, Point) and bool(np.linalg.norm(point.point_m) < AT_ORIGIN_M)
 
 
 INSPECTED: Final = "impacts", "clearance"
