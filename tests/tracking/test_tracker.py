@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from contact_tracker.geometry.elements import Line, Plane, Point
 from contact_tracker.map.pairs import Frame
@@ -217,3 +218,26 @@ def test_a_pause_loses_and_repeats_no_belief(pause_s, lag_s):
     assert np.diff(stamps).max() < 2 * TICK_NS
     for belief in beliefs:
         json.dumps(belief.to_json(), allow_nan=False)
+
+
+def tilted_and_put_down() -> Poses:
+    """A box slides on a table, stands, is tilted about an edge that does not slip, stands, and slides."""
+    rng, time_s = np.random.default_rng(0), np.arange(1200) / 100.0
+    slid_s = np.minimum(time_s, 4.0) + np.clip(time_s - 9.0, 0.0, None)
+    share = np.clip((time_s - 4.5) / 3.5, 0.0, 1.0)
+    yaw, tilt = 0.6 * np.sin(1.1 * slid_s), 0.7 * np.sin(np.pi * share) ** 2
+    turn = Rotation.from_euler("ZX", np.column_stack([yaw, -tilt]))
+    edge_m = np.column_stack([0.2 * np.sin(0.8 * slid_s), 0.15 * np.sin(1.3 * slid_s), 0.0 * time_s])
+    position_m = edge_m - turn.apply([0.0, -0.04, -0.03]) + 3e-4 * rng.normal(size=edge_m.shape)
+    quat_xyzw = (turn * Rotation.from_rotvec(2e-3 * rng.normal(size=edge_m.shape))).as_quat()
+    return Poses(np.round(time_s * 1e9).astype(np.int64), position_m, quat_xyzw)
+
+
+def test_a_box_that_was_tilted_surely_stands_on_its_table_only() -> None:
+    """The turn about an edge is that of two faces across it as well, which its pose on the table does not
+    confirm."""
+    beliefs = [tick.belief for tick in forward(tilted_and_put_down(), MODEL) if tick.belief.stamp_ns > 5e9]
+    sure = [one for one in beliefs if one.contact is Contact.FF and one.probability.max() > 0.9]
+    assert sure
+    for belief in sure:
+        assert abs(belief.geometry.environment.normal[2]) > 0.99

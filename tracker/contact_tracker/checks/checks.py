@@ -130,12 +130,8 @@ class Contradiction(Check):
         for with_map, without_map in beliefs:
             previous, difference = difference, second.log_evidence - first.log_evidence
             is_counted = stream.is_chosen or not stream.is_at_rest
-            is_scripted = stream.map.up is not None and _is_scripted(without_map)
-            if (
-                is_counted
-                and not is_scripted
-                and not _is_undecided(with_map, without_map, second.filter.state)
-            ):
+            is_counted &= not (stream.map.up is not None and _is_scripted(without_map))
+            if is_counted and not _is_undecided(with_map, without_map, second.filter.state):
                 lead += difference - previous
                 lost = max(lost + difference - previous, 0.0)
             may_be_found = stream.is_chosen or not stream.inspection.filtered

@@ -45,7 +45,7 @@ second order, motion in two agrees with a vertex on a face by chance: five coeff
 LIFTED_SHARE: Final = 0.65
 """Largest share of the motion along the axis of the turns, in squares, that is made with a turn, of an object
 that is lifted without. Of SCARA robots it is 0.0, or 0.3 to 0.6 if they turn before the lift ends; of objects
-that slide, in readings with wrong axes, above 0.7 in 31 of 34 windows."""
+that slide, in readings with wrong axes, above 0.7 in 33 of 34 windows."""
 TURNS: Final = 0.1
 """Least share of the fastest turn in a window that counts as a turn."""
 _ROUNDING: Final = 1e-14

@@ -20,9 +20,15 @@ from contact_tracker.config.parameters import Model
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.explanations import online_contacts
 from contact_tracker.explanations.further_contacts import FormationTicks, KnownContact
+from contact_tracker.geometry.elements import opposite
 from contact_tracker.geometry.lifted_pose import T
 from contact_tracker.hypotheses.bank import Bank
-from contact_tracker.hypotheses.bank_update import TickWeights, marginalise_expired_ticks, update_banks
+from contact_tracker.hypotheses.bank_update import (
+    TickWeights,
+    fit_windows,
+    marginalise_expired_ticks,
+    update_banks,
+)
 from contact_tracker.hypotheses.births import (
     BirthProposals,
     TickInput,
@@ -36,7 +42,7 @@ from contact_tracker.hypotheses.births import (
 from contact_tracker.hypotheses.evidence import DECISIVE
 from contact_tracker.hypotheses.observability import FittedContact, element_estimate, fitted_contact
 from contact_tracker.map.association import MAP_INSERTION_PROBABILITY, MapView, Sighting
-from contact_tracker.map.elements import Key, kinds_of
+from contact_tracker.map.elements import Key, is_same_element, kinds_of
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.map.pairs import Frame, named_pairs
 from contact_tracker.map.world_map import GrowingMap
@@ -488,7 +494,7 @@ def beside_indistinguishable(state: FilterState, belief: Belief) -> Belief:
 
 def decide_on_map(state: FilterState, belief: Belief) -> Belief:
     """The belief without the indistinguishable states against which the newest pose is evidence, since it is
-    on elements that contacts before the label's onset have touched."""
+    on elements that contacts before the label's onset have touched, and that are the label's as well."""
     label = belief.contact
     if not belief.inseparable or label is Contact.FREE:
         return belief
@@ -496,9 +502,23 @@ def decide_on_map(state: FilterState, belief: Belief) -> Belief:
     pairs = pairs_touched_elsewhere(state, label, state.window.since(onset), onset)
     if pairs is None:
         return belief
-    on_map, _ = map_evidence(CONTACT_MODELS[label.column], pairs, state.window.cut(-1), state.scales)
+    on_map, touched = map_evidence(CONTACT_MODELS[label.column], pairs, state.window.cut(-1), state.scales)
+    if touched < 0 or not _is_on(state, label, pairs, touched):
+        return belief
     inseparable = tuple(rival for rival in belief.inseparable if on_map[rival.column] < DECISIVE)
     return replace(belief, inseparable=inseparable)
+
+
+def _is_on(state: FilterState, label: Contact, pairs: BirthProposals, number: int) -> bool:
+    """Whether the best hypothesis of ``label`` touches the same element of the environment as one of these
+    ``pairs``, whose normals have no sense."""
+    own = label_fit(state, label)
+    assert own is not None
+    contact, newest, errors = CONTACT_MODELS[label.column], state.window.cut(-1), state.model.systematic
+    (at_pose,) = fit_windows(contact, [newest], state.scales, [pairs.pick(np.array([number]))])
+    pair = fitted_contact(at_pose, 0, contact, state.scales, newest, state.origins, errors)
+    own_world, world = own.geometry.environment, pair.geometry.environment
+    return is_same_element(own_world, world) or is_same_element(opposite(own_world), world)
 
 
 def open_beside(state: FilterState, belief: Belief) -> Belief:
