@@ -23,7 +23,8 @@ from scipy.special import expit
 
 from contact_tracker.arrays import Array
 from contact_tracker.config.loading import load_model
-from contact_tracker.explanations.joint_evidence import FittedJoint, find_joint
+from contact_tracker.explanations.joint_evidence import FittedJoint
+from contact_tracker.explanations.joint_parts import find_joints
 from contact_tracker.geometry.lifted_pose import R, T, lift
 from contact_tracker.motion.window import Window
 from contact_tracker.tracking.state import scales_of
@@ -125,7 +126,9 @@ def fitted(case: Case) -> FittedJoint | None:
     variance, step = sigma**2 / TICK, np.square(np.diff(zeta, axis=0)).mean(axis=0)
     moved = variance + np.array([step[T].mean(), step[R].sum() / 6.0])
     window = Window(np.arange(len(zeta)), zeta, *(np.tile(one, (len(zeta), 1)) for one in (variance, moved)))
-    return find_joint(window, scales_of(model), [], 1, model.systematic)
+    resting = np.zeros(len(window), bool)
+    joints = find_joints(window, resting, scales_of(model), [], 1, model.systematic)
+    return joints[0].fit if joints else None
 
 
 def named(case: Case) -> tuple[str, bool]:

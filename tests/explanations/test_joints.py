@@ -15,7 +15,7 @@ from contact_tracker import segmenting
 from contact_tracker.arrays import Array
 from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import SystematicErrors
-from contact_tracker.explanations.joint_evidence import Joint, find_joint, joint_of
+from contact_tracker.explanations.joint_evidence import Joint, joint_of, likeliest_joint
 from contact_tracker.explanations.joint_models import JOINT_MODELS, PITCH, JointFrames, JointKind, JointModel
 from contact_tracker.exports.formats import json_line, open_text
 from contact_tracker.geometry.elements import Line, Origins, Point
@@ -289,7 +289,7 @@ def test_a_pitch_that_systematic_errors_explain_makes_no_screw() -> None:
         assert all(found)
         hinges.append([one.model.kind for one in found if one])
         bent = bent_window(moved(JointKind.SCREW, seed, 24.0)[1], errors, seed)
-        screw = find_joint(bent, scales, [], 1, errors)
+        screw = likeliest_joint(bent, scales, [], 1, errors)
         assert screw
         screws.append(screw.model.kind)
     assert [known for _, known in hinges] == [JointKind.HINGE] * 6
@@ -321,7 +321,7 @@ def test_covariances_include_systematic_errors(kind: JointKind) -> None:
         window = bent_window(poses, errors, seed)
         place = window.zeta[:, T].mean(axis=0)
         for i, known in enumerate((model.systematic, errors)):
-            found = find_joint(window, scales, [], 1, known)
+            found = likeliest_joint(window, scales, [], 1, known)
             joint = joint_of(found, 1.0, place, Origins.zero())
             true_point = Point(frames.world_point_m)
             true_axis = Line(frames.world_axes[:, 2], frames.world_point_m)
