@@ -53,7 +53,7 @@ MOST_ERRORS: Final = 0.1
 """Largest errors of a joint, as a share of its motion (root mean squares, in units of the noise). Otherwise a
 shift along a bent curve is a slider or a hinge with large play. With 0.2 instead, 33 instead of 2 of the 81
 curves of ``joint_play.py`` are sure to be a joint, and 220 instead of 207 of its 297 hinges are named."""
-MOST_ERRORS_ONCE: Final = 0.02
+MOST_ERRORS_ONCE: Final = 0.015
 """The same of a joint that never turns back: any smooth motion is a function of its way, such as a slide with a
 turn of a hand. Real drawers that are pulled once have up to 0.007, slides by hand that were hinges 0.028 to
 0.1 (``joint_play.py``: ``slide``)."""
