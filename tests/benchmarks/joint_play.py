@@ -9,9 +9,10 @@ Hinges tilt by ``play`` over 0.1 m, and shift by half of it in the rows ``harmon
 angle's first harmonics, in waves of the angle, with its sign, or to the other side where they turn back;
 ``shift`` is a shift alone by the play. Balls have those shares of the swing about three axes. ``turn and
 slide`` is both about one axis, each by itself, and ``curve`` a shift there and back along a bent curve while
-the object turns: neither is a joint. ``in stages`` a hinge turns by half of the swing, rests and turns on, and
-``once`` it turns once; so does a box on ``two axes`` that are ``play`` apart, of which each is to be named.
-``slide`` is a slide by hand of 0.05 to 0.2 m (``play``) with a turn, once: no joint. ``right`` is the share of the cases in which the joint, or none where
+the object turns: neither is a joint. ``in stages`` a hinge turns by half of the swing, rests and turns on;
+``once`` it turns once. On ``two axes``, ``play`` apart, a box turns by half of the swing about one, rests, and
+turns about the other: both are to be named. ``slide`` is a slide by hand on a table along ``play``, with a
+turn, once: no joint. ``right`` is the share of the cases in which the joint, or none where
 there is none, is named; ``sure and wrong`` in which another one has more than 0.9.
 """
 
@@ -154,8 +155,8 @@ def all_fitted(case: Case) -> list[JointOfTicks]:
     zeta = zeta.reshape(-1, TICK, zeta.shape[1]).mean(axis=1)
     variance, step = sigma**2 / TICK, np.square(np.diff(zeta, axis=0)).mean(axis=0)
     moved = variance + np.array([step[T].mean(), step[R].sum() / 6.0])
-    each = (np.tile(one, (len(zeta), 1)) for one in (variance, moved))
-    window = Window(np.arange(len(zeta)), zeta, *each, frames=np.full(len(zeta), TICK))
+    noise, excess = (np.tile(each, (len(zeta), 1)) for each in (variance, moved))
+    window = Window(np.arange(len(zeta)), zeta, noise, excess, frames=np.full(len(zeta), TICK))
     resting = at_rest(window, model.tick_s)
     contacts = [ON_TABLE] if case.joint == "slide" else []
     return find_joints(window, resting, scales_of(model), contacts, 1, model.systematic)

@@ -13,9 +13,9 @@ from contact_tracker.explanations.joint_evidence import (
     FittedJoint,
     complexity,
     errors_share,
-    likeliest_joint,
     factors,
     fitted,
+    likeliest_joint,
     minimise,
     play_of,
     whitened,
@@ -37,7 +37,7 @@ class JointOfTicks(NamedTuple):
 
 
 class _Part(NamedTuple):
-    """Rows ``first`` to ``end`` (excluded) of a window, in which the object rests before the row ``moves``."""
+    """Rows ``first`` to ``end`` (excluded) of a window; the object rests before the row ``moves``."""
 
     first: int
     moves: int
@@ -52,7 +52,7 @@ def find_joints(
     constraints: int,
     errors: SystematicErrors,
 ) -> list[JointOfTicks]:
-    """The joint that explains the ticks of ``window`` best, or the joints of the same kind in which the object
+    """The joint that explains the ticks of ``window`` best, or the joints of one kind in which the object
     moves one after another; empty without any.
 
     That one joint does not fit exactly is explained by its play, or by several joints, between which the
@@ -138,7 +138,8 @@ def _joint_of(
     """The joint of a part; its covariance has errors as large as those that the part shows."""
     ticks = window.cut(part.first, part.end)
     fit = _without_play(model, ticks, scales)
-    fit = with_covariance(fit._replace(play=play_of(whitened(fit.residual, ticks, scales).residual)), ticks, scales)
+    play = play_of(whitened(fit.residual, ticks, scales).residual)
+    fit = with_covariance(fit._replace(play=play), ticks, scales)
     fit = with_systematic_errors(fit, ticks, scales, errors)
     return JointOfTicks(part.first, part.end, fit._replace(log_odds=log_odds))
 

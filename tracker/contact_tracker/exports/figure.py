@@ -23,7 +23,7 @@ from scipy.spatial.transform import Rotation
 
 from contact_tracker.errors import printable
 from contact_tracker.geometry.elements import Array, flat
-from contact_tracker.outputs.joint_runs import joint_runs
+from contact_tracker.outputs.joint_runs import JointRun, joint_runs
 from contact_tracker.outputs.outcome import Outcome
 from contact_tracker.outputs.parts import SIDES, Part, known_parts
 from contact_tracker.outputs.scene import UP
@@ -123,18 +123,11 @@ def draw_on(axes: Axes, outcome: Outcome) -> None:
     low, high = _RIBBON
     is_labelled = truth is not None and len(seconds) > 0
     axes.set(ylabel="probability", xlabel="time (s)", ylim=(0.0, (_TRUTH[1] if is_labelled else high) + 0.02))
-    within_runs, names_of_runs = set[int](), list[tuple[int, int, tuple[str, ...]]]()
-    for run in joint_runs(segments):
-        contacts = {segment.contact for segment in segments[run.first : run.last + 1]}
-        if len(contacts) == 1:
-            within_runs.update(range(run.first, run.last + 1))
-            contact, joint = segments[run.first].contact.value, joint_name(run.joint)
-            kind = joint.rpartition(" ")[0]  # without the probability
-            names = f"{contact} {joint}", f"{contact} {kind}", kind, contact
-            names_of_runs.append((run.first, run.last, names))
+    joints = _runs_in_one_contact(segments)
+    with_joint = {number for joint in joints for number in range(joint.first, joint.last + 1)}
     for number, (segment, (start_s, duration_s)) in enumerate(zip(segments, spans, strict=True)):
-        own_names = [] if number in within_runs else [segment.contact.value]
-        draw_segment(axes, segment, start_s, duration_s, _RIBBON, own_names)
+        names = [] if number in with_joint else [segment.contact.value]
+        draw_segment(axes, segment, start_s, duration_s, _RIBBON, names)
         runs = [  # spans of the same contact are in the same lane
             (further.contact, str(flat(further.geometry.object)), str(flat(further.geometry.environment)))
             for further in segment.further
@@ -147,9 +140,11 @@ def draw_on(axes: Axes, outcome: Outcome) -> None:
             lane = low + numbers[run] * lane_height, lane_height
             span = first_s, (end_ns - origin_ns) * 1e-9 - first_s
             axes.broken_barh([span], lane, fc=SHADE[further.contact], ec="white")
-    for first, last, names in names_of_runs:  # one name for all segments with one joint
-        start_s, duration_s = spans[first][0], sum(spans[last]) - spans[first][0]
-        _write_in_bar(axes, start_s, duration_s, _RIBBON, names, _colour_of(segments[first]))
+    for joint in joints:  # one name for all segments of a joint
+        first, start_s, of_joint = segments[joint.first], spans[joint.first][0], joint_name(joint.joint)
+        duration_s, kind = sum(spans[joint.last]) - start_s, of_joint.rpartition(" ")[0]
+        names = [*(f"{first.contact.value} {what}" for what in (of_joint, kind)), kind, first.contact.value]
+        _write_in_bar(axes, start_s, duration_s, _RIBBON, names, _colour_of(first))
     for state, share in zip(STATES, np.transpose(beliefs.probability), strict=True):
         axes.plot(seconds, share, color=SHADE[state], label=state.value)
     axes.set_yticks(np.linspace(0.0, 1.0, 6))
@@ -169,6 +164,18 @@ def draw_on(axes: Axes, outcome: Outcome) -> None:
     if any(segment.inseparable for segment in segments):
         handles.append(open_patch())
     axes.legend(handles=handles, ncols=1, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
+
+
+def _runs_in_one_contact(segments: Sequence[Segment]) -> list[JointRun]:
+    """The joints with the segments that they hold for; with each alone if their contacts differ."""
+    runs = list[JointRun]()
+    for run in joint_runs(segments):
+        numbers = range(run.first, run.last + 1)
+        if len({segments[number].contact for number in numbers}) == 1:
+            runs.append(run)
+        else:
+            runs += [JointRun(run.joint, number, number) for number in numbers if segments[number].joint]
+    return runs
 
 
 def draw_segment(

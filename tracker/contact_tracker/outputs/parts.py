@@ -34,9 +34,9 @@ from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion.poses import Poses
 from contact_tracker.outputs import scene
+from contact_tracker.outputs.joint_runs import is_same_joint, joint_runs
 from contact_tracker.outputs.outcome import Outcome
 from contact_tracker.outputs.scene import UNKNOWN_EXTENT, Extent, Mesh, poses_within
-from contact_tracker.outputs.joint_runs import is_same_joint, joint_runs
 from contact_tracker.outputs.text import joint_name
 from contact_tracker.tracking.belief import Segment
 

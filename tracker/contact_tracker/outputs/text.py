@@ -107,8 +107,8 @@ Row = tuple[str, str, str, str, str]
 
 
 def table_rows(segments: Sequence[Segment], origin_ns: int) -> Iterator[tuple[int, Row]]:
-    """The rows of each segment, with its number: its contact, its further contacts (``+``), and the joint that
-    begins with it (``=``), to the end of the last segment with the same joint; times in seconds after
+    """The rows of each segment, with its number: its contact, its further contacts (``+``) and the joint that
+    begins with it (``=``), until the last segment with the same joint ends; times in seconds after
     ``origin_ns``."""
 
     def row(start_ns: int, end_ns: int, kind: str, p: float, elements: str) -> Row:
