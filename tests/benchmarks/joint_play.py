@@ -10,9 +10,9 @@ angle's first harmonics, in waves of the angle, with its sign, or to the other s
 ``shift`` is a shift alone by the play. Balls have those shares of the swing about three axes. ``turn and
 slide`` is both about one axis, each by itself, and ``curve`` a shift there and back along a bent curve while
 the object turns: neither is a joint. ``in stages`` a hinge turns by half of the swing, rests and turns on;
-``once`` it turns once. On ``two axes``, ``play`` apart, a box turns by half of the swing about one, rests, and
-turns about the other: both are to be named. ``slide`` is a slide by hand on a table along ``play``, with a
-turn, once: no joint. ``right`` is the share of the cases in which the joint, or none where
+``once`` it turns once. On ``two axes``, ``play`` apart, a box turns by half of the swing about one, rests,
+and turns about the other: both are to be named. ``slide`` is a slide by hand on a table along ``play``, with
+a turn, once: no joint. ``right`` is the share of the cases in which the joint, or none where
 there is none, is named; ``sure and wrong`` in which another one has more than 0.9.
 """
 

@@ -268,6 +268,14 @@ def test_a_slide_by_hand_with_a_turn_is_no_hinge(length_m: float, seed: int) -> 
     assert fitted(Case("slide", "", length_m, 60.0, 0.1, 0, seed)) is None
 
 
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("swing_deg", "is_named"), [(60.0, False), (800.0, True)])
+def test_a_wheel_shows_its_play_as_it_comes_round(swing_deg: float, is_named: bool, seed: int) -> None:
+    """A hinge that turns once by a part of a turn shows none: its path may be any that is near a circle."""
+    found = fitted(Case("hinge once", "waves", 5e-3, swing_deg, 0.3, 1, seed))
+    assert (found is not None) is is_named
+
+
 @needs_kernels
 @pytest.mark.parametrize("kind", EACH_KIND)
 def test_no_label_is_certain_with_a_joint(kind: JointKind) -> None:

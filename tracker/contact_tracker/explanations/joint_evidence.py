@@ -53,10 +53,11 @@ MOST_ERRORS: Final = 0.1
 shift along a bent curve is a slider or a hinge with large play. With 0.2 instead, 33 instead of 2 of the 81
 curves of ``joint_play.py`` are sure to be a joint, and 220 instead of 207 of its 297 hinges are named."""
 MOST_ERRORS_ONCE: Final = 0.015
-"""The same of a joint that never turns back: any single motion is a function of its way, such as a slide with
-a turn by hand. Real drawers that are pulled once have up to 0.007; slides in recordings that would be named a
-joint have 0.028 to 0.1. With 0.01, 0.02 and 0.1 instead, 18, 44 and 81 instead of 33 of the 81 slides of
-``joint_play.py`` are named a joint, and 84, 110 and 135 instead of 99 of its 135 hinges that turn once."""
+"""The same of a joint that never comes again to where it was: any single motion is a function of its way, as
+a slide with a turn by hand. Real drawers that are pulled once have up to 0.007; slides in recordings that
+would be named a joint have 0.028 to 0.1. With 0.01, 0.02 and 0.1 instead, 18, 44 and 81 instead of 33 of the
+81 slides of ``joint_play.py`` are named a joint, and 84, 110 and 135 instead of 99 of its 135 hinges that
+turn once."""
 PITCH_M: Final = 0.05
 """Prior standard deviation of the pitch (m/rad). Turns have one radian, points the usual reach."""
 

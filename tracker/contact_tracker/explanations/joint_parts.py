@@ -23,7 +23,7 @@ from contact_tracker.explanations.joint_evidence import (
     with_systematic_errors,
 )
 from contact_tracker.explanations.joint_misfit import misfit_log_likelihood, turns_back
-from contact_tracker.explanations.joint_models import JointModel
+from contact_tracker.explanations.joint_models import JointKind, JointModel
 from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.motion.window import Window
 
@@ -78,10 +78,17 @@ def find_joints(
             groups = _grouped(whole.model, window, parts, scales)
             return [_joint_of(whole.model, window, group, scales, errors, log_odds) for group in groups]
         whole = whole._replace(log_odds=whole.log_evidence - float(np.logaddexp(rival, others)))
-    moves_once = whole.model.has_play and not turns_back(whole.model.travelled(whole.frames, window.zeta))
+    moves_once = whole.model.has_play and not _comes_again(whole, window)
     if moves_once and errors_share(whole, window, scales) > MOST_ERRORS_ONCE:
         return []
     return [JointOfTicks(0, len(window), whole)]
+
+
+def _comes_again(fit: FittedJoint, window: Window) -> bool:
+    """Whether a joint comes again to where it was: it turns back, or by more than one turn."""
+    way = fit.model.travelled(fit.frames, window.zeta)
+    goes_round = fit.model.kind is not JointKind.SLIDER and np.ptp(way) > 2.0 * np.pi
+    return bool(goes_round or turns_back(way))
 
 
 def _parts(resting: Bools) -> list[_Part]:
