@@ -9,7 +9,10 @@ Hinges tilt by ``play`` over 0.1 m, and shift by half of it in the rows ``harmon
 angle's first harmonics, in waves of the angle, with its sign, or to the other side where they turn back;
 ``shift`` is a shift alone by the play. Balls have those shares of the swing about three axes. ``turn and
 slide`` is both about one axis, each by itself, and ``curve`` a shift there and back along a bent curve while
-the object turns: neither is a joint. ``right`` is the share of the cases in which the joint, or none where
+the object turns: neither is a joint. ``in stages`` a hinge turns by half of the swing, rests and turns on;
+``once`` it turns once. On ``two axes``, ``play`` apart, a box turns by half of the swing about one, rests,
+and turns about the other: both are to be named. ``slide`` is a slide by hand on a table along ``play``, with
+a turn, once: no joint. ``right`` is the share of the cases in which the joint, or none where
 there is none, is named; ``sure and wrong`` in which another one has more than 0.9.
 """
 
@@ -23,9 +26,12 @@ from scipy.special import expit
 
 from contact_tracker.arrays import Array
 from contact_tracker.config.loading import load_model
-from contact_tracker.explanations.joint_evidence import FittedJoint, find_joint
+from contact_tracker.explanations.further_contacts import KnownContact
+from contact_tracker.explanations.joint_evidence import FittedJoint
+from contact_tracker.explanations.joint_parts import JointOfTicks, find_joints
 from contact_tracker.geometry.lifted_pose import R, T, lift
-from contact_tracker.motion.window import Window
+from contact_tracker.motion.window import Window, at_rest
+from contact_tracker.states import Contact
 from contact_tracker.tracking.state import scales_of
 from contact_tracker_lab.benchmark.runner import Table, measured, parser_of, report
 from contact_tracker_lab.evaluation.tables import number
@@ -36,10 +42,16 @@ NOISES: Final = ((1e-4, 5e-4), (5e-4, 2e-3), (1e-3, 4e-3))
 """Standard deviations (m, rad) of poses."""
 SWINGS_DEG: Final = [30.0, 90.0, 180.0]
 BALL_SWINGS_DEG: Final = [10.0, 20.0, 40.0, 90.0]
+STROKES_DEG: Final = [15.0, 30.0, 60.0]
+"""Turns of slides."""
+REST_S: Final = 1.5
+ON_TABLE: Final = KnownContact(Contact.FF, np.array([0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0]))
 Z: Final = np.array([0.0, 0.0, 1.0])
 TILT_LENGTH_M: Final = 0.1
 SHARES: Final = {"1 1 1": (1, 1, 1), "1 1 0": (1, 1, 0), "1 0.3 0.3": (1, 0.3, 0.3), "1 0.3 0": (1, 0.3, 0)}
-NO_JOINT: Final = ("turn and slide", "curve")
+NO_JOINT: Final = ("turn and slide", "curve", "slide")
+NAMES: Final = {"hinge in stages": "hinge", "hinge once": "hinge"}
+"""The right answers for joints that are not named so themselves."""
 COLUMNS: Final = ("joint", "errors", "play, mm", "cases", "right", "sure and wrong", "surely a ball")
 
 
@@ -59,6 +71,14 @@ def course(rng: np.random.Generator, time_s: Array, hz: float, swing: float) -> 
     """A motion (N,) from end to end of a swing."""
     signal = band_limited(rng, time_s, 1, hz)[:, 0]
     return np.asarray(swing * ((signal - signal.min()) / np.ptp(signal) - 0.5))
+
+
+def strokes(time_s: Array, count: int) -> Array:
+    """A smooth motion (N,) from 0 to ``count`` in as many strokes, with rests."""
+    seconds = time_s[-1] / count - REST_S
+    begins = (np.arange(count) + 0.5) * REST_S + np.arange(count) * (seconds + 0.5 * REST_S)
+    way = np.clip((time_s[:, None] - begins) / seconds, 0.0, 1.0)
+    return np.asarray((10.0 * way**3 - 15.0 * way**4 + 6.0 * way**5).sum(axis=1))
 
 
 def scaled(errors: Array) -> Array:
@@ -101,8 +121,19 @@ def motion(case: Case) -> tuple[Rotation, Array]:
         way = course(rng, time_s, hz, 1.0) + 0.5
         bend_m, turn = case.play_m * np.sin(np.pi * way), swing * np.sin(2.0 * np.pi * way)
         return Rotation.from_rotvec(turn[:, None] * Z), np.column_stack([0.12 * way, bend_m, 0.0 * way])
-    angle = course(rng, time_s, hz, swing)
+    if case.joint == "slide":
+        way = strokes(time_s, 1)[:, None]
+        turn = Rotation.from_rotvec(swing * way * Z)
+        return turn, case.play_m * way * np.eye(3)[1] + turn.apply(arm)
+    stages = 1 + (case.joint in ("hinge in stages", "two axes"))
+    is_once = case.joint.endswith("once") or stages > 1
+    angle = swing / stages * strokes(time_s, stages) if is_once else course(rng, time_s, hz, swing)
     turn = Rotation.from_rotvec(angle[:, None] * Z)
+    if case.joint == "two axes":
+        second, half = case.play_m * np.eye(3)[1], 0.5 * swing * Z
+        around = Rotation.from_rotvec(np.maximum(angle - 0.5 * swing, 0.0)[:, None] * Z)
+        first = Rotation.from_rotvec(np.minimum(angle[:, None] * Z, half)).apply(arm)
+        return turn, around.apply(first - second) + second
     if case.joint == "screw":
         return turn, turn.apply(arm) + case.play_m * angle[:, None] * Z
     if case.joint == "turn and slide":
@@ -115,8 +146,8 @@ def motion(case: Case) -> tuple[Rotation, Array]:
     return turn, turn.apply(arm) + share * case.play_m * shift
 
 
-def fitted(case: Case) -> FittedJoint | None:
-    """The joint of the noisy poses, if any."""
+def all_fitted(case: Case) -> list[JointOfTicks]:
+    """The joints of the noisy poses, if any."""
     turn, place = motion(case)
     rng, sigma, model = np.random.default_rng([case.seed, 1]), np.array(NOISES[case.noise]), load_model()
     turn = turn * Rotation.from_rotvec(sigma[1] * rng.normal(size=place.shape))
@@ -124,17 +155,27 @@ def fitted(case: Case) -> FittedJoint | None:
     zeta = zeta.reshape(-1, TICK, zeta.shape[1]).mean(axis=1)
     variance, step = sigma**2 / TICK, np.square(np.diff(zeta, axis=0)).mean(axis=0)
     moved = variance + np.array([step[T].mean(), step[R].sum() / 6.0])
-    window = Window(np.arange(len(zeta)), zeta, *(np.tile(one, (len(zeta), 1)) for one in (variance, moved)))
-    return find_joint(window, scales_of(model), [], 1, model.systematic)
+    noise, excess = (np.tile(each, (len(zeta), 1)) for each in (variance, moved))
+    window = Window(np.arange(len(zeta)), zeta, noise, excess, frames=np.full(len(zeta), TICK))
+    resting = at_rest(window, model.tick_s)
+    contacts = [ON_TABLE] if case.joint == "slide" else []
+    return find_joints(window, resting, scales_of(model), contacts, 1, model.systematic)
+
+
+def fitted(case: Case) -> FittedJoint | None:
+    """The joint of the noisy poses, if there is one."""
+    found = all_fitted(case)
+    return found[0].fit if len(found) == 1 else None
 
 
 def named(case: Case) -> tuple[str, bool]:
     """The joint that is named, or ``none``, and whether it has more than 0.9."""
-    joint = fitted(case)
-    if joint is None:
+    found = all_fitted(case)
+    if not found:
         return "none", False
+    joint = found[0].fit
     is_sure = bool(expit(load_model().certainty.posterior_power * joint.log_odds) > 0.9)
-    return joint.model.kind.value, is_sure
+    return "two axes" if len(found) == 2 else joint.model.kind.value, is_sure
 
 
 def cases(swings: list[float], seeds: list[int]) -> Iterator[Case]:
@@ -148,8 +189,13 @@ def cases(swings: list[float], seeds: list[int]) -> Iterator[Case]:
     rows += [("ball", shares, 0.0) for shares in SHARES] + [("screw", "none", p) for p in (1e-3, 4e-3, 2e-2)]
     rows += [("slider", "none", 0.0), ("turn and slide", "none", 0.0)]
     rows += [("curve", "bend", bend_m) for bend_m in (1e-2, 3e-2, 5e-2)]
+    parts = ("none", 0.0), ("harmonics", 2e-3), ("waves", 2e-3), ("sides", 2e-3), ("shift", 2e-3)
+    rows += [("hinge " + how, *errors) for how in ("in stages", "once") for errors in parts]
+    rows += [("two axes", "apart", apart_m) for apart_m in (3e-3, 1e-2, 3e-2, 1e-1)]
+    rows += [("slide", "length", length_m) for length_m in (0.05, 0.1, 0.2)]
+    usual = {"ball": BALL_SWINGS_DEG, "slide": STROKES_DEG}
     for joint, errors, play_m in rows:
-        for swing in swings or (BALL_SWINGS_DEG if joint == "ball" else SWINGS_DEG):
+        for swing in swings or usual.get(joint, SWINGS_DEG):
             for arm_m in (0.05, 0.1, 0.3, 1.0)[joint != "ball" :]:
                 for noise in range(len(NOISES)):
                     yield from (Case(joint, errors, play_m, swing, arm_m, noise, seed) for seed in seeds)
@@ -170,7 +216,7 @@ def main() -> int:
         ]
     rows = []
     for (joint, *what), of_errors in answers.items():
-        right = "none" if joint in NO_JOINT else joint
+        right = "none" if joint in NO_JOINT else NAMES.get(joint, joint)
         shares = (
             [name == right for name, _ in of_errors],
             [is_sure and name != right for name, is_sure in of_errors],

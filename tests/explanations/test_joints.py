@@ -7,7 +7,7 @@ from io import StringIO
 
 import numpy as np
 import pytest
-from benchmarks.joint_play import Case, fitted
+from benchmarks.joint_play import NOISES, RATE_HZ, Case, all_fitted, fitted, motion
 from benchmarks.simulated_fits import with_systematic_errors
 from scipy.spatial.transform import Rotation
 
@@ -15,7 +15,7 @@ from contact_tracker import segmenting
 from contact_tracker.arrays import Array
 from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import SystematicErrors
-from contact_tracker.explanations.joint_evidence import Joint, find_joint, joint_of
+from contact_tracker.explanations.joint_evidence import Joint, joint_of, likeliest_joint
 from contact_tracker.explanations.joint_models import JOINT_MODELS, PITCH, JointFrames, JointKind, JointModel
 from contact_tracker.exports.formats import json_line, open_text
 from contact_tracker.geometry.elements import Line, Origins, Point
@@ -215,6 +215,67 @@ def test_a_lid_with_markers_on_its_axis_is_a_screw(seed: int) -> None:
     assert found.frames.pitch_m == pytest.approx(0.64e-3, abs=1e-4)
 
 
+APART_M = 0.03
+TUMBLE = Case("two axes", "", APART_M, 180.0, 0.1, 1, 0)
+"""A box of this height is turned by 90 deg about one edge, rests, and is turned about the next one."""
+
+
+@pytest.mark.parametrize("apart_m", [0.01, APART_M])
+@pytest.mark.parametrize("swing_deg", [90.0, 180.0])
+@pytest.mark.parametrize("seed", range(3))
+def test_turns_about_two_axes_are_two_hinges(apart_m: float, swing_deg: float, seed: int) -> None:
+    """One hinge with play of some millimetres would explain both turns, but neither of them shows play."""
+    found = all_fitted(TUMBLE._replace(play_m=apart_m, swing_deg=swing_deg, seed=seed))
+    assert [part.fit.model.kind for part in found] == [JointKind.HINGE] * 2
+    (_, first_end, first), (second_start, _, second) = found
+    assert first_end == second_start
+    for part, y_m in ((first, 0.0), (second, apart_m)):
+        assert np.linalg.norm(part.frames.world_point_m[:2] - [0.0, y_m]) < 1e-3
+        assert part.log_odds > 0.0
+
+
+@pytest.mark.parametrize("errors", ["none", "harmonics", "waves", "sign", "sides", "shift"])
+@pytest.mark.parametrize("swing_deg", [90.0, 180.0])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_hinge_with_play_that_rests_midway_is_one(errors: str, swing_deg: float, seed: int) -> None:
+    """Each half of its swing alone fits better than both, but shows play as well."""
+    case = Case("hinge in stages", errors, 2e-3, swing_deg, 0.3, 1, seed)
+    assert len(all_fitted(case)) <= 1
+    assert errors != "none" or fitted(case) is not None
+
+
+@needs_kernels
+def test_segments_have_the_joint_of_their_turn() -> None:
+    turn, place = motion(TUMBLE)
+    rng, sigma = np.random.default_rng(3), NOISES[1]
+    turn = turn * Rotation.from_rotvec(sigma[1] * rng.normal(size=place.shape))
+    stamp_ns = (1e9 / RATE_HZ * np.arange(len(place))).astype(np.int64)
+    found = segmenting.segment(
+        Poses(stamp_ns, place + sigma[0] * rng.normal(size=place.shape), turn.as_quat()), load_model()
+    )
+    joints = [one.joint for one in found.segments if one.joint is not None]
+    assert [joint.kind for joint in joints] == [JointKind.HINGE] * 2
+    for joint, y_m in zip(joints, (0.0, APART_M), strict=True):
+        assert isinstance(joint.environment, Line)
+        assert joint.environment.point_m[:2] == pytest.approx([0.0, y_m], abs=1e-3)
+    assert {id(one.joint) for one in found.beliefs if one.joint is not None} == {*map(id, joints)}
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("length_m", [0.1, 0.2])
+def test_a_slide_by_hand_with_a_turn_is_no_hinge(length_m: float, seed: int) -> None:
+    """Its straight path is near a circle, and its errors follow its way, as those of any single motion do."""
+    assert fitted(Case("slide", "", length_m, 60.0, 0.1, 0, seed)) is None
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("swing_deg", "is_named"), [(60.0, False), (800.0, True)])
+def test_a_wheel_shows_its_play_as_it_comes_round(swing_deg: float, is_named: bool, seed: int) -> None:
+    """A hinge that turns once by a part of a turn shows none: its path may be any that is near a circle."""
+    found = fitted(Case("hinge once", "waves", 5e-3, swing_deg, 0.3, 1, seed))
+    assert (found is not None) is is_named
+
+
 @needs_kernels
 @pytest.mark.parametrize("kind", EACH_KIND)
 def test_no_label_is_certain_with_a_joint(kind: JointKind) -> None:
@@ -285,11 +346,11 @@ def test_a_pitch_that_systematic_errors_explain_makes_no_screw() -> None:
     hinges, screws = [], []
     for seed in range(6):
         bent = bent_window(moved(JointKind.HINGE, seed, 24.0)[1], errors, seed)
-        found = [find_joint(bent, scales, [], 1, one) for one in (model.systematic, errors)]
+        found = [likeliest_joint(bent, scales, [], 1, one) for one in (model.systematic, errors)]
         assert all(found)
         hinges.append([one.model.kind for one in found if one])
         bent = bent_window(moved(JointKind.SCREW, seed, 24.0)[1], errors, seed)
-        screw = find_joint(bent, scales, [], 1, errors)
+        screw = likeliest_joint(bent, scales, [], 1, errors)
         assert screw
         screws.append(screw.model.kind)
     assert [known for _, known in hinges] == [JointKind.HINGE] * 6
@@ -321,7 +382,7 @@ def test_covariances_include_systematic_errors(kind: JointKind) -> None:
         window = bent_window(poses, errors, seed)
         place = window.zeta[:, T].mean(axis=0)
         for i, known in enumerate((model.systematic, errors)):
-            found = find_joint(window, scales, [], 1, known)
+            found = likeliest_joint(window, scales, [], 1, known)
             joint = joint_of(found, 1.0, place, Origins.zero())
             true_point = Point(frames.world_point_m)
             true_axis = Line(frames.world_axes[:, 2], frames.world_point_m)

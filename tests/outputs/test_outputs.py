@@ -121,6 +121,23 @@ def test_text_lines_count_time_from_the_first_pose() -> None:
     assert header.index("contact") == line.index("e-f")
 
 
+def test_segments_with_one_joint_have_one_row_of_it() -> None:
+    """A drawer that rests at its ends, and another line than that of the drawer."""
+    drawer = Joint(JointKind.SLIDER, 0.98, EDGE, EDGE, None, None)
+    near, far = (replace(EDGE, point_m=EDGE.point_m + shift) for shift in ([0.0, 0.0, 2e-3], [0.0, 0.1, 0.0]))
+    pulled_again, another = (replace(drawer, environment=line) for line in (near, far))
+    joints = [drawer, None, pulled_again, drawer, another, None, another]
+    contacts = [Contact.FF] * 5 + [Contact.FREE, Contact.FF]
+    segments = [
+        Segment(ORIGIN_NS + n * 10**9, ORIGIN_NS + (n + 1) * 10**9, contact, 0.5, ON_FACE, joint=joint)
+        for n, (contact, joint) in enumerate(zip(contacts, joints, strict=True))
+    ]
+    rows = [line.split()[:4] for line in table(segments, ORIGIN_NS)]
+    of_joints = [(start, end) for start, end, sign, _ in rows[1:] if sign == "="]
+    assert of_joints == [("0.00", "4.00"), ("4.00", "5.00"), ("6.00", "7.00")]
+    assert table_html(segments, ORIGIN_NS).count("= slider") == 3
+
+
 def test_where_the_contact_is_open_a_joint_stands_alone_and_a_further_contact_is_no_surer() -> None:
     """A slider is also two faces on two faces: these hold only if the first is f-f, the slider anyway."""
     end_ns = ORIGIN_NS + 10**9

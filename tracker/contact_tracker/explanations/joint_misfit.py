@@ -44,6 +44,14 @@ def course_functions(travelled: Array) -> Array:
     return np.column_stack([np.ones(len(way)), waves, side, side * waves[:, :CROSSED_WAVES]])
 
 
+def turns_back(travelled: Array) -> bool:
+    """Whether a joint turns back on its way (W,), by more than it takes to lie on its other side."""
+    least = 2.0 * SLACK * np.ptp(travelled)
+    forth = (np.maximum.accumulate(travelled) - travelled).max()
+    back = (travelled - np.minimum.accumulate(travelled)).max()
+    return bool(min(forth, back) > least)
+
+
 def misfit_log_likelihood(white: Array, course: Array) -> float:
     """Log-likelihood (nats) of whitened residuals (W, K), relative to zero residuals that are noise.
 

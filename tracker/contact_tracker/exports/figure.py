@@ -23,6 +23,7 @@ from scipy.spatial.transform import Rotation
 
 from contact_tracker.errors import printable
 from contact_tracker.geometry.elements import Array, flat
+from contact_tracker.outputs.joint_runs import JointRun, joint_runs
 from contact_tracker.outputs.outcome import Outcome
 from contact_tracker.outputs.parts import SIDES, Part, known_parts
 from contact_tracker.outputs.scene import UP
@@ -66,6 +67,8 @@ _END_ON: Final = 0.5
 """Ratio of drawn to true length below which an axis is seen end-on."""
 _ZOOM: Final = 0.75
 """Zoom that leaves room for the names of axes, which matplotlib's layout ignores."""
+_PLACES: Final = 33
+"""Number of places on a line that a name may hide."""
 _SPANS: Final = 4
 """Largest number of times of touch that are listed for a part."""
 _MOST_LISTED: Final = 8
@@ -120,12 +123,11 @@ def draw_on(axes: Axes, outcome: Outcome) -> None:
     low, high = _RIBBON
     is_labelled = truth is not None and len(seconds) > 0
     axes.set(ylabel="probability", xlabel="time (s)", ylim=(0.0, (_TRUTH[1] if is_labelled else high) + 0.02))
-    for segment, (start_s, duration_s) in zip(segments, spans, strict=True):
-        names = list[str]()
-        if segment.joint is not None:
-            full_name = f"{segment.contact.value} {joint_name(segment.joint)}"
-            names = [full_name, full_name.rpartition(" ")[0]]  # also without the probability
-        draw_segment(axes, segment, start_s, duration_s, _RIBBON, *names)
+    joints = _runs_in_one_contact(segments)
+    with_joint = {number for joint in joints for number in range(joint.first, joint.last + 1)}
+    for number, (segment, (start_s, duration_s)) in enumerate(zip(segments, spans, strict=True)):
+        names = [] if number in with_joint else [segment.contact.value]
+        draw_segment(axes, segment, start_s, duration_s, _RIBBON, names)
         runs = [  # spans of the same contact are in the same lane
             (further.contact, str(flat(further.geometry.object)), str(flat(further.geometry.environment)))
             for further in segment.further
@@ -138,6 +140,11 @@ def draw_on(axes: Axes, outcome: Outcome) -> None:
             lane = low + numbers[run] * lane_height, lane_height
             span = first_s, (end_ns - origin_ns) * 1e-9 - first_s
             axes.broken_barh([span], lane, fc=SHADE[further.contact], ec="white")
+    for joint in joints:  # one name for all segments of a joint
+        first, start_s, of_joint = segments[joint.first], spans[joint.first][0], joint_name(joint.joint)
+        duration_s, kind = sum(spans[joint.last]) - start_s, of_joint.rpartition(" ")[0]
+        names = [*(f"{first.contact.value} {what}" for what in (of_joint, kind)), kind, first.contact.value]
+        _write_in_bar(axes, start_s, duration_s, _RIBBON, names, _colour_of(first))
     for state, share in zip(STATES, np.transpose(beliefs.probability), strict=True):
         axes.plot(seconds, share, color=SHADE[state], label=state.value)
     axes.set_yticks(np.linspace(0.0, 1.0, 6))
@@ -159,16 +166,36 @@ def draw_on(axes: Axes, outcome: Outcome) -> None:
     axes.legend(handles=handles, ncols=1, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
 
 
+def _runs_in_one_contact(segments: Sequence[Segment]) -> list[JointRun]:
+    """The joints with the segments that they hold for; with each alone if their contacts differ."""
+    runs = list[JointRun]()
+    for run in joint_runs(segments):
+        numbers = range(run.first, run.last + 1)
+        if len({segments[number].contact for number in numbers}) == 1:
+            runs.append(run)
+        else:
+            runs += [JointRun(run.joint, number, number) for number in numbers if segments[number].joint]
+    return runs
+
+
 def draw_segment(
-    axes: Axes, segment: Segment, start_s: float, duration_s: float, ribbon: tuple[float, float], *names: str
+    axes: Axes,
+    segment: Segment,
+    start_s: float,
+    duration_s: float,
+    ribbon: tuple[float, float],
+    names: Sequence[str],
 ) -> None:
     """Draw a bar in the colour of the contact, pale if improbable, hatched if several contacts fit, with the
-    first of the names that fits into it, the name of the contact being the last."""
-    share = 0.25 + 0.75 * segment.probability
-    colour = tuple(1.0 - share * (1.0 - part) for part in SHADE[segment.contact])
-    hatch = "///" if segment.inseparable else None
+    first of the names that fits into it."""
+    colour, hatch = _colour_of(segment), "///" if segment.inseparable else None
     bar = {"facecolor": colour, "edgecolor": "white", "linewidth": 0.0, "hatch": hatch}
-    _draw_bar(axes, start_s, duration_s, ribbon, (*names, segment.contact.value), colour, **bar)
+    _draw_bar(axes, start_s, duration_s, ribbon, names, colour, **bar)
+
+
+def _colour_of(segment: Segment) -> tuple[float, ...]:
+    share = 0.25 + 0.75 * segment.probability
+    return tuple(1.0 - share * (1.0 - part) for part in SHADE[segment.contact])
 
 
 def _draw_bar(
@@ -180,9 +207,22 @@ def _draw_bar(
     background: Any,
     **style: Any,
 ) -> None:
-    """Draw a bar with the first of the names that fits into it, else the last name upright, else no name. A
-    ``background`` with a colour hides the hatching behind the name."""
+    """Draw a bar with the first of the names that fits into it."""
     axes.broken_barh([(start_s, duration_s)], (ribbon[0], ribbon[1] - ribbon[0]), **style)
+    if names:
+        _write_in_bar(axes, start_s, duration_s, ribbon, names, background)
+
+
+def _write_in_bar(
+    axes: Axes,
+    start_s: float,
+    duration_s: float,
+    ribbon: tuple[float, float],
+    names: Sequence[str],
+    background: Any,
+) -> None:
+    """Write the first of the names that fits into a bar, else the last name upright, else no name. A
+    ``background`` with a colour hides the hatching behind the name."""
     size = axes.get_window_extent()
     points = 72.0 / axes.get_figure(root=True).dpi  # type: ignore[union-attr]
     (first_s, last_s), (bottom, top) = axes.get_xlim(), axes.get_ylim()
@@ -291,19 +331,39 @@ def _view_of(parts: Sequence[Part], up: Array = UP) -> tuple[float, float, float
 
 
 def _write_names(axes: Axes3D, parts: Sequence[Part]) -> None:
-    """Write the names of parts at their places, or lower where they would overlap."""
+    """Write the names of parts at their places, those of lines where the fewest other lines pass, or lower
+    where they would overlap."""
     points, taken = 72.0 / axes.get_figure(root=True).dpi, list[tuple[float, float, float]]()
+
+    def on_page(places: Array) -> Array:
+        drawn = np.column_stack(proj_transform(*places.T, axes.get_proj())[:2])
+        return np.asarray(points * axes.transData.transform(drawn))
+
+    lines = {number: part.outline[0] for number, part in enumerate(parts) if _is_line(part)}
+    shares = np.linspace(0.0, 1.0, _PLACES)[:, None]
+    strips = {number: on_page(a + shares * (b - a)) for number, (a, b) in lines.items()}
     for number, part in enumerate(parts):
-        place = proj_transform(*part.label_m, axes.get_proj())[:2]
-        x, begin = points * axes.transData.transform(place)
-        half, y = 0.5 * TextPath((0.0, 0.0), part.name, size=_PART_SIZE).get_extents().width, begin
-        while any(abs(x - u) < half + width and abs(y - v) < 1.2 * _PART_SIZE for u, v, width in taken):
-            y -= 0.5 * _PART_SIZE
+        half = 0.5 * TextPath((0.0, 0.0), part.name, size=_PART_SIZE).get_extents().width
+        others = np.concatenate([np.zeros((0, 2)), *(s for n, s in strips.items() if n != number)])
+        choices = [on_page(part.label_m[None])[0]]
+        if number in strips:  # the middle, and near both ends
+            choices += [strips[number][_PLACES // 8], strips[number][-1 - _PLACES // 8]]
+        best = None
+        for choice in choices:
+            x, y = choice.tolist()
+            while any(abs(x - u) < half + width and abs(y - v) < 1.2 * _PART_SIZE for u, v, width in taken):
+                y -= 0.5 * _PART_SIZE
+            is_hidden = (np.abs(others - (x, y)) < (half, _PART_SIZE)).all(axis=1)
+            cost = int(is_hidden.sum()) + float(choice[1] - y) / _PART_SIZE
+            if best is None or cost < best[0]:
+                best = cost, x, y, choice
+        assert best is not None
+        _, x, y, choice = best
         taken.append((x, y, half))
         axes.annotate(
             part.name,
-            place,
-            (0.0, y - begin),
+            axes.transData.inverted().transform(choice / points),
+            (0.0, y - choice[1]),
             textcoords="offset points",
             color=f"C{number % 10}",
             fontsize=_PART_SIZE,
@@ -311,6 +371,10 @@ def _write_names(axes: Axes3D, parts: Sequence[Part]) -> None:
             path_effects=[withStroke(linewidth=2.0, foreground="white")],
             zorder=_IN_FRONT,
         )
+
+
+def _is_line(part: Part) -> bool:
+    return len(part.outline) == 1 and len(part.outline[0]) == 2
 
 
 def write_figure(outcome: Outcome, path: Path, suffix: str) -> None:

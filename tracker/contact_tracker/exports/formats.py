@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from importlib import import_module
-from itertools import chain, count
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, TextIO
 
@@ -162,7 +162,7 @@ def open_text(suffix: str, file: TextIO, rows: "Rows", origin_ns: Callable[[], i
     of ``csv_columns``; a LaTeX table with the rows of a terminal; or SubRip subtitles for a video that starts
     with the recording, at least 1 ms each, one per part of a segment with the same further contacts."""
     from contact_tracker.exports.columns import csv_columns
-    from contact_tracker.outputs.text import GEOMETRY_TITLE, segment_rows
+    from contact_tracker.outputs.text import GEOMETRY_TITLE, table_rows
 
     numbers, table = count(1), csv.writer(file, lineterminator="\n")
     if suffix == ".csv":
@@ -178,7 +178,7 @@ def open_text(suffix: str, file: TextIO, rows: "Rows", origin_ns: Callable[[], i
             case ".jsonl":
                 file.writelines(f"{json_line(entry)}\n" for entry in entries)
             case ".tex":
-                for *figures, pair in chain.from_iterable(segment_rows(s, origin_ns()) for s in entries):
+                for _, (*figures, pair) in table_rows([*entries], origin_ns()):
                     file.write(" & ".join([*figures, f"{_tex(pair)} \\\\\n"]))
             case ".srt":
                 for segment in entries:

@@ -21,7 +21,7 @@ from contact_tracker.outputs import scene
 from contact_tracker.outputs.outcome import Outcome
 from contact_tracker.outputs.parts import SIDES, KnownParts, Part
 from contact_tracker.outputs.scene import GREY, Drawing, Extent, Mesh
-from contact_tracker.outputs.text import COLOUR, Colour, counted, describe_segment, segment_rows
+from contact_tracker.outputs.text import COLOUR, Colour, counted, describe_segment, table_rows
 from contact_tracker.states import STATES
 from contact_tracker.tracking.belief import Segment
 from contact_tracker.version import __version__
@@ -208,10 +208,9 @@ def table_html(segments: Sequence[Segment], origin_ns: int) -> str:
     titles = ("start s", "end s", "contact", "p", "the object's element on the surroundings'")
     head = "".join(f'<th style="{_CELL}">{escape(title)}</th>' for title in titles)
     rows = list[str]()
-    for number, segment in enumerate(segments[:MOST_ROWS]):
-        for texts in segment_rows(segment, origin_ns):
-            cells = "".join(f'<td style="{_CELL}">{escape(printable(text))}</td>' for text in texts)
-            rows.append(f'<tr data-segments="{number}">{cells}</tr>')
+    for number, texts in table_rows(segments[:MOST_ROWS], origin_ns):
+        cells = "".join(f'<td style="{_CELL}">{escape(printable(text))}</td>' for text in texts)
+        rows.append(f'<tr data-segments="{number}">{cells}</tr>')
     remaining = len(segments) - MOST_ROWS
     note = f"<p>and {counted(remaining, 'more segment')}</p>" if remaining > 0 else ""
     return f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>{note}"

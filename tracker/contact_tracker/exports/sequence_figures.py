@@ -40,7 +40,8 @@ def draw_comparison(comparison: Comparison) -> Figure:
     axes.set(xlim=(0.0, max(steps[-1].end_s for steps in takes)), ylim=(-0.02, 1.27), xlabel="time (s)")
     for steps, ribbon in zip(takes, _RIBBONS, strict=True):
         for part in steps:
-            figures.draw_segment(axes, part.segment, part.start_s, part.end_s - part.start_s, ribbon)
+            names = (part.segment.contact.value,)
+            figures.draw_segment(axes, part.segment, part.start_s, part.end_s - part.start_s, ribbon, names)
     top, bottom = _RIBBONS[0][0], _RIBBONS[1][1]
     for step in comparison.steps:  # a step of a single take is a triangle
         upper = [(step.first[0].start_s, top), (step.first[-1].end_s, top)] if step.first else []

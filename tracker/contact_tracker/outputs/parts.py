@@ -12,6 +12,7 @@ from typing import Final, NamedTuple, Self
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
+from contact_tracker.explanations.joint_evidence import Joint
 from contact_tracker.geometry.elements import (
     Array,
     ContactGeometry,
@@ -19,7 +20,6 @@ from contact_tracker.geometry.elements import (
     Line,
     Plane,
     Point,
-    flat,
     nearest,
 )
 from contact_tracker.map.elements import (
@@ -34,6 +34,7 @@ from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion.poses import Poses
 from contact_tracker.outputs import scene
+from contact_tracker.outputs.joint_runs import is_same_joint, joint_runs
 from contact_tracker.outputs.outcome import Outcome
 from contact_tracker.outputs.scene import UNKNOWN_EXTENT, Extent, Mesh, poses_within
 from contact_tracker.outputs.text import joint_name
@@ -423,14 +424,16 @@ def _element_part(
 def _joint_parts(segments: Iterable[Segment], poses: Poses, extent: Extent) -> Iterator[Part]:
     """The axes and centres of joints, in the body and in the world frame; each once, though a rest may have
     split its segment. Only the name of a far one is drawn, as it would shrink the picture."""
-    joints = dict[tuple[str, str, str], list[Segment]]()
-    for segment in segments:
-        if (joint := segment.joint) is not None:
-            key = joint.kind, str(flat(joint.object)), str(flat(joint.environment))
-            joints.setdefault(key, []).append(segment)
-    for group in joints.values():
-        joint, spans = group[0].joint, tuple((segment.start_ns, segment.end_ns) for segment in group)
-        assert joint is not None
+    joints = list[tuple[Joint, list[tuple[int, int]]]]()
+    ordered = [*segments]
+    for run in joint_runs(ordered):
+        span = ordered[run.first].start_ns, ordered[run.last].end_ns
+        same = next((spans for joint, spans in joints if is_same_joint(joint, run.joint)), None)
+        if same is None:
+            joints.append((run.joint, [span]))
+        else:
+            same.append(span)
+    for joint, spans in joints:
         within = poses_within(poses, spans[0][0], spans[-1][1])
         centre_m = np.median(within.rotation @ extent.centre_m + within.position_m, axis=0)
         sides = (joint.object, extent.centre_m), (joint.environment, centre_m)
@@ -438,6 +441,6 @@ def _joint_parts(segments: Iterable[Segment], poses: Poses, extent: Extent) -> I
             name, placed = joint_name(joint), replace(element, covariance=None)
             away_m = float(np.linalg.norm(nearest(placed, near_m) - near_m))
             if away_m > scene.LARGEST_M:
-                yield Part(side, f"{name} ({away_m:.0f} m away)", scene.EMPTY, (), near_m, spans)
+                yield Part(side, f"{name} ({away_m:.0f} m away)", scene.EMPTY, (), near_m, (*spans,))
             else:
                 yield _element_part(side, name, placed, [_region(placed, near_m, extent)], extent, spans)

@@ -16,6 +16,7 @@ import numpy as np
 from contact_tracker.explanations.joint_evidence import Joint
 from contact_tracker.explanations.joint_models import JointKind
 from contact_tracker.geometry.elements import Array, ContactGeometry, Element, Line, Plane, Point
+from contact_tracker.outputs.joint_runs import joint_runs
 from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking.belief import Belief, FurtherContact, Segment
 
@@ -101,35 +102,44 @@ def counted(count: int, noun: str) -> str:
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
-def segment_rows(segment: Segment, origin_ns: int) -> Iterator[tuple[str, str, str, str, str]]:
-    """Start, end, kind, probability and elements in words of a segment, its further contacts (``+``) and its
-    joint (``=``); times in seconds after ``origin_ns``."""
+Row = tuple[str, str, str, str, str]
+"""Start, end, kind, probability and elements in words."""
 
-    def row(start_ns: int, end_ns: int, kind: str, p: float, elements: str) -> tuple[str, str, str, str, str]:
+
+def table_rows(segments: Sequence[Segment], origin_ns: int) -> Iterator[tuple[int, Row]]:
+    """The rows of each segment, with its number: its contact, its further contacts (``+``) and the joint that
+    begins with it (``=``), until the last segment with the same joint ends; times in seconds after
+    ``origin_ns``."""
+
+    def row(start_ns: int, end_ns: int, kind: str, p: float, elements: str) -> Row:
         start_s, end_s = _seconds(start_ns, origin_ns), _seconds(end_ns, origin_ns)
         return f"{start_s:.2f}", f"{end_s:.2f}", kind, f"{p:.2f}", elements
 
-    span = segment.start_ns, segment.end_ns
-    yield row(*span, segment.contact.value, segment.probability, describe_segment(segment))
-    for further in segment.further:
-        end_ns = segment.end_ns if further.end_ns is None else further.end_ns
-        elements = describe(further.geometry, further.inseparable)
-        yield row(further.start_ns, end_ns, JOINS + further.contact.value, further.probability, elements)
-    if segment.joint is not None:
-        elements = describe_joint(segment.joint, is_open(segment))
-        yield row(*span, JOINT + segment.joint.kind.value, segment.joint.probability, elements)
+    runs = {run.first: run for run in joint_runs(segments)}
+    for number, segment in enumerate(segments):
+        span = segment.start_ns, segment.end_ns
+        yield number, row(*span, segment.contact.value, segment.probability, describe_segment(segment))
+        for further in segment.further:
+            end_ns = segment.end_ns if further.end_ns is None else further.end_ns
+            kind, elements = JOINS + further.contact.value, describe(further.geometry, further.inseparable)
+            yield number, row(further.start_ns, end_ns, kind, further.probability, elements)
+        if (run := runs.get(number)) is not None:
+            joint, end_ns = run.joint, segments[run.last].end_ns
+            elements = describe_joint(joint, is_open(segment))
+            kind = JOINT + joint.kind.value
+            yield number, row(segment.start_ns, end_ns, kind, joint.probability, elements)
 
 
-def table(segments: Iterable[Segment], origin_ns: int, with_wrenches: bool = False) -> Iterator[str]:
+def table(segments: Sequence[Segment], origin_ns: int, with_wrenches: bool = False) -> Iterator[str]:
     """A line per segment, per further contact (``+``) and joint (``=``), and the total ambiguous time.
 
     Times are in seconds after ``origin_ns``. ``with_wrenches``: wrenches were evidence besides the motion.
     """
     yield TABLE_HEADER
+    for _, (start_s, end_s, kind, p, elements) in table_rows(segments, origin_ns):
+        yield f"{start_s:>8}  {end_s:>8}  {kind:<7} {p:>5}  {elements}".rstrip()
     total_s = ambiguous_s = 0.0
     for segment in segments:
-        for start_s, end_s, kind, p, elements in segment_rows(segment, origin_ns):
-            yield f"{start_s:>8}  {end_s:>8}  {kind:<7} {p:>5}  {elements}".rstrip()
         duration_s = _seconds(segment.end_ns, segment.start_ns)
         total_s += duration_s
         ambiguous_s += duration_s if segment.inseparable else 0.0

@@ -487,7 +487,7 @@ class Segmenter:
         nor those of other segments."""
         ticks, world, first = segment.ticks, self._state.map, int(segment.ticks.window.index[0])
         is_open = Contact.FREE in fit.inseparable and fit.share is None and not segment.resting.any()
-        is_complex = fit.joint is not None or bool(fit.formation.further)
+        is_complex = bool(fit.joints or fit.formation.further)
         if not is_open or is_complex or fit.touches_listed or fit.estimate is None:
             return False
         if not ambiguity.agrees_by_chance(fit.contact, ticks.window, first, ambiguity.LEAST_TICKS):

@@ -22,7 +22,8 @@ from contact_tracker.explanations.further_contacts import (
     Ranks,
     find_formation,
 )
-from contact_tracker.explanations.joint_evidence import Joint, find_joint, joint_of
+from contact_tracker.explanations.joint_evidence import Joint, joint_of
+from contact_tracker.explanations.joint_parts import JointOfTicks, find_joints
 from contact_tracker.geometry.elements import ContactGeometry, Origins, pack, shifted
 from contact_tracker.geometry.lifted_pose import R, T
 from contact_tracker.geometry.linalg import nearest
@@ -42,7 +43,7 @@ from contact_tracker.map.elements import is_same_element
 from contact_tracker.map.map import Map
 from contact_tracker.map.pairs import Frame, named_pairs
 from contact_tracker.motion.free_motion import NOW_TICKS
-from contact_tracker.motion.window import Window
+from contact_tracker.motion.window import Window, at_rest
 from contact_tracker.states import STATES, Contact, united
 from contact_tracker.tracking import ambiguity
 from contact_tracker.tracking.ambiguity import curved_probabilities, is_mostly_curved
@@ -82,7 +83,8 @@ class SegmentFit:
     curved: Array
     share: Array | None = None
     formation: Formation = NO_FORMATION
-    joint: Joint | None = None
+    joints: tuple[tuple[int, Joint], ...] = ()
+    """Joints that follow one another, each with the number of its first tick."""
     estimate: ElementEstimate | None = None
     """Joint estimate of both elements; None without elements."""
     tolerance: tuple[float, float] | None = None
@@ -96,7 +98,7 @@ class SegmentFit:
     @property
     def leaves_constraints_unnamed(self) -> bool:
         """Whether the motion keeps more constraints than the reported contacts explain."""
-        unexplained = self.joint is not None and self.joint.kind.constraints > self.constraints
+        unexplained = any(joint.kind.constraints > self.constraints for _, joint in self.joints)
         return self.formation.is_open or unexplained
 
     @property
@@ -125,16 +127,23 @@ def _segment_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
     banks = zip(CONTACT_MODELS, fits, strict=True)
     contacts = [KnownContact(model.contact, bank.x[0]) for model, bank in banks if len(bank)]
     scales = scales_of(segment.model)
-    joint = find_joint(window, scales, contacts, fit.constraints, segment.model.systematic)
-    if joint is None:
+    resting = at_rest(window, segment.model.tick_s)
+    errors = segment.model.systematic
+    joints = find_joints(window, resting, scales, contacts, fit.constraints, errors)
+    if not joints:
         return fit
-    probability = float(expit(segment.model.certainty.posterior_power * joint.log_odds))
-    near_m = window.zeta[:, T].mean(axis=0)
-    fit = replace(fit, joint=joint_of(joint, probability, near_m, segment.origins))
+    fit = replace(fit, joints=tuple(_joint_from(segment, window, joint) for joint in joints))
     if not fit.leaves_constraints_unnamed or fit.share is not None:
         return fit
     rivals = tuple(state for state in STATES if state is not fit.contact and segment.known_map.allows(state))
     return replace(fit, inseparable=rivals)
+
+
+def _joint_from(segment: SegmentTicks, window: Window, found: JointOfTicks) -> tuple[int, Joint]:
+    """The number of the first tick of a joint, and the joint."""
+    probability = float(expit(segment.model.certainty.posterior_power * found.fit.log_odds))
+    near_m = window.zeta[found.first : found.end, T].mean(axis=0)
+    return int(window.index[found.first]), joint_of(found.fit, probability, near_m, segment.origins)
 
 
 def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) -> SegmentFit:
@@ -170,7 +179,7 @@ def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
     estimate = element_estimate(fitted, contact, scales, window, information)
     geometry, curved = located.geometry, np.zeros(1)
     tolerance = _tolerance(contact, fitted.x, window) if any(extra_variance) else None
-    parts = share, formation, None, estimate, tolerance
+    parts = share, formation, (), estimate, tolerance
     return SegmentFit(label, geometry, inseparable, curved, *parts)
 
 
@@ -326,11 +335,14 @@ class FinishedSegment(NamedTuple):
         beliefs["stamp_ns"], beliefs["onset_ns"] = self.rows["stamp_ns"], self.rows["start_ns"][0]
         beliefs["contact"], beliefs["residual"] = column, self.rows["residual"]
         beliefs["geometry"] = -1 if fit.geometry is None else 0
-        beliefs["joint"] = np.where(resting, -1, -1 if fit.joint is None else 0)
+        joints = [joint for _, joint in fit.joints]
+        joint_number = np.where(resting, -1, self._joint_numbers(fit))
+        beliefs["joint"] = joint_number
         further = self._further(fit.formation)
         beliefs["further"], formations = _formations_of(further, self.rows["stamp_ns"], fit.formation.ranks)
         contacts = tuple(contact for _, contact in further)
-        changes = [*np.flatnonzero(np.diff(resting) | np.diff(flush)) + 1, len(resting)]
+        change = np.diff(resting) | np.diff(flush) | (np.diff(joint_number) != 0)
+        changes = [*np.flatnonzero(change) + 1, len(resting)]
         at_contact = self._at_contact(fit.contact, fit.geometry)
         segments = tuple(
             Segment(
@@ -340,15 +352,21 @@ class FinishedSegment(NamedTuple):
                 fit.geometry,
                 at_rest if resting[first] else fit.with_flush if flush[first] else fit.inseparable,
                 _within(contacts, *self._span(first, end)),
-                None if resting[first] else fit.joint,
+                None if joint_number[first] < 0 else joints[joint_number[first]],
                 *at_contact(first, end),
                 fit.tolerance,
             )
             for first, end in pairwise([0, *changes])
         )
         geometries = [] if fit.geometry is None else [pack(fit.geometry)]
-        joints = [] if fit.joint is None else [fit.joint]
         return segments, Beliefs(beliefs, geometries, formations, joints)
+
+    def _joint_numbers(self, fit: SegmentFit) -> NDArray[np.int64]:
+        """The number (n,) of the joint of each tick among those of the ``fit``, or -1."""
+        if not fit.joints:
+            return np.full(len(self.rows), -1)
+        later = [first for first, _ in fit.joints[1:]]
+        return np.searchsorted(later, self.ticks.window.index, side="right")
 
     def _open_to_likelier_states(self, fit: SegmentFit) -> SegmentFit:
         """The fit open to the states that are more probable than the label in the mean over the segment: the
@@ -461,7 +479,7 @@ def _are_one_segment(*neighbours: tuple[FinishedSegment, SegmentFit]) -> bool:
     """Whether two neighbours have the same contact, decided by wrenches in one of them."""
     a, b = (fit for _, fit in neighbours)
     is_chosen = any(STATES[segment.column] is not fit.contact for segment, fit in neighbours)
-    is_complex = any(fit.formation.further or fit.joint for _, fit in neighbours)
+    is_complex = any(fit.formation.further or fit.joints for _, fit in neighbours)
     if a.contact is not b.contact or not is_chosen or is_complex:
         return False
     if a.geometry is None or b.geometry is None:

@@ -1,0 +1,166 @@
+"""Whether one joint, or one joint each, moves the parts of a motion between rests (docs/theory.md, T44)."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from contact_tracker.arrays import Bools
+from contact_tracker.config.parameters import SystematicErrors
+from contact_tracker.explanations.further_contacts import KnownContact
+from contact_tracker.explanations.joint_evidence import (
+    MOST_ERRORS_ONCE,
+    FittedJoint,
+    complexity,
+    errors_share,
+    factors,
+    fitted,
+    likeliest_joint,
+    minimise,
+    play_of,
+    whitened,
+    with_covariance,
+    with_systematic_errors,
+)
+from contact_tracker.explanations.joint_misfit import misfit_log_likelihood, turns_back
+from contact_tracker.explanations.joint_models import JointKind, JointModel
+from contact_tracker.hypotheses.evidence import EvidenceParameters
+from contact_tracker.motion.window import Window
+
+
+class JointOfTicks(NamedTuple):
+    """A joint of the ticks in rows ``first`` to ``end`` (excluded) of a window."""
+
+    first: int
+    end: int
+    fit: FittedJoint
+
+
+class _Part(NamedTuple):
+    """Rows ``first`` to ``end`` (excluded) of a window; the object rests before the row ``moves``."""
+
+    first: int
+    moves: int
+    end: int
+
+
+def find_joints(
+    window: Window,
+    resting: Bools,
+    scales: EvidenceParameters,
+    contacts: Sequence[KnownContact],
+    constraints: int,
+    errors: SystematicErrors,
+) -> list[JointOfTicks]:
+    """The joint that explains the ticks of ``window`` best, or the joints of one kind in which the object
+    moves one after another; empty without any.
+
+    That one joint does not fit exactly is explained by its play, or by several joints, between which the
+    object rests. A joint with play shows it in each part; so several joints are the explanation if they have
+    none.
+
+    Parameters
+    ----------
+    resting : (W,) whether each tick belongs to a rest.
+    contacts, constraints, errors : as for ``likeliest_joint``.
+    """
+    whole = likeliest_joint(window, scales, contacts, constraints, errors)
+    if whole is None:
+        return []
+    parts = _parts(resting)
+    if len(parts) > 1:
+        lead = scales.likelihood_exponent * _lead_of_own_joints(whole, window, parts, scales)
+        others = whole.log_evidence - whole.log_odds
+        rival = whole.log_evidence + lead
+        if lead > 0.0:
+            log_odds = rival - float(np.logaddexp(whole.log_evidence, others))
+            log_odds = min(log_odds, whole.log_odds)  # their kind is no surer
+            groups = _grouped(whole.model, window, parts, scales)
+            return [_joint_of(whole.model, window, group, scales, errors, log_odds) for group in groups]
+        whole = whole._replace(log_odds=whole.log_evidence - float(np.logaddexp(rival, others)))
+    moves_once = whole.model.has_play and not _comes_again(whole, window)
+    if moves_once and errors_share(whole, window, scales) > MOST_ERRORS_ONCE:
+        return []
+    return [JointOfTicks(0, len(window), whole)]
+
+
+def _comes_again(fit: FittedJoint, window: Window) -> bool:
+    """Whether a joint comes again to where it was: it turns back, or by more than one turn."""
+    way = fit.model.travelled(fit.frames, window.zeta)
+    goes_round = fit.model.kind is not JointKind.SLIDER and np.ptp(way) > 2.0 * np.pi
+    return bool(goes_round or turns_back(way))
+
+
+def _parts(resting: Bools) -> list[_Part]:
+    """The moved parts, each with half of the rests beside it."""
+    moved = np.flatnonzero(np.diff(~resting, prepend=False, append=False)).reshape(-1, 2)
+    ends = [*((moved[:-1, 1] + moved[1:, 0]) // 2), len(resting)]
+    rows = zip([0, *ends[:-1]], moved[:, 0], ends, strict=False)
+    return [_Part(int(first), int(moves), int(end)) for first, moves, end in rows]
+
+
+def _lead_of_own_joints(
+    together: FittedJoint, window: Window, parts: Sequence[_Part], scales: EvidenceParameters
+) -> float:
+    """Log evidence (nats) of a joint without play for each part of ``window``, over that of the joint
+    ``together`` with play in all of them.
+
+    Each joint after the first holds where the object rests before it moves: of its parameters only those that
+    this rest does not determine are free.
+    """
+    lead = complexity(together, window, scales) - _log_likelihood(together, window, scales)
+    for number, part in enumerate(parts):
+        ticks = window.cut(part.first, part.end)
+        own = _without_play(together.model, ticks, scales)
+        lead += _log_likelihood(own, ticks, scales) - complexity(own, ticks, scales)
+        if number and part.moves > part.first:
+            lead += complexity(own, window.cut(part.first, part.moves), scales)
+    return lead
+
+
+def _grouped(
+    model: JointModel, window: Window, parts: Sequence[_Part], scales: EvidenceParameters
+) -> list[_Part]:
+    """The parts of a ``window``, of which successive ones with the same joint are one part."""
+    groups = [parts[0]]
+    for part in parts[1:]:
+        both = [group := groups[-1], part]
+        ticks = window.cut(group.first, part.end)
+        local = [_Part(*(row - group.first for row in one)) for one in both]
+        if _lead_of_own_joints(fitted(model, ticks, scales), ticks, local, scales) > 0.0:
+            groups.append(part)
+        else:
+            groups[-1] = group._replace(end=part.end)
+    return groups
+
+
+def _joint_of(
+    model: JointModel,
+    window: Window,
+    part: _Part,
+    scales: EvidenceParameters,
+    errors: SystematicErrors,
+    log_odds: float,
+) -> JointOfTicks:
+    """The joint of a part; its covariance has errors as large as those that the part shows."""
+    ticks = window.cut(part.first, part.end)
+    fit = _without_play(model, ticks, scales)
+    play = play_of(whitened(fit.residual, ticks, scales).residual)
+    fit = with_covariance(fit._replace(play=play), ticks, scales)
+    fit = with_systematic_errors(fit, ticks, scales, errors)
+    return JointOfTicks(part.first, part.end, fit._replace(log_odds=log_odds))
+
+
+def _without_play(model: JointModel, ticks: Window, scales: EvidenceParameters) -> FittedJoint:
+    frames = model.start(ticks.zeta)
+    start = FittedJoint(model, frames, model.residual(frames, ticks.zeta), np.eye(len(model.rows)), None)
+    return minimise(start, ticks, scales)
+
+
+def _log_likelihood(fit: FittedJoint, ticks: Window, scales: EvidenceParameters) -> float:
+    """Log-likelihood (nats) of the residuals of a joint, up to a constant that depends on the ticks alone."""
+    white, (scale, lower) = whitened(fit.residual, ticks, scales).residual, factors(fit.residual, ticks)
+    volume = float(np.log(scale).sum() + np.log(np.diagonal(lower, axis1=1, axis2=2)).sum())
+    if fit.course is None:
+        return -0.5 * float(np.square(white).sum()) - volume
+    return misfit_log_likelihood(white, fit.course) - volume

@@ -1,0 +1,56 @@
+"""Runs of segments in which an object moves in one joint: rests and changes of the contact divide them."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from contact_tracker.explanations.joint_evidence import Joint
+from contact_tracker.geometry.elements import Element, flat
+from contact_tracker.map.elements import is_same_element
+from contact_tracker.tracking.belief import Segment
+
+
+class JointRun(NamedTuple):
+    """A ``joint`` of the segments ``first`` to ``last`` (both included): that of the longest of them."""
+
+    joint: Joint
+    first: int
+    last: int
+
+
+def joint_runs(segments: Sequence[Segment]) -> list[JointRun]:
+    """The runs of ``segments`` with the same joint; between them the object may rest in the same contact."""
+    runs, longest_ns = list[JointRun](), 0
+    for number, segment in enumerate(segments):
+        joint, duration_ns = segment.joint, segment.end_ns - segment.start_ns
+        if joint is None:
+            continue
+        run = runs[-1] if runs else None
+        if run is None or not (is_same_joint(run.joint, joint) and _is_rest(segments[run.last : number])):
+            runs.append(JointRun(joint, number, number))
+            longest_ns = duration_ns
+            continue
+        if duration_ns > longest_ns:
+            run, longest_ns = run._replace(joint=joint), duration_ns
+        runs[-1] = run._replace(last=number)
+    return runs
+
+
+def is_same_joint(first: Joint, second: Joint) -> bool:
+    """Whether two joints are of one kind, with axes or centres that differ by no more than their standard
+    deviations allow."""
+    if first.kind is not second.kind:
+        return False
+    sides = (first.object, second.object), (first.environment, second.environment)
+    return all(_are_same(*pair) for pair in sides)
+
+
+def _are_same(first: Element, second: Element) -> bool:
+    if str(flat(first)) == str(flat(second)):
+        return True
+    are_known = first.covariance is not None and second.covariance is not None
+    return are_known and is_same_element(first, second)
+
+
+def _is_rest(between: Sequence[Segment]) -> bool:
+    """Whether the object stays in the contact of the first of these segments."""
+    return all(segment.contact is between[0].contact for segment in between)
