@@ -24,7 +24,7 @@ function pick(segments) {
 
 function linkRows() {
   for (const row of document.querySelectorAll("tr[data-segments]")) {
-    row.onmouseenter = () => pick([Number(row.dataset.segments)]);
+    row.onmouseenter = () => pick(row.dataset.segments.split(" ").map(Number));
     row.onmouseleave = () => pick([]);
   }
 }

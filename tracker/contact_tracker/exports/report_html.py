@@ -203,14 +203,15 @@ def _base64(values: ArrayLike, kind: DTypeLike) -> str:
 
 
 def table_html(segments: Sequence[Segment], origin_ns: int) -> str:
-    """A row per segment, up to ``MOST_ROWS``, and per further contact, with the segment's number; times in
-    seconds after ``origin_ns``."""
+    """The rows of up to ``MOST_ROWS`` segments, with the numbers of these; times in seconds after
+    ``origin_ns``."""
     titles = ("start s", "end s", "contact", "p", "the object's element on the surroundings'")
     head = "".join(f'<th style="{_CELL}">{escape(title)}</th>' for title in titles)
     rows = list[str]()
-    for number, texts in table_rows(segments[:MOST_ROWS], origin_ns):
+    for numbers, texts in table_rows(segments[:MOST_ROWS], origin_ns):
         cells = "".join(f'<td style="{_CELL}">{escape(printable(text))}</td>' for text in texts)
-        rows.append(f'<tr data-segments="{number}">{cells}</tr>')
+        joined = " ".join(map(str, numbers))
+        rows.append(f'<tr data-segments="{joined}">{cells}</tr>')
     remaining = len(segments) - MOST_ROWS
     note = f"<p>and {counted(remaining, 'more segment')}</p>" if remaining > 0 else ""
     return f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>{note}"

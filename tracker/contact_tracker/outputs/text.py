@@ -8,6 +8,7 @@ differ less (5.6 for protanopes), but have the label as a word beside them.
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from itertools import groupby
 from math import degrees
 from typing import Final
 
@@ -106,32 +107,39 @@ Row = tuple[str, str, str, str, str]
 """Start, end, kind, probability and elements in words."""
 
 
-def table_rows(segments: Sequence[Segment], origin_ns: int) -> Iterator[tuple[int, Row]]:
-    """The rows of each segment, with its number: its contact, its further contacts (``+``) and the joint that
-    begins with it (``=``), until the last segment with the same joint ends; times in seconds after
-    ``origin_ns``."""
+def table_rows(segments: Sequence[Segment], origin_ns: int) -> Iterator[tuple[range, Row]]:
+    """The rows of a table, with the numbers of their segments: a contact, its further contacts (``+``) and
+    the joint that begins with it (``=``), until the last segment with the same joint ends; times in seconds
+    after ``origin_ns``.
+
+    Successive segments whose rows would differ in nothing but times have one row.
+    """
 
     def row(start_ns: int, end_ns: int, kind: str, p: float, elements: str) -> Row:
         start_s, end_s = _seconds(start_ns, origin_ns), _seconds(end_ns, origin_ns)
         return f"{start_s:.2f}", f"{end_s:.2f}", kind, f"{p:.2f}", elements
 
     runs = {run.first: run for run in joint_runs(segments)}
-    for number, segment in enumerate(segments):
-        span = segment.start_ns, segment.end_ns
-        yield number, row(*span, segment.contact.value, segment.probability, describe_segment(segment))
+    own = [row(s.start_ns, s.end_ns, s.contact.value, s.probability, describe_segment(s)) for s in segments]
+    for _, alike in groupby(range(len(segments)), lambda i: i if segments[i].further else own[i][2:]):
+        first, *others = alike
+        numbers, segment = range(first, first + 1 + len(others)), segments[first]
+        yield numbers, (own[first][0], *own[numbers[-1]][1:])
         for further in segment.further:
             end_ns = segment.end_ns if further.end_ns is None else further.end_ns
             kind, elements = JOINS + further.contact.value, describe(further.geometry, further.inseparable)
-            yield number, row(further.start_ns, end_ns, kind, further.probability, elements)
-        if (run := runs.get(number)) is not None:
-            joint, end_ns = run.joint, segments[run.last].end_ns
-            elements = describe_joint(joint, is_open(segment))
-            kind = JOINT + joint.kind.value
-            yield number, row(segment.start_ns, end_ns, kind, joint.probability, elements)
+            yield numbers, row(further.start_ns, end_ns, kind, further.probability, elements)
+        for run in filter(None, map(runs.get, numbers)):
+            start_ns, end_ns = segments[run.first].start_ns, segments[run.last].end_ns
+            elements = describe_joint(run.joint, is_open(segments[run.first]))
+            yield (
+                numbers,
+                row(start_ns, end_ns, JOINT + run.joint.kind.value, run.joint.probability, elements),
+            )
 
 
 def table(segments: Sequence[Segment], origin_ns: int, with_wrenches: bool = False) -> Iterator[str]:
-    """A line per segment, per further contact (``+``) and joint (``=``), and the total ambiguous time.
+    """The rows as lines, and the total time in which several contacts fit.
 
     Times are in seconds after ``origin_ns``. ``with_wrenches``: wrenches were evidence besides the motion.
     """
