@@ -193,9 +193,8 @@ class Trajectory:
         """
         kind = {"euler": euler, "rotation_vector": rotation_vector, "matrix": matrix, "rate": rate}
         table = with_index(table)
-        reading = with_columns(
-            table, stated(unit, time_unit, columns=columns, **kind), stamp, position_m, quat_xyzw
-        )
+        reading = stated(unit, time_unit, columns=columns, **kind)
+        reading = with_columns(reading, stamp, position_m, quat_xyzw)
         return cls._passed(*columns_of(table, reading), reading)
 
     @classmethod
