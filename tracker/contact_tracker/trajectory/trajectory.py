@@ -348,12 +348,10 @@ def read(
     with errors_as(UnreadableRecording, text), in_python():
         log = open_log(text, topic, frame, relative_to=relative_to, table=reading)
         poses = Poses.join(list(log.batches()))
-    counts = dict(log.counts)
-    if not len(poses):
-        with in_python():
+        if not len(poses):
             raise log.no_poses(text)
     warn_of(log.warnings)
-    log_counts(text, counts)
+    log_counts(text, log.counts)
     with errors_as(UnreadableRecording, text):
         return Trajectory.from_log(log, text, poses, reading == AS_NAMED)
 
