@@ -153,36 +153,27 @@ def is_table(value: Any) -> bool:
     return hasattr(value, "columns") or isinstance(value, Mapping)
 
 
-def with_index(table: Any) -> Any:
-    """A DataFrame with its index as a column, if the index has a name or times; other tables unchanged."""
-    index = getattr(table, "index", None)
-    name, kind = getattr(index, "name", None), getattr(getattr(index, "dtype", None), "kind", "")
-    if not hasattr(table, "rename_axis") or (name is None and kind not in ("m", "M")):
-        return table
-    named = table.rename_axis("time") if name is None else table
-    return table if str(named.index.name) in names_in(table) else named.reset_index()
-
-
-def names_in(table: Any) -> list[str]:
-    """Names of the columns of a table (a DataFrame, a table of Arrow or a mapping) as text."""
+def columns_in(table: Any) -> tuple[list[str], list[Any]]:
+    """Names and values of the columns of a table (a DataFrame, a table of Arrow or a mapping); the index of a
+    DataFrame is a column if it has a name or times. Raises UsageError if it is no table."""
     if not is_table(table):
         raise UsageError(f"a table is a DataFrame or a mapping of columns, not {type(table).__name__}")
-    return [str(key) for key in _keys(table)]
-
-
-def _keys(table: Any) -> list[Any]:
-    """Keys of the columns of a table, of any type, such as numbers."""
-    return list(getattr(table, "column_names", None) or getattr(table, "columns", table))
+    if hasattr(table, "rename_axis"):
+        index = table.index if table.index.name is not None else table.index.rename("time")
+        if (table.index.name is not None or index.dtype.kind in "mM") and index.name not in table.columns:
+            table = table.rename_axis(index.name).reset_index()
+    keys = list(getattr(table, "column_names", None) or getattr(table, "columns", table))
+    return [*map(str, keys)], [table[key] for key in keys]
 
 
 def cells_of(table: Any) -> list[list[str]]:
     """Rows of text of a table: the names of its columns, then its values; raises UsageError."""
-    names = names_in(table)
+    names, columns = columns_in(table)
     repeated = next((name for i, name in enumerate(names) if name in names[:i]), None)
     if repeated is not None:
         raise UsageError(f"two columns are {repeated}: name each of them otherwise")
     try:
-        rows = list(zip(*(table[key] for key in _keys(table)), strict=True))
+        rows = list(zip(*columns, strict=True))
     except (TypeError, ValueError) as error:
         raise UsageError("the columns of a table are lists of one length, as of a DataFrame") from error
     return [names, *([str(value) for value in row] for row in rows)]
@@ -208,11 +199,10 @@ def columns_of(table: Any, reading: TableReading) -> tuple[NDArray[Any], float |
     UsageError
         The columns are not those of a single body, have no numbers, or angles exceed a turn in radians.
     """
-    names, keys = names_in(table), _keys(table)
+    names, stored = columns_in(table)
 
     def first_rows() -> list[tuple[str, ...]]:
-        columns = (_column(table, key)[:FIRST_ROWS].astype(str).tolist() for key in keys)
-        return list(zip(*columns, strict=False))
+        return list(zip(*(_column(c)[:FIRST_ROWS].astype(str).tolist() for c in stored), strict=False))
 
     try:
         layout = layout_of_names(names, reading, "", rows=first_rows)
@@ -223,10 +213,10 @@ def columns_of(table: Any, reading: TableReading) -> tuple[NDArray[Any], float |
         raise UsageError(f"several bodies, {bodies}: name the columns of one, as columns={{'x': ...}}")
     if layout.body is not None:
         raise UsageError(
-            f"its rows are of several bodies, by the column {keys[layout.body]}: give the rows of one"
+            f"its rows are of several bodies, by the column {names[layout.body]}: give the rows of one"
         )
     (body,) = layout.bodies
-    columns = [_column(table, keys[place]) for place in body.columns]
+    columns = [_column(stored[place]) for place in body.columns]
     try:
         values = rows(np.ma.column_stack(columns), "columns of a pose", len(columns))
     except ValueError as error:
@@ -236,16 +226,15 @@ def columns_of(table: Any, reading: TableReading) -> tuple[NDArray[Any], float |
     poses = body.poses(values)
     if layout.time < 0:
         return np.arange(len(values)), layout.time_ns, poses
-    time = _column(table, keys[layout.time])
+    time = _column(stored[layout.time])
     if layout.rest is not None:
-        seconds, subseconds = (np.asarray(c, np.int64) for c in (time, _column(table, keys[layout.rest])))
+        seconds, subseconds = (np.asarray(c, np.int64) for c in (time, _column(stored[layout.rest])))
         return seconds * 10**9 + subseconds * round(layout.rest_ns), 1.0, poses
     return time, layout.time_ns, poses
 
 
-def _column(table: Any, key: Any) -> NDArray[Any]:
+def _column(column: Any) -> NDArray[Any]:
     """The values (N,) of a column."""
-    column = table[key]
     if getattr(getattr(column, "dtype", None), "tz", None) is not None:
         return times(column)
     return np.asanyarray(column.to_numpy() if hasattr(column, "to_numpy") else column)

@@ -43,7 +43,6 @@ from contact_tracker.trajectory.arrays import (
     stated,
     times,
     with_columns,
-    with_index,
 )
 
 Order = Literal["xyzw", "wxyz"]
@@ -192,7 +191,6 @@ class Trajectory:
             See ``from_arrays``.
         """
         kind = {"euler": euler, "rotation_vector": rotation_vector, "matrix": matrix, "rate": rate}
-        table = with_index(table)
         reading = stated(unit, time_unit, columns=columns, **kind)
         reading = with_columns(reading, stamp, position_m, quat_xyzw)
         return cls._passed(*columns_of(table, reading), reading)
