@@ -182,11 +182,7 @@ class LeRobot:
         names, matches = self._observations(), [_WRENCH.fullmatch(part) for part in entries.split(",")]
         if not all(match and match[1] in names for match in matches):
             raise UsageError(f"{self.folder}: a wrench is in {', '.join(names) or 'none'}, not in {entries}")
-        parts = [
-            (match[1], slice(int(match[2]), int(match[3])) if match[2] else slice(None))
-            for match in matches
-            if match
-        ]
+        parts = [(m[1], slice(int(m[2]), int(m[3])) if m[2] else slice(None)) for m in matches if m]
         count = sum(len(range(self.info["features"][name]["shape"][0])[span]) for name, span in parts)
         if count != 6:
             raise UsageError(
@@ -271,9 +267,7 @@ class LeRobot:
                     raise UsageError(f"{path} is a link to a folder, of which no copy is made: remove it")
             written = {self.folder / file for file in self.files}
             shutil.copytree(
-                self.folder,
-                copy,
-                ignore=lambda parent, names: [name for name in names if Path(parent, name) in written],
+                self.folder, copy, ignore=lambda at, names: [n for n in names if Path(at, n) in written]
             )
             labels = dict[str, dict[int, _Labels]]()
             files = self._file_of.items()

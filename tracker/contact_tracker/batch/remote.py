@@ -83,12 +83,8 @@ def signature_of(url: str, within: str | None = None) -> str:
         if not is_folder:
             return _signature(filesystem.info(path))
         depth = url.rstrip("/").count("/") + 1
-        files = {
-            name: signature
-            for name, signature in _files_in(filesystem, path).items()
-            if name.count("/") == depth
-        }
-        return combined_signature(files[name] for name in sorted(files))
+        files = sorted(_files_in(filesystem, path).items())
+        return combined_signature(signature for name, signature in files if name.count("/") == depth)
 
 
 def combined_signature(signatures: Iterable[str]) -> str:

@@ -312,10 +312,8 @@ def _pages(file: IO[bytes], column: ColumnChunkMetaData) -> Iterator[tuple[int, 
         if min(plain, packed, of_data.get(1, 0)) < 0 or values > column.num_values:
             raise ValueError("a page has more values than its column")
         at, longest = at + size + packed, max(longest, plain)
-        if (
-            column.physical_type.endswith("BYTE_ARRAY")
-            and of_data.get(2 if page.get(5) else 4, 0) not in _WHOLE
-        ):
+        encoding = of_data.get(2 if page.get(5) else 4, 0)
+        if column.physical_type.endswith("BYTE_ARRAY") and encoding not in _WHOLE:
             shared += of_data[1] * longest
         if shared > _MOST_SHARED:
             raise UnreadableRecording(f"its column {column.path_in_schema} is text: write numbers")

@@ -39,7 +39,6 @@ from contact_tracker.recording.decoding import (
 from contact_tracker.recording.definitions import canonical
 from contact_tracker.recording.items import (
     BUFFER_BYTES,
-    FRAMES_TOPIC,
     RESULT_TOPICS,
     ROWS_AT_ONCE,
     Channel,
@@ -82,9 +81,7 @@ class Stamping(NamedTuple):
         """The stamping by the first poses of a source: one second of log time, at most 2000 poses."""
         good = [(pose.stamp_ns, log_time_ns) for pose, log_time_ns in prefix if pose.stamp_ns]
         are_zero = len(prefix) > 1 and not good
-        stamps = {
-            pose.stamp_ns for pose, _ in prefix
-        }  # coarse if most poses share theirs with a different one
+        stamps = {pose.stamp_ns for pose, _ in prefix}  # coarse if most share theirs with a different pose
         enough = COARSE_SECONDS if all(stamp_ns % SECOND_NS == 0 for stamp_ns in stamps) else COARSE
         by_log_time = are_zero or len({pose[1:] for pose, _ in prefix}) >= enough * len(stamps) > 0
         if not good:
@@ -198,12 +195,9 @@ class ChannelFilter:
             topics = [c.topic for c in (poses or seen)]
             fault, near = (ChoiceError if poses else NoPoses), suggestion(self._topic, topics)[:_TEXT_SHOWN]
             text = f"no topic {self._topic}; there is {_listing(dict.fromkeys(topics)) or 'none'}{near}"
-        elif any(c.topic == FRAMES_TOPIC for c in poses):
-            text = f"it holds a result only; --topic {FRAMES_TOPIC} takes the poses in it"
-        elif poses and all(c.topic.endswith(_STATIC) for c in poses):
-            static = poses[0].topic
-            text = f"its only poses are on {static}, which does not move"
-            text += f": to take them all the same, --topic {static}"
+        elif poses and not any(map(self._is_asked, poses)):
+            topic = poses[0].topic
+            text = f"its only poses are on {topic}, which is static or a result: --topic {topic} takes them"
         elif poses or alike:
             text = _UNDECODED.format(_listing(c.topic for c in poses)) if poses else _reasons(alike)
         else:
@@ -259,9 +253,7 @@ def _peek_channels(part: str, summary: Summary, missing: Mapping[int, Channel]) 
     with open_stream(part, budget=budget) as stream:
         loop = RecordLoop(stream, lambda text: None, prefixes.__contains__, summary)
         for chunk in sorted(summary.chunk_indexes, key=lambda chunk: chunk.chunk_start_offset):
-            channels = [
-                missing[channel_id] for channel_id in missing.keys() & chunk.message_index_offsets.keys()
-            ]
+            channels = [missing[i] for i in missing.keys() & chunk.message_index_offsets.keys()]
             if sizes.total() >= 4 * BUFFER_BYTES or all(map(is_full, channels)):
                 continue
             for item in loop.items_of(chunk):

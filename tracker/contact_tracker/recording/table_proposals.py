@@ -224,10 +224,10 @@ class _Proposal:
         """The name of the column that seems to be the time, if any, and its description."""
         columns, has_frames = self._columns, any(map(FRAME.fullmatch, self._columns.plain))
         like = next(filter(_LIKE_TIME.match, filter(CAN_BE_GIVEN, columns.names)), None)
-        if has_frames or like is not None:
-            return (
-                (None, "its times are numbers of frames") if has_frames else (like, f"if {like} is the time")
-            )
+        if has_frames:
+            return None, "its times are numbers of frames"
+        if like is not None:
+            return like, f"if {like} is the time"
         taken = {place for places in columns.find(self._stated).values() for place in places.values()}
         is_index = len(columns.numbered(UNNAMED)) == 1  # of a DataFrame
         for place, name in enumerate(columns.names):
@@ -243,10 +243,8 @@ class _Proposal:
 
     def _values(self, places: Sequence[int]) -> Array:
         """The numbers (N, k) of the first rows in columns."""
-        rows = [
-            numbers([row[i] for i in places]) for row in self._rows() if len(row) > max(places, default=0)
-        ]
-        return np.array(rows).reshape(-1, len(places))
+        rows = (row for row in self._rows() if len(row) > max(places, default=0))
+        return np.array([numbers([row[i] for i in places]) for row in rows]).reshape(-1, len(places))
 
     def commands(self, readings: Sequence[TableReading], is_square: bool = False) -> str:
         """The commands of readings, and alternatives: for a group of four values, with the real part first;
@@ -260,14 +258,12 @@ class _Proposal:
                 reading, of_unit = in_unit(reading, table.bodies[0], self._values(table.bodies[0].columns))
                 about |= {of_unit: None} if of_unit else {}
                 if table.time >= 0 and not (table.time_ns or table.rest is not None):
-                    reading = reading.with_(
-                        reading_of(time_unit=unit_of_dates(self._values([table.time])[:, 0]))
-                    )
+                    unit = unit_of_dates(self._values([table.time])[:, 0])
+                    reading = reading.with_(reading_of(time_unit=unit))
             columns, text = dict(reading.columns), reading.command(self._path)
             if is_square:
-                text += (
-                    f" or, if it goes along columns, {replace(reading, matrix='columns').command(self._path)}"
-                )
+                along_columns = replace(reading, matrix="columns").command(self._path)
+                text += f" or, if it goes along columns, {along_columns}"
             elif (group := columns.pop("quaternion", None)) is not None:
                 real_first = replace(reading, columns=(*columns.items(), ("wxyz", group)))
                 text += f" or, with the real part first, {real_first.command(self._path)}"
