@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import chain
 from pathlib import Path
 from typing import Any, Final
@@ -439,9 +439,9 @@ def _pooled(episodes: Sequence[Statistics]) -> Statistics:
     for feature, names in episodes[0].items():
         kept = {name: np.array([episode[feature][name] for episode in episodes]) for name in names}
         count = kept["count"]
-        share = count / count.sum()
-        means = {name: (share * kept[name]).sum(axis=0) for name in ("mean", *_QUANTILES)}
-        variance = (share * (kept["std"] ** 2 + (kept["mean"] - means["mean"]) ** 2)).sum(axis=0)
+        mean = partial(np.average, axis=0, weights=count[:, 0])
+        means = {name: mean(kept[name]) for name in ("mean", *_QUANTILES)}
+        variance = mean(kept["std"] ** 2 + (kept["mean"] - means["mean"]) ** 2)
         total = {"min": kept["min"].min(axis=0), "max": kept["max"].max(axis=0), "std": np.sqrt(variance)}
         total |= {"count": count.sum(axis=0), **means}
         pooled[feature] = {name: value.tolist() for name, value in total.items()}
