@@ -39,6 +39,7 @@ from contact_tracker.recording.decoding import (
 from contact_tracker.recording.definitions import canonical
 from contact_tracker.recording.items import (
     BUFFER_BYTES,
+    FRAMES_TOPIC,
     RESULT_TOPICS,
     ROWS_AT_ONCE,
     Channel,
@@ -195,9 +196,12 @@ class ChannelFilter:
             topics = [c.topic for c in (poses or seen)]
             fault, near = (ChoiceError if poses else NoPoses), suggestion(self._topic, topics)[:_TEXT_SHOWN]
             text = f"no topic {self._topic}; there is {_listing(dict.fromkeys(topics)) or 'none'}{near}"
-        elif poses and not any(map(self._is_asked, poses)):
-            topic = poses[0].topic
-            text = f"its only poses are on {topic}, which is static or a result: --topic {topic} takes them"
+        elif any(c.topic == FRAMES_TOPIC for c in poses):
+            text = f"it holds a result only; --topic {FRAMES_TOPIC} takes the poses in it"
+        elif poses and all(c.topic.endswith(_STATIC) for c in poses):
+            static = poses[0].topic
+            text = f"its only poses are on {static}, which does not move"
+            text += f": to take them all the same, --topic {static}"
         elif poses or alike:
             text = _UNDECODED.format(_listing(c.topic for c in poses)) if poses else _reasons(alike)
         else:
