@@ -109,6 +109,44 @@ def test_a_hinge_on_which_a_face_fits_that_is_excluded_refutes_nothing() -> None
     assert texts == []
 
 
+def carried_in_one_plane(rng: np.random.Generator) -> Poses:
+    """An arm carries a part between places on one line, and tilts it in the air; the poses of its tool centre
+    point, which is always in the vertical plane through that line."""
+    places_m, turns = [np.zeros(3)], [np.zeros(3)]
+    seconds = [2.0]
+    for side in (1, -1, 1, -1, 1):
+        at_m = np.array([0.24, 0.97, 0.0]) * rng.uniform(0.08, 0.2) * side
+        yaw, tilt = [0.0, 0.0, rng.uniform(-1.0, 1.0)], rng.uniform(-0.4, 0.4, 3)
+        up_m, high_m = [0.0, 0.0, 0.15], [0.0, 0.0, 0.175]
+        for wait_s, place_m, turn in (
+            (1.0, places_m[-1] + up_m, turns[-1]),
+            (1.5, at_m + high_m, tilt),
+            (1.0, at_m + up_m, yaw),
+            (0.9, at_m, yaw),
+            (2.0, at_m, yaw),
+        ):
+            places_m.append(np.asarray(place_m))
+            turns.append(np.asarray(turn))
+            seconds.append(wait_s)
+    time_s, end_s = np.arange(0.0, sum(seconds), 0.01), np.cumsum(seconds)
+    leg = np.clip(np.searchsorted(end_s, time_s), 1, len(end_s) - 1)
+    part = np.clip((time_s - end_s[leg - 1]) / np.take(seconds, leg), 0.0, 1.0)[:, None]
+    part = part**3 * (10.0 - 15.0 * part + 6.0 * part**2)
+    place_m = np.take(places_m, leg - 1, axis=0) * (1.0 - part) + np.take(places_m, leg, axis=0) * part
+    start, end = (Rotation.from_rotvec(np.take(turns, leg - back, axis=0)) for back in (1, 0))
+    turn = Rotation.from_rotvec(part * (end * start.inv()).as_rotvec()) * start
+    error = Rotation.from_rotvec(np.radians(0.02) * rng.normal(size=place_m.shape))
+    place_m += 5e-5 * rng.normal(size=place_m.shape)
+    return Poses(np.rint(1e9 * time_s).astype(np.int64), place_m, (turn * error).as_quat())
+
+
+@needs_kernels
+def test_a_robot_that_moves_its_tool_in_a_plane_refutes_no_direction() -> None:
+    """A vertex at the tool centre point on that plane, which ``--up`` excludes, fits all of its motion."""
+    texts, _ = tracked(carried_in_one_plane(np.random.default_rng(0)), up([0.0, 0.0, 1.0]))
+    assert texts == []
+
+
 @needs_kernels
 @pytest.mark.parametrize(
     ("width_m", "fits"), [pytest.param(0.12, True, marks=pytest.mark.long), (0.02, False)]

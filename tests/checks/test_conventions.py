@@ -254,6 +254,17 @@ def straight_legs(seed: int) -> Poses:
     return along(legs, rng)
 
 
+def transfers(seed: int, sigma: tuple[float, float]) -> Poses:
+    """A SCARA robot lifts parts, carries each along the same line with a turn, and lowers it."""
+    rng, legs, up_m, rest = np.random.default_rng(seed), list[Leg](), np.array([0.0, 0.0, 0.06]), np.zeros(3)
+    for way_m in 0.1 * rng.uniform(1.6, 3.6, 12) * np.tile([-1.0, 1.0], 6):
+        turn = np.array([0.0, 0.0, rng.uniform(-1.2, 1.2)])
+        legs += [(0.5, up_m, rest), (0.9, np.array([0.0, way_m, 0.0]), turn), (0.5, -up_m, rest)]
+        legs.append((rng.uniform(0.6, 1.6), rest, rest))
+    return along(legs, rng, sigma)
+
+
+LITTLE = 5e-5, np.radians(0.02)
 VALID: dict[str, Callable[[], Poses]] = {
     "mirrored": lambda: of_mirrored_turns(
         replace(shipped(PAPER), position_m=shipped(PAPER).position_m @ MIRROR)
@@ -264,6 +275,11 @@ VALID: dict[str, Callable[[], Poses]] = {
     "a step at the start": lambda: stepped(shipped(PAPER)),
     "free motion": lambda: moving(np.random.default_rng(0), 60.0, 100.0, *SIGMA),
     "a screw": lambda: simulate("screw", 0).poses,  # no contact explains it: other readings may by chance
+    **{
+        f"transfers {seed}, {1e3 * sigma[0]} mm": lambda seed=seed, sigma=sigma: transfers(seed, sigma)
+        for seed in (0, 1)
+        for sigma in (LITTLE, SIGMA)
+    },
     **{f"straight legs {seed}": lambda seed=seed: straight_legs(seed) for seed in (0, 4, 7, 9)},
 }
 

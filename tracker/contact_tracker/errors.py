@@ -29,6 +29,7 @@ status (exit code 3). A fit that does not converge is a status as well.
 From Python, doubtful input that is no error causes a ``ContactTrackerWarning`` of the module ``warnings``.
 """
 
+import reprlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import import_module
@@ -51,6 +52,11 @@ KILLED: Final = 137
 def printable(text: str) -> str:
     """``text`` in one line, with control characters escaped."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
+def shown(value: object) -> str:
+    """A wrong value in a message: as Python writes it, cut short unless it is text."""
+    return repr(value) if isinstance(value, str) else reprlib.repr(value)
 
 
 def first_line(error: BaseException) -> str:

@@ -1,5 +1,6 @@
 """The seven contact states, their order in arrays, and their containment."""
 
+import reprlib
 from collections.abc import Iterable
 from enum import StrEnum
 from typing import Final
@@ -53,7 +54,7 @@ def states_from(names: str | Iterable[str]) -> tuple[Contact, ...]:
     if isinstance(names, str):
         names = filter(None, map(str.strip, names.split(",")))
     elif isinstance(names, bytes) or not isinstance(names, Iterable):
-        raise ValueError(f"names of contacts, such as 'f-f,e-f', and not {names!r}")
+        raise ValueError(f"names of contacts, such as 'f-f,e-f', and not {reprlib.repr(names)}")
     names = [*names]
     for name in names:
         if name not in STATES:

@@ -4,6 +4,7 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -12,7 +13,15 @@ import numpy as np
 from contact_tracker.api.learned_map import Known, Map, map_of
 from contact_tracker.config.parameters import Model
 from contact_tracker.contacts.task_frame import T_world_body, TaskFrame, task_frame
-from contact_tracker.errors import OutputError, StateError, UnreadableRecording, UsageError, extra, printable
+from contact_tracker.errors import (
+    OutputError,
+    StateError,
+    UnreadableRecording,
+    UsageError,
+    extra,
+    printable,
+    shown,
+)
 from contact_tracker.exports import formats
 from contact_tracker.exports.columns import COLUMNS, Columns, Kind, Rows, columns_of, to_pandas
 from contact_tracker.exports.formats import FIGURES, ROWS, SUFFIXES
@@ -224,6 +233,9 @@ class Result(Outcome):
 
     def truth_by(self, labels: Labels, meanings: Mapping[str, str] | None) -> Truth:
         """Your own labels as truth of the recording; parameters and errors as in ``evaluate``."""
+        given: Any = {} if meanings is None else meanings
+        if not isinstance(given, Mapping) or not all(isinstance(text, str) for text in chain(*given.items())):
+            raise UsageError(f"meanings are states by label, as {{'touch': 'any'}}, not {shown(meanings)}")
         table = cells_of(labels) if is_table(labels) else path_from(labels, "labels")
         stamps = self.trajectory.stamp_ns
         return read_labels(table, int(stamps[0]), int(stamps[-1]), meanings)[0]
@@ -255,7 +267,7 @@ class Result(Outcome):
 
     def _columns(self, rows: Rows) -> tuple[Columns, dict[str, Kind]]:
         if rows not in ROWS:  # a tuple, as the argument need not have a hash
-            raise UsageError(f"rows are {' or '.join(map(repr, ROWS))}, not {rows!r}")
+            raise UsageError(f"rows are {' or '.join(map(repr, ROWS))}, not {shown(rows)}")
         return columns_of(rows, self.beliefs if rows == "ticks" else self.segments), COLUMNS[rows]
 
     def _write(
@@ -316,7 +328,9 @@ def segment(
             raise UsageError("mass_kg is of use with wrench only")
         mass_kg = number_from(mass_kg, "mass_kg", "above zero", lambda kg: kg > 0.0)
     if not (progress is None or isinstance(progress, bool) or callable(progress)):
-        raise UsageError(f"progress is True, or a function that takes the number of poses, not {progress!r}")
+        raise UsageError(
+            f"progress is True, or a function that takes the number of poses, not {shown(progress)}"
+        )
     parameters = model_from(model, noise, accuracy)
     notes = list[str]()
     known_map = map_of(known, notes.append, states)
@@ -327,8 +341,10 @@ def segment(
     elif is_table(trajectory):
         poses = Trajectory.from_dataframe(trajectory)
     else:
-        kind = type(trajectory).__name__
-        raise UsageError(f"a trajectory is a Trajectory, the path of a recording or a DataFrame, not {kind}")
+        raise UsageError(
+            "a trajectory is a Trajectory, the path of a recording or a DataFrame, not "
+            f"{type(trajectory).__name__}: of arrays take Trajectory.from_arrays"
+        )
     evidence = None
     if wrench is not None:
         evidence, load, warnings = _evidence_of(wrench, poses, parameters, known_map, mass_kg)

@@ -8,7 +8,7 @@ from typing import Final, Self, SupportsIndex
 
 import contact_tracker.tracker as tracker
 from contact_tracker.api.learned_map import Known, Map, map_of
-from contact_tracker.errors import InvalidPose, OutputError, StateError
+from contact_tracker.errors import InvalidPose, OutputError, StateError, shown
 from contact_tracker.motion.pose_validation import PoseGate, remark_on_loss, remarks_on
 from contact_tracker.motion.poses import Pose, real_number
 from contact_tracker.outputs.adaptation import not_given, warnings
@@ -181,11 +181,11 @@ def _pose(stamp_ns: SupportsIndex, position_m: Sequence[float], quat_xyzw: Seque
             raise TypeError
         stamp = operator.index(stamp_ns)
     except TypeError as error:
-        text = f"stamps are integers in nanoseconds, not {stamp_ns!r}: multiply seconds by 1e9 and round"
+        text = f"stamps are integers in nanoseconds, not {shown(stamp_ns)}: multiply seconds by 1e9 and round"
         raise InvalidPose(text) from error
     try:
         x, y, z = map(real_number, position_m)
         qx, qy, qz, qw = map(real_number, quat_xyzw)
-    except (TypeError, ValueError, OverflowError) as error:
+    except (TypeError, ValueError, OverflowError, LookupError) as error:
         raise InvalidPose("a pose has three coordinates and a quaternion xyzw") from error
     return Pose(stamp, (x, y, z), (qx, qy, qz, qw))

@@ -28,7 +28,7 @@ from contact_tracker.geometry.linalg import matrices
 from contact_tracker.inspection.stream_checks import Finding
 from contact_tracker.motion.free_motion import can_be_compared
 from contact_tracker.motion.poses import Poses
-from contact_tracker.motion.window import DIRECTIONS, Window, used_directions
+from contact_tracker.motion.window import DIRECTIONS, ONE_AXIS, Window, used_directions
 from contact_tracker.states import CONTACTS
 
 TICKS: Final = 20
@@ -42,6 +42,12 @@ MOVED: Final = 3.0
 FEWEST_DIRECTIONS: Final = DIRECTIONS - max(contact.codimension for contact in CONTACTS)
 """Number of directions in which two faces leave the object free, fewer than any other contact (T24). To
 second order, motion in two agrees with a vertex on a face by chance: five coefficients, five parameters."""
+LIFTED_SHARE: Final = 0.65
+"""Largest share of the motion along the axis of the turns, in squares, that is made with a turn, of an object
+that is lifted without. Of SCARA robots it is 0.0, or 0.3 to 0.6 if they turn before the lift ends; of objects
+that slide, in readings with wrong axes, above 0.7 in 31 of 34 windows."""
+TURNS: Final = 0.1
+"""Least share of the fastest turn in a window that counts as a turn."""
 _ROUNDING: Final = 1e-14
 """Share of the trace of a matrix that is lost in rounding."""
 _INVERSE: Final = np.concatenate([np.arange(9).reshape(3, 3).T.ravel(), [12, 13, 14]])
@@ -51,7 +57,7 @@ _INVERSE_SIGN: Final = np.repeat([1.0, -1.0], [9, 3])
 class Explained(NamedTuple):
     """Explanation of a window in K readings: log evidence ``nats`` (K,) of contacts against free motion, and
     ``misfit`` (K,), the mean square of the best contact's residuals over the noise. ``shows_contact``: the
-    motion is in as many directions as a contact leaves; motion in fewer agrees with one by chance."""
+    motion is in as many directions as a contact leaves, and no lift; other motion agrees by chance."""
 
     nats: Array
     misfit: Array
@@ -106,7 +112,24 @@ def explain(
     moving = Window(np.arange(TICKS), lift(means[1].reshape(-1, 3, 3), means[0]), rows, rows / _ROUNDING)
     # stretched orientations are not rewarded: free motion is stretched as well
     nats = np.maximum(nats + np.minimum(log_volume, 0.0), 0.0)
-    return Explained(nats, misfit, used_directions(moving) >= FEWEST_DIRECTIONS)
+    shows = used_directions(moving) >= FEWEST_DIRECTIONS and not _is_lifted(
+        means[0], means[1].reshape(-1, 3, 3)
+    )
+    return Explained(nats, misfit, shows)
+
+
+def _is_lifted(place_m: Array, turn: Array) -> bool:
+    """Whether poses (T, 3), (T, 3, 3) turn about one axis only, and move along it without a turn.
+
+    A SCARA robot lifts a part, then carries it along a line with a turn. That is in a plane, as a face on a
+    face moves in a reading with other axes, but such a face would turn while it moves in any direction.
+    """
+    step = turn[1:] @ np.swapaxes(turn[:-1], 1, 2)
+    turned = np.column_stack([step[:, k, j] - step[:, j, k] for j, k in ((1, 2), (2, 0), (0, 1))])
+    _, sizes, axes = np.linalg.svd(turned)
+    along_sq, angle = np.square(np.diff(place_m, axis=0) @ axes[0]), np.abs(turned @ axes[0])
+    with_turn = along_sq[angle > TURNS * angle.max()].sum()
+    return bool(sizes[1] < ONE_AXIS * sizes[0] and with_turn < LIFTED_SHARE * along_sq.sum())
 
 
 def _gains(

@@ -7,6 +7,7 @@ from dataclasses import Field, dataclass, field, fields, replace
 from typing import Any, Final
 
 from contact_tracker.config.quantities import LENGTHS, TIMES_NS
+from contact_tracker.errors import shown
 
 POSITION: Final = ("x", "y", "z")
 QUATERNION: Final = ("qx", "qy", "qz", "qw")
@@ -77,22 +78,24 @@ class TableReading:
         for name in ("unit", "time_unit", "euler", "field"):
             value = getattr(self, name)
             if value is not None and not isinstance(value, str):
-                raise ValueError(f"{name} is text, not {value!r}")
+                raise ValueError(f"{name} is text, not {shown(value)}")
         if self.unit is not None and self.unit not in LENGTHS:
             hint = f"; a time has time_unit={self.unit!r}" if self.unit in TIME_UNITS_NS else ""
-            raise ValueError(f"unit is {', '.join(LENGTHS)}, not {self.unit!r}{hint}")
+            raise ValueError(f"unit is {', '.join(LENGTHS)}, not {shown(self.unit)}{hint}")
         if self.time_unit is not None:
             _ = self.time_ns
         if self.euler is not None and not _EULER.fullmatch(self.euler):
             letters = "three of the letters xyz or XYZ, then :deg or :rad, as in XYZ:deg"
-            raise ValueError(f"euler is {letters}, not {self.euler!r}")
+            raise ValueError(f"euler is {letters}, not {shown(self.euler)}")
         if self.matrix not in (None, "rows", "columns"):
-            raise ValueError(f"matrix is rows or columns, not {self.matrix!r}")
+            raise ValueError(f"matrix is rows or columns, not {shown(self.matrix)}")
         if self.field is not None and not _FIELD.fullmatch(self.field):
-            raise ValueError(f"field is names of fields, as in tracked.pose, not {self.field!r}")
+            raise ValueError(f"field is names of fields, as in tracked.pose, not {shown(self.field)}")
         for role, _ in self.columns:
             if role not in ROLES and role not in GROUPS:
-                raise ValueError(f"a column is {', '.join((*ROLES[:9], *ANGLES, *GROUPS))}, not {role!r}")
+                raise ValueError(
+                    f"a column is {', '.join((*ROLES[:9], *ANGLES, *GROUPS))}, not {shown(role)}"
+                )
         if sum((self.euler is not None, self.rotation_vector, self.matrix is not None)) > 1:
             raise ValueError("a rotation is one of Euler angles, a rotation vector and a matrix")
 
@@ -103,7 +106,7 @@ class TableReading:
             return None if self.time_unit is None else TIME_UNITS_NS[self.time_unit]
         rate = _RATE.fullmatch(self.time_unit)
         if rate is None or not 1e-3 <= float(rate[1]) <= 1e6:
-            raise ValueError(f"time_unit is {TIME_UNIT_HELP}, not {self.time_unit!r}")
+            raise ValueError(f"time_unit is {TIME_UNIT_HELP}, not {shown(self.time_unit)}")
         return 1e9 / float(rate[1])
 
     @property
@@ -179,14 +182,14 @@ def reading_of(
     """
     if rate is not None:
         if stated.get("time_unit") not in (None, FRAMES):
-            raise ValueError(f"rate is for time_unit={FRAMES!r}, not {stated['time_unit']!r}")
-        stated["time_unit"] = f"{rate}Hz"
+            raise ValueError(f"rate is for time_unit={FRAMES!r}, not {shown(stated['time_unit'])}")
+        stated["time_unit"] = f"{rate if isinstance(rate, str) else shown(rate)}Hz"
     if isinstance(columns, str):
         parts = [part.partition("=") for part in columns.split(",") if part.strip()]
         if not all(equals and name.strip() for _, equals, name in parts):
-            raise ValueError(f"columns are given as time=t,x=px, not {columns!r}")
+            raise ValueError(f"columns are given as time=t,x=px, not {shown(columns)}")
         columns = {role.strip(): name.strip() for role, _, name in parts}
     if columns is not None and not isinstance(columns, Mapping):
-        raise ValueError(f"columns are names by role, as {{'time': 't'}}, not {columns!r}")
+        raise ValueError(f"columns are names by role, as {{'time': 't'}}, not {shown(columns)}")
     pairs = tuple((str(role), str(name)) for role, name in (columns or {}).items())
     return TableReading(columns=pairs, **stated)

@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import fields
 from functools import wraps
-from reprlib import repr
 from types import FrameType
 from typing import Any, Final, ParamSpec, TypeVar
 
@@ -25,6 +24,7 @@ from contact_tracker.errors import (
     ContactTrackerWarning,
     UsageError,
     printable,
+    shown,
 )
 from contact_tracker.motion.pose_validation import counts_text
 from contact_tracker.motion.poses import NO_OUTLIERS, Outliers, real_number
@@ -44,14 +44,14 @@ def path_from(value: Any, name: str = "path") -> str:
     text = os.fspath(value) if isinstance(value, str | os.PathLike) else None
     if isinstance(text, str) and "\0" not in text:
         return text
-    raise UsageError(f"{name} is the name of a file, not {repr(value)}")
+    raise UsageError(f"{name} is the name of a file, not {shown(value)}")
 
 
 def name_from(value: Any, name: str) -> str | None:
     """The text or None that was passed as the argument ``name``; raises UsageError for other types."""
     if value is None or isinstance(value, str):
         return value
-    raise UsageError(f"{name} is text, not {repr(value)}")
+    raise UsageError(f"{name} is text, not {shown(value)}")
 
 
 def number_from(value: Any, name: str, bounds: str, is_within: Callable[[float], bool]) -> float:
@@ -62,7 +62,7 @@ def number_from(value: Any, name: str, bounds: str, is_within: Callable[[float],
         number = math.nan
     if math.isfinite(number) and is_within(number):
         return number
-    raise UsageError(f"{name} is a number {bounds}, not {repr(value)}")
+    raise UsageError(f"{name} is a number {bounds}, not {shown(value)}")
 
 
 @contextmanager
@@ -188,7 +188,7 @@ def _deviations_from(
             return deviations(value, may_be_zero)
         position_m, rotation_rad = map(real_number, value)
         return plausible((position_m, rotation_rad), value, may_be_zero)
-    except (TypeError, ValueError, OverflowError) as error:
+    except (TypeError, ValueError, OverflowError, LookupError) as error:
         raise UsageError(f"{name} is '0.3mm,0.15deg' or (metres, radians): {error}") from error
 
 

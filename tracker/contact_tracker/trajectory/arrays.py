@@ -3,7 +3,7 @@
 The columns of a table, such as a DataFrame, are identified by name, as in files.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 from typing import Any, Final
 
@@ -19,9 +19,9 @@ from contact_tracker.config.table_reading import (
     TableReading,
     reading_of,
 )
-from contact_tracker.errors import ChoiceError, UnreadableRecording, UsageError
+from contact_tracker.errors import ChoiceError, UnreadableRecording, UsageError, shown
 from contact_tracker.geometry.elements import Array
-from contact_tracker.motion.poses import real_number, real_numbers
+from contact_tracker.motion.poses import Poses, real_number, real_numbers
 from contact_tracker.recording.table_layouts import are_no_radians, doubt_angles, quaternions
 from contact_tracker.recording.table_proposals import FIRST_ROWS, layout_of_names
 from contact_tracker.trajectory.arguments import python_words
@@ -78,7 +78,7 @@ def moment_ns(value: Any, first_ns: int) -> int:
         return first_ns + round(real_number(value) * 1e9)
     except (TypeError, ValueError, OverflowError) as error:
         raise UsageError(
-            f"a time is seconds or a duration since the first pose, or a date, not {value!r}"
+            f"a time is seconds or a duration since the first pose, or a date, not {shown(value)}"
         ) from error
 
 
@@ -92,7 +92,11 @@ def times(stamps: ArrayLike) -> NDArray[Any]:
         raise UsageError(_NO_TIMES) from error
     if array.dtype.kind == "O" and array.size and all(isinstance(item, timedelta) for item in array.flat):
         return array.astype("timedelta64[ns]")
-    if array.dtype.kind != "O" or not all(isinstance(item, datetime) for item in array.flat):
+    if (
+        array.dtype.kind != "O"
+        or not array.ndim
+        or not all(isinstance(item, datetime) for item in array.flat)
+    ):
         return array
     utc = [date.astimezone(UTC).replace(tzinfo=None) if date.tzinfo else date for date in array.flat]
     return np.array(utc, "datetime64[ns]").reshape(array.shape)
@@ -126,7 +130,7 @@ def positions_and_quaternions(
         Shapes differ, or values are no real numbers.
     """
     if not isinstance(order, str) or order not in _ORDERS:
-        raise UsageError(f"order is 'xyzw' or 'wxyz', not {order!r}")
+        raise UsageError(f"order is 'xyzw' or 'wxyz', not {shown(order)}")
     if rotations is None:
         poses = rows(positions, "poses without rotations", 4, 4)
         return poses[:, :3, 3], quaternions("matrix", poses[:, :3, :3].reshape(-1, 9), "rows")
@@ -150,31 +154,41 @@ def positions_and_quaternions(
 
 def is_table(value: Any) -> bool:
     """Whether ``value`` has named columns."""
-    return hasattr(value, "columns") or isinstance(value, Mapping)
+    names = getattr(value, "columns", None)
+    return isinstance(value, Mapping) or (isinstance(names, Iterable) and not isinstance(value, Poses))
 
 
-def columns_in(table: Any) -> tuple[list[str], list[Any]]:
-    """Names and values of the columns of a table (a DataFrame, a table of Arrow or a mapping); the index of a
-    DataFrame is a column if it has a name or times. Raises UsageError if it is no table."""
+def with_index(table: Any) -> Any:
+    """A DataFrame with its index as a column, if the index has a name or times; other tables unchanged."""
+    index = getattr(table, "index", None)
+    name, kind = getattr(index, "name", None), getattr(getattr(index, "dtype", None), "kind", "")
+    if not hasattr(table, "rename_axis") or (name is None and kind not in ("m", "M")):
+        return table
+    named = table.rename_axis("time") if name is None else table
+    return table if str(named.index.name) in names_in(table) else named.reset_index()
+
+
+def names_in(table: Any) -> list[str]:
+    """Names of the columns of a table (a DataFrame, a table of Arrow or a mapping) as text."""
     if not is_table(table):
         raise UsageError(f"a table is a DataFrame or a mapping of columns, not {type(table).__name__}")
-    if hasattr(table, "rename_axis"):
-        index = table.index if table.index.name is not None else table.index.rename("time")
-        if (table.index.name is not None or index.dtype.kind in "mM") and index.name not in table.columns:
-            table = table.rename_axis(index.name).reset_index()
-    keys = list(getattr(table, "column_names", None) or getattr(table, "columns", table))
-    return [*map(str, keys)], [table[key] for key in keys]
+    return [str(key) for key in _keys(table)]
+
+
+def _keys(table: Any) -> list[Any]:
+    """Keys of the columns of a table, of any type, such as numbers."""
+    return list(getattr(table, "column_names", None) or getattr(table, "columns", table))
 
 
 def cells_of(table: Any) -> list[list[str]]:
     """Rows of text of a table: the names of its columns, then its values; raises UsageError."""
-    names, columns = columns_in(table)
+    names = names_in(table)
     repeated = next((name for i, name in enumerate(names) if name in names[:i]), None)
     if repeated is not None:
         raise UsageError(f"two columns are {repeated}: name each of them otherwise")
     try:
-        rows = list(zip(*columns, strict=True))
-    except (TypeError, ValueError) as error:
+        rows = list(zip(*(table[key] for key in _keys(table)), strict=True))
+    except (TypeError, ValueError, LookupError) as error:
         raise UsageError("the columns of a table are lists of one length, as of a DataFrame") from error
     return [names, *([str(value) for value in row] for row in rows)]
 
@@ -188,6 +202,9 @@ def with_columns(reading: TableReading, stamp: Any, position_m: Any, quat_xyzw: 
         if not isinstance(keys, Sequence) or isinstance(keys, str) or len(keys) != len(roles):
             raise UsageError(f"{name} names {len(roles)} columns, {' '.join(roles)}")
         columns |= dict(zip(roles, keys, strict=True))
+    for key in columns.values():
+        if not isinstance(key, str):
+            raise UsageError(f"the name of a column is text, not {shown(key)}")
     return reading.with_(reading_of(columns))
 
 
@@ -199,10 +216,13 @@ def columns_of(table: Any, reading: TableReading) -> tuple[NDArray[Any], float |
     UsageError
         The columns are not those of a single body, have no numbers, or angles exceed a turn in radians.
     """
-    names, stored = columns_in(table)
+    names, keys = names_in(table), _keys(table)
+    if not keys:
+        raise UsageError("the table has no columns")
 
     def first_rows() -> list[tuple[str, ...]]:
-        return list(zip(*(_column(c)[:FIRST_ROWS].astype(str).tolist() for c in stored), strict=False))
+        columns = (_column(table, key)[:FIRST_ROWS].astype(str).tolist() for key in keys)
+        return list(zip(*columns, strict=False))
 
     try:
         layout = layout_of_names(names, reading, "", rows=first_rows)
@@ -213,28 +233,45 @@ def columns_of(table: Any, reading: TableReading) -> tuple[NDArray[Any], float |
         raise UsageError(f"several bodies, {bodies}: name the columns of one, as columns={{'x': ...}}")
     if layout.body is not None:
         raise UsageError(
-            f"its rows are of several bodies, by the column {names[layout.body]}: give the rows of one"
+            f"its rows are of several bodies, by the column {keys[layout.body]}: give the rows of one"
         )
     (body,) = layout.bodies
-    columns = [_column(stored[place]) for place in body.columns]
+    columns = [_column(table, keys[place]) for place in body.columns]
     try:
-        values = rows(np.ma.column_stack(columns), "columns of a pose", len(columns))
+        stacked = np.ma.column_stack(columns)
+    except TypeError as error:
+        raise UsageError("columns of a pose are no real numbers") from error
     except ValueError as error:
         raise UsageError("columns of a pose have different lengths") from error
+    values = rows(stacked, "columns of a pose", len(columns))
     if doubt := doubt_angles(values, body, reading, ""):
         raise UsageError(python_words(doubt))
     poses = body.poses(values)
     if layout.time < 0:
         return np.arange(len(values)), layout.time_ns, poses
-    time = _column(stored[layout.time])
+    time = _column(table, keys[layout.time])
     if layout.rest is not None:
-        seconds, subseconds = (np.asarray(c, np.int64) for c in (time, _column(stored[layout.rest])))
+        parts = time, _column(table, keys[layout.rest])
+        try:
+            numbers = np.stack([real_numbers(part) for part in parts])
+            if not np.isfinite(numbers).all():
+                raise ValueError
+        except (TypeError, ValueError, OverflowError) as error:
+            raise UsageError(_NO_TIMES) from error
+        seconds, subseconds = numbers.astype(np.int64)
         return seconds * 10**9 + subseconds * round(layout.rest_ns), 1.0, poses
     return time, layout.time_ns, poses
 
 
-def _column(column: Any) -> NDArray[Any]:
-    """The values (N,) of a column."""
-    if getattr(getattr(column, "dtype", None), "tz", None) is not None:
-        return times(column)
-    return np.asanyarray(column.to_numpy() if hasattr(column, "to_numpy") else column)
+def _column(table: Any, key: Any) -> NDArray[Any]:
+    """The values (N,) of a column; raises UsageError."""
+    try:
+        column = table[key]
+        if getattr(getattr(column, "dtype", None), "tz", None) is not None:
+            return times(column)
+        values: NDArray[Any] = np.asanyarray(column.to_numpy() if hasattr(column, "to_numpy") else column)
+    except (TypeError, ValueError, LookupError) as error:
+        raise UsageError(f"the column {key} has no numbers or dates") from error
+    if not values.ndim:
+        raise UsageError(f"the column {key} is one value, not one per pose")
+    return values

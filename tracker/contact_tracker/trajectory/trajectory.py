@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from contact_tracker.config.quantities import LENGTHS, TIMES_NS
 from contact_tracker.config.table_reading import AS_NAMED, PYTHON, TableReading
-from contact_tracker.errors import NoPoses, UnreadableRecording, UsageError
+from contact_tracker.errors import NoPoses, UnreadableRecording, UsageError, shown
 from contact_tracker.geometry.elements import Array
 from contact_tracker.motion.pose_validation import (
     counts_text,
@@ -43,6 +43,7 @@ from contact_tracker.trajectory.arrays import (
     stated,
     times,
     with_columns,
+    with_index,
 )
 
 Order = Literal["xyzw", "wxyz"]
@@ -191,6 +192,7 @@ class Trajectory:
             See ``from_arrays``.
         """
         kind = {"euler": euler, "rotation_vector": rotation_vector, "matrix": matrix, "rate": rate}
+        table = with_index(table)
         reading = stated(unit, time_unit, columns=columns, **kind)
         reading = with_columns(reading, stamp, position_m, quat_xyzw)
         return cls._passed(*columns_of(table, reading), reading)
@@ -256,7 +258,7 @@ class Trajectory:
             ``span`` is not a slice of times, or has no pose.
         """
         if not isinstance(span, slice) or span.step is not None:
-            raise UsageError(f"poses are taken by times, as trajectory[2.0:5.0], not by {span!r}")
+            raise UsageError(f"poses are taken by times, as trajectory[2.0:5.0], not by {shown(span)}")
         first_ns = int(self.stamp_ns[0])
         start, stop = (
             default if time is None else int(np.searchsorted(self.stamp_ns, moment_ns(time, first_ns)))
