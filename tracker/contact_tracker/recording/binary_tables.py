@@ -484,7 +484,7 @@ def _of_c3d(path: str, reading: TableReading, _: WorkBudget) -> ArrayTable:
         rows = (last - first + 1) * int(ratio)
         start = (int(parameters["ROTATION:DATA_START"][0]) % 2**16 - 1) * _BLOCK
         stored = max(os.path.getsize(path) - start, 0) // (4 * _VALUES * len(bodies))
-        count = stored if last == 2**16 - 1 else min(rows, stored)  # longer ones do not fit
+        count = min(rows, stored) if rows > 0 and last < 2**16 - 1 else stored  # longer ones do not fit
         values = np.fromfile(path, "<f4", count * len(bodies) * _VALUES, offset=start)
     except (LookupError, ValueError, TypeError, struct.error, OSError) as error:
         raise UnreadableRecording(f"it is damaged: its parameters cannot be read ({error})") from error
