@@ -126,8 +126,10 @@ def test_names_of_columns_have_units_as_in_files(poses) -> None:
     with pytest.warns(ContactTrackerWarning, match="they look like seconds"):
         seconds = Trajectory.from_dataframe(columns | {"time [ms]": poses.stamp_ns / 1e9}, "time [ms]", names)
     assert "they look like seconds" in seconds.notes[0]
-    with pytest.raises(UsageError, match=r"no column 'x'; did you mean 'x \[mm\]'"):
-        Trajectory.from_dataframe(columns, "time [ms]", ("x", "y", "z"))
+    without_units = Trajectory.from_dataframe(columns, "time", ("x", "y", "z"))
+    np.testing.assert_array_equal(without_units.position_m, trajectory.position_m)
+    with pytest.raises(UsageError, match="no column 'X1'; there are"):
+        Trajectory.from_dataframe(columns, "time", ("X1", "y", "z"))
     columns["x [ft]"] = columns["x [mm]"]
     with pytest.raises(UsageError, match=r"the unit 'ft' of column 'x \[ft\]' is not known"):
         Trajectory.from_dataframe(columns, "time [ms]", ["x [ft]", *names[1:]])

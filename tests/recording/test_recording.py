@@ -131,7 +131,7 @@ def test_messages_are_those_of_the_reference_reader_by_log_time(
     messages = [item for item in items if isinstance(item, RawMessage)]
     assert [(item.channel.topic, item.log_time_ns, item.data) for item in messages] == expected
     assert sum(isinstance(item, Metadata) for item in items) == 1
-    assert reading.damage is None
+    assert reading.notes.damage is None
 
 
 @pytest.mark.parametrize("named", [False, True])

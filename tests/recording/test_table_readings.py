@@ -425,6 +425,10 @@ def test_bodies_of_c3d(tmp_path: Path) -> None:
     log = open_log(str(path), frame="cup")
     assert len(Poses.collect(log)) == 12
     assert "it ends after 12 of 20 frames" in str(log.damage)
+    content = bytearray(C3D.read_bytes()[:-1000])
+    content[6:10] = bytes([5, 0, 3, 0])  # the last frame is before the first, as where numbers are too large
+    path.write_bytes(content)
+    assert len(Poses.collect(open_log(str(path), frame="cup"))) == 12
 
 
 def test_lost_tracking_is_counted(tmp_path: Path) -> None:

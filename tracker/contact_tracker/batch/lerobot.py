@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import chain
 from pathlib import Path
 from typing import Any, Final
@@ -182,11 +182,7 @@ class LeRobot:
         names, matches = self._observations(), [_WRENCH.fullmatch(part) for part in entries.split(",")]
         if not all(match and match[1] in names for match in matches):
             raise UsageError(f"{self.folder}: a wrench is in {', '.join(names) or 'none'}, not in {entries}")
-        parts = [
-            (match[1], slice(int(match[2]), int(match[3])) if match[2] else slice(None))
-            for match in matches
-            if match
-        ]
+        parts = [(m[1], slice(int(m[2]), int(m[3])) if m[2] else slice(None)) for m in matches if m]
         count = sum(len(range(self.info["features"][name]["shape"][0])[span]) for name, span in parts)
         if count != 6:
             raise UsageError(
@@ -271,9 +267,7 @@ class LeRobot:
                     raise UsageError(f"{path} is a link to a folder, of which no copy is made: remove it")
             written = {self.folder / file for file in self.files}
             shutil.copytree(
-                self.folder,
-                copy,
-                ignore=lambda parent, names: [name for name in names if Path(parent, name) in written],
+                self.folder, copy, ignore=lambda at, names: [n for n in names if Path(at, n) in written]
             )
             labels = dict[str, dict[int, _Labels]]()
             files = self._file_of.items()
@@ -445,9 +439,9 @@ def _pooled(episodes: Sequence[Statistics]) -> Statistics:
     for feature, names in episodes[0].items():
         kept = {name: np.array([episode[feature][name] for episode in episodes]) for name in names}
         count = kept["count"]
-        share = count / count.sum()
-        means = {name: (share * kept[name]).sum(axis=0) for name in ("mean", *_QUANTILES)}
-        variance = (share * (kept["std"] ** 2 + (kept["mean"] - means["mean"]) ** 2)).sum(axis=0)
+        mean = partial(np.average, axis=0, weights=count[:, 0])
+        means = {name: mean(kept[name]) for name in ("mean", *_QUANTILES)}
+        variance = mean(kept["std"] ** 2 + (kept["mean"] - means["mean"]) ** 2)
         total = {"min": kept["min"].min(axis=0), "max": kept["max"].max(axis=0), "std": np.sqrt(variance)}
         total |= {"count": count.sum(axis=0), **means}
         pooled[feature] = {name: value.tolist() for name, value in total.items()}

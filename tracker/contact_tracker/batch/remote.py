@@ -67,8 +67,7 @@ def files_in(url: str) -> Mapping[str, str] | None:
     A URL that ends in ``/`` is a folder, one with a suffix is a file; otherwise the store is asked. Raises
     MissingExtra, or UnreadableRecording if the folder cannot be listed.
     """
-    filesystem, path, is_folder = _located(url, None)
-    with _store_errors(url):
+    with _store(url, None) as (filesystem, path, is_folder):
         return _files_in(filesystem, path) if is_folder else None
 
 
@@ -78,17 +77,12 @@ def signature_of(url: str, within: str | None = None) -> str:
     ``within`` is the folder in which the URL was found; None if the user named it: then redirects are
     followed. Raises UnreadableRecording if the file does not exist or cannot be reached.
     """
-    filesystem, path, is_folder = _located(url, within)
-    with _store_errors(url):
+    with _store(url, within) as (filesystem, path, is_folder):
         if not is_folder:
             return _signature(filesystem.info(path))
         depth = url.rstrip("/").count("/") + 1
-        files = {
-            name: signature
-            for name, signature in _files_in(filesystem, path).items()
-            if name.count("/") == depth
-        }
-        return combined_signature(files[name] for name in sorted(files))
+        files = sorted(_files_in(filesystem, path).items())
+        return combined_signature(signature for name, signature in files if name.count("/") == depth)
 
 
 def combined_signature(signatures: Iterable[str]) -> str:
@@ -101,10 +95,9 @@ def combined_signature(signatures: Iterable[str]) -> str:
 def local_copy(url: str, within: str | None = None) -> Iterator[str]:
     """The path of a local copy, removed at the end of the context; ``within`` as in ``signature_of``. Raises
     UnreadableRecording if the copy fails, is larger than ``MOST_BYTES``, or the disk is full."""
-    filesystem, path, is_folder = _located(url, within)
     with tempfile.TemporaryDirectory(prefix="contact-tracker-") as folder:
         target = os.path.join(folder, posixpath.basename(without_secrets(url).rstrip("/")) or "recording")
-        with _store_errors(url):
+        with _store(url, within) as (filesystem, path, is_folder):
             if is_folder:
                 copy_folder(filesystem, path, target)
             else:
@@ -198,25 +191,21 @@ def _guard(folder: str) -> Any:
 
 
 @contextmanager
-def _store_errors(url: str) -> Iterator[None]:
-    """Convert the errors of stores to UnreadableRecording."""
-    try:
-        yield
-    except Exception as error:
-        raise UnreadableRecording(f"{without_secrets(url)}: {_one_line(error)}") from error
-
-
-def _located(url: str, within: str | None) -> tuple[Any, str, bool]:
-    """The store of a URL, the path in it, and whether it is a folder. Stores are not asked about a URL with a
-    suffix, as some would send the whole file."""
-    filesystem, path = _open_store(url, within)
+def _store(url: str, within: str | None) -> Iterator[tuple[Any, str, bool]]:
+    """The store of a URL, the path in it, and whether it is a folder; errors in the context become
+    UnreadableRecording. Stores are not asked about a URL with a suffix, as some would send the whole file."""
     plain = without_secrets(url)
-    with _store_errors(url):
+    try:
+        filesystem, path = _open_store(url, within)
         has_suffix = bool(posixpath.splitext(plain)[1])
         is_folder = plain.endswith("/") or (not has_suffix and bool(filesystem.isdir(path)))
-    if is_folder and within is None:
-        filesystem, path = _open_store(url, url)
-    return filesystem, path, is_folder
+        if is_folder and within is None:
+            filesystem, path = _open_store(url, url)
+        yield filesystem, path, is_folder
+    except MissingExtra:
+        raise
+    except Exception as error:  # stores have no common error
+        raise UnreadableRecording(f"{plain}: {_one_line(error)}") from error
 
 
 def _open_store(url: str, within: str | None) -> tuple[Any, str]:
@@ -229,8 +218,6 @@ def _open_store(url: str, within: str | None) -> tuple[Any, str]:
         return fsspec.core.url_to_fs(url, **options)  # type: ignore[no-any-return]
     except ImportError as error:  # the library for this store
         raise MissingExtra(f"{plain}: {' '.join(str(error).split())}") from error
-    except Exception as error:  # stores have no common error
-        raise UnreadableRecording(f"{plain}: {_one_line(error)}") from error
 
 
 def _signature(info: Mapping[str, Any]) -> str:

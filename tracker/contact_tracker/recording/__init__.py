@@ -1,56 +1,29 @@
 """Recordings: MCAP logs in and out. The only part of the package that knows mcap."""
 
-from contact_tracker.recording.annotations import need_truth, read_labels, read_metadata, read_truth
-from contact_tracker.recording.bytestream import Follow
-from contact_tracker.recording.items import (
-    BELIEF_TOPIC,
-    FRAMES_TOPIC,
-    MAP_TOPIC,
-    SCENE_TOPIC,
-    TASK_TOPIC,
-    Channel,
-    PoseSource,
-    RawMessage,
-)
-from contact_tracker.recording.log import (
-    PoseLog,
-    RecordingSummary,
-    SourceSummary,
-    list_sources,
-    open_log,
-    summarise,
-    summarise_log,
-)
-from contact_tracker.recording.reading import may_be_recording, parts_of
-from contact_tracker.recording.wrenches import WRENCH_TYPE, WrenchLog, read_wrenches
-from contact_tracker.recording.writing import write_beside, write_recording
-
-__all__ = [
-    "BELIEF_TOPIC",
-    "FRAMES_TOPIC",
-    "MAP_TOPIC",
-    "SCENE_TOPIC",
-    "TASK_TOPIC",
-    "WRENCH_TYPE",
-    "Channel",
-    "Follow",
-    "PoseLog",
-    "PoseSource",
-    "RawMessage",
-    "RecordingSummary",
-    "SourceSummary",
-    "WrenchLog",
-    "list_sources",
-    "may_be_recording",
-    "need_truth",
-    "open_log",
-    "parts_of",
-    "read_labels",
-    "read_metadata",
-    "read_truth",
-    "read_wrenches",
-    "summarise",
-    "summarise_log",
-    "write_beside",
-    "write_recording",
-]
+from contact_tracker.recording.annotations import need_truth as need_truth
+from contact_tracker.recording.annotations import read_labels as read_labels
+from contact_tracker.recording.annotations import read_metadata as read_metadata
+from contact_tracker.recording.annotations import read_truth as read_truth
+from contact_tracker.recording.bytestream import Follow as Follow
+from contact_tracker.recording.items import BELIEF_TOPIC as BELIEF_TOPIC
+from contact_tracker.recording.items import FRAMES_TOPIC as FRAMES_TOPIC
+from contact_tracker.recording.items import MAP_TOPIC as MAP_TOPIC
+from contact_tracker.recording.items import SCENE_TOPIC as SCENE_TOPIC
+from contact_tracker.recording.items import TASK_TOPIC as TASK_TOPIC
+from contact_tracker.recording.items import Channel as Channel
+from contact_tracker.recording.items import PoseSource as PoseSource
+from contact_tracker.recording.items import RawMessage as RawMessage
+from contact_tracker.recording.log import PoseLog as PoseLog
+from contact_tracker.recording.log import RecordingSummary as RecordingSummary
+from contact_tracker.recording.log import SourceSummary as SourceSummary
+from contact_tracker.recording.log import list_sources as list_sources
+from contact_tracker.recording.log import open_log as open_log
+from contact_tracker.recording.log import summarise as summarise
+from contact_tracker.recording.log import summarise_log as summarise_log
+from contact_tracker.recording.reading import may_be_recording as may_be_recording
+from contact_tracker.recording.reading import parts_of as parts_of
+from contact_tracker.recording.wrenches import WRENCH_TYPE as WRENCH_TYPE
+from contact_tracker.recording.wrenches import WrenchLog as WrenchLog
+from contact_tracker.recording.wrenches import read_wrenches as read_wrenches
+from contact_tracker.recording.writing import write_beside as write_beside
+from contact_tracker.recording.writing import write_recording as write_recording

@@ -286,8 +286,8 @@ def _time_ns(path: str, value: Any, unit_ns: int) -> int:
     try:
         if clock is not None:
             days, hours, minutes = (int(part or 0) for part in clock.groups()[:3])
-            seconds = float(clock[4].replace(",", "."))
-            return round((86_400 * days + 3600 * hours + 60 * minutes + seconds) * 1e9)
+            whole_ns = (86_400 * days + 3600 * hours + 60 * minutes) * 10**9
+            return whole_ns + exact_ns(clock[4], NAMED_NS["s"])
         stamp_ns = stamp_of_date(text)
         return exact_ns(text, unit_ns) if stamp_ns is None else stamp_ns
     except (ValueError, OverflowError) as error:

@@ -201,7 +201,5 @@ def _of_hdf5(path: str, budget: WorkBudget) -> Arrays:
         for name, stored in ((name, file[name]) for name in names if not name.startswith("#")):
             is_inside = isinstance(stored, h5py.Dataset) and not (stored.is_virtual or stored.external)
             if is_inside and stored.shape and stored.size and stored.dtype.kind in "iuf":
-                name, shape = (
-                    (name.replace("/", "."), stored.shape[::-1]) if is_matlab else (name, stored.shape)
-                )
-                yield name, shape, partial(read, stored)
+                shape = stored.shape[::-1] if is_matlab else stored.shape
+                yield name.replace("/", ".") if is_matlab else name, shape, partial(read, stored)

@@ -20,6 +20,7 @@ from contact_tracker.recording.bytestream import (
     BYTES_PER_RECORD,
     RECORD_LIMIT,
     ByteStream,
+    Notes,
     TooMuchWork,
     WorkBudget,
     open_stream,
@@ -61,33 +62,25 @@ _Chunk = tuple[_Header, int, int]
 """Header of a chunk, and offset and size (bytes) of its data."""
 
 
-def read_bag(
-    path: str, is_wanted: Callable[[Channel], bool], report: Callable[[str], None], budget: WorkBudget
-) -> Iterator[Item]:
+def read_bag(path: str, is_wanted: Callable[[Channel], bool], notes: Notes) -> Iterator[Item]:
     """The messages of a ``.bag`` or a ``.db3`` file by log time; of a ``.bag`` file without an index in the
-    order of its chunks.
-
-    Parameters
-    ----------
-    is_wanted : accepts channels; messages of other channels are skipped unread.
-    report : called with one line for each part that cannot be read.
-    budget : bounds the decompressed size and the work.
+    order of its chunks. Messages of channels that ``is_wanted`` does not accept are skipped unread.
 
     Raises UnreadableRecording if it does not begin like a bag, is encrypted, or is no database of rosbag2.
     """
-    with open_stream(path, budget=budget) as stream:
+    with open_stream(path, budget=notes.budget) as stream:
         if (begin := stream.read(len(BAG_MAGIC))).startswith(b"SQLite"):
-            yield from _read_sqlite(path, is_wanted, report, budget)
+            yield from _read_sqlite(path, is_wanted, notes)
             return
         if begin != BAG_MAGIC:
             raise UnreadableRecording("it is not a bag of version 2.0: convert it with rosbag fix")
-        bag = _Bag(stream, is_wanted, report)
+        bag = _Bag(stream, is_wanted, notes.report)
         chunks, begins_ns = bag.find_chunks()
         if all(chunk in begins_ns for chunk in chunks):
             ordered = sorted((begins_ns[place], place) for place in chunks)
             yield from in_log_order((begin_ns, bag.messages_in(chunks[place])) for begin_ns, place in ordered)
             return
-        report("it has no index, as when recording was cut off: it is read as it was written")
+        notes.report("it has no index, as when recording was cut off: it is read as it was written")
         for chunk in chunks.values():
             yield from bag.messages_in(chunk)
 
@@ -200,26 +193,24 @@ _MOST_NAMED: Final = 500
 """Largest number of topics in a query; with more, all messages are read and filtered afterwards."""
 
 
-def _read_sqlite(
-    path: str, is_wanted: Callable[[Channel], bool], report: Callable[[str], None], budget: WorkBudget
-) -> Iterator[RawMessage]:
+def _read_sqlite(path: str, is_wanted: Callable[[Channel], bool], notes: Notes) -> Iterator[RawMessage]:
     """The messages of a ``.db3`` file, as by ``read_bag``."""
     size = os.path.getsize(path)
-    budget.bytes_read += size
+    notes.budget.bytes_read += size
     if os.path.exists(f"{path}-wal") and os.path.getsize(f"{path}-wal"):
-        report("its last messages are in a write-ahead log that is not read: open it once with sqlite3")
+        notes.report("its last messages are in a write-ahead log that is not read: open it once with sqlite3")
     chosen: dict[int, Channel] | None = None
     try:
         with closing(_opened(path, size)) as file:
-            topics = _channels(file, report)
+            topics = _channels(file, notes.report)
             chosen = {number: channel for number, channel in topics.items() if is_wanted(channel)}
-            yield from _messages(file, chosen, budget, size)
+            yield from _messages(file, chosen, notes.budget, size)
     except (sqlite3.Error, TooMuchWork, UnicodeDecodeError) as error:
         # A message of SQLite may quote bytes that are no text.
         fault = "its tables are malformed" if isinstance(error, UnicodeDecodeError) else error
         if chosen is None:
             raise UnreadableRecording(f"it cannot be opened as a rosbag2 database: {fault}") from error
-        report(f"it is damaged: {fault}")
+        notes.report(f"it is damaged: {fault}")
 
 
 def _opened(path: str, size: int) -> sqlite3.Connection:

@@ -17,10 +17,10 @@ import os
 import struct
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import partial
-from itertools import compress, starmap
+from itertools import chain, compress, islice, starmap
 from typing import IO, Any, Final
 
 import numpy as np
@@ -47,11 +47,6 @@ _LONGEST_NAME: Final = 40
 _DEEPEST: Final = 5
 
 
-_Leaf = tuple[str, tuple[str | int, ...], Any]
-"""Name, path and type of a column of single values: the file's column ``path[0]``, or a place in its structs
-or lists."""
-
-
 class ParquetTable:
     """A Parquet or Feather file in columns, batch by batch; after iteration ``damage`` says what is not read.
 
@@ -62,25 +57,24 @@ class ParquetTable:
         self.damage: tuple[str, ...] = ()
         try:
             self._file = _OPENED[kind](path)
-            leaves = list[_Leaf]()
-            for field in self._file.schema_arrow:
-                example = self._first_of(field.name, budget) if types.is_nested(field.type) else None
-                leaves += _leaves(field.name, (field.name,), field.type, example)
+            leaves = self._first_rows(WorkBudget(budget.bytes_read))  # read again later
         except _PARQUET_ERRORS as error:
             raise UnreadableRecording(
                 f"it cannot be read as a table: {first_line(error)[:_LONGEST_LINE]}"
             ) from error
-        names, rows = [name for name, _, _ in leaves], partial(self._first_rows, leaves, budget)
+        rows = partial(_rows_of_texts, [values for _, _, values in leaves])
+        names = [name for name, _, _ in leaves]
         self.layout = replace(layout_of_names(names, reading, path, rows=rows), kind=kind)
-        self._chosen = {place: leaves[place] for place in self.layout.places}
-        for place, (name, _, type_) in self._chosen.items():
+        self._names = {place: names[place] for place in self.layout.places}
+        for place, name in self._names.items():
+            type_ = leaves[place][2].type
             is_time = place == self.layout.time and types.is_temporal(type_)
             if not (is_time or _is_number(type_)):
                 named = f"its column {printable(name[:_LONGEST_NAME])} is of the type {type_}"
                 raise UnreadableRecording(f"{named}: columns of numbers are read")
             if is_time:
                 self.layout = replace(self.layout, time_ns=1, has_own_unit=types.is_duration(type_))
-        self._columns = list(dict.fromkeys(str(path[0]) for _, path, _ in self._chosen.values()))
+        self._columns = list(dict.fromkeys(leaves[place][1] for place in self._names))
         self._file.check({*self._columns}, len(self.layout.bodies), budget)
 
     def __iter__(self) -> Iterator[dict[int, Any]]:
@@ -95,8 +89,9 @@ class ParquetTable:
     def _values(self, batch: Any) -> dict[int, Any]:
         """The columns of a batch: times as text, and numbers; empty rows are left out."""
         columns, time = dict[int, Any](), self.layout.time
-        for place, (_, path, _) in self._chosen.items():
-            column = _single(batch.column(str(path[0])), path[1:])
+        leaves = dict(chain.from_iterable(_leaves(name, batch.column(name)) for name in self._columns))
+        for place, name in self._names.items():
+            column = leaves[name] if name in leaves else pyarrow.nulls(len(batch))  # as all lists are shorter
             columns[place] = _texts(column) if place in self.layout.texts else _numbers(column)
         if time < 0:
             return columns
@@ -107,52 +102,49 @@ class ParquetTable:
             for place, values in columns.items()
         }
 
-    def _first_rows(self, leaves: Sequence[_Leaf], budget: WorkBudget) -> list[list[str]]:
-        """The numbers, texts and times of the first rows as text, ``nan`` for other values; empty if they
+    def _first_rows(self, budget: WorkBudget) -> list[tuple[str, str, Any]]:
+        """The columns of single values: name, name of the column of the file, and first values; none if these
         cannot be read."""
-        names = dict.fromkeys(str(path[0]) for _, path, kind in leaves if _has_texts(kind))
-        try:
-            self._file.check({*names}, 1, budget)
-            batch = next(self._file.iter_batches(FIRST_ROWS, columns=[*names], use_threads=False))
-            columns = [
-                _texts(_single(batch.column(str(path[0])), path[1:]))
-                if _has_texts(kind)
-                else ["nan"] * len(batch)
-                for _, path, kind in leaves
-            ]
-        except (UnreadableRecording, StopIteration, *_PARQUET_ERRORS):
-            return []
-        return [[text or "nan" for text in row] for row in zip(*columns, strict=True)]
-
-    def _first_of(self, name: str, budget: WorkBudget) -> Any:
-        """The value of a column in the first row; None if it cannot be read."""
-        try:
-            self._file.check({name}, 1, budget)
-            batch = next(self._file.iter_batches(1, columns=[name], use_threads=False), None)
-        except UnreadableRecording:
-            return None
-        return None if batch is None else batch.column(0)[0].as_py()
+        schema, batch, readable = self._file.schema_arrow, None, list[str]()
+        nested = [{field.name} for field in schema if types.is_nested(field.type)]
+        for names in ({field.name for field in schema if _has_texts(field.type)}, *nested):
+            with suppress(UnreadableRecording):
+                self._file.check(names, 1, budget)
+                readable += names
+        with suppress(StopIteration, *_PARQUET_ERRORS):
+            batch = next(self._file.iter_batches(FIRST_ROWS, columns=readable, use_threads=False))
+        read = {} if batch is None else dict(zip(batch.schema.names, batch.columns, strict=True))
+        count, leaves = 0 if batch is None else len(batch), list[tuple[str, str, Any]]()
+        for field in schema:
+            column = read[field.name] if field.name in read else pyarrow.nulls(count, field.type)
+            leaves += ((name, field.name, values) for name, values in _leaves(field.name, column))
+        return leaves
 
 
-def _leaves(name: str, path: tuple[str | int, ...], kind: Any, example: Any) -> Iterator[_Leaf]:
-    """The columns of single values in a column of the file; ``example``, a value of it, gives the length of
-    lists."""
-    if len(path) > _DEEPEST:
+def _leaves(name: str, column: Any, depth: int = 0) -> Iterator[tuple[str, Any]]:
+    """The columns of single values in a column, by name: values in structs, and in lists, null where one is
+    shorter."""
+    kind = column.type
+    if depth > _DEEPEST:
         return
     if types.is_struct(kind):
-        for field in map(kind.field, range(min(kind.num_fields, WIDEST))):
-            value = example.get(field.name) if isinstance(example, dict) else None
-            yield from _leaves(f"{name}.{field.name}", (*path, field.name), field.type, value)
+        for field, values in islice(zip(kind, column.flatten(), strict=True), WIDEST):
+            yield from _leaves(f"{name}.{field.name}", values, depth + 1)
     elif types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind):
-        values = example if isinstance(example, list) else []
-        length = kind.list_size if types.is_fixed_size_list(kind) else len(values)
+        length = compute.max(compute.list_value_length(column)).as_py() or 0
         for i in range(min(length, WIDEST)):
-            value = values[i] if i < len(values) else None
-            yield from _leaves(f"{name}[{i}]", (*path, i), kind.value_type, value)
+            part = compute.list_slice(column, i, i + 1, return_fixed_size_list=True)
+            yield from _leaves(f"{name}[{i}]", compute.list_element(part, 0), depth + 1)
         if length > WIDEST:
-            yield f"{name}[{WIDEST}:{length}]", path, kind  # named in messages only
+            yield f"{name}[{WIDEST}:{length}]", column  # named in messages only
     else:
-        yield name, path, kind
+        yield name, column
+
+
+def _rows_of_texts(columns: Sequence[Any]) -> list[list[str]]:
+    """The numbers, texts and times in rows as text, ``nan`` for other values."""
+    texts = (_texts(c) if _has_texts(c.type) else [""] * len(c) for c in columns)
+    return [[text or "nan" for text in row] for row in zip(*texts, strict=True)]
 
 
 def _is_number(kind: Any) -> bool:
@@ -164,16 +156,6 @@ def _is_number(kind: Any) -> bool:
 
 def _has_texts(kind: Any) -> bool:
     return _is_number(kind) or bool(types.is_temporal(kind))
-
-
-def _single(column: Any, path: tuple[str | int, ...]) -> Any:
-    """The values at a path in the structs or lists of a column; null if a list is shorter."""
-    for i, step in enumerate(path):
-        if isinstance(step, int):
-            rows = [row[step] if row is not None and len(row) > step else None for row in column.to_pylist()]
-            return _single(pyarrow.array(rows, column.type.value_type), path[i + 1 :])
-        column = compute.struct_field(column, step)
-    return column
 
 
 def _texts(column: Any) -> list[str]:
@@ -330,10 +312,8 @@ def _pages(file: IO[bytes], column: ColumnChunkMetaData) -> Iterator[tuple[int, 
         if min(plain, packed, of_data.get(1, 0)) < 0 or values > column.num_values:
             raise ValueError("a page has more values than its column")
         at, longest = at + size + packed, max(longest, plain)
-        if (
-            column.physical_type.endswith("BYTE_ARRAY")
-            and of_data.get(2 if page.get(5) else 4, 0) not in _WHOLE
-        ):
+        encoding = of_data.get(2 if page.get(5) else 4, 0)
+        if column.physical_type.endswith("BYTE_ARRAY") and encoding not in _WHOLE:
             shared += of_data[1] * longest
         if shared > _MOST_SHARED:
             raise UnreadableRecording(f"its column {column.path_in_schema} is text: write numbers")
@@ -504,7 +484,7 @@ def _of_c3d(path: str, reading: TableReading, _: WorkBudget) -> ArrayTable:
         rows = (last - first + 1) * int(ratio)
         start = (int(parameters["ROTATION:DATA_START"][0]) % 2**16 - 1) * _BLOCK
         stored = max(os.path.getsize(path) - start, 0) // (4 * _VALUES * len(bodies))
-        count = stored if last == 2**16 - 1 else min(rows, stored)  # longer ones do not fit
+        count = min(rows, stored) if rows > 0 and last < 2**16 - 1 else stored  # longer ones do not fit
         values = np.fromfile(path, "<f4", count * len(bodies) * _VALUES, offset=start)
     except (LookupError, ValueError, TypeError, struct.error, OSError) as error:
         raise UnreadableRecording(f"it is damaged: its parameters cannot be read ({error})") from error

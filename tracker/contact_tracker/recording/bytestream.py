@@ -35,6 +35,7 @@ _BYTES_OF_RECORD: Final = 12
 SHARE_OF_RECORD: Final = 0.25
 """Work, in records, of a row of a compressed table, of a further pose in a message, or of a record outside of
 chunks; uncompressed, each takes over twice ``_BYTES_OF_RECORD``."""
+_DAMAGES_SHOWN: Final = 3
 _ADVICE: Final = "if it is sound, write it without compression"
 
 
@@ -74,13 +75,42 @@ class WorkBudget:
         if size > min(max(_CHUNK_BYTES, _CHUNK_RATIO * compressed), RECORD_LIMIT):
             raise TooMuchWork(f"{compressed} bytes are to become {size}; {_ADVICE}")
 
+
+class Notes:
+    """What is noted of a recording while it is read, and the budget of this work.
+
+    Attributes
+    ----------
+    part : name of the part of a folder that is read; empty for a file.
+    assumption : one line on what was assumed about a table, or None.
+    """
+
+    def __init__(self) -> None:
+        self.budget, self.part = WorkBudget(), ""
+        self.assumption: str | None = None
+        self._damages, self._more_damages = list[str](), 0
+
+    def report(self, damage: str) -> None:
+        """Note one line on what cannot be read."""
+        if len(self._damages) < _DAMAGES_SHOWN:
+            self._damages.append(f"{self.part}: {damage}" if self.part else damage)
+        else:
+            self._more_damages += 1
+
+    def assume(self, text: str) -> None:
+        """Note one line on an assumption."""
+        self.assumption = text if self.assumption is None else f"{self.assumption}; {text}"
+
     @property
     def damage(self) -> str | None:
-        """One line if messages were left out."""
-        if not self.is_message_left_out:
-            return None
-        explained = f"{self.bytes_read} bytes explain"
-        return f"messages that take longer to decode than {explained} are left out; {_ADVICE}"
+        """One line, or None without damage."""
+        lines = list(self._damages)
+        if self._more_damages:
+            lines.append(f"and {self._more_damages} more")
+        if self.budget.is_message_left_out:
+            explained = f"{self.budget.bytes_read} bytes explain"
+            lines.append(f"messages that take longer to decode than {explained} are left out; {_ADVICE}")
+        return "; ".join(lines) or None
 
 
 ZSTD_MAGIC: Final = b"\x28\xb5\x2f\xfd"

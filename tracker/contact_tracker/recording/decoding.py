@@ -18,7 +18,7 @@ import re
 import struct
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import redirect_stderr, suppress
-from functools import partial
+from functools import lru_cache, partial
 from io import StringIO
 from itertools import chain, islice, repeat
 from operator import attrgetter
@@ -248,7 +248,7 @@ class _KnownLayout:
 
     def __init__(self, channel: Channel) -> None:
         self._channel, self._layout = channel, _LAYOUTS[canonical(channel.type)]
-        self._sources = dict[bytes, PoseSource]()
+        self._source = lru_cache(_MOST_SOURCES)(self._source_of)
 
     def read(self, data: bytes, log_time_ns: int) -> list[LoggedPose] | None:
         """The poses in a message; None, so that the library decodes it, if its size does not fit its type and
@@ -267,10 +267,7 @@ class _KnownLayout:
                     end += 4 + read_size(data, end)[0]
                 start = end + (_ENCAPSULATION - end) % 8
                 x, y, z, qx, qy, qz, qw = read_pose.unpack_from(data, start)
-                key = data[at + 8 : end]
-                source = self._sources.get(key)
-                if source is None:
-                    source = self._new_source(key, order)
+                source = self._source(data[at + 8 : end], order)
                 pose = Pose(sec * SECOND_NS + nanosec, (x, y, z), (qx, qy, qz, qw))
                 poses.append((source, pose, log_time_ns))
                 at = start + read_pose.size + tail
@@ -279,7 +276,7 @@ class _KnownLayout:
         is_whole = at == len(data) and (count == 1 or len({source for source, _, _ in poses}) == count)
         return poses if is_whole else None
 
-    def _new_source(self, key: bytes, order: str) -> PoseSource:
+    def _source_of(self, key: bytes, order: str) -> PoseSource:
         """The source with the names in ``key``, each after its size and ended by a zero byte."""
         names, at = list[str](), 0
         while at < len(key):
@@ -290,10 +287,7 @@ class _KnownLayout:
         frame, child = (*names, "")[:2]
         if self._layout[3] and not child:
             raise KeyError("a body among others that has no name gets a number")
-        source = PoseSource(self._channel.topic, self._channel.type, frame, child)
-        if len(self._sources) >= _MOST_SOURCES:
-            self._sources.clear()
-        return self._sources.setdefault(key, source)
+        return PoseSource(self._channel.topic, self._channel.type, frame, child)
 
 
 class Undecodable(Exception):

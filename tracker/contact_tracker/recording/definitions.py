@@ -11,7 +11,7 @@ import struct
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from graphlib import TopologicalSorter
-from itertools import chain, groupby
+from itertools import chain
 from types import SimpleNamespace
 from typing import Any, Final, NamedTuple
 
@@ -29,11 +29,18 @@ _NAME: Final = re.compile(r"\s*MSG:\s*([A-Za-z][\w/]*)\s*", re.ASCII)
 _FIELD: Final = re.compile(
     r"\s*([A-Za-z][\w/]*)(?:<=\d+)?(\[(?:<=)?(\d{0,12})\])?\s+([A-Za-z]\w*)\s*(=)?", re.ASCII
 )
+_NUMBERS: Final = {
+    kind: struct.Struct(f"<{letter}")
+    for kind, letter in {
+        **{"bool": "?", "int8": "b", "uint8": "B", "byte": "b", "char": "B"},
+        **{"int16": "h", "uint16": "H", "int32": "i", "uint32": "I", "int64": "q", "uint64": "Q"},
+        **{"float32": "f", "float64": "d"},
+    }.items()
+}
 PRIMITIVES: Final[Mapping[str, int]] = {
-    **dict.fromkeys(("bool", "byte", "char", "int8", "uint8"), 1),
-    **dict.fromkeys(("int16", "uint16"), 2),
-    **dict.fromkeys(("int32", "uint32", "float32", "string", "wstring"), 4),
-    **dict.fromkeys(("int64", "uint64", "float64", "time", "duration"), 8),
+    **{kind: number.size for kind, number in _NUMBERS.items()},
+    **dict.fromkeys(("string", "wstring"), 4),
+    **dict.fromkeys(("time", "duration"), 8),
 }
 """Types without fields, and the least sizes of their values (bytes)."""
 _LENGTH: Final = struct.Struct("<I")
@@ -201,33 +208,28 @@ def _short(name: str) -> str:
     return name.replace("/msg/", "/")
 
 
-_FORMATS: Final = {
-    **{"bool": "?", "int8": "b", "uint8": "B", "byte": "b", "char": "B"},
-    **{"int16": "h", "uint16": "H", "int32": "i", "uint32": "I", "int64": "q", "uint64": "Q"},
-    **{"float32": "f", "float64": "d"},
-}
 _TIMES: Final = {
     "time": [Field("uint32", "sec", None), Field("uint32", "nanosec", None)],
     "duration": [Field("int32", "sec", None), Field("int32", "nanosec", None)],
 }
-_Step = tuple[list[str], struct.Struct | Field]
-"""Names of consecutive numbers with their format, or one other field."""
 
 
 def ros1_decoder(definition: Definition) -> Callable[[bytes], Any]:
     """The decoder of messages of ROS 1; raises ValueError for an invalid definition."""
     if not definition.is_complete:
         raise ValueError("the definition lacks parts, which differ between ROS 1 and ROS 2")
-    plans = {name: _plan(name, fields) for name, fields in {**definition.fields, **_TIMES}.items()}
+    if not all(definition.fields.values()):
+        raise ValueError("a type has no fields")
+    fields_of = {**definition.fields, **_TIMES}
 
     def message(name: str, data: bytes, at: int) -> tuple[Any, int]:
         values = dict[str, Any]()
-        for names, step in plans[name]:
-            if isinstance(step, Field):
-                values[names[0]], at = value(step, data, at)
+        for field in fields_of[name]:
+            if field.length is None and field.type in _NUMBERS:
+                (values[field.name],) = _NUMBERS[field.type].unpack_from(data, at)
+                at += _NUMBERS[field.type].size
             else:
-                values.update(zip(names, step.unpack_from(data, at), strict=True))
-                at += step.size
+                values[field.name], at = value(field, data, at)
         return SimpleNamespace(**values), at
 
     def value(field: Field, data: bytes, at: int) -> tuple[Any, int]:
@@ -241,8 +243,8 @@ def ros1_decoder(definition: Definition) -> Callable[[bytes], Any]:
             raise ValueError("an array or a text is longer than its message")
         if field.type == "string" and field.length is None:
             return data[at : at + count].decode(errors="replace"), at + count
-        if field.type in _FORMATS:
-            numbers = struct.Struct(f"<{count}{_FORMATS[field.type]}")
+        if field.type in _NUMBERS:
+            numbers = struct.Struct(f"<{count}{_NUMBERS[field.type].format[1:]}")
             return numbers.unpack_from(data, at), at + numbers.size
         values, element = list[Any](), field._replace(length=None)
         for _ in range(count):
@@ -257,18 +259,3 @@ def ros1_decoder(definition: Definition) -> Callable[[bytes], Any]:
         return decoded
 
     return decode
-
-
-def _plan(name: str, fields: Sequence[Field]) -> list[_Step]:
-    """The steps that read a type; consecutive numbers are one step."""
-    steps = list[_Step]()
-    for are_numbers, group in groupby(fields, lambda f: f.length is None and f.type in _FORMATS):
-        run = list(group)
-        if are_numbers:
-            formats = "".join(_FORMATS[field.type] for field in run)
-            steps.append(([field.name for field in run], struct.Struct(f"<{formats}")))
-        else:
-            steps += [([field.name], field) for field in run]
-    if not steps:
-        raise ValueError(f"{name} has no fields")
-    return steps

@@ -135,7 +135,7 @@ class PoseLog:
 
     @property
     def damage(self) -> str | None:
-        return "; ".join(filter(None, (self.loss, self._reading.damage))) or None
+        return "; ".join(filter(None, (self.loss, self._reading.notes.damage))) or None
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -144,7 +144,9 @@ class PoseLog:
         counts, why = self.counts, self._assumed.get((self.source.topic, self.source.type))
         why = self._composer.why if self._composer is not None else why
         count = counts.get("known_definition", 0)
-        assumed = assumption_text(count, self.source.type, why) if count and why else self._reading.assumption
+        assumed = (
+            assumption_text(count, self.source.type, why) if count and why else self._reading.notes.assumption
+        )
         doubts = (remark_on_excursions(counts),) if self._is_resumed else remarks_on(counts, self.taken)
         is_reset = counts.get("clock_reset") and self._reading.is_folder
         return tuple(filter(None, (assumed, *doubts, _SEVERAL if is_reset else None)))
@@ -317,9 +319,8 @@ def open_log(
             note, prefix, around = None, sources[source], set(all_sources)
             if source.frame_id and not (frame == source.frames and is_chain):
                 with suppress(NoPoses, MissingExtra):
-                    around |= (
-                        set() if follow else peek(path, ChannelFilter(None, with_transforms=True)).keys()
-                    )
+                    if follow is None:
+                        around |= peek(path, ChannelFilter(None, with_transforms=True)).keys()
                 note = moving_parent_note(around, source)
             return PoseLog(source, reading, logged, prefix, frame, count_late, None, note)
         composition = find_chain(path, all_sources, fitting, frame, relative_to)
@@ -333,7 +334,7 @@ def open_log(
         following = take_prefix(groups)
         head = [*head, *following] if is_chain else following
         if not following or sum(map(len, head)) > _MOST_HEAD:
-            raise _explain(path, frame, set(all_sources), selection, reading.damage)
+            raise _explain(path, frame, set(all_sources), selection, reading.notes.damage)
         sources = poses_by_source(chain.from_iterable(following))
         all_sources = {**sources, **all_sources}
 
@@ -534,8 +535,8 @@ def summarise(path: str, table: TableReading = AS_NAMED) -> RecordingSummary:
         for summary in sources
         if (why := assumed.get((summary.source.topic, summary.source.type))) is not None
     ]
-    assumptions += filter(None, [reading.assumption])
-    about = topics, metadata, tuple(attachments), undecodable, reading.damage
+    assumptions += filter(None, [reading.notes.assumption])
+    about = topics, metadata, tuple(attachments), undecodable, reading.notes.damage
     return RecordingSummary(sources, *about, more_sources, tuple(assumptions))
 
 

@@ -16,7 +16,7 @@ from contact_tracker.recording.bytestream import (
     ZSTD_MAGIC,
     ByteStream,
     Follow,
-    WorkBudget,
+    Notes,
     first_bytes,
     open_stream,
 )
@@ -34,7 +34,6 @@ _OVERLAP_NS: Final = 1_000_000_000
 _PAUSE_NS: Final = 10_000_000_000
 """Largest overlap, and largest gap, between parts of one recording (ns)."""
 _NAMED: Final = 4
-_DAMAGES_SHOWN: Final = 3
 _BEGIN: Final = 64
 """Number of first bytes that identify a format."""
 _BAGS: Final = (b"SQLite format 3\0", b"#ROSBAG V")
@@ -127,7 +126,7 @@ def is_table_file(path: str) -> bool:
 
 
 class Reading:
-    """Iterate once for the items of all parts; afterwards ``damage`` names what could not be read.
+    """Iterate once for the items of all parts; afterwards ``notes`` has what could not be read.
 
     Parameters
     ----------
@@ -138,7 +137,7 @@ class Reading:
 
     Attributes
     ----------
-    assumption : one line on what was assumed about a table, or None.
+    notes : damage and assumptions so far.
     is_table : whether it is a table, which has poses and nothing else.
     decoder : decoder of the messages, whose work is bounded by the bytes read.
 
@@ -166,43 +165,33 @@ class Reading:
                 f"{_shown(path)}: it is a table: say which columns the poses are in by --columns"
             )
         self.path, self._wanted, self._follow, self._table_reading = path, is_wanted, follow, table
-        self.assumption: str | None = None
-        self._damages, self._more_damages = list[str](), 0
-        self.budget = WorkBudget()
-        self.decoder = MessageDecoder(self.budget, table.field)
+        self.notes = Notes()
+        self.decoder = MessageDecoder(self.notes.budget, table.field)
 
     @property
     def is_folder(self) -> bool:
         """Whether the recording is a folder of parts."""
         return os.path.isdir(self.path)
 
-    @property
-    def damage(self) -> str | None:
-        """One line, or None without damage."""
-        remainder = f"and {self._more_damages} more" if self._more_damages else ""
-        return "; ".join(filter(None, (*self._damages, remainder, self.budget.damage))) or None
-
     def __iter__(self) -> Iterator[Item]:
         readable = False
         errors: list[UnreadableRecording] = []
-        for part, single in self._parts():
+        for part in self._parts():
             try:
-                yield from self._part(part, single)
+                self.notes.part = os.path.basename(part) if self.is_folder else ""
+                yield from self._part(part)
                 readable = True
             except (UnreadableRecording, OSError) as error:
                 kind = type(error) if isinstance(error, UnreadableRecording) else UnreadableRecording
                 errors.append(kind(f"{_shown(part)}: {getattr(error, 'strerror', None) or error}"))
                 errors[-1].__cause__ = error
-                self._report(str(errors[-1]))
+                self.notes.part = ""
+                self.notes.report(str(errors[-1]))
         if errors and not readable:
             raise errors[0]
 
-    def _part(self, part: str, single: bool) -> Iterator[Item]:
-        begin = first_bytes(part, _BEGIN)
-
-        def report(text: str) -> None:
-            self._report(text if single else f"{os.path.basename(part)}: {text}")
-
+    def _part(self, part: str) -> Iterator[Item]:
+        begin, notes = first_bytes(part, _BEGIN), self.notes
         if (is_bag := begin.startswith(_BAGS)) or is_table(part, begin):
             if self._wanted is None:
                 return
@@ -211,36 +200,23 @@ class Reading:
             if is_bag:
                 from contact_tracker.recording.bags import read_bag
 
-                yield from read_bag(part, self._wanted, report, self.budget)
+                yield from read_bag(part, self._wanted, notes)
             else:
-                yield from read_table(
-                    part, self._wanted, report, self.budget, self._assume, self._table_reading
-                )
+                yield from read_table(part, self._wanted, notes, self._table_reading)
             return
         refuse_other_formats(part, begin)
         summary = None if self._follow else summary_of(part)
-        with open_stream(part, self._follow, self.budget) as stream:
-            loop = RecordLoop(stream, report, self._wanted, summary)
+        with open_stream(part, self._follow, notes.budget) as stream:
+            loop = RecordLoop(stream, notes.report, self._wanted, summary)
             try:
                 if summary is None or self._wanted is None:
                     yield from loop
                 else:
-                    yield from self._by_log_time(summary, loop, stream, report)
+                    yield from self._by_log_time(summary, loop, stream)
             finally:
                 loop.report_orphans()
 
-    def _report(self, damage: str) -> None:
-        if len(self._damages) < _DAMAGES_SHOWN:
-            self._damages.append(damage)
-        else:
-            self._more_damages += 1
-
-    def _assume(self, text: str) -> None:
-        self.assumption = text if self.assumption is None else f"{self.assumption}; {text}"
-
-    def _by_log_time(
-        self, summary: Summary, loop: RecordLoop, stream: ByteStream, report: Callable[[str], None]
-    ) -> Iterator[Item]:
+    def _by_log_time(self, summary: Summary, loop: RecordLoop, stream: ByteStream) -> Iterator[Item]:
         """The items of a file with an index, messages by log time: overlapping chunks are read by the index;
         messages outside of chunks are buffered, as later ones may have earlier times."""
         statistics, chunks = summary.statistics, summary.chunk_indexes
@@ -262,19 +238,18 @@ class Reading:
         chunks.sort(key=lambda chunk: chunk.message_start_time)
         yield from in_log_order((chunk.message_start_time, loop.items_of(chunk)) for chunk in chunks)
         if loop.is_sound and (lost := statistics.message_count - loop.messages) > 0:
-            report(f"{lost} messages outside of chunks, which overlap in log time, are left out")
+            self.notes.report(f"{lost} messages outside of chunks, which overlap in log time, are left out")
 
-    def _parts(self) -> Iterator[tuple[str, bool]]:
-        """Parts in order, and whether each is the only one; when following, also new parts."""
-        single = not self.is_folder
+    def _parts(self) -> Iterator[str]:
+        """Parts in order; when following, also new parts."""
         if self._follow is None:
-            yield from ((part, single) for part in parts_of(self.path))
+            yield from parts_of(self.path)
             return
         done = set[str]()
-        while not (single and done):
+        while self.is_folder or not done:
             new = [part for part in parts_of(self.path) if part not in done]
             if new:
-                yield new[0], single
+                yield new[0]
                 done.add(new[0])
             elif os.path.exists(os.path.join(self.path, _METADATA)) or not self._follow.wait():
                 return

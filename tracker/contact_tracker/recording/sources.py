@@ -82,9 +82,7 @@ class Stamping(NamedTuple):
         """The stamping by the first poses of a source: one second of log time, at most 2000 poses."""
         good = [(pose.stamp_ns, log_time_ns) for pose, log_time_ns in prefix if pose.stamp_ns]
         are_zero = len(prefix) > 1 and not good
-        stamps = {
-            pose.stamp_ns for pose, _ in prefix
-        }  # coarse if most poses share theirs with a different one
+        stamps = {pose.stamp_ns for pose, _ in prefix}  # coarse if most share theirs with a different pose
         enough = COARSE_SECONDS if all(stamp_ns % SECOND_NS == 0 for stamp_ns in stamps) else COARSE
         by_log_time = are_zero or len({pose[1:] for pose, _ in prefix}) >= enough * len(stamps) > 0
         if not good:
@@ -259,9 +257,7 @@ def _peek_channels(part: str, summary: Summary, missing: Mapping[int, Channel]) 
     with open_stream(part, budget=budget) as stream:
         loop = RecordLoop(stream, lambda text: None, prefixes.__contains__, summary)
         for chunk in sorted(summary.chunk_indexes, key=lambda chunk: chunk.chunk_start_offset):
-            channels = [
-                missing[channel_id] for channel_id in missing.keys() & chunk.message_index_offsets.keys()
-            ]
+            channels = [missing[i] for i in missing.keys() & chunk.message_index_offsets.keys()]
             if sizes.total() >= 4 * BUFFER_BYTES or all(map(is_full, channels)):
                 continue
             for item in loop.items_of(chunk):

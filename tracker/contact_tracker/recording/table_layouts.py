@@ -520,9 +520,7 @@ def layout(columns: Columns, reading: TableReading) -> TableLayout:
         time_ns = NAMED_NS.get(columns.plain[time]) if unit in _CLOCKS else unit_ns
     if reading.has_frame_numbers and unit_ns not in (None, TIMES_NS["s"]):  # whole seconds may be frames
         raise ChoiceError(f"the column {columns.names[time or 0]!r} has times, {NO_FRAMES}")
-    by_body = {
-        body: {r: place for r, place in places.items() if place != time} for body, places in by_body.items()
-    }
+    by_body = {name: {r: i for r, i in places.items() if i != time} for name, places in by_body.items()}
     bodies = bodies_of(by_body, list(zip(columns.names, columns.units, strict=True)), reading)
     if time is None or not bodies:
         best = max(by_body.values(), key=len, default=())
@@ -546,9 +544,7 @@ def with_body(layout: TableLayout, columns: Columns, rows: Rows) -> TableLayout:
             position, last = layout.bodies[0].columns[:3], max(place, *layout.places)
             first = [row for row in rows() if len(row) > last]
             names = [row[place].strip(BLANKS) for row in first]
-            times = (
-                [row[layout.time] for row in first] if layout.time >= 0 else [*map(str, range(len(first)))]
-            )
+            times = [row[layout.time] if layout.time >= 0 else str(i) for i, row in enumerate(first)]
             positions = np.array([numbers([row[i] for i in position]) for row in first]).reshape(-1, 3)
             if _are_bodies(names, times, positions):
                 return replace(layout, body=place)
@@ -611,11 +607,9 @@ def _listed(names: Sequence[str]) -> str:
     def run(place: int) -> tuple[str, int]:
         """The name of a list and the place of its element 0; for other columns name and place."""
         part = _SLICE.fullmatch(names[place])
-        return (
-            (names[place], place)
-            if part is None or not part[1] or part[3]
-            else (part[1], int(part[2]) - place)
-        )
+        if part is None or not part[1] or part[3]:
+            return names[place], place
+        return part[1], int(part[2]) - place
 
     listed = list[str]()
     for (base, begin), group in groupby(range(len(names)), run):

@@ -224,10 +224,10 @@ class _Proposal:
         """The name of the column that seems to be the time, if any, and its description."""
         columns, has_frames = self._columns, any(map(FRAME.fullmatch, self._columns.plain))
         like = next(filter(_LIKE_TIME.match, filter(CAN_BE_GIVEN, columns.names)), None)
-        if has_frames or like is not None:
-            return (
-                (None, "its times are numbers of frames") if has_frames else (like, f"if {like} is the time")
-            )
+        if has_frames:
+            return None, "its times are numbers of frames"
+        if like is not None:
+            return like, f"if {like} is the time"
         taken = {place for places in columns.find(self._stated).values() for place in places.values()}
         is_index = len(columns.numbered(UNNAMED)) == 1  # of a DataFrame
         for place, name in enumerate(columns.names):
@@ -243,10 +243,8 @@ class _Proposal:
 
     def _values(self, places: Sequence[int]) -> Array:
         """The numbers (N, k) of the first rows in columns."""
-        rows = [
-            numbers([row[i] for i in places]) for row in self._rows() if len(row) > max(places, default=0)
-        ]
-        return np.array(rows).reshape(-1, len(places))
+        rows = (row for row in self._rows() if len(row) > max(places, default=0))
+        return np.array([numbers([row[i] for i in places]) for row in rows]).reshape(-1, len(places))
 
     def commands(self, readings: Sequence[TableReading], is_square: bool = False) -> str:
         """The commands of readings, and alternatives: for a group of four values, with the real part first;
@@ -260,14 +258,12 @@ class _Proposal:
                 reading, of_unit = in_unit(reading, table.bodies[0], self._values(table.bodies[0].columns))
                 about |= {of_unit: None} if of_unit else {}
                 if table.time >= 0 and not (table.time_ns or table.rest is not None):
-                    reading = reading.with_(
-                        reading_of(time_unit=unit_of_dates(self._values([table.time])[:, 0]))
-                    )
+                    unit = unit_of_dates(self._values([table.time])[:, 0])
+                    reading = reading.with_(reading_of(time_unit=unit))
             columns, text = dict(reading.columns), reading.command(self._path)
             if is_square:
-                text += (
-                    f" or, if it goes along columns, {replace(reading, matrix='columns').command(self._path)}"
-                )
+                along_columns = replace(reading, matrix="columns").command(self._path)
+                text += f" or, if it goes along columns, {along_columns}"
             elif (group := columns.pop("quaternion", None)) is not None:
                 real_first = replace(reading, columns=(*columns.items(), ("wxyz", group)))
                 text += f" or, with the real part first, {real_first.command(self._path)}"
@@ -278,7 +274,18 @@ class _Proposal:
     @np.errstate(over="ignore", invalid="ignore")  # numbers may be of any size
     def text(self) -> str | None:
         """The meaning with its commands; None if nothing fits."""
-        columns, reading = self._columns, self._reading
+        for meaning, candidate, is_square in self._candidates():
+            fault = _fault(self._columns, candidate)
+            if fault is None:
+                return f"{meaning} read them by {self.commands([candidate], is_square)}"
+            if (text := self._of_rotation(fault, candidate)) is not None:
+                return text
+        return None
+
+    def _candidates(self) -> Iterator[tuple[str, TableReading, bool]]:
+        """The meaning in words, the reading, and whether it has a square matrix: of known systems, of the
+        columns as they are named, and of groups of numbered columns, alone and in pairs."""
+        columns = self._columns
         lower = {*map(str.lower, columns.names), *columns.plain}
         prefixed = islice(filter(None, map(_PREFIX.match, sorted(lower))), _MOST_GROUPS)
         prefixes = "", *dict.fromkeys(match[0] for match in prefixed)
@@ -287,25 +294,9 @@ class _Proposal:
             if lower.issuperset(prefix + name for name in names):
                 roles = ((role, prefix + name) for role, name in meaning.columns)
                 spelled = tuple((role, written.get(name.lower(), name)) for role, name in roles)
-                candidate = replace(meaning, columns=spelled).with_(reading)
-                if not _fault(columns, candidate):
-                    return f"if its columns are those of {system}, read them by {self.commands([candidate])}"
-        fault = _fault(columns, reading)
-        if fault is None:
-            return f"{self._about_time}: read them by {self.commands([reading])}"
-        if (text := self._of_rotation(fault, reading)) is not None:
-            return text
-        for candidate, is_square in self._groups():
-            fault = _fault(columns, candidate)
-            if not fault:
-                return f"if its columns are meant so, read them by {self.commands([candidate], is_square)}"
-            if (text := self._of_rotation(fault, candidate)) is not None:
-                return text
-        return None
-
-    def _groups(self) -> Iterator[tuple[TableReading, bool]]:
-        """Readings of groups of numbered columns, alone and in pairs, and whether one is a square matrix."""
-        columns = self._columns
+                candidate = replace(meaning, columns=spelled).with_(self._reading)
+                yield f"if its columns are those of {system},", candidate, False
+        yield f"{self._about_time}:", self._reading, False
         matches = [pattern.fullmatch(name) for name in columns.names for pattern in (NUMBERED, BY_ROW)]
         bases = dict.fromkeys(match[1] for match in matches if match is not None and CAN_BE_GIVEN(match[1]))
         bases = {base: None for base in bases if base not in columns.names}  # a name that occurs twice
@@ -323,7 +314,8 @@ class _Proposal:
                 meaning = reading_of({"rotation": base}) if is_turn else self._meant(base)
                 has_time = any(role == TIME for role, _ in meaning.columns)
                 candidate = meaning.with_(self._stated if has_time else candidate)
-            yield candidate, candidate.matrix is not None and 9 in [size for _, size in groups]
+            is_square = candidate.matrix is not None and 9 in [size for _, size in groups]
+            yield "if its columns are meant so,", candidate, is_square
 
     def _meant(self, base: str) -> TableReading:
         """The reading of numbered columns by their first values: of a matrix, or of a position with a unit

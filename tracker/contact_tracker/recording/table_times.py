@@ -175,11 +175,8 @@ class TableTimes:
             return self._stamps_of_dates(times)
         assert self._scale is not None
         is_number &= np.abs(floats * self._scale - self._epoch_ns) < RANGE_NS
-        if self._scale == round(self._scale):  # exact to the written nanosecond
-            unit_ns, written = round(self._scale), compress(times, is_number)
-            stamps[is_number] = [exact_ns(time, unit_ns) - self._epoch_ns for time in written]
-        else:
-            stamps[is_number] = np.round(floats[is_number] * self._scale)
+        written = compress(times, is_number)  # exact to the nanosecond
+        stamps[is_number] = [exact_ns(time, self._scale) - self._epoch_ns for time in written]
         if rests is not None:
             more_ns = numbers(rests) * self._rest_ns
             has_rest = (more_ns >= 0) & (more_ns < 1e9)
@@ -228,11 +225,11 @@ class TableTimes:
             self._assume(doubt)
 
 
-def exact_ns(time: str, unit_ns: int) -> int:
+def exact_ns(time: str, unit_ns: float) -> int:
     """Nanoseconds of a number as text; raises ValueError or OverflowError if it is none."""
     plain = plain_number(time)
     try:
-        return round(Decimal(plain) * unit_ns)
+        return round(Decimal(plain) * Decimal(unit_ns))
     except ArithmeticError:  # an exponent of many digits
         return round(float(plain) * unit_ns)
 

@@ -15,7 +15,14 @@ from contact_tracker.config.quantities import RANGE_NS
 from contact_tracker.config.table_reading import AS_NAMED, TableReading
 from contact_tracker.errors import ChoiceError, UnreadableRecording, printable
 from contact_tracker.motion.poses import Poses, ReadAs
-from contact_tracker.recording.bytestream import TABLE_ENDINGS, WHAT_IS_READ, WorkBudget, first_bytes, is_text
+from contact_tracker.recording.bytestream import (
+    TABLE_ENDINGS,
+    WHAT_IS_READ,
+    Notes,
+    WorkBudget,
+    first_bytes,
+    is_text,
+)
 from contact_tracker.recording.items import ROWS, Channel, PoseSource, Rows
 from contact_tracker.recording.table_layouts import (
     BLANKS,
@@ -136,28 +143,16 @@ def has_poses(path: str) -> bool:
 
 
 def read_table(
-    path: str,
-    is_wanted: Callable[[Channel], bool],
-    report: Callable[[str], None],
-    budget: WorkBudget,
-    assume: Callable[[str], None],
-    reading: TableReading = AS_NAMED,
+    path: str, is_wanted: Callable[[Channel], bool], notes: Notes, reading: TableReading
 ) -> Iterator[Rows]:
-    """The poses of a table in columns, batch by batch; each body is a source.
-
-    Parameters
-    ----------
-    is_wanted : accepts channels; other poses are not read.
-    report : called with one line on rows that cannot be read.
-    budget : bounds the size of a compressed table.
-    assume : called with one line on each assumption.
-    reading : what the user states of its columns.
+    """The poses of a table in columns, batch by batch; each body is a source. They are not read if
+    ``is_wanted`` does not accept their channel. ``reading`` is what the user states of the columns.
 
     Raises UnreadableRecording if it has no pose columns, their meaning is not known, or angles exceed a turn
     in radians; and ChoiceError if the reading does not fit.
     """
     try:
-        table = _opened(path, reading, budget)
+        table = _opened(path, reading, notes.budget)
     except ProposedReading as error:
         raise UnreadableRecording(str(error)) from error
     except UnreadableRecording as error:
@@ -168,11 +163,11 @@ def read_table(
         ) from error
     layout, topic = table.layout, os.path.basename(path)
     if layout.note:
-        assume(layout.note)
+        notes.assume(layout.note)
     read_as = ReadAs(False, reading, path, layout.quaternion, layout.has_angles)
     sources = tuple(PoseSource(topic, layout.kind, "", body.name, None, read_as) for body in layout.bodies)
     is_read = is_wanted(Channel(topic, ROWS, layout.kind, "", b""))
-    times, count, lost, why, doubt = TableTimes(path, layout, reading, assume), 0, 0, "", ""
+    times, count, lost, why, doubt = TableTimes(path, layout, reading, notes.assume), 0, 0, "", ""
     for columns in table if is_read else ():
         rows_read = len(next(iter(columns.values())))
         texts = [*map(str, range(count, count + rows_read) if layout.time < 0 else columns[layout.time])]
@@ -189,7 +184,7 @@ def read_table(
         if doubt_of_batch := next(filter(None, doubts), ""):
             if count == rows_read:
                 raise UnreadableRecording(doubt_of_batch)
-            assume(doubt := doubt_of_batch)  # unwrapped angles grow with time: a stream goes on
+            notes.assume(doubt := doubt_of_batch)  # unwrapped angles grow with time: a stream goes on
         poses = (body.poses(rows) for rows, body in values)
         by_body = tuple(Poses(stamps, rows[:, :3], rows[:, 3:])[good] for rows in poses)
         if layout.body is None:
@@ -198,9 +193,9 @@ def read_table(
             names = compress(columns[layout.body], good)
             yield from _of_bodies(sources[0], [str(name).strip(BLANKS) for name in names], by_body[0])
     if lost:
-        report(f"{lost} {'row has' if lost == 1 else 'rows have'} {why}")
+        notes.report(f"{lost} {'row has' if lost == 1 else 'rows have'} {why}")
     for damage in table.damage:
-        report(damage)
+        notes.report(damage)
 
 
 def _of_bodies(source: PoseSource, names: Sequence[str], poses: Poses) -> Iterator[Rows]:

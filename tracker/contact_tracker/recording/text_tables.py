@@ -394,10 +394,9 @@ def _motive_layout(lines: Sequence[str], reading: TableReading, path: str) -> Ta
             names = (name if i == 1 else f"{name} {i}" for i in range(1, len(cells[head]) + 2))
             bodies.setdefault(next(n for n in names if role not in bodies.get(n, ())), {})[role] = place
     unit = reading.unit or about.get("length units", about.get("units", "Meters"))
+    by_body, axes = by_kind["bone"] | by_kind["rigid body"], [(name, "") for name in cells[head]]
     try:
-        named = bodies_of(
-            by_kind["bone"] | by_kind["rigid body"], [(name, "") for name in cells[head]], reading, unit
-        )
+        named = bodies_of(by_body, axes, reading, unit)
     except OpenReading:
         stated = reading.with_(reading_of(euler=f"{rotation}:deg")).command(path)
         raise UnreadableRecording(
@@ -540,9 +539,8 @@ def _layout_of_rows(
         try:
             layout = layout_of_names(inner or named, reading, path, [] if inner else units, cells_of)
         except (UnreadableRecording, ChoiceError) as error:
-            errors.setdefault(
-                (isinstance(error, ProposedReading), -1 if i in comments else len(names)), error
-            )
+            count = -1 if i in comments else len(names)
+            errors.setdefault((isinstance(error, ProposedReading), count), error)
             continue
         layout = replace(layout, separator=separator, skip=skip)
         if inner:

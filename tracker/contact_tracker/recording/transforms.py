@@ -212,6 +212,8 @@ _BACK_NS: Final = 10_000_000_000
 _FORWARD_NS: Final = 3_600_000_000_000
 """Largest jumps of the stamps of a transform (ns); after larger ones its samples start anew."""
 _FARTHEST_NS: Final = 2**61
+_ZERO_IS_UNSET: Final = Stamping(offset_ns=0, near_zero_ns=-1)
+"""The stamping of sources with too few poses to decide whether zero is unset."""
 
 
 class Composer:
@@ -264,13 +266,8 @@ class Composer:
                 continue
             source, pose, log_time_ns = entry
             if source in self._tracks:
-                stamping = self._stampings.get(source)
                 counts = self.counts if source == body else Counter[str]()
-                if stamping is not None:
-                    pose = stamping.stamped(pose, log_time_ns, counts)
-                elif not pose.stamp_ns and log_time_ns:  # too few poses to decide whether zero is unset
-                    pose = pose._replace(stamp_ns=log_time_ns)
-                    counts["log_time_as_stamp"] += 1
+                pose = self._stampings.get(source, _ZERO_IS_UNSET).stamped(pose, log_time_ns, counts)
                 if source == body:
                     self._waiting.append((pose, log_time_ns))
                 else:

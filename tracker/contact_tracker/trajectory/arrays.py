@@ -3,7 +3,6 @@
 The columns of a table, such as a DataFrame, are identified by name, as in files.
 """
 
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 from typing import Any, Final
@@ -25,7 +24,6 @@ from contact_tracker.geometry.elements import Array
 from contact_tracker.motion.poses import Poses, real_number, real_numbers
 from contact_tracker.recording.table_layouts import are_no_radians, doubt_angles, quaternions
 from contact_tracker.recording.table_proposals import FIRST_ROWS, layout_of_names
-from contact_tracker.suggestions import closest
 from contact_tracker.trajectory.arguments import python_words
 
 _NO_TIMES: Final = "stamps are no real numbers or dates: convert text, as by pandas.to_datetime"
@@ -195,9 +193,7 @@ def cells_of(table: Any) -> list[list[str]]:
     return [names, *([str(value) for value in row] for row in rows)]
 
 
-def with_columns(
-    table: Any, reading: TableReading, stamp: Any, position_m: Any, quat_xyzw: Any
-) -> TableReading:
+def with_columns(reading: TableReading, stamp: Any, position_m: Any, quat_xyzw: Any) -> TableReading:
     """The reading with the named columns of stamps, positions and quaternions; raises UsageError."""
     columns = {} if stamp is None else {TIME: stamp}
     for name, keys, roles in (("position_m", position_m, POSITION), ("quat_xyzw", quat_xyzw, QUATERNION)):
@@ -206,15 +202,9 @@ def with_columns(
         if not isinstance(keys, Sequence) or isinstance(keys, str) or len(keys) != len(roles):
             raise UsageError(f"{name} names {len(roles)} columns, {' '.join(roles)}")
         columns |= dict(zip(roles, keys, strict=True))
-    names = names_in(table)
-    for name in columns.values():
-        if not isinstance(name, str):
-            raise UsageError(f"the name of a column is text, not {shown(name)}")
-        if name not in names:
-            with_unit = (column for column in names if re.match(rf"{re.escape(name)}\W", column))
-            near = next(with_unit, None) or closest(name, names)
-            hint = f"; did you mean {near!r}?" if near else f"; there are {', '.join(names[:20])}"
-            raise UsageError(f"no column {name!r}{hint}")
+    for key in columns.values():
+        if not isinstance(key, str):
+            raise UsageError(f"the name of a column is text, not {shown(key)}")
     return reading.with_(reading_of(columns))
 
 
@@ -226,7 +216,7 @@ def columns_of(table: Any, reading: TableReading) -> tuple[NDArray[Any], float |
     UsageError
         The columns are not those of a single body, have no numbers, or angles exceed a turn in radians.
     """
-    keys = _keys(table)
+    names, keys = names_in(table), _keys(table)
     if not keys:
         raise UsageError("the table has no columns")
 
@@ -235,7 +225,7 @@ def columns_of(table: Any, reading: TableReading) -> tuple[NDArray[Any], float |
         return list(zip(*columns, strict=False))
 
     try:
-        layout = layout_of_names(names_in(table), reading, "", rows=first_rows)
+        layout = layout_of_names(names, reading, "", rows=first_rows)
     except (UnreadableRecording, ChoiceError) as error:
         raise UsageError(python_words(str(error))) from error
     if len(layout.bodies) > 1:

@@ -193,9 +193,8 @@ class Trajectory:
         """
         kind = {"euler": euler, "rotation_vector": rotation_vector, "matrix": matrix, "rate": rate}
         table = with_index(table)
-        reading = with_columns(
-            table, stated(unit, time_unit, columns=columns, **kind), stamp, position_m, quat_xyzw
-        )
+        reading = stated(unit, time_unit, columns=columns, **kind)
+        reading = with_columns(reading, stamp, position_m, quat_xyzw)
         return cls._passed(*columns_of(table, reading), reading)
 
     @classmethod
@@ -349,12 +348,10 @@ def read(
     with errors_as(UnreadableRecording, text), in_python():
         log = open_log(text, topic, frame, relative_to=relative_to, table=reading)
         poses = Poses.join(list(log.batches()))
-    counts = dict(log.counts)
-    if not len(poses):
-        with in_python():
+        if not len(poses):
             raise log.no_poses(text)
     warn_of(log.warnings)
-    log_counts(text, counts)
+    log_counts(text, log.counts)
     with errors_as(UnreadableRecording, text):
         return Trajectory.from_log(log, text, poses, reading == AS_NAMED)
 
