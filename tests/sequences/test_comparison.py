@@ -11,10 +11,11 @@ import contact_tracker
 from command_line import run
 from contact_tracker.errors import DIFFERENT, ContactTrackerWarning, UsageError
 from contact_tracker.exports.sequence_figures import draw_comparison
-from contact_tracker.geometry.elements import ContactGeometry, Origins, shifted
+from contact_tracker.geometry.elements import ContactGeometry, Line, Origins, Plane, Point, shifted
+from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.recording import write_recording
 from contact_tracker.sequences.comparison import Verdict, compare_outcomes
-from contact_tracker.sequences.steps import sighting_of, steps_of
+from contact_tracker.sequences.steps import distances, sighting_of, steps_of
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.segmentation import BELIEF, Beliefs
 from contact_tracker_lab.simulate import simulate
@@ -124,7 +125,28 @@ def test_a_moved_step_is_elsewhere_by_how_far(first) -> None:
     assert step.surroundings.shift_m == pytest.approx(UP_M)
     assert 0.0 < step.surroundings.shift_sd_m < 0.01
     assert step.object.shift_m == pytest.approx(0.0)
-    assert f"elsewhere 1.00  {1e3 * UP_M:.3g}+/-" in str(compare_outcomes(first, moved))
+    assert f"elsewhere 1.00  {1e3 * UP_M:.1f}+/-" in str(compare_outcomes(first, moved))
+
+
+@pytest.mark.parametrize("kind", [Plane, Line])
+@pytest.mark.parametrize("angle_deg", [0.5, 30.0, 88.0])
+def test_the_angle_of_two_elements(first, kind, angle_deg) -> None:
+    """Standard deviations of 0.1 deg, of each direction."""
+    step, sd_rad = steps_of(first)[1], np.radians(0.1)
+    parts = []
+    for angle in np.radians([0.0, angle_deg]):
+        direction = np.array([np.cos(angle), np.sin(angle), 0.0])
+        across = np.eye(3) - np.outer(direction, direction)
+        covariance = np.zeros((4, 4) if kind is Plane else (6, 6))
+        covariance[:3, :3] = sd_rad**2 * across
+        rest = (0.0,) if kind is Plane else (np.zeros(3),)
+        element = kind(direction, *rest, covariance=covariance)
+        segment = replace(step.segment, geometry=ContactGeometry(Point(np.zeros(3)), element))
+        parts.append(replace(step, segment=segment, sighting=None))
+    world = GrowingMap(0.3)
+    _, surroundings = distances(*parts, world, world, (np.zeros(3), np.zeros(3)))
+    assert np.degrees(surroundings.turn_rad) == pytest.approx(angle_deg)
+    assert surroundings.turn_sd_rad == pytest.approx(np.sqrt(2.0) * sd_rad)
 
 
 def test_places_are_not_compared_where_elements_are_given(first) -> None:

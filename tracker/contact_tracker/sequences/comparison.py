@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from itertools import takewhile
-from math import hypot, sqrt
+from math import floor, hypot, log10, sqrt
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -283,7 +283,7 @@ def _difference(step: ComparedStep) -> str:
     if step.verdict is not Verdict.ELSEWHERE:
         return "" if np.isnan(step.longer_s) else f"{step.longer_s:+.2f}+/-{step.longer_sd_s:.2g} s"
     figures = [
-        (value / sd, f"{value:.3g}+/-{sd:.2g} {unit}")
+        (value / sd, f"{value:.{max(1 - floor(log10(sd)), 0)}f}+/-{sd:.2g} {unit}")  # as exact as the sd
         for value, sd, unit in (*step.object.figures, *step.surroundings.figures)
         if sd > 0.0
     ]

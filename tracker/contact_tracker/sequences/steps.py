@@ -4,7 +4,7 @@ touching elements; whether steps of two recordings touch the same elements, and 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from math import degrees, sqrt
+from math import asin, cos, degrees, sqrt
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -198,12 +198,12 @@ def _distance(first: Element, second: Element, near_m: Array) -> Distance:
         case Line(), Line():
             turn = y[:3] if x[:3] @ y[:3] >= 0.0 else -y[:3]
             shift = _length(y[3:] - x[3:], covariance[3:, 3:])
-            return Distance(*shift, *_length(turn - x[:3], covariance[:3, :3]))
+            return Distance(*shift, *_angle(turn - x[:3], covariance[:3, :3]))
         case Plane(), Plane():
             off = (y if x[:3] @ y[:3] >= 0.0 else -y) - x
             row = np.append(near_m, -1.0)
             sd = sqrt(max(float(row @ covariance @ row), 0.0))
-            return Distance(abs(float(row @ off)), sd, *_length(off[:3], covariance[:3, :3]))
+            return Distance(abs(float(row @ off)), sd, *_angle(off[:3], covariance[:3, :3]))
     return UNKNOWN
 
 
@@ -212,3 +212,11 @@ def _length(vector: Array, covariance: Array) -> tuple[float, float]:
     size = float(np.linalg.norm(vector))
     unit = vector / max(size, np.finfo(float).tiny)
     return size, sqrt(max(float(unit @ covariance @ unit), 0.0))
+
+
+def _angle(difference: Array, covariance: Array) -> tuple[float, float]:
+    """The angle between two directions by the difference of their unit vectors, and its standard
+    deviation."""
+    chord, sd = _length(difference, covariance)
+    half_rad = asin(min(0.5 * chord, 1.0))
+    return 2.0 * half_rad, sd / cos(half_rad)
