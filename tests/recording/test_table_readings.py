@@ -565,3 +565,24 @@ def test_degrees_that_are_read_as_radians_are_refused(tmp_path, how):
     rows[:, 4] = np.where(np.arange(300) == 7, 8.0, 0.01 * turn_deg)  # a single row is an outlier
     saved("rx,ry,rz")
     assert len(read(path, **how)) == 300
+
+
+def test_angles_that_may_be_radians_are_said(tmp_path: Path, recwarn: pytest.WarningsRecorder) -> None:
+    """Not if they are larger than half a turn in radians, or if the names of columns state the unit."""
+    rows = np.column_stack([0.01 * np.arange(300), np.full((300, 3), 0.2), np.zeros((300, 3))])
+    path = tmp_path / "take.csv"
+    for largest, unit, is_said in (
+        (3.1, "", True),
+        (0.1, "", False),
+        (4.0, "", False),
+        (3.1, " [deg]", False),
+    ):
+        rows[:, 4] = np.linspace(0.0, largest, 300)
+        names = ("time [s]", "x", "y", "z", *(f"r{axis}{unit}" for axis in "xyz"))
+        np.savetxt(path, rows, "%.6f", ",", header=",".join(names), comments="")
+        for source in (path, dict(zip(names, rows.T, strict=True))):
+            (read if source is path else Trajectory.from_dataframe)(source, euler="xyz:deg")
+            texts = [str(warning.message) for warning in recwarn]
+            recwarn.clear()
+            assert any("angles are within 3.10 deg: if they are radians" in text for text in texts) == is_said
+            assert not is_said or any("euler='xyz:rad'" in text for text in texts)

@@ -37,6 +37,10 @@ _LOST_DEG: Final = 999.0
 """Least number in columns of angles that stands for a lost pose."""
 _OUTLIER_SHARE: Final = 0.01
 """Largest share of rows with angles beyond a turn that are outliers, not in another unit."""
+_LEAST_TURN: Final = 0.5
+_HALF_TURN: Final = 3.1416
+"""A largest angle between these is also one in radians of an object that is handled; in degrees it hardly
+turns. It costs a line of text, no label."""
 
 
 def _from_euler(angles: Array, how: str) -> Array:
@@ -193,6 +197,26 @@ def doubt_angles(values: Array, body: Body, reading: TableReading, path: str) ->
     return (
         f"its angles as radians are larger than a turn: if they are degrees, read them by {command}; if "
         "not, write the unit into the names of their columns, as in 'rx [rad]'"
+    )
+
+
+def largest_deg(values: Array, body: Body) -> float:
+    """Largest angle (deg) among the ``values`` (N, k) of a body's columns whose names do not state the unit;
+    NaN without any."""
+    has_angles = body.kind in ("euler", "rotation_vector") and body.how.endswith("deg")
+    if not has_angles or body.has_angle_unit or not np.isfinite(values[:, 3:]).any():
+        return np.nan
+    return float(np.nanmax(np.abs(values[:, 3:])))
+
+
+def doubt_degrees(largest: float, reading: TableReading, path: str) -> str:
+    """What to do if the largest angle (deg) of a table is one that radians have; empty if it is not."""
+    if not _LEAST_TURN < largest <= _HALF_TURN or reading.euler is None:
+        return ""
+    way = reading.with_(reading_of(euler=reading.euler.replace(":deg", ":rad")))
+    return (
+        f"its angles are within {largest:.2f} deg: if they are radians, read them by {way.command(path)}; if "
+        "not, write the unit into the names of their columns, as in 'rx [deg]'"
     )
 
 

@@ -32,6 +32,8 @@ from contact_tracker.recording.table_layouts import (
     TableLayout,
     are_numbers,
     doubt_angles,
+    doubt_degrees,
+    largest_deg,
     numbers,
 )
 from contact_tracker.recording.table_times import NEVER, TableTimes
@@ -168,6 +170,7 @@ def read_table(
     sources = tuple(PoseSource(topic, layout.kind, "", body.name, None, read_as) for body in layout.bodies)
     is_read = is_wanted(Channel(topic, ROWS, layout.kind, "", b""))
     times, count, lost, why, doubt = TableTimes(path, layout, reading, notes.assume), 0, 0, "", ""
+    largest = np.nan
     for columns in table if is_read else ():
         rows_read = len(next(iter(columns.values())))
         texts = [*map(str, range(count, count + rows_read) if layout.time < 0 else columns[layout.time])]
@@ -185,6 +188,7 @@ def read_table(
             if count == rows_read:
                 raise UnreadableRecording(doubt_of_batch)
             notes.assume(doubt := doubt_of_batch)  # unwrapped angles grow with time: a stream goes on
+        largest = np.fmax.reduce([largest, *(largest_deg(rows, body) for rows, body in values)])
         poses = (body.poses(rows) for rows, body in values)
         by_body = tuple(Poses(stamps, rows[:, :3], rows[:, 3:])[good] for rows in poses)
         if layout.body is None:
@@ -194,6 +198,8 @@ def read_table(
             yield from _of_bodies(sources[0], [str(name).strip(BLANKS) for name in names], by_body[0])
     if lost:
         notes.report(f"{lost} {'row has' if lost == 1 else 'rows have'} {why}")
+    if doubt := doubt_degrees(largest, reading, path):
+        notes.assume(doubt)
     for damage in table.damage:
         notes.report(damage)
 

@@ -22,9 +22,15 @@ from contact_tracker.config.table_reading import (
 from contact_tracker.errors import ChoiceError, UnreadableRecording, UsageError, shown
 from contact_tracker.geometry.elements import Array
 from contact_tracker.motion.poses import Poses, real_number, real_numbers
-from contact_tracker.recording.table_layouts import are_no_radians, doubt_angles, quaternions
+from contact_tracker.recording.table_layouts import (
+    are_no_radians,
+    doubt_angles,
+    doubt_degrees,
+    largest_deg,
+    quaternions,
+)
 from contact_tracker.recording.table_proposals import FIRST_ROWS, layout_of_names
-from contact_tracker.trajectory.arguments import python_words
+from contact_tracker.trajectory.arguments import python_words, warn_of
 
 _NO_TIMES: Final = "stamps are no real numbers or dates: convert text, as by pandas.to_datetime"
 _ORDERS: Final = {"xyzw": (0, 1, 2, 3), "wxyz": (1, 2, 3, 0)}
@@ -246,6 +252,7 @@ def columns_of(table: Any, reading: TableReading) -> tuple[NDArray[Any], float |
     values = rows(stacked, "columns of a pose", len(columns))
     if doubt := doubt_angles(values, body, reading, ""):
         raise UsageError(python_words(doubt))
+    warn_of(filter(None, [doubt_degrees(largest_deg(values, body), reading, "")]))
     poses = body.poses(values)
     if layout.time < 0:
         return np.arange(len(values)), layout.time_ns, poses
