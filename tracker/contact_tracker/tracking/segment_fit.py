@@ -42,7 +42,7 @@ from contact_tracker.map.association import ElementEstimate
 from contact_tracker.map.elements import is_same_element
 from contact_tracker.map.map import Map
 from contact_tracker.map.pairs import Frame, named_pairs
-from contact_tracker.motion.free_motion import NOW_TICKS
+from contact_tracker.motion.free_motion import LONGEST_COAST_S, NOW_TICKS
 from contact_tracker.motion.window import Window, at_rest
 from contact_tracker.states import STATES, Contact, united
 from contact_tracker.tracking import ambiguity
@@ -54,6 +54,8 @@ from contact_tracker.wrenches.contact_evidence import WindowEvidence
 
 LONGEST_TICKS: Final = 6000
 """Largest number of ticks of a segment that are fitted."""
+MOTION, FLUSH, REST, GAP = range(4)
+"""What a tick shows, see ``FinishedSegment``."""
 PIECE_TICKS: Final = 60
 """Length, in ticks, of the pieces of a longer segment; those with the most motion are fitted."""
 
@@ -312,37 +314,36 @@ class FinishedSegment(NamedTuple):
         return segment.with_fit(SegmentFit(free, None, rivals, np.zeros(1)))
 
     def with_fit(self, fit: SegmentFit) -> tuple[tuple[Segment, ...], Beliefs]:
-        """The segment, split where the object rests, and the beliefs of its ticks."""
+        """The segment, split where the object rests or is not seen, and the beliefs of its ticks."""
         fit = self._open_to_likelier_states(fit)
         contact, column, known_map = fit.contact, fit.contact.column, self.ticks.known_map
         beliefs = np.zeros(len(self.rows), BELIEF)
         curved = np.broadcast_to(fit.curved, len(beliefs))
-        is_open, resting = (curved > 0.5) & (fit.share is None), np.zeros(len(beliefs), bool)
+        is_open = (curved > 0.5) & (fit.share is None)
         at_rest = ambiguity.others_at_rest(contact, known_map, fit.inseparable)
-        flush = resting
-        if at_rest and fit.share is None:
-            resting = self.resting
-            flush = self._flush(fit) & ~resting
-        columns = beliefs, self.posterior, resting, flush, is_open
-        for belief, posterior, rests, lies, bends in zip(*columns, strict=True):
-            states = fit.with_flush if lies else known_map.allowed if bends else fit.inseparable
+        elsewhere = tuple(state for state in STATES if state is not contact and known_map.allows(state))
+        open_states = fit.inseparable, fit.with_flush, at_rest, elsewhere
+        shown = self._shown(fit, bool(at_rest))
+        for belief, posterior, what, bends in zip(beliefs, self.posterior, shown, is_open, strict=True):
+            states = fit.with_flush if what == FLUSH else known_map.allowed if bends else fit.inseparable
             args = states, known_map, fit.leaves_constraints_unnamed, fit.share
             probability = ambiguity.reported(posterior, contact, *args)
-            if rests:
-                states, probability = at_rest, ambiguity.at_most(probability, contact, possible=at_rest)
+            if what >= REST:
+                states = open_states[what]
+                probability = ambiguity.at_most(probability, contact, possible=states)
             belief["probability"] = probability
             belief["inseparable"] = [state in states for state in STATES]
         beliefs["stamp_ns"], beliefs["onset_ns"] = self.rows["stamp_ns"], self.rows["start_ns"][0]
         beliefs["contact"], beliefs["residual"] = column, self.rows["residual"]
         beliefs["geometry"] = -1 if fit.geometry is None else 0
         joints = [joint for _, joint in fit.joints]
-        joint_number = np.where(resting, -1, self._joint_numbers(fit))
+        joint_number = np.where(shown >= REST, -1, self._joint_numbers(fit))
         beliefs["joint"] = joint_number
         further = self._further(fit.formation)
         beliefs["further"], formations = _formations_of(further, self.rows["stamp_ns"], fit.formation.ranks)
         contacts = tuple(contact for _, contact in further)
-        change = np.diff(resting) | np.diff(flush) | (np.diff(joint_number) != 0)
-        changes = [*np.flatnonzero(change) + 1, len(resting)]
+        change = (np.diff(shown) != 0) | (np.diff(joint_number) != 0)
+        changes = [*np.flatnonzero(change) + 1, len(shown)]
         at_contact = self._at_contact(fit.contact, fit.geometry)
         segments = tuple(
             Segment(
@@ -350,7 +351,7 @@ class FinishedSegment(NamedTuple):
                 contact,
                 float(beliefs["probability"][first:end, column].mean()),
                 fit.geometry,
-                at_rest if resting[first] else fit.with_flush if flush[first] else fit.inseparable,
+                open_states[shown[first]],
                 _within(contacts, *self._span(first, end)),
                 None if joint_number[first] < 0 else joints[joint_number[first]],
                 *at_contact(first, end),
@@ -367,6 +368,19 @@ class FinishedSegment(NamedTuple):
             return np.full(len(self.rows), -1)
         later = [first for first, _ in fit.joints[1:]]
         return np.searchsorted(later, self.ticks.window.index, side="right")
+
+    def _shown(self, fit: SegmentFit, opens_at_rest: bool) -> NDArray[np.int64]:
+        """What each tick (n,) shows: ``MOTION``, a ``FLUSH`` face, a ``REST``, or nothing, in a ``GAP`` so
+        long that the object may have been elsewhere. With wrenches, which show more, only motion and gaps."""
+        shown = np.full(len(self.rows), MOTION)
+        if opens_at_rest and fit.share is None:
+            shown[self._flush(fit)] = FLUSH
+            shown[self.resting] = REST
+        empty = np.diff(self.rows["count"] == 0.0, prepend=False, append=False)
+        for first, end in np.flatnonzero(empty).reshape(-1, 2):
+            if (end - first) * self.ticks.model.tick_s > LONGEST_COAST_S:
+                shown[first:end] = GAP
+        return shown
 
     def _open_to_likelier_states(self, fit: SegmentFit) -> SegmentFit:
         """The fit open to the states that are more probable than the label in the mean over the segment: the
