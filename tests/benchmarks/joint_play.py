@@ -148,15 +148,19 @@ def motion(case: Case) -> tuple[Rotation, Array]:
 
 def window_of(case: Case) -> Window:
     """The ticks of the noisy poses."""
-    turn, place = motion(case)
-    rng, sigma = np.random.default_rng([case.seed, 1]), np.array(NOISES[case.noise])
+    return ticks_of(*motion(case), case.noise, case.seed)
+
+
+def ticks_of(turn: Rotation, place: Array, noise: int, seed: int) -> Window:
+    """The ticks of poses (N,), (N, 3) with noise."""
+    rng, sigma = np.random.default_rng([seed, 1]), np.array(NOISES[noise])
     turn = turn * Rotation.from_rotvec(sigma[1] * rng.normal(size=place.shape))
     zeta = lift(turn.as_matrix(), place + sigma[0] * rng.normal(size=place.shape))
     zeta = zeta.reshape(-1, TICK, zeta.shape[1]).mean(axis=1)
     variance, step = sigma**2 / TICK, np.square(np.diff(zeta, axis=0)).mean(axis=0)
     moved = variance + np.array([step[T].mean(), step[R].sum() / 6.0])
-    noise, excess = (np.tile(each, (len(zeta), 1)) for each in (variance, moved))
-    return Window(np.arange(len(zeta)), zeta, noise, excess, frames=np.full(len(zeta), TICK))
+    of_noise, excess = (np.tile(each, (len(zeta), 1)) for each in (variance, moved))
+    return Window(np.arange(len(zeta)), zeta, of_noise, excess, frames=np.full(len(zeta), TICK))
 
 
 def all_fitted(case: Case) -> list[JointOfTicks]:

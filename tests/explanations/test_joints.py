@@ -7,7 +7,17 @@ from io import StringIO
 
 import numpy as np
 import pytest
-from benchmarks.joint_play import NOISES, RATE_HZ, Case, all_fitted, fitted, motion, window_of
+from benchmarks.joint_play import (
+    NOISES,
+    RATE_HZ,
+    Case,
+    all_fitted,
+    fitted,
+    motion,
+    strokes,
+    ticks_of,
+    window_of,
+)
 from benchmarks.simulated_fits import with_systematic_errors
 from scipy.spatial.transform import Rotation
 
@@ -268,6 +278,20 @@ def test_a_hinge_with_play_that_rests_midway_is_one(errors: str, swing_deg: floa
     case = Case("hinge in stages", errors, 2e-3, swing_deg, 0.3, 1, seed)
     assert len(all_fitted(case)) <= 1
     assert errors != "none" or fitted(case) is not None
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_door_stays_one_hinge_while_the_tracker_drifts(seed: int) -> None:
+    """It is opened and shut with rests, and its places drift by 0.1 mm."""
+    time_s = np.arange(40 * RATE_HZ) / RATE_HZ
+    opened = 1.0 - np.abs(1.0 - strokes(time_s, 12) % 2.0)
+    turn = Rotation.from_rotvec(opened[:, None] * [0.0, 0.0, 1.0])
+    drift = 1e-4 * band_limited(np.random.default_rng(seed), time_s, 3, 0.05)
+    window, model = ticks_of(turn, turn.apply([0.3, 0.0, 0.0]) + drift, 1, seed), load_model()
+    rests = rests_in(window.index, at_rest(window, model.tick_s))
+    assert len(rests) >= 9
+    (found,) = find_joints(window, rests, scales_of(model), [], 1, model.systematic)
+    assert found.fit.model.kind is JointKind.HINGE
 
 
 @needs_kernels

@@ -124,9 +124,16 @@ def _lead_of_own_joints(
     ``together`` with play in all of them.
 
     Each joint after the first holds where the object rests before it moves: of its parameters only those that
-    this rest does not determine are free.
+    this rest does not determine are free. The joint ``together`` may be at another place in each part, as
+    trackers drift and pins are loose.
     """
-    lead = complexity(together, window, scales) - _log_likelihood(together, window, scales)
+    lead = complexity(together, window, scales)
+    if together.course is not None:
+        shifts = np.zeros((len(window), len(parts) - 1))
+        for number, part in enumerate(parts[1:]):
+            shifts[part.first : part.end, number] = 1.0
+        together = together._replace(course=np.column_stack([together.course, scales.innovations(shifts)]))
+    lead -= _log_likelihood(together, window, scales)
     for number, part in enumerate(parts):
         ticks = window.cut(part.first, part.end)
         own = _without_play(together.model, ticks, scales)
