@@ -20,7 +20,7 @@ from mcap_logs import poses_topic, smooth_poses, write_log
 FEW = 60
 NO_PATHS = (None, True, 3, b"a", [], {}, "a\0b")
 NO_TEXTS = (True, 3, 1j, b"a", [], {}, np.zeros((FEW, 8)), smooth_poses(FEW))
-NO_NUMBERS = (True, np.True_, 1j, math.nan, math.inf, -1.0, 10**400, "1", b"1", [], {})
+NO_NUMBERS = (True, np.True_, 1j, math.nan, math.inf, -1.0, 10**400, 10**5000, "1", b"1", [], {})
 NO_DEVIATIONS = (3, True, (1e-3,), (1j, 1j), (True, True), (math.nan, 1e-3), ("1", "1"), (10**400, 1), "1mm")
 NO_ARRAYS: tuple[Callable[[np.ndarray], Any], ...] = (
     lambda values: values.astype(complex),
@@ -47,6 +47,7 @@ NO_PLACES = (
 )
 NO_TABLES = (None, True, 3, "text", Path("a"), [], {}, {"a": 1}, {1: [2]}, pd.DataFrame(), smooth_poses(3))
 NO_COLUMNS = (None, 3, "text", [[1, 2], [3]], {"a": 1}, Rotation.identity(FEW), smooth_poses(FEW))
+NO_ROWS = (None, 3, [], "row" * 1000, np.zeros((2, 2)), pd.DataFrame({"a": [1]}))
 NO_NAMES = (True, 3, "x", {}, (1, 2, 3, 4), ("x", "y", "z", None))
 NO_KNOWLEDGE = (3, b"a", [], {1: 2}, {"up": 3}, {"up": {"direction": [0, 0, 1j]}}, {"up": {1: 2}})
 
@@ -219,8 +220,8 @@ CALLS: dict[str, tuple[Callable[[Given], Callable[..., Any]], dict[str, tuple[An
         )
         for name in ("save", "to_parquet", "to_html", "to_mcap")
     },
-    "to_pandas": (lambda given: given.result.to_pandas, {"rows": (None, 3, [])}),
-    "to_arrow": (lambda given: given.result.to_arrow, {"rows": (None, 3, [])}),
+    "to_pandas": (lambda given: given.result.to_pandas, {"rows": NO_ROWS}),
+    "to_arrow": (lambda given: given.result.to_arrow, {"rows": NO_ROWS}),
 }
 
 

@@ -28,7 +28,7 @@ from contact_tracker.arrays import Array
 from contact_tracker.config.loading import load_model
 from contact_tracker.explanations.further_contacts import KnownContact
 from contact_tracker.explanations.joint_evidence import FittedJoint
-from contact_tracker.explanations.joint_parts import JointOfTicks, find_joints
+from contact_tracker.explanations.joint_parts import JointOfTicks, find_joints, rests_in
 from contact_tracker.geometry.lifted_pose import R, T, lift
 from contact_tracker.motion.window import Window, at_rest
 from contact_tracker.states import Contact
@@ -146,20 +146,29 @@ def motion(case: Case) -> tuple[Rotation, Array]:
     return turn, turn.apply(arm) + share * case.play_m * shift
 
 
-def all_fitted(case: Case) -> list[JointOfTicks]:
-    """The joints of the noisy poses, if any."""
-    turn, place = motion(case)
-    rng, sigma, model = np.random.default_rng([case.seed, 1]), np.array(NOISES[case.noise]), load_model()
+def window_of(case: Case) -> Window:
+    """The ticks of the noisy poses."""
+    return ticks_of(*motion(case), case.noise, case.seed)
+
+
+def ticks_of(turn: Rotation, place: Array, noise: int, seed: int) -> Window:
+    """The ticks of poses (N,), (N, 3) with noise."""
+    rng, sigma = np.random.default_rng([seed, 1]), np.array(NOISES[noise])
     turn = turn * Rotation.from_rotvec(sigma[1] * rng.normal(size=place.shape))
     zeta = lift(turn.as_matrix(), place + sigma[0] * rng.normal(size=place.shape))
     zeta = zeta.reshape(-1, TICK, zeta.shape[1]).mean(axis=1)
     variance, step = sigma**2 / TICK, np.square(np.diff(zeta, axis=0)).mean(axis=0)
     moved = variance + np.array([step[T].mean(), step[R].sum() / 6.0])
-    noise, excess = (np.tile(each, (len(zeta), 1)) for each in (variance, moved))
-    window = Window(np.arange(len(zeta)), zeta, noise, excess, frames=np.full(len(zeta), TICK))
-    resting = at_rest(window, model.tick_s)
+    of_noise, excess = (np.tile(each, (len(zeta), 1)) for each in (variance, moved))
+    return Window(np.arange(len(zeta)), zeta, of_noise, excess, frames=np.full(len(zeta), TICK))
+
+
+def all_fitted(case: Case) -> list[JointOfTicks]:
+    """The joints of the noisy poses, if any."""
+    window, model = window_of(case), load_model()
+    rests = rests_in(window.index, at_rest(window, model.tick_s))
     contacts = [ON_TABLE] if case.joint == "slide" else []
-    return find_joints(window, resting, scales_of(model), contacts, 1, model.systematic)
+    return find_joints(window, rests, scales_of(model), contacts, 1, model.systematic)
 
 
 def fitted(case: Case) -> FittedJoint | None:

@@ -7,7 +7,17 @@ from io import StringIO
 
 import numpy as np
 import pytest
-from benchmarks.joint_play import NOISES, RATE_HZ, Case, all_fitted, fitted, motion
+from benchmarks.joint_play import (
+    NOISES,
+    RATE_HZ,
+    Case,
+    all_fitted,
+    fitted,
+    motion,
+    strokes,
+    ticks_of,
+    window_of,
+)
 from benchmarks.simulated_fits import with_systematic_errors
 from scipy.spatial.transform import Rotation
 
@@ -17,11 +27,12 @@ from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import SystematicErrors
 from contact_tracker.explanations.joint_evidence import Joint, joint_of, likeliest_joint
 from contact_tracker.explanations.joint_models import JOINT_MODELS, PITCH, JointFrames, JointKind, JointModel
+from contact_tracker.explanations.joint_parts import find_joints, rests_in
 from contact_tracker.exports.formats import json_line, open_text
 from contact_tracker.geometry.elements import Line, Origins, Point
 from contact_tracker.geometry.lifted_pose import T, lift
 from contact_tracker.motion.poses import Poses
-from contact_tracker.motion.window import Window
+from contact_tracker.motion.window import Window, at_rest
 from contact_tracker.outputs.text import table
 from contact_tracker.states import Contact
 from contact_tracker.tracking.segmentation import Segmentation
@@ -234,6 +245,31 @@ def test_turns_about_two_axes_are_two_hinges(apart_m: float, swing_deg: float, s
         assert part.log_odds > 0.0
 
 
+def test_a_rest_divides_joints_also_if_its_ticks_are_left_out() -> None:
+    """Of very long segments only the ticks with the most motion are fitted."""
+    window, model = window_of(TUMBLE), load_model()
+    resting = at_rest(window, model.tick_s)
+    rests, moving = rests_in(window.index, resting), window.pick(np.flatnonzero(~resting))
+    found = find_joints(moving, rests, scales_of(model), [], 1, model.systematic)
+    assert [part.fit.model.kind for part in found] == [JointKind.HINGE] * 2
+    assert found[0].end == found[1].first == np.searchsorted(moving.index, rests[0, 0])
+    for part, y_m in zip(found, (0.0, APART_M), strict=True):
+        assert np.linalg.norm(part.fit.frames.world_point_m[:2] - [0.0, y_m]) < 1e-3
+
+
+def test_a_rest_at_the_end_divides_nothing() -> None:
+    window, model = window_of(TUMBLE), load_model()
+    resting = at_rest(window, model.tick_s)
+    rests = rests_in(window.index, resting)
+    first = window.cut(0, int(rests[0, 1]))
+    (found,) = find_joints(first, rests, scales_of(model), [], 1, model.systematic)
+    assert (found.first, found.end) == (0, len(first))
+    assert np.linalg.norm(found.fit.frames.world_point_m[:2]) < 1e-3
+    no_rests = np.zeros((0, 2), int)
+    (alike,) = find_joints(first, no_rests, scales_of(model), [], 1, model.systematic)
+    assert alike.fit.log_odds == found.fit.log_odds
+
+
 @pytest.mark.parametrize("errors", ["none", "harmonics", "waves", "sign", "sides", "shift"])
 @pytest.mark.parametrize("swing_deg", [90.0, 180.0])
 @pytest.mark.parametrize("seed", range(3))
@@ -242,6 +278,20 @@ def test_a_hinge_with_play_that_rests_midway_is_one(errors: str, swing_deg: floa
     case = Case("hinge in stages", errors, 2e-3, swing_deg, 0.3, 1, seed)
     assert len(all_fitted(case)) <= 1
     assert errors != "none" or fitted(case) is not None
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_door_stays_one_hinge_while_the_tracker_drifts(seed: int) -> None:
+    """It is opened and shut with rests, and its places drift by 0.1 mm."""
+    time_s = np.arange(40 * RATE_HZ) / RATE_HZ
+    opened = 1.0 - np.abs(1.0 - strokes(time_s, 12) % 2.0)
+    turn = Rotation.from_rotvec(opened[:, None] * [0.0, 0.0, 1.0])
+    drift = 1e-4 * band_limited(np.random.default_rng(seed), time_s, 3, 0.05)
+    window, model = ticks_of(turn, turn.apply([0.3, 0.0, 0.0]) + drift, 1, seed), load_model()
+    rests = rests_in(window.index, at_rest(window, model.tick_s))
+    assert len(rests) >= 9
+    (found,) = find_joints(window, rests, scales_of(model), [], 1, model.systematic)
+    assert found.fit.model.kind is JointKind.HINGE
 
 
 @needs_kernels

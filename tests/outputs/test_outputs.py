@@ -15,6 +15,7 @@ from contact_tracker.exports.formats import json_line, open_text
 from contact_tracker.exports.report_html import table_html
 from contact_tracker.geometry.elements import ContactGeometry, Line, Plane, Point, canonical, shifted
 from contact_tracker.outputs.adaptation import noise_text
+from contact_tracker.outputs.joint_runs import joint_runs
 from contact_tracker.outputs.text import change_lines, describe, status_text, table
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Belief, FurtherContact, Segment
@@ -136,6 +137,18 @@ def test_segments_with_one_joint_have_one_row_of_it() -> None:
     of_joints = [(start, end) for start, end, sign, _ in rows[1:] if sign == "="]
     assert of_joints == [("0.00", "4.00"), ("4.00", "5.00"), ("6.00", "7.00")]
     assert table_html(segments, ORIGIN_NS).count("= slider") == 3
+
+
+def test_a_joint_has_no_row_over_other_motion_in_the_same_contact() -> None:
+    """A drawer is pulled, lifted out and slid on a table, and pulled again."""
+    drawer = Joint(JointKind.SLIDER, 0.98, EDGE, EDGE, None, None)
+    on_table = replace(ON_FACE, environment=replace(ON_FACE.environment, offset_m=0.4))
+    parts = [(ON_FACE, drawer), (ON_FACE, None), (ON_FACE, drawer), (on_table, None), (ON_FACE, drawer)]
+    segments = [
+        Segment(ORIGIN_NS + n * 10**9, ORIGIN_NS + (n + 1) * 10**9, Contact.FF, 0.5, geometry, joint=joint)
+        for n, (geometry, joint) in enumerate(parts)
+    ]
+    assert [(run.first, run.last) for run in joint_runs(segments)] == [(0, 2), (4, 4)]
 
 
 def test_where_the_contact_is_open_a_joint_stands_alone_and_a_further_contact_is_no_surer() -> None:

@@ -1,5 +1,6 @@
 """What is known, as parts to draw: bodies whole, elements where they were touched."""
 
+import re
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
@@ -164,7 +165,8 @@ def test_joints_are_drawn_in_all_outputs(poses, tmp_path) -> None:
     write_outcome(result, tmp_path / "out.html")
     write_outcome(result, tmp_path / "out.mcap")
     page = (tmp_path / "out.html").read_text()
-    assert page.count('<tr data-segments="0 1 2 3">') == len(rows)
+    numbered = re.findall('<tr data-segments="([0-9 ]*)">', page)
+    assert numbered == ["0 1 2 3", "0 1", "2", "3"]  # a row of a joint is of the segments with it
     with (tmp_path / "out.mcap").open("rb") as file:
         ((_, _, scene),) = make_reader(file).iter_messages(topics=[MAP_TOPIC])
     assert all(f'"label":"{name}"' in page and f"object {name}".encode() in scene.data for name in names)

@@ -54,9 +54,16 @@ def printable(text: str) -> str:
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
+_SHORT: Final = reprlib.Repr()
+_SHORT.maxstring = 100
+
+
 def shown(value: object) -> str:
-    """A wrong value in a message: as Python writes it, cut short unless it is text."""
-    return repr(value) if isinstance(value, str) else reprlib.repr(value)
+    """A wrong value in a message: as Python writes it, cut short."""
+    try:
+        return _SHORT.repr(str(value) if isinstance(value, str) else value)
+    except ValueError:  # an integer of thousands of digits
+        return f"a very long {type(value).__name__}"
 
 
 def first_line(error: BaseException) -> str:

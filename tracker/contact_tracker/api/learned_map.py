@@ -4,10 +4,9 @@ import os
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import fields, replace
 from pathlib import Path
-from reprlib import repr
 from typing import Any, Self
 
-from contact_tracker.errors import OutputError, UsageError
+from contact_tracker.errors import OutputError, UsageError, shown
 from contact_tracker.map import map
 from contact_tracker.map.file import map_from, read_map, write_learned
 from contact_tracker.states import states_from
@@ -61,7 +60,7 @@ def map_of(known: Known, note: Callable[[str], None], states: Iterable[str] | No
     elif isinstance(known, str | os.PathLike):
         known_map = read_map(path_from(known, "known"), note)
     else:
-        raise UsageError(f"known is a file, a table of its keys or a Map, not {repr(known)}")
+        raise UsageError(f"known is a file, a table of its keys or a Map, not {shown(known)}")
     try:
         return known_map if states is None else replace(known_map, states=states_from(states))
     except (TypeError, ValueError) as error:

@@ -266,7 +266,7 @@ class Result(Outcome):
         return summary_html(self)
 
     def _columns(self, rows: Rows) -> tuple[Columns, dict[str, Kind]]:
-        if rows not in ROWS:  # a tuple, as the argument need not have a hash
+        if not isinstance(rows, str) or rows not in ROWS:
             raise UsageError(f"rows are {' or '.join(map(repr, ROWS))}, not {shown(rows)}")
         return columns_of(rows, self.beliefs if rows == "ticks" else self.segments), COLUMNS[rows]
 

@@ -1,11 +1,11 @@
 """Whether one joint, or one joint each, moves the parts of a motion between rests (docs/theory.md, T44)."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
-from contact_tracker.arrays import Bools
+from contact_tracker.arrays import Bools, Ints
 from contact_tracker.config.parameters import SystematicErrors
 from contact_tracker.explanations.further_contacts import KnownContact
 from contact_tracker.explanations.joint_evidence import (
@@ -27,6 +27,11 @@ from contact_tracker.explanations.joint_models import JointKind, JointModel
 from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.motion.window import Window
 
+MOST_COMPARED: Final = 8
+"""Largest number of the latest parts of a joint with which the next part is compared: time grows with it. Of
+16 recordings of 12 turns about each of two axes, 3 or 10 mm apart, and again about the first one, all are
+divided rightly with 4, 8 and all parts, and 14 with 2."""
+
 
 class JointOfTicks(NamedTuple):
     """A joint of the ticks in rows ``first`` to ``end`` (excluded) of a window."""
@@ -46,7 +51,7 @@ class _Part(NamedTuple):
 
 def find_joints(
     window: Window,
-    resting: Bools,
+    rests: Ints,
     scales: EvidenceParameters,
     contacts: Sequence[KnownContact],
     constraints: int,
@@ -61,13 +66,13 @@ def find_joints(
 
     Parameters
     ----------
-    resting : (W,) whether each tick belongs to a rest.
+    rests : (R, 2) of the whole segment, of which the ``window`` may lack ticks, as from ``rests_in``.
     contacts, constraints, errors : as for ``likeliest_joint``.
     """
     whole = likeliest_joint(window, scales, contacts, constraints, errors)
     if whole is None:
         return []
-    parts = _parts(resting)
+    parts = _parts(window.index, rests)
     if len(parts) > 1:
         lead = scales.likelihood_exponent * _lead_of_own_joints(whole, window, parts, scales)
         others = whole.log_evidence - whole.log_odds
@@ -91,11 +96,24 @@ def _comes_again(fit: FittedJoint, window: Window) -> bool:
     return bool(goes_round or turns_back(way))
 
 
-def _parts(resting: Bools) -> list[_Part]:
-    """The moved parts, each with half of the rests beside it."""
-    moved = np.flatnonzero(np.diff(~resting, prepend=False, append=False)).reshape(-1, 2)
-    ends = [*((moved[:-1, 1] + moved[1:, 0]) // 2), len(resting)]
-    rows = zip([0, *ends[:-1]], moved[:, 0], ends, strict=False)
+def rests_in(index: Ints, resting: Bools) -> Ints:
+    """The number of the first tick of each rest, and of the tick after its last one (R, 2), of the ticks with
+    numbers ``index`` (W,), of which some are ``resting`` (W,)."""
+    rows = np.flatnonzero(np.diff(resting, prepend=False, append=False)).reshape(-1, 2)
+    return np.append(index, index[-1:] + 1)[rows]
+
+
+def _parts(index: Ints, rests: Ints) -> list[_Part]:
+    """The moved parts of the ticks with numbers ``index``, each with half of the rests beside it.
+
+    Rests divide them also if their own ticks were left out.
+    """
+    begins, ends = np.searchsorted(index, rests).T
+    moves, stops = [0, *ends], [*begins, len(index)]
+    middles = [0, *np.searchsorted(index, rests.sum(axis=1) // 2)]
+    moved = [row for row in zip(middles, moves, stops, strict=True) if row[1] < row[2]]
+    firsts = [0, *(first for first, *_ in moved[1:])]
+    rows = zip(firsts, [row[1] for row in moved], [*firsts[1:], len(index)], strict=False)
     return [_Part(int(first), int(moves), int(end)) for first, moves, end in rows]
 
 
@@ -106,9 +124,16 @@ def _lead_of_own_joints(
     ``together`` with play in all of them.
 
     Each joint after the first holds where the object rests before it moves: of its parameters only those that
-    this rest does not determine are free.
+    this rest does not determine are free. The joint ``together`` may be at another place in each part, as
+    trackers drift and pins are loose.
     """
-    lead = complexity(together, window, scales) - _log_likelihood(together, window, scales)
+    lead = complexity(together, window, scales)
+    if together.course is not None:
+        shifts = np.zeros((len(window), len(parts) - 1))
+        for number, part in enumerate(parts[1:]):
+            shifts[part.first : part.end, number] = 1.0
+        together = together._replace(course=np.column_stack([together.course, scales.innovations(shifts)]))
+    lead -= _log_likelihood(together, window, scales)
     for number, part in enumerate(parts):
         ticks = window.cut(part.first, part.end)
         own = _without_play(together.model, ticks, scales)
@@ -122,16 +147,20 @@ def _grouped(
     model: JointModel, window: Window, parts: Sequence[_Part], scales: EvidenceParameters
 ) -> list[_Part]:
     """The parts of a ``window``, of which successive ones with the same joint are one part."""
-    groups = [parts[0]]
+    groups = [[parts[0]]]
     for part in parts[1:]:
-        both = [group := groups[-1], part]
+        both = [group := _joined(groups[-1][-MOST_COMPARED:]), part]
         ticks = window.cut(group.first, part.end)
         local = [_Part(*(row - group.first for row in one)) for one in both]
         if _lead_of_own_joints(fitted(model, ticks, scales), ticks, local, scales) > 0.0:
-            groups.append(part)
+            groups.append([part])
         else:
-            groups[-1] = group._replace(end=part.end)
-    return groups
+            groups[-1].append(part)
+    return [_joined(group) for group in groups]
+
+
+def _joined(parts: Sequence[_Part]) -> _Part:
+    return parts[0]._replace(end=parts[-1].end)
 
 
 def _joint_of(

@@ -12,7 +12,7 @@ from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, TextIO
 
-from contact_tracker.errors import MissingExtra, UnreadableRecording, UsageError, extra, printable
+from contact_tracker.errors import MissingExtra, UnreadableRecording, UsageError, extra, printable, shown
 from contact_tracker.files import accept_any, whole_file
 
 if TYPE_CHECKING:
@@ -67,11 +67,11 @@ def rows_of(path: Path, rows: str | None = None) -> "Rows | None":
     possible = FORMATS[path.suffix.lower()].rows
     if rows is None:
         return possible[0] if possible else None
+    if not isinstance(rows, str) or rows not in ROWS:
+        raise UsageError(f"rows are {' or '.join(ROWS)}, not {shown(rows)}")
     for kind in possible:
         if kind == rows:
             return kind
-    if rows not in ROWS:
-        raise UsageError(f"rows are {' or '.join(ROWS)}, not {rows!r}")
     suffixes = ", ".join(suffix for suffix, entry in FORMATS.items() if rows in entry.rows)
     raise UsageError(f"rows of {rows} are for {suffixes}, not {path}")
 

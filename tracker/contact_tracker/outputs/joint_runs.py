@@ -25,7 +25,8 @@ def joint_runs(segments: Sequence[Segment]) -> list[JointRun]:
         if joint is None:
             continue
         run = runs[-1] if runs else None
-        if run is None or not (is_same_joint(run.joint, joint) and _is_rest(segments[run.last : number])):
+        is_same = run is not None and is_same_joint(run.joint, joint)
+        if run is None or not (is_same and _is_rest(segments[run.last : number + 1])):
             runs.append(JointRun(joint, number, number))
             longest_ns = duration_ns
             continue
@@ -51,6 +52,15 @@ def _are_same(first: Element, second: Element) -> bool:
     return are_known and is_same_element(first, second)
 
 
-def _is_rest(between: Sequence[Segment]) -> bool:
-    """Whether the object stays in the contact of the first of these segments."""
-    return all(segment.contact is between[0].contact for segment in between)
+def _is_rest(segments: Sequence[Segment]) -> bool:
+    """Whether the object rests between the first and the last of these segments: the rests of a contact have
+    the elements that were fitted to it, and other motion in the same contact has its own."""
+    first, *between, last = segments
+    ends = [(end.contact, _elements_of(end)) for end in (first, last)]
+    return all((segment.contact, _elements_of(segment)) in ends for segment in between)
+
+
+def _elements_of(segment: Segment) -> tuple[str, str] | None:
+    """The exact elements of the contact."""
+    geometry = segment.geometry
+    return None if geometry is None else (str(flat(geometry.object)), str(flat(geometry.environment)))

@@ -132,10 +132,8 @@ def table_rows(segments: Sequence[Segment], origin_ns: int) -> Iterator[tuple[ra
         for run in filter(None, map(runs.get, numbers)):
             start_ns, end_ns = segments[run.first].start_ns, segments[run.last].end_ns
             elements = describe_joint(run.joint, is_open(segments[run.first]))
-            yield (
-                numbers,
-                row(start_ns, end_ns, JOINT + run.joint.kind.value, run.joint.probability, elements),
-            )
+            of_joint = row(start_ns, end_ns, JOINT + run.joint.kind.value, run.joint.probability, elements)
+            yield range(run.first, run.last + 1), of_joint
 
 
 def table(segments: Sequence[Segment], origin_ns: int, with_wrenches: bool = False) -> Iterator[str]:

@@ -23,7 +23,7 @@ from contact_tracker.explanations.further_contacts import (
     find_formation,
 )
 from contact_tracker.explanations.joint_evidence import Joint, joint_of
-from contact_tracker.explanations.joint_parts import JointOfTicks, find_joints
+from contact_tracker.explanations.joint_parts import JointOfTicks, find_joints, rests_in
 from contact_tracker.geometry.elements import ContactGeometry, Origins, pack, shifted
 from contact_tracker.geometry.lifted_pose import R, T
 from contact_tracker.geometry.linalg import nearest
@@ -129,9 +129,9 @@ def _segment_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
     banks = zip(CONTACT_MODELS, fits, strict=True)
     contacts = [KnownContact(model.contact, bank.x[0]) for model, bank in banks if len(bank)]
     scales = scales_of(segment.model)
-    resting = at_rest(window, segment.model.tick_s)
+    rests = rests_in(segment.window.index, at_rest(segment.window, segment.model.tick_s))
     errors = segment.model.systematic
-    joints = find_joints(window, resting, scales, contacts, fit.constraints, errors)
+    joints = find_joints(window, rests, scales, contacts, fit.constraints, errors)
     if not joints:
         return fit
     fit = replace(fit, joints=tuple(_joint_from(segment, window, joint) for joint in joints))
