@@ -503,21 +503,28 @@ def decide_on_map(state: FilterState, belief: Belief) -> Belief:
     if pairs is None:
         return belief
     on_map, touched = map_evidence(CONTACT_MODELS[label.column], pairs, state.window.cut(-1), state.scales)
-    if touched < 0 or not _is_on(state, label, pairs, touched):
-        return belief
     inseparable = tuple(rival for rival in belief.inseparable if on_map[rival.column] < DECISIVE)
+    if len(inseparable) == len(belief.inseparable) or not _is_on(state, belief, pairs, touched):
+        return belief
     return replace(belief, inseparable=inseparable)
 
 
-def _is_on(state: FilterState, label: Contact, pairs: BirthProposals, number: int) -> bool:
-    """Whether the best hypothesis of ``label`` touches the same element of the environment as one of these
-    ``pairs``, whose normals have no sense."""
-    own = label_fit(state, label)
-    assert own is not None
-    contact, newest, errors = CONTACT_MODELS[label.column], state.window.cut(-1), state.model.systematic
-    (at_pose,) = fit_windows(contact, [newest], state.scales, [pairs.pick(np.array([number]))])
+def _is_on(state: FilterState, belief: Belief, pairs: BirthProposals, touched: int) -> bool:
+    """Whether the label's contact is with the same element of the environment as the ``touched`` pair, whose
+    normals have no sense."""
+    contact, newest, errors = (
+        CONTACT_MODELS[belief.contact.column],
+        state.window.cut(-1),
+        state.model.systematic,
+    )
+    (at_pose,) = fit_windows(contact, [newest], state.scales, [pairs.pick(np.array([touched]))])
     pair = fitted_contact(at_pose, 0, contact, state.scales, newest, state.origins, errors)
-    own_world, world = own.geometry.environment, pair.geometry.environment
+    own = belief.geometry
+    if own is None:
+        fit = label_fit(state, belief.contact)
+        assert fit is not None
+        own = fit.geometry
+    own_world, world = own.environment, pair.geometry.environment
     return is_same_element(own_world, world) or is_same_element(opposite(own_world), world)
 
 
