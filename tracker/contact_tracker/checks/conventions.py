@@ -112,14 +112,13 @@ def explain(
     moving = Window(np.arange(TICKS), lift(means[1].reshape(-1, 3, 3), means[0]), rows, rows / _ROUNDING)
     # stretched orientations are not rewarded: free motion is stretched as well
     nats = np.maximum(nats + np.minimum(log_volume, 0.0), 0.0)
-    shows = used_directions(moving) >= FEWEST_DIRECTIONS and not _is_lifted(
-        means[0], means[1].reshape(-1, 3, 3)
-    )
-    return Explained(nats, misfit, shows)
+    is_lifted = _is_lifted(means[0], means[1].reshape(-1, 3, 3), variance[0])
+    return Explained(nats, misfit, used_directions(moving) >= FEWEST_DIRECTIONS and not is_lifted)
 
 
-def _is_lifted(place_m: Array, turn: Array) -> bool:
-    """Whether poses (T, 3), (T, 3, 3) turn about one axis only, and move along it without a turn.
+def _is_lifted(place_m: Array, turn: Array, variance_m2: float) -> bool:
+    """Whether poses (T, 3), (T, 3, 3) turn about one axis only, and move along it without a turn, by more
+    than the noise of their positions.
 
     A SCARA robot lifts a part, then carries it along a line with a turn. That is in a plane, as a face on a
     face moves in a reading with other axes, but such a face would turn while it moves in any direction.
@@ -129,7 +128,8 @@ def _is_lifted(place_m: Array, turn: Array) -> bool:
     _, sizes, axes = np.linalg.svd(turned)
     along_sq, angle = np.square(np.diff(place_m, axis=0) @ axes[0]), np.abs(turned @ axes[0])
     with_turn = along_sq[angle > TURNS * angle.max()].sum()
-    return bool(sizes[1] < ONE_AXIS * sizes[0] and with_turn < LIFTED_SHARE * along_sq.sum())
+    moves_along = along_sq.mean() > 2.0 * MOVED**2 * variance_m2
+    return bool(moves_along and sizes[1] < ONE_AXIS * sizes[0] and with_turn < LIFTED_SHARE * along_sq.sum())
 
 
 def _gains(
