@@ -31,7 +31,7 @@ import contact_tracker
 from contact_tracker import Trajectory, saved_state
 from contact_tracker.errors import StateError, UsageError
 from contact_tracker.exports.columns import COLUMNS, decided
-from contact_tracker.exports.figure import _draw_bar, _draw_parts, _view_of, draw_on
+from contact_tracker.exports.figure import _draw_parts, _view_of, _write_in_bar, draw_on
 from contact_tracker.exports.formats import ROWS, rows_of, write_outcome
 from contact_tracker.geometry.elements import ContactGeometry, Line, Plane, Point, Unobserved, flat
 from contact_tracker.motion.poses import Poses
@@ -388,7 +388,7 @@ def test_the_figure_shows_every_segment_and_state(result) -> None:
     _, axes = pyplot.subplots()
     axes.set(xlim=(0.0, 100.0), ylim=(0.0, 10.0))
     for duration_s in (20.0, 3.0, 0.5):
-        _draw_bar(axes, 10.0, duration_s, (0.0, 1.0), ["\x07"], "none")
+        _write_in_bar(axes, 10.0, duration_s, (0.0, 1.0), ["\x07"], "none")
     assert [text.get_rotation() for text in axes.texts] == [0.0, 90.0]
     assert axes.texts[0].get_text() == r"\x07"  # a page with control characters is not well-formed
     pyplot.close("all")

@@ -120,15 +120,26 @@ def likeliest_joint(
 
 def fitted(model: JointModel, window: Window, scales: EvidenceParameters) -> FittedJoint:
     """The joint without its covariance and evidence."""
-    frames = model.start(window.zeta)
-    fit = FittedJoint(model, frames, model.residual(frames, window.zeta), np.eye(len(model.rows)), None)
+    fit = without_play(model, window, scales)
     if not model.has_play:
-        return minimise(fit, window, scales)
-    for _ in range(FITS):
-        fit = minimise(fit, window, scales)
-        fit = fit._replace(play=play_of(whitened(fit.residual, window, scales).residual))
+        return fit
+    fit = with_play(fit, window, scales)
+    for _ in range(FITS - 1):
+        fit = with_play(minimise(fit, window, scales), window, scales)
     travelled = model.travelled(fit.frames, window.zeta)
     return fit._replace(course=scales.innovations(course_functions(travelled)))
+
+
+def without_play(model: JointModel, window: Window, scales: EvidenceParameters) -> FittedJoint:
+    """The joint whose errors are noise alone."""
+    frames = model.start(window.zeta)
+    start = FittedJoint(model, frames, model.residual(frames, window.zeta), np.eye(len(model.rows)), None)
+    return minimise(start, window, scales)
+
+
+def with_play(fit: FittedJoint, window: Window, scales: EvidenceParameters) -> FittedJoint:
+    """The joint with play as large as the errors that it shows."""
+    return fit._replace(play=_play_of(whitened(fit.residual, window, scales).residual))
 
 
 def _evident(fit: FittedJoint, window: Window, scales: EvidenceParameters, free: float) -> FittedJoint:
@@ -255,7 +266,7 @@ def contact_evidence(
     residual = Residual(value, motion.gradients(c), np.zeros((*value.shape, 0)))
     factor = 1.0
     if course is not None:
-        play = play_of(whitened(residual, window, scales).residual)
+        play = _play_of(whitened(residual, window, scales).residual)
         factor = float(np.exp(np.linalg.slogdet(play)[1] / len(play)))  # geometric mean over the directions
     gain = float(motion.evidence(c).gain.mean())
     cost = elements_complexity(contact.model, contact.x, motion, window, scales, gain, factor)
@@ -306,7 +317,7 @@ def whitened(
     return _Whitened(white[..., 0], white[..., 1:])
 
 
-def play_of(white: Array) -> Array:
+def _play_of(white: Array) -> Array:
     """Symmetric matrix (K, K): the standard deviation of whitened residuals (W, K) in each of their principal
     directions, at least 1."""
     variance, axes = np.linalg.eigh(white.T @ white / len(white))

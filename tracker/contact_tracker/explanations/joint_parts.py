@@ -16,11 +16,11 @@ from contact_tracker.explanations.joint_evidence import (
     factors,
     fitted,
     likeliest_joint,
-    minimise,
-    play_of,
     whitened,
     with_covariance,
+    with_play,
     with_systematic_errors,
+    without_play,
 )
 from contact_tracker.explanations.joint_misfit import misfit_log_likelihood, turns_back
 from contact_tracker.explanations.joint_models import JointKind, JointModel
@@ -136,7 +136,7 @@ def _lead_of_own_joints(
     lead -= _log_likelihood(together, window, scales)
     for number, part in enumerate(parts):
         ticks = window.cut(part.first, part.end)
-        own = _without_play(together.model, ticks, scales)
+        own = without_play(together.model, ticks, scales)
         lead += _log_likelihood(own, ticks, scales) - complexity(own, ticks, scales)
         if number and part.moves > part.first:
             lead += complexity(own, window.cut(part.first, part.moves), scales)
@@ -149,9 +149,9 @@ def _grouped(
     """The parts of a ``window``, of which successive ones with the same joint are one part."""
     groups = [[parts[0]]]
     for part in parts[1:]:
-        both = [group := _joined(groups[-1][-MOST_COMPARED:]), part]
+        group = _joined(groups[-1][-MOST_COMPARED:])
         ticks = window.cut(group.first, part.end)
-        local = [_Part(*(row - group.first for row in one)) for one in both]
+        local = [_Part(*(row - group.first for row in rows)) for rows in (group, part)]
         if _lead_of_own_joints(fitted(model, ticks, scales), ticks, local, scales) > 0.0:
             groups.append([part])
         else:
@@ -173,17 +173,10 @@ def _joint_of(
 ) -> JointOfTicks:
     """The joint of a part; its covariance has errors as large as those that the part shows."""
     ticks = window.cut(part.first, part.end)
-    fit = _without_play(model, ticks, scales)
-    play = play_of(whitened(fit.residual, ticks, scales).residual)
-    fit = with_covariance(fit._replace(play=play), ticks, scales)
+    fit = without_play(model, ticks, scales)
+    fit = with_covariance(with_play(fit, ticks, scales), ticks, scales)
     fit = with_systematic_errors(fit, ticks, scales, errors)
     return JointOfTicks(part.first, part.end, fit._replace(log_odds=log_odds))
-
-
-def _without_play(model: JointModel, ticks: Window, scales: EvidenceParameters) -> FittedJoint:
-    frames = model.start(ticks.zeta)
-    start = FittedJoint(model, frames, model.residual(frames, ticks.zeta), np.eye(len(model.rows)), None)
-    return minimise(start, ticks, scales)
 
 
 def _log_likelihood(fit: FittedJoint, ticks: Window, scales: EvidenceParameters) -> float:

@@ -155,8 +155,9 @@ def draw_on(axes: Axes, outcome: Outcome) -> None:
             shade = "white" if interval.contact is None else SHADE[interval.contact]
             name = interval.contact if interval.coarse is None else interval.coarse.name
             if name is not None:
-                bar = {"facecolor": shade, "edgecolor": "grey", "linewidth": 0.5}
-                _draw_bar(axes, start_s, duration_s, _TRUTH, (name,), "none", **bar)
+                bar: dict[str, Any] = {"facecolor": shade, "edgecolor": "grey", "linewidth": 0.5}
+                axes.broken_barh([(start_s, duration_s)], (_TRUTH[0], _TRUTH[1] - _TRUTH[0]), **bar)
+                _write_in_bar(axes, start_s, duration_s, _TRUTH, (name,), "none")
         for name, ribbon in (("truth", _TRUTH), ("labels", _RIBBON)):
             style: dict[str, Any] = {"ha": "right", "va": "center", "fontsize": NAME_SIZE}
             axes.text(-0.01, 0.5 * sum(ribbon), name, transform=axes.get_yaxis_transform(), **style)
@@ -189,28 +190,15 @@ def draw_segment(
     """Draw a bar in the colour of the contact, pale if improbable, hatched if several contacts fit, with the
     first of the names that fits into it."""
     colour, hatch = _colour_of(segment), "///" if segment.inseparable else None
-    bar = {"facecolor": colour, "edgecolor": "white", "linewidth": 0.0, "hatch": hatch}
-    _draw_bar(axes, start_s, duration_s, ribbon, names, colour, **bar)
+    bar: dict[str, Any] = {"facecolor": colour, "edgecolor": "white", "linewidth": 0.0, "hatch": hatch}
+    axes.broken_barh([(start_s, duration_s)], (ribbon[0], ribbon[1] - ribbon[0]), **bar)
+    if names:
+        _write_in_bar(axes, start_s, duration_s, ribbon, names, colour)
 
 
 def _colour_of(segment: Segment) -> tuple[float, ...]:
     share = 0.25 + 0.75 * segment.probability
     return tuple(1.0 - share * (1.0 - part) for part in SHADE[segment.contact])
-
-
-def _draw_bar(
-    axes: Axes,
-    start_s: float,
-    duration_s: float,
-    ribbon: tuple[float, float],
-    names: Sequence[str],
-    background: Any,
-    **style: Any,
-) -> None:
-    """Draw a bar with the first of the names that fits into it."""
-    axes.broken_barh([(start_s, duration_s)], (ribbon[0], ribbon[1] - ribbon[0]), **style)
-    if names:
-        _write_in_bar(axes, start_s, duration_s, ribbon, names, background)
 
 
 def _write_in_bar(

@@ -55,7 +55,7 @@ from contact_tracker.wrenches.contact_evidence import WindowEvidence
 LONGEST_TICKS: Final = 6000
 """Largest number of ticks of a segment that are fitted."""
 MOTION, FLUSH, REST, GAP = range(4)
-"""What a tick shows, see ``FinishedSegment``."""
+"""Kinds of ticks: motion in contact or free, with a face that may be flush, at rest, and in a long gap."""
 PIECE_TICKS: Final = 60
 """Length, in ticks, of the pieces of a longer segment; those with the most motion are fitted."""
 
@@ -141,11 +141,11 @@ def _segment_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
     return replace(fit, inseparable=rivals)
 
 
-def _joint_from(segment: SegmentTicks, window: Window, found: JointOfTicks) -> tuple[int, Joint]:
+def _joint_from(segment: SegmentTicks, window: Window, joint: JointOfTicks) -> tuple[int, Joint]:
     """The number of the first tick of a joint, and the joint."""
-    probability = float(expit(segment.model.certainty.posterior_power * found.fit.log_odds))
-    near_m = window.zeta[found.first : found.end, T].mean(axis=0)
-    return int(window.index[found.first]), joint_of(found.fit, probability, near_m, segment.origins)
+    probability = float(expit(segment.model.certainty.posterior_power * joint.fit.log_odds))
+    near_m = window.zeta[joint.first : joint.end, T].mean(axis=0)
+    return int(window.index[joint.first]), joint_of(joint.fit, probability, near_m, segment.origins)
 
 
 def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) -> SegmentFit:
@@ -323,13 +323,13 @@ class FinishedSegment(NamedTuple):
         at_rest = ambiguity.others_at_rest(contact, known_map, fit.inseparable)
         elsewhere = tuple(state for state in STATES if state is not contact and known_map.allows(state))
         open_states = fit.inseparable, fit.with_flush, at_rest, elsewhere
-        shown = self._shown(fit, bool(at_rest))
-        for belief, posterior, what, bends in zip(beliefs, self.posterior, shown, is_open, strict=True):
-            states = fit.with_flush if what == FLUSH else known_map.allowed if bends else fit.inseparable
+        kinds = self._tick_kinds(fit, bool(at_rest))
+        for belief, posterior, kind, bends in zip(beliefs, self.posterior, kinds, is_open, strict=True):
+            states = fit.with_flush if kind == FLUSH else known_map.allowed if bends else fit.inseparable
             args = states, known_map, fit.leaves_constraints_unnamed, fit.share
             probability = ambiguity.reported(posterior, contact, *args)
-            if what >= REST:
-                states = open_states[what]
+            if kind >= REST:
+                states = open_states[kind]
                 probability = ambiguity.at_most(probability, contact, possible=states)
             belief["probability"] = probability
             belief["inseparable"] = [state in states for state in STATES]
@@ -337,13 +337,13 @@ class FinishedSegment(NamedTuple):
         beliefs["contact"], beliefs["residual"] = column, self.rows["residual"]
         beliefs["geometry"] = -1 if fit.geometry is None else 0
         joints = [joint for _, joint in fit.joints]
-        joint_number = np.where(shown >= REST, -1, self._joint_numbers(fit))
+        joint_number = np.where(kinds >= REST, -1, self._joint_numbers(fit))
         beliefs["joint"] = joint_number
         further = self._further(fit.formation)
         beliefs["further"], formations = _formations_of(further, self.rows["stamp_ns"], fit.formation.ranks)
         contacts = tuple(contact for _, contact in further)
-        change = (np.diff(shown) != 0) | (np.diff(joint_number) != 0)
-        changes = [*np.flatnonzero(change) + 1, len(shown)]
+        change = (np.diff(kinds) != 0) | (np.diff(joint_number) != 0)
+        changes = [*np.flatnonzero(change) + 1, len(kinds)]
         at_contact = self._at_contact(fit.contact, fit.geometry)
         segments = tuple(
             Segment(
@@ -351,7 +351,7 @@ class FinishedSegment(NamedTuple):
                 contact,
                 float(beliefs["probability"][first:end, column].mean()),
                 fit.geometry,
-                open_states[shown[first]],
+                open_states[kinds[first]],
                 _within(contacts, *self._span(first, end)),
                 None if joint_number[first] < 0 else joints[joint_number[first]],
                 *at_contact(first, end),
@@ -369,18 +369,18 @@ class FinishedSegment(NamedTuple):
         later = [first for first, _ in fit.joints[1:]]
         return np.searchsorted(later, self.ticks.window.index, side="right")
 
-    def _shown(self, fit: SegmentFit, opens_at_rest: bool) -> NDArray[np.int64]:
+    def _tick_kinds(self, fit: SegmentFit, opens_at_rest: bool) -> NDArray[np.int64]:
         """What each tick (n,) shows: ``MOTION``, a ``FLUSH`` face, a ``REST``, or nothing, in a ``GAP`` so
         long that the object may have been elsewhere. With wrenches, which show more, only motion and gaps."""
-        shown = np.full(len(self.rows), MOTION)
+        kinds = np.full(len(self.rows), MOTION)
         if opens_at_rest and fit.share is None:
-            shown[self._flush(fit)] = FLUSH
-            shown[self.resting] = REST
+            kinds[self._flush(fit)] = FLUSH
+            kinds[self.resting] = REST
         empty = np.diff(self.rows["count"] == 0.0, prepend=False, append=False)
         for first, end in np.flatnonzero(empty).reshape(-1, 2):
             if (end - first) * self.ticks.model.tick_s > LONGEST_COAST_S:
-                shown[first:end] = GAP
-        return shown
+                kinds[first:end] = GAP
+        return kinds
 
     def _open_to_likelier_states(self, fit: SegmentFit) -> SegmentFit:
         """The fit open to the states that are more probable than the label in the mean over the segment: the
