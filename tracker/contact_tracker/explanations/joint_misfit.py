@@ -4,7 +4,7 @@ from typing import Final
 
 import numpy as np
 
-from contact_tracker.arrays import Array
+from contact_tracker.arrays import Array, Ints
 
 MOST_PLAY: Final = 100.0
 """Largest ratio to the noise of errors beside those that follow the motion, for joints of one degree of
@@ -42,6 +42,13 @@ def course_functions(travelled: Array) -> Array:
     for tick, step in enumerate(np.diff(way), 1):
         side[tick] = np.clip(side[tick - 1] + step / SLACK, -1.0, 1.0)
     return np.column_stack([np.ones(len(way)), waves, side, side * waves[:, :CROSSED_WAVES]])
+
+
+def drift_functions(index: Ints, count: int) -> Array:
+    """Functions (W, ``count``) of the numbers ``index`` (W,) of ticks, whose sum is a drift: cosines with the
+    amplitudes of a random walk over the time."""
+    time, order = (index - index[0]) / max(int(np.ptp(index)), 1), np.arange(1, count + 1)
+    return np.asarray(np.cos(np.pi * time[:, None] * order) / order)
 
 
 def turns_back(travelled: Array) -> bool:

@@ -7,11 +7,13 @@ import numpy as np
 
 from contact_tracker.arrays import Bools, Ints
 from contact_tracker.config.parameters import SystematicErrors
-from contact_tracker.explanations.further_contacts import KnownContact
+from contact_tracker.explanations.further_contacts import SURE_NATS, KnownContact
 from contact_tracker.explanations.joint_evidence import (
+    MOST_ERRORS,
     MOST_ERRORS_ONCE,
     FittedJoint,
     complexity,
+    contact_evidence,
     errors_share,
     factors,
     fitted,
@@ -22,7 +24,7 @@ from contact_tracker.explanations.joint_evidence import (
     with_systematic_errors,
     without_play,
 )
-from contact_tracker.explanations.joint_misfit import misfit_log_likelihood, turns_back
+from contact_tracker.explanations.joint_misfit import drift_functions, misfit_log_likelihood, turns_back
 from contact_tracker.explanations.joint_models import JointKind, JointModel
 from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.motion.window import Window
@@ -31,6 +33,9 @@ MOST_COMPARED: Final = 8
 """Largest number of the latest parts of a joint with which the next part is compared: time grows with it. Of
 16 recordings of 12 turns about each of two axes, 3 or 10 mm apart, and again about the first one, all are
 divided rightly with 4, 8 and all parts, and 14 with 2."""
+
+WAVES_OF_DRIFT: Final = 2
+"""Number of cosines of the tracker's drift for each part: as many as a shift and a slope in each."""
 
 
 class JointOfTicks(NamedTuple):
@@ -57,8 +62,8 @@ def find_joints(
     constraints: int,
     errors: SystematicErrors,
 ) -> list[JointOfTicks]:
-    """The joint that explains the ticks of ``window`` best, or the joints of one kind in which the object
-    moves one after another; empty without any.
+    """The joint that explains the ticks of ``window`` best, or the joints in which the object moves one after
+    another; empty without any.
 
     That one joint does not fit exactly is explained by its play, or by several joints, between which the
     object rests. A joint with play shows it in each part; so several joints are the explanation if they have
@@ -70,23 +75,73 @@ def find_joints(
     contacts, constraints, errors : as for ``likeliest_joint``.
     """
     whole = likeliest_joint(window, scales, contacts, constraints, errors)
-    if whole is None:
-        return []
     parts = _parts(window.index, rests)
-    if len(parts) > 1:
-        lead = scales.likelihood_exponent * _lead_of_own_joints(whole, window, parts, scales)
-        others = whole.log_evidence - whole.log_odds
-        rival = whole.log_evidence + lead
-        if lead > 0.0:
-            log_odds = rival - float(np.logaddexp(whole.log_evidence, others))
-            log_odds = min(log_odds, whole.log_odds)  # their kind is no surer
-            groups = _grouped(whole.model, window, parts, scales)
-            return [_joint_of(whole.model, window, group, scales, errors, log_odds) for group in groups]
-        whole = whole._replace(log_odds=whole.log_evidence - float(np.logaddexp(rival, others)))
-    moves_once = whole.model.has_play and not _comes_again(whole, window)
-    if moves_once and errors_share(whole, window, scales) > MOST_ERRORS_ONCE:
+    if whole is None:
+        joints = _unlike_joints(window, parts, scales, contacts, constraints, errors)
+    else:
+        joints = [JointOfTicks(0, len(window), whole)]
+        if len(parts) > 1:
+            joints = _alike_joints(whole, window, parts, scales, errors)
+    return joints if all(_is_credible(joint, window, scales) for joint in joints) else []
+
+
+def _alike_joints(
+    whole: FittedJoint,
+    window: Window,
+    parts: Sequence[_Part],
+    scales: EvidenceParameters,
+    errors: SystematicErrors,
+) -> list[JointOfTicks]:
+    """The joint ``whole`` of all ``parts``, or joints of its kind in which the object moves one after
+    another."""
+    lead = scales.likelihood_exponent * _lead_of_own_joints(whole.model, window, parts, scales)
+    others = whole.log_evidence - whole.log_odds
+    rival = whole.log_evidence + lead
+    if lead <= 0.0:
+        log_odds = whole.log_evidence - float(np.logaddexp(rival, others))
+        return [JointOfTicks(0, len(window), whole._replace(log_odds=log_odds))]
+    log_odds = rival - float(np.logaddexp(whole.log_evidence, others))
+    log_odds = min(log_odds, whole.log_odds)  # their kind is no surer
+    groups = _grouped([whole.model] * len(parts), window, parts, scales)
+    return [_joint_of(whole.model, window, group, scales, errors, log_odds) for group in groups]
+
+
+def _unlike_joints(
+    window: Window,
+    parts: Sequence[_Part],
+    scales: EvidenceParameters,
+    contacts: Sequence[KnownContact],
+    constraints: int,
+    errors: SystematicErrors,
+) -> list[JointOfTicks]:
+    """The joints in which the object moves one after another, where none explains all ``parts``; empty if a
+    part has none, or if one contact explains all parts as well."""
+    if len(parts) < 2:
         return []
-    return [JointOfTicks(0, len(window), whole)]
+    fits = list[FittedJoint]()
+    for part in parts:
+        fit = likeliest_joint(window.cut(part.first, part.end), scales, contacts, constraints, errors)
+        if fit is None or not _is_credible(JointOfTicks(part.first, part.end, fit), window, scales):
+            return []
+        fits.append(fit)
+    rivals = [0.0, *(contact_evidence(contact, window, scales, None, np.inf) for contact in contacts)]
+    lead = sum(fit.log_evidence for fit in fits) - float(np.logaddexp.reduce(rivals))
+    if lead <= SURE_NATS:
+        return []
+    groups = _grouped([fit.model for fit in fits], window, parts, scales)
+    joints = list[JointOfTicks]()
+    for group in groups if len(groups) > 1 else ():
+        own = [fit for fit, part in zip(fits, parts, strict=True) if group.first <= part.first < group.end]
+        log_odds = min(lead, *(fit.log_odds for fit in own))
+        joints.append(_joint_of(own[0].model, window, group, scales, errors, log_odds))
+    return joints
+
+
+def _is_credible(joint: JointOfTicks, window: Window, scales: EvidenceParameters) -> bool:
+    """Whether the errors of a joint are as small as those of real ones."""
+    ticks = window.cut(joint.first, joint.end)
+    moves_once = joint.fit.model.has_play and not _comes_again(joint.fit, ticks)
+    return errors_share(joint.fit, ticks, scales) <= (MOST_ERRORS_ONCE if moves_once else MOST_ERRORS)
 
 
 def _comes_again(fit: FittedJoint, window: Window) -> bool:
@@ -109,34 +164,30 @@ def _parts(index: Ints, rests: Ints) -> list[_Part]:
     Rests divide them also if their own ticks were left out.
     """
     begins, ends = np.searchsorted(index, rests).T
-    moves, stops = [0, *ends], [*begins, len(index)]
-    middles = [0, *np.searchsorted(index, rests.sum(axis=1) // 2)]
-    moved = [row for row in zip(middles, moves, stops, strict=True) if row[1] < row[2]]
-    firsts = [0, *(first for first, *_ in moved[1:])]
-    rows = zip(firsts, [row[1] for row in moved], [*firsts[1:], len(index)], strict=False)
-    return [_Part(int(first), int(moves), int(end)) for first, moves, end in rows]
+    middles = np.searchsorted(index, rests.sum(axis=1) // 2)
+    rows = zip([0, *middles], [0, *ends], [*begins, len(index)], [*middles, len(index)], strict=True)
+    return [_Part(int(first), int(moves), int(end)) for first, moves, stops, end in rows if moves < stops]
 
 
 def _lead_of_own_joints(
-    together: FittedJoint, window: Window, parts: Sequence[_Part], scales: EvidenceParameters
+    model: JointModel, window: Window, parts: Sequence[_Part], scales: EvidenceParameters
 ) -> float:
-    """Log evidence (nats) of a joint without play for each part of ``window``, over that of the joint
-    ``together`` with play in all of them.
+    """Log evidence (nats) of a joint without play for each part of ``window``, over that of one joint with
+    play in all of them.
 
     Each joint after the first holds where the object rests before it moves: of its parameters only those that
-    this rest does not determine are free. The joint ``together`` may be at another place in each part, as
-    trackers drift and pins are loose.
+    this rest does not determine are free. The place of the one joint may drift, as that of trackers does.
     """
-    lead = complexity(together, window, scales)
+    ticks = window.cut(parts[0].first, parts[-1].end)
+    together = fitted(model, ticks, scales)
+    lead = complexity(together, ticks, scales)
     if together.course is not None:
-        shifts = np.zeros((len(window), len(parts) - 1))
-        for number, part in enumerate(parts[1:]):
-            shifts[part.first : part.end, number] = 1.0
-        together = together._replace(course=np.column_stack([together.course, scales.innovations(shifts)]))
-    lead -= _log_likelihood(together, window, scales)
+        drift = scales.innovations(drift_functions(ticks.index, WAVES_OF_DRIFT * len(parts)))
+        together = together._replace(course=np.column_stack([together.course, drift]))
+    lead -= _log_likelihood(together, ticks, scales)
     for number, part in enumerate(parts):
         ticks = window.cut(part.first, part.end)
-        own = without_play(together.model, ticks, scales)
+        own = without_play(model, ticks, scales)
         lead += _log_likelihood(own, ticks, scales) - complexity(own, ticks, scales)
         if number and part.moves > part.first:
             lead += complexity(own, window.cut(part.first, part.moves), scales)
@@ -144,18 +195,17 @@ def _lead_of_own_joints(
 
 
 def _grouped(
-    model: JointModel, window: Window, parts: Sequence[_Part], scales: EvidenceParameters
+    models: Sequence[JointModel], window: Window, parts: Sequence[_Part], scales: EvidenceParameters
 ) -> list[_Part]:
-    """The parts of a ``window``, of which successive ones with the same joint are one part."""
+    """The parts of a ``window``, each with the model of its joint, of which successive ones with the same
+    joint are one part."""
     groups = [[parts[0]]]
-    for part in parts[1:]:
+    for before, model, part in zip(models, models[1:], parts[1:], strict=False):
         group = _joined(groups[-1][-MOST_COMPARED:])
-        ticks = window.cut(group.first, part.end)
-        local = [_Part(*(row - group.first for row in rows)) for rows in (group, part)]
-        if _lead_of_own_joints(fitted(model, ticks, scales), ticks, local, scales) > 0.0:
-            groups.append([part])
-        else:
+        if model is before and _lead_of_own_joints(model, window, [group, part], scales) <= 0.0:
             groups[-1].append(part)
+        else:
+            groups.append([part])
     return [_joined(group) for group in groups]
 
 
