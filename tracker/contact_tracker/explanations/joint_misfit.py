@@ -11,7 +11,7 @@ MOST_PLAY: Final = 100.0
 freedom and for contacts with such motion: joints have play and markers bend. With 50 and 200 the rows of
 ``joint_play.py`` differ by 5 of 384 cases at most; without it 5 of 489 fewer hinges and balls are named."""
 WAVES: Final = 12
-"""Number of cosines over the whole way of a joint. With 6, 8 instead of 2 of the 594 hinges of
+"""Number of cosines over the whole way of a joint, and over the time of a drift. With 6, 8 instead of 2 of the 594 hinges of
 ``tests/benchmarks/joint_play.py --seeds 0 1`` are sure to be balls."""
 CROSSED_WAVES: Final = 3
 """Number of cosines whose amplitude depends on the direction of motion. Without them 42 instead of 38 of 396
@@ -44,10 +44,10 @@ def course_functions(travelled: Array) -> Array:
     return np.column_stack([np.ones(len(way)), waves, side, side * waves[:, :CROSSED_WAVES]])
 
 
-def drift_functions(index: Ints, count: int) -> Array:
-    """Functions (W, ``count``) of the numbers ``index`` (W,) of ticks, whose sum is a drift: cosines with the
-    amplitudes of a random walk over the time."""
-    time, order = (index - index[0]) / max(int(np.ptp(index)), 1), np.arange(1, count + 1)
+def drift_functions(index: Ints) -> Array:
+    """Functions (W, M) of the numbers ``index`` (W,) of ticks, whose sum is a drift of the tracker: cosines
+    with the amplitudes of a random walk over the time."""
+    time, order = (index - index[0]) / max(int(np.ptp(index)), 1), np.arange(1, WAVES + 1)
     return np.asarray(np.cos(np.pi * time[:, None] * order) / order)
 
 

@@ -204,6 +204,7 @@ def _start_slider(zeta: Array) -> JointFrames:
 _AXES: Final = (*BODY_TURN[:2], *WORLD_TURN[:2])
 _PLACES: Final = (*BODY_POINT[:2], *WORLD_POINT)
 _BUT_ANGLE: Final = (S_X, S_Y, S_Z, TILT_X, TILT_Y)
+SCREW: Final = JointModel(JointKind.SCREW, _BUT_ANGLE, np.array([*_PLACES, *_AXES, PITCH]), _start_screw)
 JOINT_MODELS: Final = (
     JointModel(JointKind.HINGE, _BUT_ANGLE, np.array([*_PLACES, *_AXES]), _start_hinge),
     JointModel(
@@ -212,7 +213,7 @@ JOINT_MODELS: Final = (
         np.array([*WORLD_POINT[:2], *BODY_TURN, *WORLD_TURN[:2]]),
         _start_slider,
     ),
-    JointModel(JointKind.SCREW, _BUT_ANGLE, np.array([*_PLACES, *_AXES, PITCH]), _start_screw),
+    SCREW,
     JointModel(JointKind.BALL, (S_X, S_Y, S_Z), np.array([*BODY_POINT, *WORLD_POINT]), _start_ball),
 )
 """Models in the order of ``JointKind``."""

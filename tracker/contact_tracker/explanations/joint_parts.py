@@ -25,7 +25,7 @@ from contact_tracker.explanations.joint_evidence import (
     without_play,
 )
 from contact_tracker.explanations.joint_misfit import drift_functions, misfit_log_likelihood, turns_back
-from contact_tracker.explanations.joint_models import JointKind, JointModel
+from contact_tracker.explanations.joint_models import SCREW, JointKind, JointModel
 from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.motion.window import Window
 
@@ -33,9 +33,6 @@ MOST_COMPARED: Final = 8
 """Largest number of the latest parts of a joint with which the next part is compared: time grows with it. Of
 16 recordings of 12 turns about each of two axes, 3 or 10 mm apart, and again about the first one, all are
 divided rightly with 4, 8 and all parts, and 14 with 2."""
-
-WAVES_OF_DRIFT: Final = 2
-"""Number of cosines of the tracker's drift for each part: as many as a shift and a slope in each."""
 
 
 class JointOfTicks(NamedTuple):
@@ -118,23 +115,28 @@ def _unlike_joints(
     part has none, or if one contact explains all parts as well."""
     if len(parts) < 2:
         return []
-    fits = list[FittedJoint]()
-    for part in parts:
+
+    def joint_of(part: _Part) -> JointOfTicks | None:
         fit = likeliest_joint(window.cut(part.first, part.end), scales, contacts, constraints, errors)
-        if fit is None or not _is_credible(JointOfTicks(part.first, part.end, fit), window, scales):
+        joint = None if fit is None else JointOfTicks(part.first, part.end, fit)
+        return joint if joint is not None and _is_credible(joint, window, scales) else None
+
+    log_evidence, models = 0.0, list[JointModel]()
+    for part in parts:
+        joint = joint_of(part)
+        if joint is None:
             return []
-        fits.append(fit)
+        log_evidence += joint.fit.log_evidence
+        models.append(joint.fit.model)
     rivals = [0.0, *(contact_evidence(contact, window, scales, None, np.inf) for contact in contacts)]
-    lead = sum(fit.log_evidence for fit in fits) - float(np.logaddexp.reduce(rivals))
-    if lead <= SURE_NATS:
+    lead = log_evidence - float(np.logaddexp.reduce(rivals))
+    groups = _grouped(models, window, parts, scales)
+    joints = [joint for joint in map(joint_of, groups) if joint is not None]
+    if lead <= SURE_NATS or not 1 < len(joints) == len(groups):
         return []
-    groups = _grouped([fit.model for fit in fits], window, parts, scales)
-    joints = list[JointOfTicks]()
-    for group in groups if len(groups) > 1 else ():
-        own = [fit for fit, part in zip(fits, parts, strict=True) if group.first <= part.first < group.end]
-        log_odds = min(lead, *(fit.log_odds for fit in own))
-        joints.append(_joint_of(own[0].model, window, group, scales, errors, log_odds))
-    return joints
+    return [
+        joint._replace(fit=joint.fit._replace(log_odds=min(lead, joint.fit.log_odds))) for joint in joints
+    ]
 
 
 def _is_credible(joint: JointOfTicks, window: Window, scales: EvidenceParameters) -> bool:
@@ -182,7 +184,7 @@ def _lead_of_own_joints(
     together = fitted(model, ticks, scales)
     lead = complexity(together, ticks, scales)
     if together.course is not None:
-        drift = scales.innovations(drift_functions(ticks.index, WAVES_OF_DRIFT * len(parts)))
+        drift = scales.innovations(drift_functions(ticks.index))
         together = together._replace(course=np.column_stack([together.course, drift]))
     lead -= _log_likelihood(together, ticks, scales)
     for number, part in enumerate(parts):
@@ -200,13 +202,21 @@ def _grouped(
     """The parts of a ``window``, each with the model of its joint, of which successive ones with the same
     joint are one part."""
     groups = [[parts[0]]]
-    for before, model, part in zip(models, models[1:], parts[1:], strict=False):
-        group = _joined(groups[-1][-MOST_COMPARED:])
-        if model is before and _lead_of_own_joints(model, window, [group, part], scales) <= 0.0:
+    for before, after, part in zip(models, models[1:], parts[1:], strict=False):
+        group, model = _joined(groups[-1][-MOST_COMPARED:]), _common(before, after)
+        if model is not None and _lead_of_own_joints(model, window, [group, part], scales) <= 0.0:
             groups[-1].append(part)
         else:
             groups.append([part])
     return [_joined(group) for group in groups]
+
+
+def _common(first: JointModel, second: JointModel) -> JointModel | None:
+    """The model that contains both, if there is one: a hinge is a screw without pitch."""
+    if first is second:
+        return first
+    kinds = {first.kind, second.kind}
+    return SCREW if kinds == {JointKind.HINGE, JointKind.SCREW} else None
 
 
 def _joined(parts: Sequence[_Part]) -> _Part:
