@@ -200,7 +200,7 @@ def cases(swings: list[float], seeds: list[int]) -> Iterator[Case]:
     rows += [("curve", "bend", bend_m) for bend_m in (1e-2, 3e-2, 5e-2)]
     parts = ("none", 0.0), ("harmonics", 2e-3), ("waves", 2e-3), ("sides", 2e-3), ("shift", 2e-3)
     rows += [("hinge " + how, *errors) for how in ("in stages", "once") for errors in parts]
-    rows += [("two axes", "apart", apart_m) for apart_m in (3e-3, 1e-2, 3e-2, 1e-1)]
+    rows += [("two axes", "apart", apart_m) for apart_m in (3e-3, 1e-2, 3e-2, 1e-1, 0.2)]
     rows += [("slide", "length", length_m) for length_m in (0.05, 0.1, 0.2)]
     usual = {"ball": BALL_SWINGS_DEG, "slide": STROKES_DEG}
     for joint, errors, play_m in rows:

@@ -360,8 +360,9 @@ def test_slides_by_hand_one_after_another_are_no_joints(length_m: float, seed: i
 
 
 @needs_kernels
-def test_segments_have_the_joint_of_their_turn() -> None:
-    turn, place = motion(TUMBLE)
+@pytest.mark.parametrize("apart_m", [APART_M, 0.2])
+def test_segments_have_the_joint_of_their_turn(apart_m: float) -> None:
+    turn, place = motion(TUMBLE._replace(play_m=apart_m))
     rng, sigma = np.random.default_rng(3), NOISES[1]
     turn = turn * Rotation.from_rotvec(sigma[1] * rng.normal(size=place.shape))
     stamp_ns = (1e9 / RATE_HZ * np.arange(len(place))).astype(np.int64)
@@ -370,7 +371,7 @@ def test_segments_have_the_joint_of_their_turn() -> None:
     )
     joints = [one.joint for one in found.segments if one.joint is not None]
     assert [joint.kind for joint in joints] == [JointKind.HINGE] * 2
-    for joint, y_m in zip(joints, (0.0, APART_M), strict=True):
+    for joint, y_m in zip(joints, (0.0, apart_m), strict=True):
         assert isinstance(joint.environment, Line)
         assert joint.environment.point_m[:2] == pytest.approx([0.0, y_m], abs=1e-3)
     assert {id(one.joint) for one in found.beliefs if one.joint is not None} == {*map(id, joints)}

@@ -11,8 +11,8 @@ MOST_PLAY: Final = 100.0
 freedom and for contacts with such motion: joints have play and markers bend. With 50 and 200 the rows of
 ``joint_play.py`` differ by 5 of 384 cases at most; without it 5 of 489 fewer hinges and balls are named."""
 WAVES: Final = 12
-"""Number of cosines over the whole way of a joint, and over the time of a drift. With 6, 8 instead of 2 of the 594 hinges of
-``tests/benchmarks/joint_play.py --seeds 0 1`` are sure to be balls."""
+"""Number of cosines over the whole way of a joint, and over the time of a drift. With 6, 8 instead of 2 of
+the 594 hinges of ``tests/benchmarks/joint_play.py --seeds 0 1`` are sure to be balls."""
 CROSSED_WAVES: Final = 3
 """Number of cosines whose amplitude depends on the direction of motion. Without them 42 instead of 38 of 396
 hinges with ``--swings 3 6`` are sure to be another joint, and two of three that change sides late in their
