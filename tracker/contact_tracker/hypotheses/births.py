@@ -226,6 +226,8 @@ class TickInput(NamedTuple):
     """(7,) log probabilities of staying in each state through it."""
     log_birth_weight: Array
     """(7,) log birth weights."""
+    speed_evidence: float
+    """Evidence (nats) for free motion by the speed, in ``log_transition`` and in these."""
 
     def birth(self, column: int) -> Birth:
         """The births of one contact."""

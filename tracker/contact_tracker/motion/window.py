@@ -74,6 +74,13 @@ class Window:
         apart[1:][self.index[1:] - self.index[:-1] != 1] = 0.0
         return _per_axis(apart)
 
+    def speed(self, tick_s: float) -> float:
+        """Speed of the object (m/s) in the newest tick; zero after a gap."""
+        if self.index.size < 2 or self.index[-1] - self.index[-2] != 1:
+            return 0.0
+        moved_m = self.zeta[-1, T] - self.zeta[-2, T]
+        return float(np.sqrt(moved_m @ moved_m)) / tick_s
+
     @property
     def before_newest(self) -> Array | None:
         """zeta (25,) of the tick before the newest; None if there is none."""

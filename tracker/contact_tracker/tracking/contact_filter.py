@@ -87,6 +87,10 @@ def predict_transitions(
             odds, gain = share_with_faces(odds, gain, model.geometry.revisit_prior)
         log_odds[:-1] = odds
         transition, survival = reweight_transitions(transition, survival, log_odds[:-1], gain)
+    speed_evidence = state.free_speed.added_evidence(window.speed(model.tick_s))
+    if speed_evidence:
+        transition = transition.copy()
+        transition[:, FREE] += speed_evidence
     if rest.completes:
         transition, survival = transition + REST_LOG_LIKELIHOOD[:, None], survival + REST_LOG_LIKELIHOOD
     if state.ticks:
@@ -111,6 +115,7 @@ def predict_transitions(
         transition,
         survival,
         birth_weight,
+        speed_evidence,
     )
 
 
@@ -338,6 +343,10 @@ def update_state(
     was_free, outliers = state.label is Contact.FREE, state.outliers
     if tick.outliers.total:
         outliers = outliers.joined(tick.outliers)
+    normaliser = float(weights.log_birth_weight[FREE] - weights.log_state_weight[FREE])
+    if change.speed_evidence:  # which tells nothing about the model of the noise
+        p_free = np.exp(weights.log_state_weight[FREE] - hmm.log_sum_exp(weights.log_state_weight))
+        normaliser += float(np.log1p(p_free * np.expm1(-change.speed_evidence)))
     return state._replace(
         window=change.window,
         ticks=state.ticks + 1,
@@ -354,8 +363,7 @@ def update_state(
         hazard_exposure=change.hazard_exposure,
         log_transition=change.log_transition,
         log_birth_weight=weights.log_birth_weight,
-        log_normaliser=state.log_normaliser
-        + float(weights.log_birth_weight[FREE] - weights.log_state_weight[FREE]),
+        log_normaliser=state.log_normaliser + normaliser,
         lag_history=past,
     )
 
@@ -383,12 +391,14 @@ def read_posterior(
 
     One filter of a bank ``tests_curvature``: whether free motion is on a curved surface.
     """
-    probability = label_posterior(state)
+    model, shares = state.model, state_shares(state)
+    probability = ambiguity.tempered(shares, model.certainty.posterior_power)
     label = STATES[int(probability.argmax())]
+    free_speed = state.free_speed.update(state.window.speed(model.tick_s), float(shares[FREE]))
     onset_ns = state.free_since_ns if label is Contact.FREE else int(state.best[label.column, 2])
     fit = label_fit(state, label) if detail >= Detail.GEOMETRY else None
     shared = belief = Belief(tick.stamp_ns, label, probability, onset_ns, fit, state.residual)
-    state = state._replace(label=label)
+    state = state._replace(label=label, free_speed=free_speed)
     is_due = _should_update_map(state, belief)
     if detail >= Detail.SHARED or is_due:
         if label is not Contact.FREE:

@@ -23,6 +23,7 @@ from contact_tracker.inspection.stream_checks import Finding
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion.free_motion import NO_EXCESS, NOW_TICKS, can_be_compared
+from contact_tracker.motion.free_speed import FreeSpeed
 from contact_tracker.motion.poses import NO_OUTLIERS, NO_POSES, Outliers, Poses
 from contact_tracker.motion.sensor_noise import SLOW_PERIOD_S, begin, estimate_noise, independent_point
 from contact_tracker.motion.tick_averaging import ORIGIN_M, Tick, TickGrid, tick_variances, white_variances
@@ -556,6 +557,8 @@ class FilterBank:
         assert self.pending is not None
         first_ns, origins = int(self.pending.stamp_ns[0]), None if self.grid is None else self.grid.origins
         self.filters = [ContactFilter.start(model, self.lag_s, self.known_map) for model in models]
+        for filter_ in self.filters:
+            filter_.state = filter_.state._replace(free_speed=FreeSpeed())
         if self.map is not None and origins is not None:
             self.grid = TickGrid.start(models[0], first_ns, origins)
             for filter_ in self.filters:
