@@ -70,7 +70,7 @@ _LEGEND: Final = """\
 - **faint, with an outline**: known bodies and touched parts of elements; the pointer shows their names
 - **grey arrow**: `live --suggest`, the most informative small motion: along it, or about it by the arc
 - **translucent**: two standard deviations; **thin needle**: position along it unknown
-- **e-f 0.97 or v-f**: the object's edge on a face, and its probability; pale if another, here v-f, fits as well
+- **e-f 0.97 or v-f**: the object's edge on a face, and its probability; pale, as v-f fits the motion as well
 """
 
 
