@@ -195,7 +195,8 @@ def _vertex_on_face(sums: Array, ridge: Array) -> Array:
         mixed = (point[:, None, None] @ by_turn)[:, :, 0] + by_shift
         followed = squares - np.swapaxes(mixed, 1, 2) @ np.linalg.solve(curvature, mixed)
         # a step of inverse iteration for the eigenvector of the least eigenvalue
-        normal = np.linalg.solve(_held(followed, 1e-9 * ridge), normal[:, :, None])[:, :, 0]
+        rounding = _ROUNDING * np.trace(squares, axis1=1, axis2=2)  # of a difference of large numbers
+        normal = np.linalg.solve(_held(followed, 1e-9 * ridge + rounding), normal[:, :, None])[:, :, 0]
         normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     return np.asarray(least.reshape(-1, 3).min(axis=1))
 

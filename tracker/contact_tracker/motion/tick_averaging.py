@@ -206,12 +206,18 @@ def _deviations(frames: Poses, position_m: Array, quat_xyzw: Array) -> Array:
 
 
 def _local_median(rows: Array) -> Array:
-    """Median over the ``NEIGHBOURS`` rows around each row (as many as there are)."""
+    """Median over the ``NEIGHBOURS`` rows around each row (as many as there are), continued in a straight line
+    at both ends, where the nearest median would be that of rows up to two steps away."""
     count = len(rows)
     width = min(NEIGHBOURS, count - 1 + count % 2)
     windows = rows[np.arange(width)[:, None] + np.arange(count - width + 1)]
     windows.partition(width // 2, axis=0)
-    return np.asarray(windows[width // 2].take(np.arange(count) - width // 2, axis=0, mode="clip"))
+    medians, at = windows[width // 2], np.arange(count) - width // 2
+    inside = at.clip(0, len(medians) - 1)
+    if len(medians) == 1:
+        return np.asarray(medians[inside])
+    slope = np.where((at < 0)[:, None], medians[1] - medians[0], medians[-1] - medians[-2])
+    return np.asarray(medians[inside] + (at - inside)[:, None] * slope)
 
 
 LONGEST_GAP_S: Final = 5.0
