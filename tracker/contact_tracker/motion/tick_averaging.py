@@ -206,8 +206,8 @@ def _deviations(frames: Poses, position_m: Array, quat_xyzw: Array) -> Array:
 
 
 def _local_median(rows: Array) -> Array:
-    """Median over the ``NEIGHBOURS`` rows around each row (as many as there are), continued in a straight line
-    at both ends, where the nearest median would be that of rows up to two steps away."""
+    """Median over the ``NEIGHBOURS`` rows around each row (as many as there are), continued in a line at both
+    ends, where the nearest median is that of rows up to two steps away."""
     count = len(rows)
     width = min(NEIGHBOURS, count - 1 + count % 2)
     windows = rows[np.arange(width)[:, None] + np.arange(count - width + 1)]
