@@ -126,6 +126,10 @@ def test_names_of_columns_have_units_as_in_files(poses) -> None:
     with pytest.warns(ContactTrackerWarning, match="they look like seconds"):
         seconds = Trajectory.from_dataframe(columns | {"time [ms]": poses.stamp_ns / 1e9}, "time [ms]", names)
     assert "they look like seconds" in seconds.notes[0]
+    arrays = poses.position_m, poses.quat_xyzw
+    for time_unit, scale, unit in (("ms", 1e-9, "s"), ("ns", 1e-9, "s"), ("s", 1e-6, "ms")):
+        with pytest.warns(ContactTrackerWarning, match=f"look like .*: give time_unit='{unit}'"):
+            Trajectory.from_arrays(scale * (poses.stamp_ns - poses.stamp_ns[0]), *arrays, time_unit=time_unit)
     without_units = Trajectory.from_dataframe(columns, "time", ("x", "y", "z"))
     np.testing.assert_array_equal(without_units.position_m, trajectory.position_m)
     with pytest.raises(UsageError, match="no column 'X1'; there are"):

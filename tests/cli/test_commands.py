@@ -128,6 +128,11 @@ def test_a_link_is_written_where_it_leads(log: Path, tmp_path: Path, monkeypatch
         output_file(".csv")(str(tmp_path / "lost.csv"))
 
 
+def test_an_output_for_rerun_names_the_command_that_writes_it() -> None:
+    with pytest.raises(UsageError, match=r"\.csv; contact-tracker view LOG --save out\.rrd writes it"):
+        output_file(".csv")("out.rrd")
+
+
 def test_versions_and_scenarios_are_listed() -> None:
     assert run("--version").stdout.startswith("contact-tracker 0.")
     assert "vision_30hz" in run("simulate", "--list").stdout

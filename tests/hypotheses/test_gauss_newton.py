@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 from contact_motions import elements_of, touching
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.geometry import lifted_pose
+from contact_tracker.hypotheses import gauss_newton
 from contact_tracker.hypotheses.gauss_newton import Prior, minimise
 from contact_tracker.paper import direct, matrix, minimise_slsqp, motion
 from contact_tracker.states import Contact
@@ -131,3 +132,11 @@ def test_too_few_steps_or_poses_are_a_status_and_give_a_finite_fit(model):
         model.family, moments[nothing], weight[nothing], no_prior(model, 0), anchors[nothing], x[nothing], 5
     )
     assert (none.x.shape, none.converged.shape) == ((0, size), (0,))
+
+
+def test_curvature_that_is_singular_in_rounding_has_a_step() -> None:
+    """As of exact poses: all parameters together are known far better than each alone."""
+    family = CONTACT_MODELS[Contact.VF.column].family
+    zeros = np.zeros((1, 5))
+    args = np.ones((1, 5)), np.full((1, 1, 5, 5), 1e17), np.zeros((1, 5, 5)), zeros[:, 0]
+    assert np.isfinite(gauss_newton._step(family, *args)).all()

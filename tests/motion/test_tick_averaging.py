@@ -17,7 +17,7 @@ from contact_tracker.motion.free_motion import NO_EXCESS
 from contact_tracker.motion.pose_validation import counts_text
 from contact_tracker.motion.poses import Outliers, Poses
 from contact_tracker.motion.tick_averaging import TickGrid, tick_variances, with_excess
-from smooth_motion import START_NS, moving
+from smooth_motion import START_NS, exact_transfers, moving
 
 MODEL = load_model()
 TICK_NS = MODEL.tick_ns
@@ -113,6 +113,13 @@ def test_fast_motion_is_not_taken_for_outliers(rate_hz, most):
     poses = moving(np.random.default_rng(3), 30.0, rate_hz, 3e-4, 2.6e-3, rms_m=0.1, rms_rad=0.6)
     ticks = averaged(poses)
     assert sum(tick.outliers.total for tick in ticks) <= most * len(poses)
+
+
+@pytest.mark.parametrize("rate_hz", [125.0, 500.0])
+def test_exact_poses_of_a_robot_are_no_outliers(rate_hz):
+    """Also the first and last frames of a tick in which it speeds up, which have neighbours on one side."""
+    poses = exact_transfers(np.random.default_rng(0), 30.0, rate_hz)
+    assert sum(tick.outliers.total for tick in averaged(poses)) <= 0.001 * len(poses)
 
 
 @pytest.mark.parametrize(("rate_hz", "missed"), [(30.0, 0.03), (200.0, 0.001)])

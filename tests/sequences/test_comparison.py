@@ -47,8 +47,8 @@ def with_segments(result, segments):
         part["probability"] = np.full(len(STATES), (1.0 - one.probability) / 6)
         part["probability"][:, one.contact.column] = one.probability
         rows.append(part)
-        seen = sighting_of(one, result.touched)
-        sightings.append(replace(seen, first=number, onset_ns=start_ns, stamp_ns=end_ns))
+        if (seen := sighting_of(one, result.touched)) is not None:
+            sightings.append(replace(seen, first=number, onset_ns=start_ns, stamp_ns=end_ns))
     changed = replace(result.segmentation, segments=tuple(moved), beliefs=Beliefs(np.concatenate(rows)))
     touched = replace(result.touched, sightings=tuple(sightings), pairs={}, elements={})
     return contact_tracker.Result(**vars(result) | {"segmentation": changed, "touched": touched})
@@ -183,6 +183,24 @@ def test_open_segments_are_no_difference(first) -> None:
     shown = [text.get_text() for text in axes.get_legend().get_texts()]
     assert shown == ["step same", "step open", "open: others fit"]
     assert axes.get_title("left").splitlines() == [f"A: {first.trajectory.name}", f"B: {name}"]
+
+
+@pytest.mark.parametrize(("ticks", "probability", "count"), [(1, 0.3, 4), (1, 0.99, 5), (20, 0.3, 5)])
+def test_an_unsure_row_of_one_tick_is_no_step(first, ticks, probability, count) -> None:
+    """In the second take a flicker between two steps is part of one of them; a sure or long row is a step."""
+    sure = [replace(segment, probability=0.99) for segment in first.segments]
+    others = tuple(state for state in STATES if state is not Contact.FV)
+    flicker = replace(
+        sure[1],
+        contact=Contact.FV,
+        end_ns=sure[1].start_ns + ticks * 100_000_000 - 1,
+        probability=probability,
+        inseparable=others if probability < 0.9 else (),
+        geometry=None,
+    )
+    takes = with_segments(first, sure), with_segments(first, [*sure[:2], flicker, *sure[2:]])
+    assert len(compare_outcomes(*takes).steps) == count
+    assert len(compare_outcomes(*takes[::-1]).steps) == count
 
 
 def test_boundaries_are_as_sure_as_the_beliefs(first, simulated) -> None:

@@ -30,11 +30,11 @@ def all_alignments(n, m):
                     yield [(a, b), *rest]
 
 
-def log_weight(steps, first, second, pairs, rate):
+def log_weight(steps, first, second, pairs, alone, rate):
     total, i, j = 0.0, 0, 0
     for a, b in steps:
         if not (a and b):
-            total += np.log(rate)
+            total += np.log(rate) + (alone[0][i] if a else alone[1][j])
         else:
             per_contact = first[i : i + a].sum(axis=0) + second[j : j + b].sum(axis=0) + pairs[i, j]
             total += np.log1p(-2.0 * rate) + np.logaddexp.reduce(per_contact) - np.log(CONTACTS)
@@ -49,9 +49,10 @@ def test_probabilities_are_those_of_all_alignments(seed, n, m, rate) -> None:
     rng = np.random.default_rng(seed)
     first, second, pairs = sequence(rng, n), sequence(rng, m), rng.normal(size=(n, m, CONTACTS))
     are_alike = rng.random((n, m)) < 0.5
+    alone = np.log(rng.random(n)), np.log(rng.random(m))
     more = pairs + np.log(2.0 * np.where(are_alike, 1.0 - rate, rate))[..., None]
     found = list(all_alignments(n, m))
-    weights = np.array([log_weight(one, first, second, more, rate) for one in found])
+    weights = np.array([log_weight(one, first, second, more, alone, rate) for one in found])
     total = np.logaddexp.reduce(weights)
     together, missing, new = np.zeros((n, m)), np.zeros(n), np.zeros(m)
     for steps, p in zip(found, np.exp(weights - total), strict=True):
@@ -62,7 +63,7 @@ def test_probabilities_are_those_of_all_alignments(seed, n, m, rate) -> None:
             new[j : j + b] += p * (a == 0)
             i, j = i + a, j + b
     with patch("contact_tracker.sequences.pair_hmm.RATE", rate):
-        got = align(first, second, pairs, are_alike)
+        got = align(first, second, pairs, are_alike, alone)
     np.testing.assert_allclose(got.together, together, atol=0.07)
     np.testing.assert_allclose(got.missing, missing, atol=0.07)
     np.testing.assert_allclose(got.new, new, atol=0.07)
@@ -77,7 +78,8 @@ def test_probabilities_are_those_of_all_alignments(seed, n, m, rate) -> None:
 def test_sure_steps_are_missing_or_new(first, second, missing, new) -> None:
     evidence = np.log(7.0 * (1e-4 + (1.0 - 7e-4) * np.eye(7)))
     alike = np.ones((len(first), len(second)), bool)
-    alignment = align(evidence[first], evidence[second], np.zeros((*alike.shape, 7)), alike)
+    alone = np.zeros(len(first)), np.zeros(len(second))
+    alignment = align(evidence[first], evidence[second], np.zeros((*alike.shape, 7)), alike, alone)
     assert [own[0] for own, other in alignment.steps if not other] == missing
     assert [other[0] for own, other in alignment.steps if not own] == new
     assert np.all(alignment.missing[missing] > 0.8)

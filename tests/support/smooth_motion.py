@@ -40,6 +40,24 @@ def moving(
     return Poses(stamp_ns, position, (turn * noise).as_quat())
 
 
+def exact_transfers(rng: np.random.Generator, seconds: float, rate_hz: float) -> Poses:
+    """A robot's commanded poses, without noise: straight moves with a constant acceleration, speed and
+    deceleration, and rests between."""
+    time_s, begin_s, ramp = np.arange(0.0, seconds, 1.0 / rate_hz), 0.0, 0.25
+    place = np.zeros((len(time_s), 6))
+    while begin_s < seconds:
+        move_s, rest_s = rng.uniform(0.8, 2.0), rng.uniform(0.2, 0.8)
+        way = rng.uniform(-1.0, 1.0, 6) * np.repeat([0.15, 0.4], 3)
+        share = np.clip((time_s - begin_s) / move_s, 0.0, 1.0)
+        parts = [share**2 / (2.0 * ramp), share - 0.5 * ramp, 1.0 - ramp - (1.0 - share) ** 2 / (2.0 * ramp)]
+        place += (
+            np.select([share < ramp, share < 1.0 - ramp], parts[:2], parts[2])[:, None] / (1 - ramp) * way
+        )
+        begin_s += move_s + rest_s
+    stamp_ns = START_NS + np.rint(time_s * 1e9).astype(np.int64)
+    return Poses(stamp_ns, place[:, :3], Rotation.from_rotvec(place[:, 3:]).as_quat())
+
+
 def slid_and_tilted(rng: np.random.Generator, size_m: Array) -> Poses:
     """A box that slides and turns on the table z = 0, for 8 s on a face and then on an edge; poses of its
     middle."""

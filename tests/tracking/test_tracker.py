@@ -208,6 +208,15 @@ def test_an_end_within_a_tick_causes_no_jump():
 
 
 @pytest.mark.filterwarnings("error")
+def test_with_a_lag_every_contact_has_elements():
+    """Also one that no belief since then has named."""
+    poses = moving(np.random.default_rng(0), 12.0, 100.0, 3e-4, np.radians(0.15))
+    beliefs = [belief for belief in in_parts(poses, [], 1.0) if belief.contact is not Contact.FREE]
+    assert len(beliefs) > 10
+    assert all(belief.geometry is not None for belief in beliefs)
+    assert all(belief.onset_ns <= belief.stamp_ns for belief in beliefs)
+
+
 @pytest.mark.parametrize(("pause_s", "lag_s"), [(0.0, 0.3), (0.03, 0.0), (0.08, 0.3), (2.0, 0.0)])
 def test_a_pause_loses_and_repeats_no_belief(pause_s, lag_s):
     poses, cuts = paused(107, pause_s), [1, 107, 108, 181]

@@ -172,6 +172,21 @@ def test_drawings_fade_with_probability_and_only_surroundings_have_the_contacts_
         assert {one[:3] for one in rgba} == ({OBJECT} if number < 2 else of_contacts)
 
 
+def test_open_contacts_are_pale(tmp_path, poses, segmentation) -> None:
+    """Of a whole recording and of a stream: the first segment is open."""
+    first, *later = segmentation.segments
+    beliefs = [replace(b, inseparable=(Contact.EF,)) for b in list(segmentation.filtered)[:30]]
+    opened = replace(segmentation, segments=(replace(first, inseparable=(Contact.EF,)), *later))
+    write_outcome(outcome(poses, opened), tmp_path / "all.rrd")
+    play(tmp_path / "live.rrd", poses, beliefs)
+    for path in (tmp_path / "all.rrd", tmp_path / "live.rrd"):
+        for entity, opacity, factor in zip(
+            MESHES, canvas.OPACITY, (1.0, 1.0, canvas.SHEET, 1.0), strict=True
+        ):
+            _, value = rows(path, entity, "Mesh3D:albedo_factor")[0]
+            assert value[0].to_bytes(4)[3] == round(255 * opacity * 0.8 * factor * canvas.OPEN)
+
+
 def test_states_change_where_they_should(written) -> None:
     smoothed = rows(written, canvas.SMOOTHED, "StateChange:state")
     assert [(t + ORIGIN_NS, v) for t, v in smoothed] == [

@@ -80,6 +80,7 @@ class OfflineTracker:
         self._has_passes = uses_map and not known_map.lists_elements and wrenches is None
         self._record = PassRecord(keeps_ticks=self._has_passes) if uses_map else None
         self.outliers = NO_OUTLIERS
+        self._has_ended = False
 
     def pieces(
         self,
@@ -178,6 +179,7 @@ class OfflineTracker:
             self._tracker.inspect_poses(poses)
             self._tracker.check("contradiction", poses)
             yield poses
+        self._has_ended = True
 
     def _checked(self, parts: Iterator[Segmentation], early: Beliefs) -> Iterator[Segmentation]:
         """The pieces after the checks of segments; the ``early`` online beliefs replace their first ones."""
@@ -188,7 +190,8 @@ class OfflineTracker:
             self.outliers = self.outliers.joined(piece.outliers)
             piece = replace(piece, filtered=piece.filtered[count:])
             self._tracker.check_segments(piece.segments)
-            if self._tracker.is_in_doubt:
+            report = self.report if self._has_ended else self._tracker.report_so_far
+            if report is not None and any(finding.doubts_labels for finding in report.findings):
                 piece = _in_doubt(piece, self._known_map.allowed)
             piece = replace(piece, filtered=Beliefs.join([reported, piece.filtered]))
             yield from waiting.release(piece, self._tracker.checks.map_use)

@@ -57,7 +57,8 @@ class Check:
         return self
 
     def is_likely(self, stream: Stream) -> bool:
-        """Whether there may soon be a finding that makes labels unreliable."""
+        """Whether there may soon be a finding that makes labels unreliable, or at the end of the stream would
+        be one if it went on."""
         return False
 
     def findings(self, stream: Stream, earlier: Sequence[Finding]) -> list[Finding]:

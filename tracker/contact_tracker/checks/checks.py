@@ -233,8 +233,12 @@ class Checks(NamedTuple):
         return tuple(check.suspicion for check in self if check.is_likely(stream))
 
     def findings(self, stream: Stream) -> tuple[Finding, ...]:
-        """Findings so far."""
+        """Findings so far; at the end of the stream also what is still suspected."""
         result = list(findings(stream.inspection, self.conventions.fitting_units))
         for check in self:
             result += check.findings(stream, result)
+        if stream.is_end and not any(finding.doubts_labels for finding in result):
+            undecided = "no label is certain, as the motion does not decide it: check that, or record more"
+            texts = (f"{suspicion}: {undecided}" for suspicion in self.suspicions(stream))
+            result += [Finding("suspicion", text, True) for text in texts]
         return tuple(result)

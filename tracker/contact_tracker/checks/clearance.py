@@ -232,7 +232,7 @@ class Impacts(Check):
         return Impacts(max(self.top_m_per_s, float(change.max(initial=0.0))), bool(is_near.any()), recent)
 
     def is_likely(self, stream: Stream) -> bool:
-        if stream.model.tick_s <= LONGEST_TICK_S:
+        if stream.model.tick_s <= LONGEST_TICK_S or stream.is_end:
             return False
         may_touch = bool(stream.map.listed_object and stream.map.listed_environment)
         return self.is_near or (may_touch and not stream.inspection.blocks)  # before the first inspection

@@ -349,7 +349,8 @@ def output_file(*suffixes: str) -> Callable[[str], Path | None]:
         if path.suffix.lower() not in suffixes:
             *others, last = (suffix for suffix in suffixes if suffix != "-")
             named = f"{', '.join(others)} or {last}" if others else last
-            raise UsageError(f"cannot write {text}: its name must end in {named}")
+            by_view = f"; contact-tracker view LOG --save {text} writes it" * (path.suffix.lower() == ".rrd")
+            raise UsageError(f"cannot write {text}: its name must end in {named}{by_view}")
         if (refusal := why_not_writable(path)) is not None:
             raise UsageError(f"cannot write {text}: {refusal}")
         return path

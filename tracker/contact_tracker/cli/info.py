@@ -106,6 +106,7 @@ def _reports(sources: "Sequence[SourceSummary]") -> "dict[PoseSource, Report | N
                 break
         remaining -= used
         tracker.inspect_added()
-        report, is_cut_short = tracker.report, start + BATCH_POSES < len(source.beginning)
+        is_cut_short = start + BATCH_POSES < len(source.beginning)
+        report = tracker.report_so_far if is_cut_short else tracker.report
         reports[source.source] = None if report is None else report._replace(is_cut_short=is_cut_short)
     return reports

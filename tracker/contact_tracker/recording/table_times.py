@@ -66,6 +66,8 @@ def unit_of(times: NDArray[np.float64]) -> tuple[str, str | None]:
     by_step = _first_within(_STEP_S, step)
     if step is None or by_step == "s":
         return "s", None
+    if by_step == "ns" and step * TIME_UNITS_NS[TICK] > _STEP_S[1] * 1e9:  # no other unit is near
+        return "ns", None
     unit = by_step if by_step is not None and step >= _SECONDS else "s"
     return unit, (
         f"its times have no unit and are taken as {TIME_WORDS[unit]}, with steps of {step:g}: if they are "
@@ -97,7 +99,9 @@ def doubt_of_unit(times: NDArray[np.float64], unit_ns: float) -> str | None:
             "rate, as --time-unit 200Hz"
         )
     likely = None if step is None else _first_within(_STEP_S, step)
-    is_slow = likely is not None and (step or 0.0) * unit_ns > _LONGEST_STEP_S * 1e9
+    is_dated = len(times) > 0 and _DATE_S[0] <= times[0] * unit_ns * 1e-9 <= _DATE_S[1]
+    longest_s = _LONGEST_STEP_S if is_dated else _SECONDS
+    is_slow = likely is not None and (step or 0.0) * unit_ns > longest_s * 1e9
     if step is None or (1e9 / (step * unit_ns) <= _FASTEST_HZ and not is_slow):
         return None
     named = next((unit for unit, ns in TIMES_NS.items() if ns == unit_ns), f"{unit_ns:g} ns")
@@ -219,7 +223,7 @@ class TableTimes:
         if self._scale is None:
             unit, doubt = unit_of(times)
             self._scale = TIME_UNITS_NS[unit]
-        elif not self._is_certain:
+        elif stated is not None or not self._is_certain:
             doubt = doubt_of_unit(times, self._scale)
         if doubt is not None:
             self._assume(doubt)

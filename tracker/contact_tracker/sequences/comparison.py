@@ -161,7 +161,10 @@ def compare_outcomes(first: Outcome, second: Outcome, tolerance: float = TOLERAN
     for i, j in np.argwhere(is_known):  # the four cases have equal priors
         pairs[i, j, takes[0][i].contact.column] = np.logaddexp.reduce(evidence[i, j].ravel()) - np.log(4.0)
     are_open = [np.array([step.is_open for step in steps]) for steps in takes]
-    alignment = align(likelihoods[0], likelihoods[1], pairs, are_open[0][:, None] == are_open[1])
+    are_alike = are_open[0][:, None] == are_open[1]
+    p_any = [np.array([step.p_any for step in steps]) for steps in takes]
+    alone = np.log(p_any[0]), np.log(p_any[1])
+    alignment = align(likelihoods[0], likelihoods[1], pairs, are_alike, alone)
 
     def rank(pair: tuple[int, int]) -> tuple[float, float]:
         return float(alignment.together[pair]), float(np.ptp(evidence[pair]))

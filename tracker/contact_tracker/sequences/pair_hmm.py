@@ -42,7 +42,9 @@ class Alignment(NamedTuple):
     new: Array
 
 
-def align(first: Array, second: Array, pairs: Array, are_alike: Bools) -> Alignment:
+def align(
+    first: Array, second: Array, pairs: Array, are_alike: Bools, alone: tuple[Array, Array]
+) -> Alignment:
     """Align two sequences.
 
     Parameters
@@ -51,9 +53,10 @@ def align(first: Array, second: Array, pairs: Array, are_alike: Bools) -> Alignm
         over all contacts.
     pairs : (n, m, C) further log likelihood ratios of two segments that begin the same step.
     are_alike : (n, m) whether two segments are both open, or both not.
+    alone : (n,) and (m,) log probability that a segment is a step at all, if the other sequence lacks it.
     """
     agreement = np.log(2.0 * np.where(are_alike, 1.0 - RATE, RATE))[..., None]
-    model = _Model.of(first, second, pairs + agreement)
+    model = _Model.of(first, second, pairs + agreement, alone)
     (move,) = model.trace(model.forward(np.max))
     samples = model.trace(model.forward(np.logaddexp.reduce), np.random.default_rng(0))
     shape = len(first), len(second)
@@ -95,7 +98,7 @@ class _Model(NamedTuple):
     end: Array
 
     @classmethod
-    def of(cls, first: Array, second: Array, pairs: Array) -> "_Model":
+    def of(cls, first: Array, second: Array, pairs: Array, alone: tuple[Array, Array]) -> "_Model":
         (n, contacts), m = first.shape, len(second)
         move = np.append(np.repeat([MATCH, FIRST_GOES_ON, SECOND_GOES_ON], contacts), [MISSING, NEW])
         match, on, over = (slice(k * contacts, (k + 1) * contacts) for k in range(3))
@@ -103,7 +106,7 @@ class _Model(NamedTuple):
         emission[on, 1:], emission[over, :, 1:] = first.T[:, :, None], second.T[:, None, :]
         emission[match, 1:, 1:] = emission[on, 1:, 1:] + emission[over, 1:, 1:] + pairs.transpose(2, 0, 1)
         emission[match] -= np.log(contacts)
-        emission[-2, 1:] = emission[-1, :, 1:] = 0.0  # any contact
+        emission[-2, 1:], emission[-1, :, 1:] = alone[0][:, None], alone[1]  # any contact
         with np.errstate(divide="ignore"):
             begin = np.log([1.0 - 2.0 * RATE, 0.0, 0.0, RATE, RATE])[move]
         ends, goes_on = np.log1p(-RATE), np.log(RATE)

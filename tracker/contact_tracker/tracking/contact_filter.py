@@ -435,10 +435,9 @@ def lagged_belief(state: FilterState, row: int) -> Belief:
     probability = np.einsum("j,js->s", state_shares(state), state.lag_history[:, lag])
     probability = ambiguity.tempered(probability / probability.sum(), state.model.certainty.posterior_power)
     contact = STATES[int(np.argmax(probability))]
-    # the geometry of that contact is in its belief of that time, or in one soon after
+    # the geometry of that contact is in its belief of that time, in one soon after, or in its hypothesis now
     agreeing = [belief for belief in state.recent[row:] if belief.contact is contact]
-    without_geometry = Belief(stamp_ns, contact, probability, stamp_ns, None, past.residual)
-    source = agreeing[0] if agreeing else without_geometry
+    source = agreeing[0] if agreeing else _not_yet_labelled(state, contact, probability, past)
     # further contacts of the latest belief in which all of them had begun: their constraints are counted
     complete = (b.further for b in agreeing if all(contact.start_ns <= stamp_ns for contact in b.further))
     further = max(complete, key=len, default=())
@@ -453,6 +452,24 @@ def lagged_belief(state: FilterState, row: int) -> Belief:
         residual=past.residual,
         further=further,
     )
+
+
+def _not_yet_labelled(state: FilterState, contact: Contact, probability: Array, past: Belief) -> Belief:
+    """A belief that ``contact`` held at an earlier tick, of which no belief since then has been: by the best
+    of its hypotheses now that had begun; without elements if there is none."""
+    belief = Belief(past.stamp_ns, contact, probability, past.stamp_ns, None, past.residual)
+    if contact is Contact.FREE:
+        return belief
+    bank, best = state.banks[contact.column], state.best.copy()
+    onset_ns = bank.onsets.onset_ns[bank.onset_index]
+    begun = np.flatnonzero(onset_ns <= past.stamp_ns)
+    if not len(begun):
+        return belief
+    row = int(begun[bank.log_weight[begun].argmax()])
+    best[contact.column] = row, bank.onset[row], onset_ns[row]
+    state = state._replace(best=best)
+    belief = replace(belief, onset_ns=int(onset_ns[row]), where=label_fit(state, contact))
+    return beside_indistinguishable(state, belief)
 
 
 def label_posterior(state: FilterState) -> Array:

@@ -214,7 +214,9 @@ class Trajectory:
             noted = counts_text(counts)
             reason = "" if loss is None else f": {loss}"
             raise NoPoses(f"no pose that can be used of {len(rows)}{f' ({noted})' if noted else ''}{reason}")
-        doubt = None if unit_ns is None else doubt_of_unit(stamp_ns[usable] / unit_ns, unit_ns)
+        doubt = None
+        if unit_ns is not None:  # by the stamps as given, as those in ns are whole
+            doubt = doubt_of_unit(np.asarray(times(stamps), float)[usable], unit_ns)
         notes = (*filter(None, (doubt,)), *remarks_on(counts, len(rows)))
         warn_of((*filter(None, (loss,)), *notes))
         log_counts("poses", counts)

@@ -53,6 +53,8 @@ OPACITY: Final = (1.0, 0.15, 1.0, 0.2)
 """Opacities of the four meshes of a ``Drawing``; ``NOTHING`` are empty meshes."""
 SHEET: Final = 0.55
 """Opacity of faces of the surroundings; it leaves objects below visible."""
+OPEN: Final = 0.35
+"""Opacity of open contacts relative to decided ones."""
 _ROWS: Final = 1000
 """Number of rows that are sent together: fewer double the file, more are displayed slowly."""
 Columns = Iterable[rr.ComponentColumn]
@@ -68,7 +70,7 @@ _LEGEND: Final = """\
 - **faint, with an outline**: known bodies and touched parts of elements; the pointer shows their names
 - **grey arrow**: `live --suggest`, the most informative small motion: along it, or about it by the arc
 - **translucent**: two standard deviations; **thin needle**: position along it unknown
-- **e-f 0.97 or v-f**: the object's edge on a face, and its probability; v-f fits the motion as well
+- **e-f 0.97 or v-f**: the object's edge on a face, and its probability; pale, as v-f fits the motion as well
 """
 
 
@@ -193,14 +195,15 @@ class Canvas:
             self.most_further += 1
             self._lane(further_lane(self.most_further))
         for number in range(1, self.most_further + 1):
-            row = [contacts[number - 1] if number <= len(contacts) else None for contacts in held]
+            row = [further[number - 1] if number <= len(further) else None for further in held]
             self.states(further_lane(number), stamp_ns, [None if f is None else f.contact for f in row])
             rows = [i for i, further in enumerate(row) if further is not None]
             named = [further for further in row if further is not None]
             if named:
                 probability = np.array([further.probability for further in named])
                 texts = [f"+ {caption(f.contact, f.probability, f.inseparable)}" for f in named]
-                self.fade(stamp_ns[rows], [further.contact for further in named], probability, texts, number)
+                contacts, are_open = [f.contact for f in named], [bool(f.inseparable) for f in named]
+                self.fade(stamp_ns[rows], contacts, probability, are_open, texts, number)
 
     def scalars(self, entity: str, stamp_ns: Stamps, values: Array) -> None:
         """Values (N, K) of the K series of an entity; nan is a gap."""
@@ -238,16 +241,18 @@ class Canvas:
         stamp_ns: Stamps,
         contacts: Sequence[Contact],
         probability: Array,
+        are_open: Sequence[bool],
         captions: Sequence[str],
         number: int = 0,
     ) -> None:
         """Colour, opacity and caption of touching pair ``number`` from each stamp on."""
+        strength = np.clip(probability, 0.0, 1.0) * np.where(are_open, OPEN, 1.0)
         *entities, label = touching(number)
         colours = np.array([COLOUR[contact] for contact in contacts], np.uint8)
         white = np.broadcast_to(np.array(OBJECT, np.uint8), colours.shape)
         shades = (white, white, colours, colours)
         for entity, shade, opacity in zip(entities, shades, OPACITY, strict=True):
-            alpha = 255.0 * opacity * np.clip(probability, 0.0, 1.0)
+            alpha = 255.0 * opacity * strength
             if entity == entities[2]:
                 alpha = alpha * np.where([contact.value.endswith("-f") for contact in contacts], SHEET, 1.0)
             rgba = np.column_stack([shade, np.round(alpha).astype(np.uint8)])

@@ -158,7 +158,7 @@ def _draw_further(
         sheet.events(np.array(stamps, np.int64), contacts, texts)
 
 
-def _fade(sheet: Canvas, outcome: Outcome, begins: Stamps, is_open: Sequence[bool]) -> None:
+def _fade(sheet: Canvas, outcome: Outcome, begins: Stamps, has_open_offset: Sequence[bool]) -> None:
     """Draw the label's probability at each tick; at the start of a segment that of its first tick."""
     beliefs, segments = outcome.beliefs, outcome.segments
     stamps = beliefs.stamp_ns
@@ -169,11 +169,13 @@ def _fade(sheet: Canvas, outcome: Outcome, begins: Stamps, is_open: Sequence[boo
     times = np.concatenate([begins, stamps])
     number = np.maximum(np.searchsorted(begins, times, side="right") - 1, 0)
     captions = [
-        caption(contact, p, segments[i].inseparable, is_open[i])
+        caption(contact, p, segments[i].inseparable, has_open_offset[i])
         for contact, p, i in zip(contacts, probability, number, strict=True)
     ]
     order = np.argsort(times, kind="stable")
-    sheet.fade(times[order], [contacts[i] for i in order], probability[order], [captions[i] for i in order])
+    are_open = [bool(segments[number[i]].inseparable) for i in order]
+    texts = [captions[i] for i in order]
+    sheet.fade(times[order], [contacts[i] for i in order], probability[order], are_open, texts)
 
 
 _CLOSE_S: Final = 5.0
@@ -268,7 +270,7 @@ class LiveViewer:
             self._draw(sheet, belief, tick)
             self._drawn_ns = belief.stamp_ns
         text = caption(contact, p, belief.inseparable, self._is_open)
-        sheet.fade(stamp, [contact], np.array([p]), [text])
+        sheet.fade(stamp, [contact], np.array([p]), [bool(belief.inseparable)], [text])
         sheet.further(stamp, [belief.further])
 
     def _draw(self, sheet: Canvas, belief: Belief, tick: Poses) -> None:
