@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, lru_cache
+from math import inf, log
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -74,12 +75,13 @@ class Window:
         apart[1:][self.index[1:] - self.index[:-1] != 1] = 0.0
         return _per_axis(apart)
 
-    def speed(self, tick_s: float) -> float:
-        """Speed of the object (m/s) in the newest tick; zero after a gap."""
+    def log_speed(self, tick_s: float) -> float:
+        """Log of the object's speed (m/s) in the newest tick; minus infinity after a gap."""
         if self.index.size < 2 or self.index[-1] - self.index[-2] != 1:
-            return 0.0
+            return -inf
         moved_m = self.zeta[-1, T] - self.zeta[-2, T]
-        return float(np.sqrt(moved_m @ moved_m)) / tick_s
+        square = float(moved_m @ moved_m)
+        return 0.5 * log(square) - log(tick_s) if square else -inf
 
     @property
     def before_newest(self) -> Array | None:

@@ -87,7 +87,8 @@ def predict_transitions(
             odds, gain = share_with_faces(odds, gain, model.geometry.revisit_prior)
         log_odds[:-1] = odds
         transition, survival = reweight_transitions(transition, survival, log_odds[:-1], gain)
-    speed_evidence = state.free_speed.added_evidence(window.speed(model.tick_s))
+    onset = int(state.best[state.log_state_weight[:FREE].argmax(), 1])
+    speed_evidence = state.free_speed.added_evidence(onset, window.log_speed(model.tick_s))
     if speed_evidence:
         transition = transition.copy()
         transition[:, FREE] += speed_evidence
@@ -394,7 +395,8 @@ def read_posterior(
     model, shares = state.model, state_shares(state)
     probability = ambiguity.tempered(shares, model.certainty.posterior_power)
     label = STATES[int(probability.argmax())]
-    free_speed = state.free_speed.update(state.window.speed(model.tick_s), float(shares[FREE]))
+    log_speed = state.window.log_speed(model.tick_s)
+    free_speed = state.free_speed.update(state.ticks - 1, log_speed, float(shares[FREE]))
     onset_ns = state.free_since_ns if label is Contact.FREE else int(state.best[label.column, 2])
     fit = label_fit(state, label) if detail >= Detail.GEOMETRY else None
     shared = belief = Belief(tick.stamp_ns, label, probability, onset_ns, fit, state.residual)
