@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from scipy.spatial.transform import Rotation
 
 from contact_tracker.config.loading import load_model
 from contact_tracker.contacts import CONTACT_MODELS, face_face
@@ -249,6 +250,20 @@ def test_lines_match_at_any_point_and_in_either_direction(values, along_m, flips
     across = np.cross(direction, values[6:9] + np.array([3.0, 0.0, 0.0]))
     beside = replace(again, point_m=again.point_m + 0.05 * across / np.linalg.norm(across))
     assert not is_same_element(line, beside)
+
+
+@pytest.mark.parametrize(
+    ("apart_rad", "is_same"), [(0.0, True), (1e-4, True), (0.3, False), (np.pi / 2.0, False)]
+)
+def test_lines_through_a_known_point_differ_by_their_directions(apart_rad, is_same):
+    """As the axes of sliders, which go through the body's origin."""
+    covariance = np.zeros((6, 6))
+    covariance[:3, :3] = 1e-8 * np.eye(3)
+    turned = Rotation.from_rotvec([0.3 * apart_rad, 0.0, apart_rad]).apply([0.6, 0.8, 0.0])
+    lines = [Line(direction, np.zeros(3), covariance) for direction in (np.array([0.6, 0.8, 0.0]), turned)]
+    assert is_same_element(*lines) is is_same
+    moved = replace(lines[1], point_m=np.array([0.0, 0.0, 1e-3]))
+    assert not is_same_element(lines[0], moved)
 
 
 @pytest.mark.parametrize("offset_m", [-0.1, 0.0])

@@ -328,6 +328,8 @@ def slots_of(elements: Mapping[Key, MapElement], keys: Iterable[Key]) -> dict[Ke
 
 SAME: Final = 4.0
 """Gate in standard deviations within which two estimates may be of one element."""
+ROUNDING: Final = 1e-12
+"""Least standard deviation (m, rad) of a coordinate: an exact one differs by rounding."""
 _LOST: Final = 1e-12
 """Variances below this share of the largest count as zero: rounding errors, or what cannot move."""
 
@@ -356,8 +358,10 @@ def mahalanobis(first: Element, second: Element) -> float:
     start, end = MapElement.of(first), MapElement.of(second)
     free, off = start.parameters()[1], start.change_to(end)
     covariance = free.T @ (covariance_of(first) + covariance_of(second)) @ free
-    sd = np.sqrt(covariance.diagonal())  # one coordinate may be known much better than another
-    return float(np.linalg.norm(whitening(covariance / (sd[:, None] * sd), 0) @ (off / sd)))
+    sd = np.sqrt(covariance.diagonal() + ROUNDING**2)  # one coordinate may be known much better than another
+    relative = covariance / (sd[:, None] * sd)
+    np.fill_diagonal(relative, 1.0)  # also of a coordinate that is exact, as of a line through a known point
+    return float(np.linalg.norm(whitening(relative, 0) @ (off / sd)))
 
 
 def distance_of_planes_m(first: Plane, second: Plane) -> float:
