@@ -205,6 +205,21 @@ def test_a_tracker_agrees_with_the_command_and_resumes_bit_for_bit(poses, tmp_pa
             tracker = contact_tracker.Tracker.load(tmp_path / "state")
     beliefs += tracker.finish()
     assert [belief.to_json() for belief in beliefs] == [belief.to_json() for belief in expected]
+    assert max(len(repr(belief)) for belief in beliefs) < 1000
+
+
+def test_slides_along_two_lines_have_a_row_each() -> None:
+    """A stage moves along x, rests, moves along y, and back along x."""
+    rng, hz = np.random.default_rng(0), 100
+    step = (1.0 - np.cos(np.pi * np.arange(2 * hz) / (2 * hz))) / 2.0
+    rest, on = np.zeros(hz), np.ones(hz)
+    along_x = 0.2 * np.concatenate([rest, step, on, np.ones(2 * hz), on, 1.0 - step, rest])
+    along_y = 0.15 * np.concatenate([rest, 0.0 * step, rest, step, on, np.ones(2 * hz), on])
+    position_m = np.column_stack([along_x, along_y, np.zeros_like(along_x)])
+    turns = Rotation.from_rotvec(2e-3 * rng.normal(size=position_m.shape))
+    seconds, noise_m = np.arange(len(position_m)) / hz, 2e-4 * rng.normal(size=position_m.shape)
+    moved = Trajectory.from_arrays(seconds, position_m + noise_m, turns, time_unit="s")
+    assert str(contact_tracker.segment(moved)).count("= slider") == 3
 
 
 def test_mistakes_are_errors_of_the_package(poses) -> None:

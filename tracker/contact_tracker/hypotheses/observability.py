@@ -347,7 +347,7 @@ def _squared_distances(points: Array) -> Array:
     return np.asarray((apart * apart).sum(axis=2))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class FittedContact:
     """A hypothesis whose ``geometry`` is computed when it is first read; in most ticks it is not.
 
@@ -371,6 +371,9 @@ class FittedContact:
     systematic: Array
     pair: NamedPair | None
     information: Array | None
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.contact.value})"
 
     @cached_property
     def geometry(self) -> ContactGeometry:
