@@ -17,7 +17,7 @@ from contact_tracker.motion.window import Window
 from contact_tracker.outputs.text import SAME_NS, Changes
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Belief, FurtherContact, Segment
-from contact_tracker.tracking.contact_filter import lagged_belief
+from contact_tracker.tracking.posterior import lagged_belief
 from contact_tracker.tracking.segment_fit import (
     FinishedSegment,
     SegmentFit,

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, lru_cache
-from math import inf, log
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -13,7 +12,7 @@ from contact_tracker.arrays import Array, Bools, Ints
 from contact_tracker.config.parameters import Model
 from contact_tracker.geometry import linalg
 from contact_tracker.geometry.lifted_pose import R, T, lift_of_inverse
-from contact_tracker.geometry.linalg import EYE
+from contact_tracker.geometry.linalg import EYE, TINY
 from contact_tracker.motion.free_motion import NOW_TICKS, REST_VARIANCE_RATIO
 from contact_tracker.motion.tick_averaging import Tick, tick_anisotropy, tick_variances
 
@@ -75,13 +74,17 @@ class Window:
         apart[1:][self.index[1:] - self.index[:-1] != 1] = 0.0
         return _per_axis(apart)
 
-    def log_speed(self, tick_s: float) -> float:
-        """Log of the object's speed (m/s) in the newest tick; minus infinity after a gap."""
-        if self.index.size < 2 or self.index[-1] - self.index[-2] != 1:
-            return -inf
-        moved_m = self.zeta[-1, T] - self.zeta[-2, T]
-        square = float(moved_m @ moved_m)
-        return 0.5 * log(square) - log(tick_s) if square else -inf
+    def log_speed(self, tick_s: float) -> float | None:
+        """Log of the mean speed (m/s) since the tick with frames before the newest; None if it has none, or
+        there is none before it."""
+        assert self.frames is not None
+        with_frames = self.frames.nonzero()[0]
+        if not self.frames[-1:].any() or len(with_frames) < 2:
+            return None
+        before = with_frames[-2]
+        moved_m = self.zeta[-1, T] - self.zeta[before, T]
+        seconds = tick_s * float(self.index[-1] - self.index[before])
+        return float(np.log(max(np.sqrt(moved_m @ moved_m) / seconds, TINY)))
 
     @property
     def before_newest(self) -> Array | None:

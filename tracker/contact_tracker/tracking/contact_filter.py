@@ -40,20 +40,28 @@ from contact_tracker.hypotheses.births import (
     weigh_births,
 )
 from contact_tracker.hypotheses.evidence import DECISIVE
-from contact_tracker.hypotheses.observability import FittedContact, element_estimate, fitted_contact
+from contact_tracker.hypotheses.observability import element_estimate, fitted_contact
 from contact_tracker.map.association import MAP_INSERTION_PROBABILITY, MapView, Sighting
 from contact_tracker.map.elements import Key, is_same_element, kinds_of
 from contact_tracker.map.map import EMPTY_MAP, Map
-from contact_tracker.map.pairs import Frame, named_pairs
+from contact_tracker.map.pairs import Frame
 from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion.free_motion import NO_EXCESS
+from contact_tracker.motion.free_speed import FreeSpeed
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.tick_averaging import ORIGIN_M, Tick, TickGrid, with_excess
 from contact_tracker.motion.window import NO_REST, NewestRest, Window, advance_window, newest_rest, rest_ticks
-from contact_tracker.states import CONTACTS, STATES, Contact, united
+from contact_tracker.states import STATES, Contact, united
 from contact_tracker.tracking import ambiguity
 from contact_tracker.tracking.ambiguity import NO_CURVED_MOTION, update_curved_motion
 from contact_tracker.tracking.belief import Belief, Detail, FurtherContact
+from contact_tracker.tracking.posterior import (
+    beside_indistinguishable,
+    label_fit,
+    label_posterior,
+    lagged_belief,
+    state_shares,
+)
 from contact_tracker.tracking.state import FilterState, start
 from contact_tracker.tracking.transition_model import (
     FACES,
@@ -87,9 +95,7 @@ def predict_transitions(
             odds, gain = share_with_faces(odds, gain, model.geometry.revisit_prior)
         log_odds[:-1] = odds
         transition, survival = reweight_transitions(transition, survival, log_odds[:-1], gain)
-    onset = int(state.best[state.log_state_weight[:FREE].argmax(), 1])
-    speed_evidence = state.free_speed.added_evidence(onset, window.log_speed(model.tick_s))
-    if speed_evidence:
+    if speed_evidence := _speed_evidence(state, window):
         transition = transition.copy()
         transition[:, FREE] += speed_evidence
     if rest.completes:
@@ -118,6 +124,15 @@ def predict_transitions(
         birth_weight,
         speed_evidence,
     )
+
+
+def _speed_evidence(state: FilterState, window: Window) -> float:
+    """Evidence (nats) of the newest tick for free motion, against the likeliest contact, by its speed."""
+    log_speed = window.log_speed(state.model.tick_s)
+    if state.free_speed is None or log_speed is None:
+        return 0.0
+    onset = int(state.best[state.log_state_weight[:FREE].argmax(), 1])
+    return state.free_speed.added_evidence(onset, log_speed)
 
 
 def _proposals(state: FilterState, frame: Frame) -> tuple[BirthProposals, ...]:
@@ -223,12 +238,19 @@ class ContactFilter:
     state: FilterState
 
     @classmethod
-    def start(cls, model: Model, lag_s: float = 0.0, known_map: Map = EMPTY_MAP) -> Self:
+    def start(
+        cls,
+        model: Model,
+        lag_s: float = 0.0,
+        known_map: Map = EMPTY_MAP,
+        free_speed: FreeSpeed | None = None,
+    ) -> Self:
         """The filter before the first tick.
 
-        With ``lag_s``, reported beliefs are about the tick that long ago, and use the data since then.
+        With ``lag_s``, reported beliefs are about the tick that long ago, and use the data since then. With
+        ``free_speed``, speed is evidence.
         """
-        return cls(start(model, lag_s, known_map))
+        return cls(start(model, lag_s, known_map)._replace(free_speed=free_speed))
 
     def update(self, tick: Tick, detail: Detail = Detail.FORMATION, tests_curvature: bool = True) -> Belief:
         """Update by a tick; the belief about it has this ``detail``."""
@@ -395,8 +417,9 @@ def read_posterior(
     model, shares = state.model, state_shares(state)
     probability = ambiguity.tempered(shares, model.certainty.posterior_power)
     label = STATES[int(probability.argmax())]
-    log_speed = state.window.log_speed(model.tick_s)
-    free_speed = state.free_speed.update(state.ticks - 1, log_speed, float(shares[FREE]))
+    log_speed, free_speed = state.window.log_speed(model.tick_s), state.free_speed
+    if free_speed is not None and log_speed is not None:
+        free_speed = free_speed.update(state.ticks - 1, log_speed, float(shares[FREE]))
     onset_ns = state.free_since_ns if label is Contact.FREE else int(state.best[label.column, 2])
     fit = label_fit(state, label) if detail >= Detail.GEOMETRY else None
     shared = belief = Belief(tick.stamp_ns, label, probability, onset_ns, fit, state.residual)
@@ -429,96 +452,6 @@ def _should_update_map(state: FilterState, belief: Belief) -> bool:
     ):
         return False
     return belief.stamp_ns >= state.map.due_ns.get(belief.onset_ns, belief.stamp_ns)
-
-
-def lagged_belief(state: FilterState, row: int) -> Belief:
-    """The belief about the tick of ``recent[row]``, given all data until now."""
-    past, stamp_ns, lag = state.recent[row], state.recent[row].stamp_ns, row - len(state.recent)
-    probability = np.einsum("j,js->s", state_shares(state), state.lag_history[:, lag])
-    probability = ambiguity.tempered(probability / probability.sum(), state.model.certainty.posterior_power)
-    contact = STATES[int(np.argmax(probability))]
-    # the geometry of that contact is in its belief of that time, in one soon after, or in its hypothesis now
-    agreeing = [belief for belief in state.recent[row:] if belief.contact is contact]
-    source = agreeing[0] if agreeing else _not_yet_labelled(state, contact, probability, past)
-    # further contacts of the latest belief in which all of them had begun: their constraints are counted
-    complete = (b.further for b in agreeing if all(contact.start_ns <= stamp_ns for contact in b.further))
-    further = max(complete, key=len, default=())
-    probability = ambiguity.reported(
-        probability, contact, source.inseparable, state.known_map, source.is_open
-    )
-    return replace(
-        source,
-        stamp_ns=stamp_ns,
-        probability=probability,
-        onset_ns=min(source.onset_ns, stamp_ns),
-        residual=past.residual,
-        further=further,
-    )
-
-
-def _not_yet_labelled(state: FilterState, contact: Contact, probability: Array, past: Belief) -> Belief:
-    """A belief that ``contact`` held at an earlier tick, of which no belief since then has been: by the best
-    of its hypotheses now that had begun; without elements if there is none."""
-    belief = Belief(past.stamp_ns, contact, probability, past.stamp_ns, None, past.residual)
-    if contact is Contact.FREE:
-        return belief
-    bank, best = state.banks[contact.column], state.best.copy()
-    onset_ns = bank.onsets.onset_ns[bank.onset_index]
-    begun = np.flatnonzero(onset_ns <= past.stamp_ns)
-    if not len(begun):
-        return belief
-    row = int(begun[bank.log_weight[begun].argmax()])
-    best[contact.column] = row, bank.onset[row], onset_ns[row]
-    state = state._replace(best=best)
-    belief = replace(belief, onset_ns=int(onset_ns[row]), where=label_fit(state, contact))
-    return beside_indistinguishable(state, belief)
-
-
-def label_posterior(state: FilterState) -> Array:
-    """The posterior (7,) of the states, the most probable of which is the label."""
-    return ambiguity.tempered(state_shares(state), state.model.certainty.posterior_power)
-
-
-def state_shares(state: FilterState) -> Array:
-    """Shares (7,) of the states in their total weight. If the most probable states may agree with the motion
-    by chance, they divide their weight with the first state that does not."""
-    weight = np.exp(state.log_state_weight - state.log_state_weight.max())
-    by_chance = list[Contact]()
-    for column in (-weight).argsort().tolist():
-        label = STATES[column]
-        if not may_agree_by_chance(state, label):
-            break
-        by_chance.append(label)
-    if by_chance:
-        weight = ambiguity.shared_with(weight, label, by_chance)
-    return np.asarray(weight / weight.sum())
-
-
-def may_agree_by_chance(state: FilterState, label: Contact) -> bool:
-    """Whether the best hypothesis of ``label`` may agree with free motion by chance; not with known elements,
-    nor if it is older than the window."""
-    if label.codimension != 1:  # nothing is looked up for other states, of which there may be no hypothesis
-        return False
-    row, onset, _ = state.best[label.column].tolist()
-    if state.banks[label.column].rows["prior_index"][row] or onset < state.window.index[0]:
-        return False
-    return ambiguity.agrees_by_chance(label, state.window, onset)
-
-
-def beside_indistinguishable(state: FilterState, belief: Belief) -> Belief:
-    """The belief with the states that the motion does not distinguish from its label."""
-    label = belief.contact
-    onset = state.onset_of(label)
-    rivals = ambiguity.competing_evidence(state.banks, label, onset, state.ticks - 1)
-    freedom = ambiguity.freedom_of(label, state.window, onset)
-    alternatives = ambiguity.indistinguishable(label, rivals, freedom)
-    before = state.belief
-    if freedom.is_unknown and before is not None and before.contact is label:
-        alternatives = united(alternatives, before.inseparable)
-    if label is Contact.FREE and (state.curved.probability > 0.5 or state.map.untested_sides):
-        alternatives = CONTACTS
-    inseparable = tuple(filter(state.known_map.allows, alternatives))
-    return replace(belief, inseparable=inseparable) if inseparable else belief
 
 
 def decide_on_map(state: FilterState, belief: Belief) -> Belief:
@@ -582,18 +515,6 @@ def with_rest(state: FilterState, belief: Belief, is_in_rest: bool) -> tuple[Fil
     length = state.lag_history.shape[1]
     recent = (*state.recent, belief)[-length:] if length else ()
     return state._replace(recent=recent, belief=belief), belief
-
-
-def label_fit(state: FilterState, label: Contact) -> FittedContact | None:
-    """The best hypothesis of ``label``."""
-    if label is Contact.FREE:
-        return None
-    bank, contact = state.banks[label.column], CONTACT_MODELS[label.column]
-    row = int(state.best[label.column, 0])
-    pair = named_pairs(state.known_map, contact)[bank.rows["known_pair_index"][row]]
-    window = state.window.with_error(state.model.noise.extra_contact_variance[label.column])
-    errors, origins = state.model.systematic, state.origins
-    return fitted_contact(bank, row, contact, state.scales, window, origins, errors, pair=pair)
 
 
 def label_sighting(state: FilterState, label: Contact, stamp_ns: int) -> Sighting:

@@ -9,6 +9,7 @@ best (``are_kept``).
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from math import hypot, sqrt
 from operator import attrgetter, sub
 from typing import Final, NamedTuple, Self
@@ -556,9 +557,10 @@ class FilterBank:
         """Begin with filters of these models at the first pending pose; the beliefs so far."""
         assert self.pending is not None
         first_ns, origins = int(self.pending.stamp_ns[0]), None if self.grid is None else self.grid.origins
-        self.filters = [ContactFilter.start(model, self.lag_s, self.known_map) for model in models]
-        for filter_ in self.filters:
-            filter_.state = filter_.state._replace(free_speed=FreeSpeed())
+        start = partial(
+            ContactFilter.start, lag_s=self.lag_s, known_map=self.known_map, free_speed=FreeSpeed()
+        )
+        self.filters = [start(model) for model in models]
         if self.map is not None and origins is not None:
             self.grid = TickGrid.start(models[0], first_ns, origins)
             for filter_ in self.filters:

@@ -18,7 +18,7 @@ from contact_tracker.map.elements import Key
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion.free_motion import FreeMotion
-from contact_tracker.motion.free_speed import NOT_WEIGHED, FreeSpeed
+from contact_tracker.motion.free_speed import FreeSpeed
 from contact_tracker.motion.poses import NO_OUTLIERS, Outliers
 from contact_tracker.motion.window import EMPTY_WINDOW, Window
 from contact_tracker.states import STATES, Contact
@@ -93,8 +93,8 @@ class FilterState(NamedTuple):
     """Beliefs of the last L ticks, with a lag."""
     belief: Belief | None = None
     """The latest belief."""
-    free_speed: FreeSpeed = NOT_WEIGHED
-    """Speed of free motion, which is weighed online only."""
+    free_speed: FreeSpeed | None = None
+    """Speed of free motion; None where speed is not weighed."""
     formation: FormationState = EMPTY_FORMATION
     """Search for further contacts."""
     uses_later_contacts: bool = False
