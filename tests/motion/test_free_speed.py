@@ -29,19 +29,18 @@ PROBABILITIES = st.floats(0.0, 1.0)
 SLOW = -10.0
 
 
-def after(log_speeds, p_free=1.0, onset=0):
-    """The speed of free motion after ticks with these speeds, and the evidence (nats) of each against a
-    contact since the tick ``onset``."""
+def after(log_speeds, p_free=1.0):
+    """The speed of free motion after ticks with these speeds, and the evidence (nats) of each."""
     state, evidence = FreeSpeed(), []
-    for tick, log_speed in enumerate(log_speeds):
-        evidence.append(state.added_evidence(onset, log_speed))
-        state = state.update(tick, log_speed, p_free)
+    for log_speed in log_speeds:
+        evidence.append(state.added_evidence(log_speed))
+        state = state.update(log_speed, p_free)
     return state, evidence
 
 
-@given(STRETCH, PROBABILITIES, st.integers(0, 40))
-def test_no_speed_is_evidence_against_free_motion(log_speeds, p_free, onset):
-    assert min(after(log_speeds, p_free, onset=onset)[1]) >= 0.0
+@given(STRETCH, PROBABILITIES)
+def test_no_speed_is_evidence_against_free_motion(log_speeds, p_free):
+    assert min(after(log_speeds, p_free)[1]) >= 0.0
 
 
 @given(LOG_SPEEDS, LOG_SPEEDS)
@@ -50,31 +49,17 @@ def test_faster_motion_is_no_less_evidence(a, b):
     assert FreeSpeed().evidence(slow) <= FreeSpeed().evidence(fast)
 
 
-@given(STRETCH)
-def test_a_contact_counts_its_largest_speed_once_however_often_it_is_reached(log_speeds):
-    """As long as nothing is learned about free motion, or the evidence would change."""
+@given(STRETCH, st.floats(0.0, 0.49))
+def test_a_contact_counts_its_largest_speed_once_however_often_it_is_reached(log_speeds, p_free):
     strokes = [speed for log_speed in log_speeds for speed in (log_speed, SLOW)]
-    _, evidence = after(strokes, p_free=0.0)
+    state, evidence = after(strokes, p_free)
     assert sum(evidence) == pytest.approx(FreeSpeed().evidence(max(log_speeds)), abs=1e-9)
+    assert (state.mean, state.variance) == (USUAL, USUAL_SPREAD**2)  # of free motion nothing is learned
 
 
-def test_a_contact_that_begins_later_counts_the_speeds_since_then():
-    state, _ = after([1.0, SLOW, 0.0, SLOW], p_free=0.0)
-    assert state.added_evidence(0, 0.5) == 0.0
-    assert state.added_evidence(1, 0.5) == pytest.approx(state.evidence(0.5) - state.evidence(0.0))
-    assert state.added_evidence(3, 0.5) == state.evidence(0.5)
-
-
-@given(STRETCH)
-def test_motion_in_contact_does_not_change_the_speed_of_free_motion(log_speeds):
-    state, _ = after([*log_speeds, SLOW], p_free=0.0)
-    assert (state.mean, state.variance) == pytest.approx((USUAL, USUAL_SPREAD**2))
-
-
-@given(STRETCH)
-def test_the_speeds_kept_are_few(log_speeds):
-    kept = [speed for _, speed in after(log_speeds)[0].largest]
-    assert kept == sorted(set(kept), reverse=True)
+def test_each_stretch_of_free_motion_counts():
+    _, evidence = after([0.0, SLOW, 0.0])
+    assert min(evidence[0], evidence[2]) > 1.0
 
 
 @pytest.mark.parametrize("usual_m_s", [0.45, 0.8, 1.5])

@@ -1,8 +1,8 @@
 """Evidence for free motion by the speed of a stretch of motion (docs/theory.md, T52).
 
 An object is moved faster through the air than in contact. How fast that is differs between recordings, so it
-is learned from the recording. Slow motion is no evidence, since an object may be held still in the air. The
-speed counts once for a contact, however long it lasts: who wipes a table goes on as fast.
+is learned from the recording. Slow motion is no evidence, since an object may be held still in the air. A
+stretch ends where free motion gets slow; a contact counts its speed once, since who wipes goes on as fast.
 """
 
 from math import inf, log
@@ -21,19 +21,16 @@ CONTACT_SPREAD: Final = 0.71
 
 
 class FreeSpeed(NamedTuple):
-    """The speed of free motion, as learned so far, the present stretch of fast motion, and the largest speeds
-    since earlier ticks."""
+    """The speed of free motion, as learned so far, and the present stretch of motion."""
 
     mean: float = USUAL
     """Mean of the log of the largest speed (m/s) in a stretch of free motion, ..."""
     variance: float = USUAL_SPREAD**2
     """... and the variance of this mean."""
     peak: float = -inf
-    """Log of the largest speed (m/s) in the present stretch; minus infinity without one."""
+    """Log of its largest speed (m/s), if that was fast; else minus infinity."""
     p_free: float = 0.0
-    """Probability that the latest tick of the stretch is free motion."""
-    largest: tuple[tuple[int, float], ...] = ()
-    """Fast ticks since which none was faster, and their log speeds, which fall."""
+    """Probability that the latest tick is free motion."""
 
     def evidence(self, log_speed: float) -> float:
         """Evidence (nats) for free motion of motion with this largest log speed; zero if it is slow."""
@@ -45,25 +42,18 @@ class FreeSpeed(NamedTuple):
         ratio = log(contact / free) - apart**2 / free + (apart + CONTACT_SLOWER) ** 2 / contact
         return max(0.5 * ratio, 0.0)
 
-    def added_evidence(self, onset: int, log_speed: float) -> float:
-        """Evidence (nats) for free motion, against a contact since tick ``onset``, that the newest tick adds
-        to that of the fastest tick since then."""
+    def added_evidence(self, log_speed: float) -> float:
+        """Evidence (nats) for free motion that a tick with this log speed adds to its stretch."""
         evidence = self.evidence(log_speed)
-        if not evidence:
-            return 0.0
-        before = next((speed for tick, speed in self.largest if tick >= onset), -inf)
-        return max(evidence - self.evidence(max(before, self.peak)), 0.0)
+        return max(evidence - self.evidence(self.peak), 0.0) if evidence else 0.0
 
-    def update(self, tick: int, log_speed: float, p_free: float) -> Self:
-        """After a ``tick`` with this speed, free with probability ``p_free``. A slow tick ends the stretch,
-        from which the speed of free motion is learned."""
+    def update(self, log_speed: float, p_free: float) -> Self:
+        """After a tick with this log speed, free with probability ``p_free``. A slow tick ends a stretch of free
+        motion, from which the speed of free motion is learned."""
         if self.evidence(log_speed):
-            faster = tuple(row for row in self.largest if row[1] > log_speed)
-            peak = max(self.peak, log_speed)
-            return self._replace(peak=peak, p_free=p_free, largest=(*faster, (tick, log_speed)))
-        if self.peak == -inf:
-            return self
+            return self._replace(peak=max(self.peak, log_speed), p_free=p_free)
+        if self.peak == -inf or self.p_free < 0.5:
+            return self._replace(p_free=p_free)
         information = self.p_free / FREE_SPREAD**2
         variance = 1.0 / (1.0 / self.variance + information)
-        mean = self.mean + variance * information * (self.peak - self.mean)
-        return self._replace(mean=mean, variance=variance, peak=-inf)
+        return type(self)(self.mean + variance * information * (self.peak - self.mean), variance)

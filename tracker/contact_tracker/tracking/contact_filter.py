@@ -127,12 +127,11 @@ def predict_transitions(
 
 
 def _speed_evidence(state: FilterState, window: Window) -> float:
-    """Evidence (nats) of the newest tick for free motion, against the likeliest contact, by its speed."""
+    """Evidence (nats) of the newest tick for free motion, by its speed."""
     log_speed = window.log_speed(state.model.tick_s)
     if state.free_speed is None or log_speed is None:
         return 0.0
-    onset = int(state.best[state.log_state_weight[:FREE].argmax(), 1])
-    return state.free_speed.added_evidence(onset, log_speed)
+    return state.free_speed.added_evidence(log_speed)
 
 
 def _proposals(state: FilterState, frame: Frame) -> tuple[BirthProposals, ...]:
@@ -419,7 +418,7 @@ def read_posterior(
     label = STATES[int(probability.argmax())]
     log_speed, free_speed = state.window.log_speed(model.tick_s), state.free_speed
     if free_speed is not None and log_speed is not None:
-        free_speed = free_speed.update(state.ticks - 1, log_speed, float(shares[FREE]))
+        free_speed = free_speed.update(log_speed, float(shares[FREE]))
     onset_ns = state.free_since_ns if label is Contact.FREE else int(state.best[label.column, 2])
     fit = label_fit(state, label) if detail >= Detail.GEOMETRY else None
     shared = belief = Belief(tick.stamp_ns, label, probability, onset_ns, fit, state.residual)
