@@ -48,8 +48,8 @@ class FreeSpeed(NamedTuple):
         return max(evidence - self.evidence(self.peak), 0.0) if evidence else 0.0
 
     def update(self, log_speed: float, p_free: float) -> Self:
-        """After a tick with this log speed, free with probability ``p_free``. A slow tick ends a stretch of free
-        motion, from which the speed of free motion is learned."""
+        """After a tick with this log speed, free with probability ``p_free``. A slow tick ends a stretch of
+        free motion, from which the speed of free motion is learned."""
         if self.evidence(log_speed):
             return self._replace(peak=max(self.peak, log_speed), p_free=p_free)
         if self.peak == -inf or self.p_free < 0.5:
