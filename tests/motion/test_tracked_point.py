@@ -15,6 +15,7 @@ from contact_tracker.motion.poses import NO_POSES, Poses
 from contact_tracker.motion.sensor_noise import independent_point
 from contact_tracker.tracking.filter_bank import RATIO_POSES
 from short_recordings import FACE_TO_EDGE, recorded
+from smooth_motion import exact_transfers
 
 Array = NDArray[np.float64]
 POSITION_M, ROTATION_RAD, COUNT = 3e-4, 3e-3, 400
@@ -100,3 +101,9 @@ def test_online_it_is_found_within_the_first_poses() -> None:
         last = known_ticks[-1]
         assert last.geometry.object.name == "line 1"
     assert np.mean([a == b for a, b in zip(*labels, strict=True)]) > 0.95
+
+
+def test_poses_without_noise_have_no_point_far_away():
+    """Their errors are those of rounding: the centre would be 1700 km away."""
+    poses = exact_transfers(np.random.default_rng(0), 20, 125.0)
+    assert np.linalg.norm(independent_point(poses[:200])) < 100.0

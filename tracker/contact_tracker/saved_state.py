@@ -160,7 +160,10 @@ def unpacked(content: bytes, kind: Kind = STREAM) -> tuple[Any, list[NDArray[Any
         raise ValueError("it is of another kind")
     compared = ("schema", "format") if kind.outlives_version else ("schema", "format", "version")
     if any(head[key] != expected[key] for key in compared):
-        raise StateError(f"it was saved by another version ({head['version']}, this is {__version__})")
+        versions = f"({head['version']}, this is {__version__})"
+        if head["version"] == __version__:
+            versions = f"of {__version__}, whose states have other parts"
+        raise StateError(f"it was saved by another version {versions}")
     if head["sha256"] != expected["sha256"]:
         raise StateError("it is damaged: its checksum is wrong")
     tree, _, data = body.partition(b"\n")
