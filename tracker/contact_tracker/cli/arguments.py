@@ -267,12 +267,13 @@ def check_map_out(args: argparse.Namespace, known_map: "Map") -> None:
 def write_map(path: Path, learned: "LearnedElements") -> None:
     """Write the learned elements of a map, and print their number."""
     from contact_tracker.map.file import write_learned
+    from contact_tracker.outputs.text import counted
 
     if not learned:
         warn(f"{path} is not written: no contact is sure enough to learn from")
         return
     write_learned(path, learned)
-    say(f"wrote {path}: {len(learned.elements)} elements")
+    say(f"wrote {path}: {counted(len(learned.elements), 'element')}")
 
 
 def add_wrench(parser: argparse.ArgumentParser) -> None:

@@ -114,6 +114,7 @@ def run(args: argparse.Namespace) -> int:
 def _annotate(args: argparse.Namespace) -> int:
     """Write a copy of a LeRobot data set with the contacts of its frames."""
     from contact_tracker.batch.lerobot import LeRobot
+    from contact_tracker.outputs.text import counted
     from contact_tracker.processes import Workers
 
     arguments.require_wrench_for_mass(args)
@@ -126,7 +127,8 @@ def _annotate(args: argparse.Namespace) -> int:
     model, known_map = arguments.load_model(args), arguments.load_map(args)
     with Workers(args.processes or os.cpu_count() or 1, take_over_warnings) as executor:
         bad = data.annotate(args.output, model, known_map, warn, executor, args.wrench, args.mass)
-    say(f"wrote {args.output}: {len(list(data.episodes()))} episodes, of which {bad} cannot be used")
+    episodes = counted(len(list(data.episodes())), "episode")
+    say(f"wrote {args.output}: {episodes}, of which {bad} cannot be used")
     return DAMAGED if bad else DONE
 
 

@@ -202,7 +202,7 @@ def _segment(
     """Segment one recording and return the exit code; ``warnings`` are those so far."""
     from contact_tracker.cli.source import Source
     from contact_tracker.exports.formats import write_outcome, write_pieces
-    from contact_tracker.outputs.text import table
+    from contact_tracker.outputs.text import counted, table
     from contact_tracker.segmenting import OfflineTracker, segmented
     from contact_tracker.tracking.belief import Detail
 
@@ -244,7 +244,8 @@ def _segment(
     if args.output is None:
         _say_what_decides(segments, report)
     if args.output is not None:
-        say(f"wrote {args.output}{'' if args.rows is None else f': {count} {args.rows}'}")
+        rows = "" if args.rows is None else f": {counted(count, args.rows.removesuffix('s'))}"
+        say(f"wrote {args.output}{rows}")
     if args.map_out is not None and trajectory is not None:
         from contact_tracker.outputs.parts import KnownParts
 
