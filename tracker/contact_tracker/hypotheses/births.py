@@ -227,7 +227,7 @@ class TickInput(NamedTuple):
     log_birth_weight: Array
     """(7,) log birth weights."""
     speed_evidence: float
-    """Evidence (nats) for free motion by the speed, in ``log_transition`` and in these."""
+    """Evidence (nats) for free motion by the speed; ``log_transition`` and the birth weights contain it."""
 
     def birth(self, column: int) -> Birth:
         """The births of one contact."""

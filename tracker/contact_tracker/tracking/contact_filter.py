@@ -127,11 +127,19 @@ def predict_transitions(
 
 
 def _speed_evidence(state: FilterState, window: Window) -> float:
-    """Evidence (nats) of the newest tick for free motion, by its speed."""
-    log_speed = window.log_speed(state.model.tick_s)
+    """Evidence (nats) of the newest tick for free motion, by its speed; zero where that is not weighed."""
+    log_speed = None if state.free_speed is None else window.log_speed(state.model.tick_s)
+    return (
+        0.0 if state.free_speed is None or log_speed is None else state.free_speed.added_evidence(log_speed)
+    )
+
+
+def _learn_speed(state: FilterState, p_free: float) -> FreeSpeed | None:
+    """The speed of free motion after a tick that is free with this probability."""
+    log_speed = None if state.free_speed is None else state.window.log_speed(state.model.tick_s)
     if state.free_speed is None or log_speed is None:
-        return 0.0
-    return state.free_speed.added_evidence(log_speed)
+        return state.free_speed
+    return state.free_speed.update(log_speed, p_free)
 
 
 def _proposals(state: FilterState, frame: Frame) -> tuple[BirthProposals, ...]:
@@ -413,16 +421,13 @@ def read_posterior(
 
     One filter of a bank ``tests_curvature``: whether free motion is on a curved surface.
     """
-    model, shares = state.model, state_shares(state)
-    probability = ambiguity.tempered(shares, model.certainty.posterior_power)
+    shares = state_shares(state)
+    probability = ambiguity.tempered(shares, state.model.certainty.posterior_power)
     label = STATES[int(probability.argmax())]
-    log_speed, free_speed = state.window.log_speed(model.tick_s), state.free_speed
-    if free_speed is not None and log_speed is not None:
-        free_speed = free_speed.update(log_speed, float(shares[FREE]))
     onset_ns = state.free_since_ns if label is Contact.FREE else int(state.best[label.column, 2])
     fit = label_fit(state, label) if detail >= Detail.GEOMETRY else None
     shared = belief = Belief(tick.stamp_ns, label, probability, onset_ns, fit, state.residual)
-    state = state._replace(label=label, free_speed=free_speed)
+    state = state._replace(label=label, free_speed=_learn_speed(state, float(shares[FREE])))
     is_due = _should_update_map(state, belief)
     if detail >= Detail.SHARED or is_due:
         if label is not Contact.FREE:

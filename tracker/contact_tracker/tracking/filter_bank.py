@@ -9,7 +9,6 @@ best (``are_kept``).
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from math import hypot, sqrt
 from operator import attrgetter, sub
 from typing import Final, NamedTuple, Self
@@ -557,10 +556,8 @@ class FilterBank:
         """Begin with filters of these models at the first pending pose; the beliefs so far."""
         assert self.pending is not None
         first_ns, origins = int(self.pending.stamp_ns[0]), None if self.grid is None else self.grid.origins
-        start = partial(
-            ContactFilter.start, lag_s=self.lag_s, known_map=self.known_map, free_speed=FreeSpeed()
-        )
-        self.filters = [start(model) for model in models]
+        options = self.lag_s, self.known_map, FreeSpeed()
+        self.filters = [ContactFilter.start(model, *options) for model in models]
         if self.map is not None and origins is not None:
             self.grid = TickGrid.start(models[0], first_ns, origins)
             for filter_ in self.filters:
