@@ -112,13 +112,13 @@ def test_fits_agree(model, seed):
 
 @each_model
 @pytest.mark.parametrize("kind", ["known elements", "empty", "one tick", "unweighted", "parallel"])
-@settings(max_examples=2, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(seed=seeds)
 def test_ill_conditioned_fits_agree(model, kind, seed):
     """They agree in cost: x is arbitrary in unobservable directions."""
     rng = np.random.default_rng(seed)
     numpy, kernel = both_fits(model, ill_conditioned(kind, rng, model.family, *problem(model, rng)), 2)
-    np.testing.assert_allclose(kernel.cost, numpy.cost, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(kernel.cost, numpy.cost, rtol=3e-7, atol=3e-7)
     assert np.isfinite(kernel.x).all()
 
 

@@ -64,8 +64,6 @@ FIRST_DAMPING: Final = 10.0
 """Damping of turns in nats per squared radian; it limits first steps to about a third of a radian."""
 LEAST_CURVATURE: Final = 1e-12
 LEAST_SHARE: Final = 1e-12
-ROUNDING: Final = 1e-13
-"""Share of a curvature that may be rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,7 +166,7 @@ def _step(family: Family, gradient: Array, hessian: Array, prior_precision: Arra
     diagonal = np.einsum("bii->bi", curvature)
     # a direction without any curvature, as in an empty window, or with none but that of rounding, as of exact
     # poses, must not make the whole batch singular
-    diagonal += LEAST_CURVATURE + ROUNDING * diagonal
+    diagonal += LEAST_SHARE * diagonal + LEAST_CURVATURE
     diagonal[:, turns(family.FORM)] += damping[:, None]
     return np.asarray(-np.linalg.solve(curvature, gradient[..., None])[..., 0])
 

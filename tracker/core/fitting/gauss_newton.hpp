@@ -123,7 +123,7 @@ WIDE Lanes take_step(const Lanes& damping, Work<F>& work) {
             curvature[p][q] = near.prior_hessian[F::upper(p, q)];
             for (int k = 0; k < F::K; ++k) curvature[p][q] += near.hessian[k][F::upper(p, q)];
         }
-        curvature[p][p] += settings.damping.least_curvature;
+        curvature[p][p] += settings.damping.least_share * curvature[p][p] + settings.damping.least_curvature;
     }
     for (int p : F::turns) curvature[p][p] += damping;
     eliminate(curvature, work.step);
