@@ -215,14 +215,17 @@ def _tex(text: str) -> str:
 
 
 def _subtitle(segment: "Segment", part: "SegmentPart", origin_ns: int) -> str:
+    from contact_tracker.outputs.text import alternatives, likely_others
+
     start_ms = max(part.start_ns - origin_ns, 0) // 1_000_000
     end_ms = max((part.end_ns - origin_ns) // 1_000_000, start_ms + 1)
     times = [
         f"{ms // 3_600_000:02d}:{ms // 60_000 % 60:02d}:{ms // 1000 % 60:02d},{ms % 1000:03d}"
         for ms in (start_ms, end_ms)
     ]
-    alternatives = f" or {', '.join(segment.inseparable)}" if segment.inseparable else ""
-    lines = [" --> ".join(times), f"{segment.contact.value} ({segment.probability:.2f}){alternatives}"]
+    others = alternatives(segment.inseparable, likely_others(segment))
+    label = f"{segment.contact.value} ({segment.probability:.2f}){others and f' or {others}'}"
+    lines = [" --> ".join(times), label]
     if any(segment.touching):
         lines.append(" on ".join(printable(name) if name else "?" for name in segment.touching))
     lines += [f"+ {further.contact.value} ({further.probability:.2f})" for further in part.further]
