@@ -1,4 +1,4 @@
-"""Formats of outputs by suffix, their writing, and the protection of recordings. Importing this is cheap."""
+"""Formats of outputs by suffix, their writing, and the protection of files. Importing this is cheap."""
 
 import csv
 import json
@@ -242,7 +242,8 @@ def check_output(
     written: Iterable[Path | None] = (),
 ) -> Callable[[], None]:
     """Raise UsageError if an output is, under any name, one of the files ``read`` or of the further outputs
-    ``written``, or would replace a recording; the message says ``how`` to replace a recording nevertheless.
+    ``written``, or would replace a recording or a user's labels; the message says ``how`` to replace these
+    nevertheless.
 
     Returns
     -------
@@ -255,7 +256,7 @@ def check_output(
     states_before = {name: _status(name) for name in names}
 
     def check() -> None:
-        from contact_tracker.recording import may_be_recording
+        from contact_tracker.recording import has_labels, may_be_recording
 
         if path is None:
             return
@@ -270,6 +271,8 @@ def check_output(
             return
         try:
             reason = "it is a recording" if may_be_recording(str(path)) else None
+            if reason is None and has_labels(str(path)):
+                reason = "it has labels of yours"
         except (OSError, UnreadableRecording, MissingExtra) as error:
             why = getattr(error, "strerror", None) or error
             reason = f"it may be a recording, but cannot be read ({why})"
