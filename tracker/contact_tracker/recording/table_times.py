@@ -91,8 +91,8 @@ def unit_of_dates(times: NDArray[np.float64]) -> str | None:
 
 
 def doubt_of_unit(times: NDArray[np.float64], unit_ns: float) -> str | None:
-    """One line if the times, in this unit, would have a rate that no tracker has; else None. A low rate is
-    one of dates, or of poses that would last less than a second in the unit that the steps look like."""
+    """One line if the times, in this unit, would have a rate that no tracker has; else None. A low
+    rate is that of a tracker if the times are dates, or would last less than a second in another unit."""
     step = _median_step(times)
     if step == 1.0 and unit_ns == TIMES_NS["s"] and len(times) > _FEW and (np.diff(times) == 1.0).all():
         return (
