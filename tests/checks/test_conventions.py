@@ -172,6 +172,21 @@ def test_a_wrong_statement_on_rotations_is_named_with_the_right_one(mistake: str
     assert "quaternions" not in result
 
 
+def test_a_mistake_with_two_remedies_is_said_once() -> None:
+    """As of angles that fit alike in two orders; before, the sentence was there twice."""
+    by_order = {i.text for i in readings_of(ReadAs(table=TableReading(euler="zyx:deg"), path="a.csv"))}
+    first, second = (
+        next(text for text in by_order if text.endswith(f"--euler {name}:deg")) for name in ("ZYX", "ZXY")
+    )
+    said, fault = (
+        "read them by contact-tracker segment a.csv --euler",
+        "angles look like those of another order",
+    )
+    assert conventions.joined([first, second, "another: one"]) == (
+        f"{fault} than zyx: {said} ZYX:deg; or {said} ZXY:deg; or another: one"
+    )
+
+
 def test_an_order_of_columns_is_undone_by_the_command_that_is_named(tmp_path: Path) -> None:
     path, poses = tmp_path / "a.csv", shipped(PAPER)[::500]
     numbers = np.column_stack([1e-9 * poses.stamp_ns, poses.position_m, poses.quat_xyzw[:, [3, 0, 1, 2]]])

@@ -272,6 +272,27 @@ def test_tables_of_poses_are_recordings(folder: Path, capsys: pytest.CaptureFixt
     assert run(["segment", "log.mcap", "-o", name]) == 0
 
 
+LABELS = (
+    "start,end,contact\n0,1.5,f-f\n",
+    "# of the second take\nBegin Time - ss.msec;End Time - ss.msec;label\n0;1.5;touch\n",
+    "start_ms\tend_ms\tcontact\n",
+)
+
+
+@pytest.mark.parametrize("labels", LABELS)
+def test_labels_of_a_user_are_replaced_only_with_overwrite(
+    folder: Path, capsys: pytest.CaptureFixture[str], labels: str
+) -> None:
+    """Before, ``-o log.labels.csv`` replaced them without a word; results are replaced, of any rows."""
+    Path("log.labels.csv").write_text(labels)
+    for command in ("segment log.mcap", "live log.mcap", "compare log.mcap log.mcap"):
+        line = refusal(capsys, *command.split(), "-o", "log.labels.csv")
+        assert line.endswith("it has labels of yours; --overwrite replaces it")
+    assert run(["segment", "log.mcap", "-o", "log.labels.csv", "--overwrite"]) == 0
+    for command in ("segment log.mcap --rows ticks", "compare log.mcap log.mcap", "segment log.mcap"):
+        assert run([*command.split(), "-o", "log.labels.csv"]) == 0
+
+
 def test_errors_of_a_temporary_file_name_the_target(tmp_path: Path) -> None:
     path = tmp_path / "out.csv"
     with pytest.raises(NotADirectoryError) as error, whole_file(path) as temporary:

@@ -16,7 +16,7 @@ from contact_tracker.exports.report_html import table_html
 from contact_tracker.geometry.elements import ContactGeometry, Line, Plane, Point, canonical, shifted
 from contact_tracker.outputs.adaptation import noise_text
 from contact_tracker.outputs.joint_runs import joint_runs
-from contact_tracker.outputs.text import change_lines, describe, status_text, table
+from contact_tracker.outputs.text import change_lines, describe, describe_segment, status_text, table
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import Belief, FurtherContact, Segment
 from contact_tracker.tracking.filter_bank import Report
@@ -171,6 +171,26 @@ def test_where_the_contact_is_open_a_joint_stands_alone_and_a_further_contact_is
         html = table_html([segment], ORIGIN_NS)
         assert "; or e-f</td>" in html
         assert f"{of_joint}</td>" in html
+
+
+def test_a_row_names_contacts_that_are_likelier_than_its_label_and_the_rest_of_a_doubtful_one() -> None:
+    """The label is that of the most probable sequence; with less than 0.9 and nothing after ``or``, the
+    contacts that with the label reach 0.9."""
+    others = tuple(state for state in STATES if state is not Contact.FF)
+
+    def row(inseparable=(), **shares):
+        posterior = np.array([shares.get(state.name.lower(), 0.0) for state in STATES])
+        p = posterior[Contact.FF.column]
+        segment = Segment(ORIGIN_NS, ORIGIN_NS, Contact.FF, p, None, inseparable, posterior=posterior)
+        assert describe_segment(segment) in table_html([segment], ORIGIN_NS)
+        return describe_segment(segment)
+
+    assert row(others, ff=0.12, free=0.56, ef=0.29, ee=0.03) == "or free 0.56, e-f 0.29, any other"
+    assert row((Contact.EF, Contact.FREE), ff=0.4, free=0.5, ef=0.1) == "or free 0.50, e-f"
+    assert row((Contact.FREE,), ff=0.4, free=0.6) == "or free 0.60"
+    assert row(others, ff=0.6, free=0.4) == "or any other"
+    assert row(ff=0.55, free=0.3, vf=0.04, ef=0.06, ee=0.05) == "or free 0.30, e-f 0.06"
+    assert row(ff=0.91, free=0.09) == ""
 
 
 MODEL = load_model()

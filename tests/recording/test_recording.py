@@ -506,7 +506,7 @@ def test_the_summary_describes_a_recording(tmp_path: Path) -> None:
     assert (source.poses, source.observed, source.counts) == (301, 301, {"gap": 1})
     assert (source.first_ns, source.last_ns) == (START_NS, int(poses.stamp_ns[-1]))
     assert source.duration_s == pytest.approx(4.0)
-    assert source.median_rate_hz == pytest.approx(100.0)
+    assert source.rate_hz == pytest.approx(100.0)
     assert source.jitter_s == pytest.approx(0.0, abs=1e-6)
     steps = np.linalg.norm(np.diff(gone.position_m, axis=0), axis=1)
     assert source.path_m == pytest.approx(steps.sum())
@@ -521,8 +521,18 @@ def test_the_summary_of_irregular_poses_has_their_jitter(tmp_path: Path) -> None
     noise = np.random.default_rng(0).normal(0, 2e5, 3000).astype(np.int64)
     shaken = Poses(poses.stamp_ns + noise, poses.position_m, poses.quat_xyzw)
     (source,) = summarise(str(write_log(tmp_path / "a.mcap", [poses_topic(shaken)]))).sources
-    assert source.median_rate_hz == pytest.approx(200.0, rel=0.01)
+    assert source.rate_hz == pytest.approx(200.0, rel=0.01)
     assert source.jitter_s == pytest.approx(np.sqrt(2) * 2e-4, rel=0.1)
+
+
+def test_the_rate_is_not_that_of_a_rounded_period(tmp_path: Path) -> None:
+    """60 Hz with stamps to 0.1 ms and some frames dropped: most periods are 16.7 ms."""
+    poses = smooth_poses(600, rate_hz=60.0)
+    stamps = START_NS + np.round(np.arange(600) / 60.0, 4) * 1e9
+    kept = np.random.default_rng(0).random(600) > 0.05
+    rounded = Poses(stamps.astype(np.int64), poses.position_m, poses.quat_xyzw)[kept]
+    (source,) = summarise(str(write_log(tmp_path / "a.mcap", [poses_topic(rounded)]))).sources
+    assert f"{source.rate_hz:.1f}" == "60.0"
 
 
 def test_an_invalid_log_time_is_noted(tmp_path: Path) -> None:

@@ -460,6 +460,7 @@ def test_no_turn_needs_no_axis() -> None:
         (["--time-unit", "frames"], "--time-unit frames needs the rate of the frames: --time-unit 120Hz"),
         (["--rate", "120", "--time-unit", "ms"], "rate is for time_unit='frames', not 'ms'"),
         (["--euler", "XYx"], "euler is three of the letters xyz or XYZ"),
+        (["--euler", "xyy:deg"], "euler is three of the letters xyz or XYZ, no two neighbours alike"),
         (["--matrix", "diagonal"], "matrix is rows or columns"),
         (["--columns", "time"], "columns are given as time=t,x=px"),
         (["--columns", "q=a"], "a column is time, nanoseconds, x"),

@@ -465,6 +465,7 @@ TIMES: list[tuple[str, str | None, float, float, int | None, str]] = [
     ),
     ("t", "ms", 0, 0.005, None, f"200000 {RATE}they look like seconds: give --time-unit s"),
     ("t", "s", 1.7e9, 5.0, 10**9, ""),
+    ("t", "s", 0, 2.0, 10**9, ""),  # as milliseconds 0.6 s in all
     ("time [s]", None, 0, 1.0, 10**9, WHOLE),
     ("time [ms]", None, 0, 0.01, None, f"100000 {RATE}they look like seconds: give --time-unit s"),
     ("time_us", None, 0, 5.0, None, f"200000 {RATE}{LIKE_MS}"),

@@ -243,7 +243,10 @@ def _in_doubt(piece: Segmentation, possible: tuple[Contact, ...]) -> Segmentatio
         p_label = float(mixed(np.full(len(STATES), segment.probability))[label.column])
         alternatives = tuple(state for state in compress(STATES, states) if state is not label)
         joint = None if segment.joint is None else doubted_joint(segment.joint)
-        return replace(segment, probability=p_label, inseparable=alternatives, joint=joint)
+        posterior = None if segment.posterior is None else mixed(segment.posterior)
+        return replace(
+            segment, probability=p_label, inseparable=alternatives, joint=joint, posterior=posterior
+        )
 
     def doubted_joint(joint: Joint) -> Joint:
         return replace(joint, probability=(1.0 - DOUBT) * joint.probability)

@@ -146,7 +146,7 @@ class Result(Outcome):
     def to_parquet(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
         """Write a Parquet file with a row per tick.
 
-        Writing is atomic. A recording is replaced only with ``overwrite``.
+        Writing is atomic. A recording, or labels, are replaced only with ``overwrite``.
 
         Raises
         ------

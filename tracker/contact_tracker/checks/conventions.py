@@ -391,8 +391,18 @@ def _mistake(
         named, fit = _refined(state, model, sigma, named[0].delay_ms)
     if fit.any():
         texts = [*dict.fromkeys(reading.text for reading, fits in zip(named, fit, strict=True) if fits)]
-        return "; or ".join(texts[:MOST_NAMED]) + ("; or others" if len(texts) > MOST_NAMED else "")
+        return joined(texts[:MOST_NAMED]) + ("; or others" if len(texts) > MOST_NAMED else "")
     return NAMELESS if nats.max() > ODD_NATS else ""
+
+
+def joined(texts: Sequence[str]) -> str:
+    """Mistakes as one text; one that is that before it, with another remedy, is not said again."""
+    said, last = list[str](), ""
+    for text in texts:
+        fault, _, remedy = text.partition(": ")
+        said.append(remedy if fault == last else text)
+        last = fault
+    return "; or ".join(said)
 
 
 def _refined(

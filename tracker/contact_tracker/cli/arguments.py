@@ -336,7 +336,9 @@ def add_output(parser: argparse._ActionsContainer, suffixes: Iterable[str], text
 
 def add_overwrite(parser: argparse._ActionsContainer) -> None:
     """``--overwrite``."""
-    parser.add_argument("--overwrite", action="store_true", help="replace FILE even if it is a recording")
+    parser.add_argument(
+        "--overwrite", action="store_true", help="replace FILE even if it is a recording or has labels"
+    )
 
 
 def output_file(*suffixes: str) -> Callable[[str], Path | None]:

@@ -30,7 +30,7 @@ time. A line per change goes to stdout: time, contact, probability, onset and pl
 Times are seconds since the recording's first pose."""
 _SUGGESTED_NS: Final = 3_000_000_000
 """Least time (ns) between suggestions for other states, in which a user can read and make the motions: with
-half or double of it, 74 or 27 instead of 45 lines in 44 s of ``mug_first_take``, without it 247."""
+half or double of it, 17 or 7 instead of 10 lines in 44 s of ``mug_first_take``, without it 50."""
 EXAMPLE: Final = "contact-tracker live recordings/paper_experiment.mcap --json | head -n 1"
 
 
@@ -261,19 +261,19 @@ class _Printer:
             at = f"{(belief.stamp_ns - origin_ns) * 1e-9:8.2f}  "
             if self._follower is not None and (text := self._follower.news):
                 lines.append(f"{at}plan: {text}")
-            lines += [f"{at}to decide, {motion}" for motion in self._news(motions, belief.stamp_ns)]
+            if self._is_news(motions, belief.stamp_ns):
+                lines.append(f"{at}to decide, {'; '.join(map(str, motions))}")
             for line in lines:
                 self._status.print(line)
         self._status.show(lambda: status_text(belief, origin_ns))
 
-    def _news(
-        self, motions: "tuple[InformativeMotion, ...]", stamp_ns: int
-    ) -> "tuple[InformativeMotion, ...]":
-        """The ``motions`` for states for which none is printed, not more often than ``_SUGGESTED_NS``."""
-        self._suggested &= {motion.states for motion in motions}
-        new = tuple(motion for motion in motions if motion.states not in self._suggested)
-        if not new or stamp_ns < self._suggest_from_ns:
-            return ()
+    def _is_news(self, motions: "tuple[InformativeMotion, ...]", stamp_ns: int) -> bool:
+        """Whether the first of the ``motions``, the most informative one, is for states for which none is
+        printed, not more often than ``_SUGGESTED_NS``."""
+        states = [motion.states for motion in motions]
+        self._suggested &= {*states}
+        if not states or states[0] in self._suggested or stamp_ns < self._suggest_from_ns:
+            return False
         self._suggest_from_ns = stamp_ns + _SUGGESTED_NS
-        self._suggested |= {motion.states for motion in new}
-        return new
+        self._suggested |= {*states}
+        return True

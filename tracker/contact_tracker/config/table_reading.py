@@ -29,7 +29,8 @@ ROLES: Final = (TIME, REST, *POSITION, *QUATERNION, *ANGLES, *MATRIX, ANGLE)
 TICK, DAY = "100ns", "days"
 TIME_UNITS_NS: Final[Mapping[str, int]] = TIMES_NS | {TICK: 100, DAY: 86_400 * 10**9}
 _RATE: Final = re.compile(r"([0-9]+(?:\.[0-9]+)?) ?Hz", re.IGNORECASE)
-_EULER: Final = re.compile(r"([xyz]{3}|[XYZ]{3})(?::(deg|rad))?")
+_EULER: Final = re.compile(r"(?!.?(.)\1)([xyz]{3}|[XYZ]{3})(?::(deg|rad))?")
+"""Three letters, of which no two neighbours are equal."""
 _FIELD: Final = re.compile(r"\.|[A-Za-z]\w*(\[\d+\])?(\.[A-Za-z]\w*(\[\d+\])?)*")
 PYTHON: Final = "python"
 """First word of ``given`` if poses are read from Python; the other words are then arguments."""
@@ -85,7 +86,9 @@ class TableReading:
         if self.time_unit is not None:
             _ = self.time_ns
         if self.euler is not None and not _EULER.fullmatch(self.euler):
-            letters = "three of the letters xyz or XYZ, then :deg or :rad, as in XYZ:deg"
+            letters = (
+                "three of the letters xyz or XYZ, no two neighbours alike, then :deg or :rad, as in XYZ:deg"
+            )
             raise ValueError(f"euler is {letters}, not {shown(self.euler)}")
         if self.matrix not in (None, "rows", "columns"):
             raise ValueError(f"matrix is rows or columns, not {shown(self.matrix)}")

@@ -1,4 +1,4 @@
-"""Formats of outputs by suffix, their writing, and the protection of recordings. Importing this is cheap."""
+"""Formats of outputs by suffix, their writing, and the protection of files. Importing this is cheap."""
 
 import csv
 import json
@@ -215,14 +215,17 @@ def _tex(text: str) -> str:
 
 
 def _subtitle(segment: "Segment", part: "SegmentPart", origin_ns: int) -> str:
+    from contact_tracker.outputs.text import alternatives, likely_others
+
     start_ms = max(part.start_ns - origin_ns, 0) // 1_000_000
     end_ms = max((part.end_ns - origin_ns) // 1_000_000, start_ms + 1)
     times = [
         f"{ms // 3_600_000:02d}:{ms // 60_000 % 60:02d}:{ms // 1000 % 60:02d},{ms % 1000:03d}"
         for ms in (start_ms, end_ms)
     ]
-    alternatives = f" or {', '.join(segment.inseparable)}" if segment.inseparable else ""
-    lines = [" --> ".join(times), f"{segment.contact.value} ({segment.probability:.2f}){alternatives}"]
+    others = alternatives(segment.inseparable, likely_others(segment))
+    label = f"{segment.contact.value} ({segment.probability:.2f}){others and f' or {others}'}"
+    lines = [" --> ".join(times), label]
     if any(segment.touching):
         lines.append(" on ".join(printable(name) if name else "?" for name in segment.touching))
     lines += [f"+ {further.contact.value} ({further.probability:.2f})" for further in part.further]
@@ -239,7 +242,8 @@ def check_output(
     written: Iterable[Path | None] = (),
 ) -> Callable[[], None]:
     """Raise UsageError if an output is, under any name, one of the files ``read`` or of the further outputs
-    ``written``, or would replace a recording; the message says ``how`` to replace a recording nevertheless.
+    ``written``, or would replace a recording or a user's labels; the message says ``how`` to replace these
+    nevertheless.
 
     Returns
     -------
@@ -252,7 +256,7 @@ def check_output(
     states_before = {name: _status(name) for name in names}
 
     def check() -> None:
-        from contact_tracker.recording import may_be_recording
+        from contact_tracker.recording import has_labels, may_be_recording
 
         if path is None:
             return
@@ -267,6 +271,8 @@ def check_output(
             return
         try:
             reason = "it is a recording" if may_be_recording(str(path)) else None
+            if reason is None and has_labels(str(path)):
+                reason = "it has labels of yours"
         except (OSError, UnreadableRecording, MissingExtra) as error:
             why = getattr(error, "strerror", None) or error
             reason = f"it may be a recording, but cannot be read ({why})"

@@ -150,7 +150,7 @@ def _source_rows(source: SourceSummary, adapted: Report | None) -> Iterator[tupl
     usable = "" if source.poses == source.observed else f" of {source.observed} published"
     yield "poses", f"{source.poses}{usable}"
     if source.poses > 1:
-        rate, jitter_ms = source.median_rate_hz, source.jitter_s * 1e3
+        rate, jitter_ms = source.rate_hz, source.jitter_s * 1e3
         yield "time", f"{source.duration_s:.2f} s at {rate:.1f} Hz, jitter {jitter_ms:.2f} ms"
         extent = " x ".join(f"{metres:.2f}" for metres in source.extent_m)
         yield "motion", f"{source.path_m:.2f} m of path within {extent} m"
@@ -179,7 +179,7 @@ def _source_json(source: SourceSummary, adapted: Report | None) -> dict[str, Any
         "first_ns": source.first_ns,
         "last_ns": source.last_ns,
         "duration_s": _finite(source.duration_s),
-        "rate_hz": _finite(source.median_rate_hz),
+        "rate_hz": _finite(source.rate_hz),
         "jitter_s": _finite(source.jitter_s),
         "log_offset_s": _finite(source.log_offset_s),
         "path_m": _finite(source.path_m),

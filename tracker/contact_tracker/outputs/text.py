@@ -6,7 +6,7 @@ Oliveira and Fernandes, 2009); tests/outputs/test_colours.py. Terminals show the
 differ less (5.6 for protanopes), but have the label as a word beside them.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import groupby
 from math import degrees
@@ -58,6 +58,7 @@ JOINT: Final = "= "
 OPEN_OFFSET: Final = "offset not known"
 """Note on a face whose position along its normal is unknown."""
 _ORIGIN: Final = "the body's origin"
+_NONE: Final[Mapping[Contact, float]] = {}
 TABLE_HEADER: Final = f" start s     end s  contact     p  {GEOMETRY_TITLE}"
 
 
@@ -154,10 +155,14 @@ def table(segments: Sequence[Segment], origin_ns: int, with_wrenches: bool = Fal
         yield f"{leave} the contact open for {ambiguous_s:.2f} of {total_s:.2f} s."
 
 
-def describe(geometry: ContactGeometry | None, inseparable: Sequence[Contact] = ()) -> str:
+def describe(
+    geometry: ContactGeometry | None,
+    inseparable: Sequence[Contact] = (),
+    probabilities: Mapping[Contact, float] = _NONE,
+) -> str:
     """``edge ... on face ...; or v-f, free``: the elements, after +/- the standard deviation in the worst
-    direction, and after ``or`` the states that the motion does not distinguish from the label."""
-    states, pair = alternatives(inseparable), ""
+    direction, and the ``alternatives`` after ``or``."""
+    states, pair = alternatives(inseparable, probabilities), ""
     if geometry is not None:
         of_object, of_environment = geometry.has_open_offset
         body = _element(geometry.object, has_open_offset=of_object)
@@ -167,7 +172,7 @@ def describe(geometry: ContactGeometry | None, inseparable: Sequence[Contact] = 
 
 def describe_segment(segment: Segment) -> str:
     """``describe`` for a segment; a contact that is not exact begins with ``within 2.4 mm and 0.3 deg:``."""
-    text = describe(segment.geometry, segment.inseparable)
+    text = describe(segment.geometry, segment.inseparable, likely_others(segment))
     if segment.tolerance is None:
         return text
     within_m, within_rad = segment.tolerance
@@ -195,9 +200,30 @@ def joint_name(joint: Joint) -> str:
     return f"{JOINT}{joint.kind.value} {joint.probability:.2f}"
 
 
-def alternatives(inseparable: Sequence[Contact]) -> str:
-    """``v-f, free``; ``any other`` for all contacts."""
-    return "any other" if len(inseparable) == len(CONTACTS) else ", ".join(inseparable)
+def alternatives(inseparable: Sequence[Contact], probabilities: Mapping[Contact, float] = _NONE) -> str:
+    """``free 0.51, v-f``: the states with ``probabilities``, then the others that the motion does not
+    distinguish from the label; ``any other`` for all."""
+    likely = [f"{state.value} {p:.2f}" for state, p in probabilities.items()]
+    others = [state.value for state in inseparable if state not in probabilities]
+    return ", ".join([*likely, *(["any other"] if len(inseparable) == len(CONTACTS) else others)])
+
+
+def likely_others(segment: Segment) -> dict[Contact, float]:
+    """The states that are more probable than the label in the mean over the segment, which the most probable
+    sequence may have nevertheless; if the label is not sure and no other fits the motion, the most probable
+    states that are sure together with it."""
+    if segment.posterior is None:
+        return {}
+    others = {state: float(segment.posterior[state.column]) for state in STATES if state != segment.contact}
+    ranked = sorted(others.items(), key=lambda item: -item[1])
+    if segment.inseparable:
+        return {state: p for state, p in ranked if p > segment.probability}
+    named, together = dict[Contact, float](), segment.probability
+    for state, p in ranked:
+        if together >= SURE_PROBABILITY:
+            break
+        named[state], together = p, together + p
+    return named
 
 
 def is_open(entry: Segment | Belief) -> bool:

@@ -1,5 +1,6 @@
 """Recordings: MCAP logs in and out. The only part of the package that knows mcap."""
 
+from contact_tracker.recording.annotations import has_labels as has_labels
 from contact_tracker.recording.annotations import need_truth as need_truth
 from contact_tracker.recording.annotations import read_labels as read_labels
 from contact_tracker.recording.annotations import read_metadata as read_metadata

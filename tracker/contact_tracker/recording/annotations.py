@@ -13,7 +13,7 @@ from contact_tracker.config.quantities import NAMED_NS
 from contact_tracker.config.table_reading import AS_NAMED, TableReading
 from contact_tracker.errors import ChoiceError, NoTruth, printable
 from contact_tracker.ground_truth import UNSCORED, CoarseLabel, Truth, TruthInterval
-from contact_tracker.recording.bytestream import encoding_of, is_regular, is_text
+from contact_tracker.recording.bytestream import encoding_of, first_bytes, is_regular, is_text
 from contact_tracker.recording.decoding import Undecodable
 from contact_tracker.recording.items import RawMessage
 from contact_tracker.recording.log import open_log
@@ -221,16 +221,37 @@ def _rows_of_file(path: str) -> Iterator[_Row]:
     text = data.decode(encoding_of(data), errors="replace")
     if text.lstrip()[:1] in ("[", "{"):
         return _rows_of_json(path, text)
-    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
-    if not lines:
+    table = _table_in(text)
+    if not table:
         raise NoTruth(f"{path}: it is empty")
-    mark = next((mark for mark in ("\t", ";") if mark in lines[0]), ",")
-    return _rows_of_table(path, list(csv.reader(lines, delimiter=mark)))
+    return _rows_of_table(path, table)
+
+
+def has_labels(path: str) -> bool:
+    """Whether the first row of a file names the columns of labels, and is not that of segments, which have a
+    probability."""
+    begin = first_bytes(path)
+    if not is_text(begin, ".csv"):
+        return False
+    names = next(iter(_table_in(begin.decode(encoding_of(begin), errors="replace"))), [])
+    return len(_label_columns(names)) == 3 and "probability" not in names
+
+
+def _table_in(text: str) -> list[list[str]]:
+    """The cells of a table in text, without comments."""
+    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
+    mark = next((mark for mark in ("\t", ";") if mark in "".join(lines[:1])), ",")
+    return list(csv.reader(lines, delimiter=mark))
+
+
+def _label_columns(names: Sequence[str]) -> list[tuple[int, int]]:
+    """The columns of start, end and label, as far as there are any."""
+    return list(filter(None, (_column(names, choices) for choices in (_START, _END, _LABEL))))
 
 
 def _rows_of_table(path: str, table: Table) -> Iterator[_Row]:
     names, *rows = table
-    columns = list(filter(None, (_column(names, choices) for choices in (_START, _END, _LABEL))))
+    columns = _label_columns(names)
     if len(columns) < 3:
         needed = f"{path}: its columns are {', '.join(names[:12])}: needed are start, end and contact"
         has_names = not any(name.strip(" .-").isdecimal() for name in names)

@@ -403,7 +403,7 @@ class SourceSummary:
     ----------
     poses, observed : numbers of valid and of published poses.
     first_ns, last_ns : stamps of the first and last valid pose.
-    median_rate_hz, jitter_s : rate by the median period, and robust standard deviation of the periods.
+    rate_hz, jitter_s : rate by the mean period without gaps, and robust standard deviation of the periods.
     counts : numbers of dropped, repaired or noted poses, by kind (including ``gap`` and ``held``).
     log_offset_s : median of log time minus header stamp.
     path_m, extent_m : length of the path of the body's origin, and its range along each world axis.
@@ -444,9 +444,12 @@ class SourceSummary:
             self._admit(keep=True)
         self._note(Poses.collect(self._gate.finish()), keep=True)
         nan, steps = float("nan"), self._steps_ns.values
-        period_ns = float(np.median(steps)) if len(steps) else nan
-        jitter_ns = _MAD_TO_SIGMA * float(np.median(np.abs(steps - period_ns))) if len(steps) else nan
-        self.median_rate_hz, self.jitter_s = 1e9 / period_ns, jitter_ns * 1e-9
+        median_ns = float(np.median(steps)) if len(steps) else nan
+        jitter_ns = _MAD_TO_SIGMA * float(np.median(np.abs(steps - median_ns))) if len(steps) else nan
+        # of rounded stamps the median period is off; a step nearer to none or two periods is no period
+        periods_ns = steps[np.abs(steps - median_ns) < 0.5 * median_ns]
+        self.rate_hz = 1e9 / float(np.mean(periods_ns)) if len(periods_ns) else nan
+        self.jitter_s = jitter_ns * 1e-9
         self.log_offset_s = float(np.median(self._offsets_ns.values)) * 1e-9
         self.extent_m = tuple((self._high_m - self._low_m).tolist()) if self.poses else (nan, nan, nan)
         self.loss = remark_on_loss(self.counts, self.observed, self._gate.refused_xyzw)

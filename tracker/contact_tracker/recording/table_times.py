@@ -32,7 +32,7 @@ _FEW: Final = 10
 _SECONDS: Final = 1.0
 """Step, in the unit of the times; shorter steps may be seconds at a low pose rate."""
 _LONGEST_STEP_S: Final = 100.0
-"""Longest step between times that are dates (s)."""
+"""Longest step (s) between times that are dates, or that are too few for another unit."""
 NEVER: Final = np.iinfo(np.int64).min
 """Stands for the stamp of text that is no time."""
 _DATE: Final = re.compile(
@@ -91,7 +91,8 @@ def unit_of_dates(times: NDArray[np.float64]) -> str | None:
 
 
 def doubt_of_unit(times: NDArray[np.float64], unit_ns: float) -> str | None:
-    """One line if the times, in this unit, would have a rate that no tracker has; else None."""
+    """One line if the times, in this unit, would have a rate that no tracker has; else None. A low
+    rate is that of a tracker if the times are dates, or would last less than a second in another unit."""
     step = _median_step(times)
     if step == 1.0 and unit_ns == TIMES_NS["s"] and len(times) > _FEW and (np.diff(times) == 1.0).all():
         return (
@@ -100,7 +101,8 @@ def doubt_of_unit(times: NDArray[np.float64], unit_ns: float) -> str | None:
         )
     likely = None if step is None else _first_within(_STEP_S, step)
     is_dated = len(times) > 0 and _DATE_S[0] <= times[0] * unit_ns * 1e-9 <= _DATE_S[1]
-    longest_s = _LONGEST_STEP_S if is_dated else _SECONDS
+    is_short = likely is not None and float(np.ptp(times)) * TIMES_NS[likely] <= _SECONDS * 1e9
+    longest_s = _LONGEST_STEP_S if is_dated or is_short else _SECONDS
     is_slow = likely is not None and (step or 0.0) * unit_ns > longest_s * 1e9
     if step is None or (1e9 / (step * unit_ns) <= _FASTEST_HZ and not is_slow):
         return None

@@ -192,7 +192,7 @@ class Segment:
     segment or a part; ``joint`` is the joint in which the object moves, if any; ``motion`` is the object's at
     the touching point of ``contact``, and ``task_frame`` what that constrains in the middle of the segment.
     ``tolerance`` is the root mean square (m, rad) of the errors of a contact that is not exact; None for an
-    exact one.
+    exact one. ``posterior`` (7,) has the means of all states, in the order of ``STATES``.
     """
 
     start_ns: int
@@ -206,6 +206,7 @@ class Segment:
     motion: ContactMotion | None = field(default=None, repr=False)
     task_frame: TaskFrame | None = field(default=None, repr=False)
     tolerance: tuple[float, float] | None = None
+    posterior: Array | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "further", with_p_label(self.further, self.probability))

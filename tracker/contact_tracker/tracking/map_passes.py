@@ -206,10 +206,11 @@ def _with_open(
             for row in open_rows.tolist():
                 rows["probability"][row] = ambiguity.with_rivals(rows["probability"][row], label, others)
             rows["inseparable"][open_rows] = [state in others for state in STATES]
-            p = float(rows["probability"][first:end, label.column].mean())
+            mean = rows["probability"][first:end].mean(axis=0)
             is_mostly_open = 2 * len(open_rows) > end - first
             inseparable = others if is_mostly_open else segment.inseparable
-            segment = replace(segment, probability=p, inseparable=inseparable)
+            p_label = float(mean[label.column])
+            segment = replace(segment, probability=p_label, inseparable=inseparable, posterior=mean)
         segments.append(segment)
     beliefs = replace(segmentation.beliefs, rows=rows)
     return replace(segmentation, segments=tuple(segments), beliefs=beliefs)

@@ -345,19 +345,22 @@ class FinishedSegment(NamedTuple):
         change = (np.diff(kinds) != 0) | (np.diff(joint_number) != 0)
         changes = [*np.flatnonzero(change) + 1, len(kinds)]
         at_contact = self._at_contact(fit.contact, fit.geometry)
+        spans = [*pairwise([0, *changes])]
+        means = [beliefs["probability"][first:end].mean(axis=0) for first, end in spans]
         segments = tuple(
             Segment(
                 *self._span(first, end),
                 contact,
-                float(beliefs["probability"][first:end, column].mean()),
+                float(mean[column]),
                 fit.geometry,
                 open_states[kinds[first]],
                 _within(contacts, *self._span(first, end)),
                 None if joint_number[first] < 0 else joints[joint_number[first]],
                 *at_contact(first, end),
                 fit.tolerance,
+                mean,
             )
-            for first, end in pairwise([0, *changes])
+            for (first, end), mean in zip(spans, means, strict=True)
         )
         geometries = [] if fit.geometry is None else [pack(fit.geometry)]
         return segments, Beliefs(beliefs, geometries, formations, joints)
