@@ -183,8 +183,11 @@ def text_of(*, is_decided=True, model=MODEL, lasting=(1e-4, 5e-4), **more):
 
 def test_what_too_little_motion_shows_is_assumed_and_not_found():
     """Nothing more is to come when the line is printed."""
-    text = text_of(is_decided=False)
+    text = text_of(is_decided=False, moved_s=11.74)
     assert "there is too little motion to estimate the noise of ticks" in text
+    assert "ticks (11.7 s of motion; 10 to 30 s are needed): " in text, (
+        "even a long recording may have too little"
+    )
     assert text.endswith(
         " a tick and slowly varying errors of 0.1 mm 0.029 deg are assumed (set it by --noise)"
     )
