@@ -58,6 +58,9 @@ JOINT: Final = "= "
 OPEN_OFFSET: Final = "offset not known"
 """Note on a face whose position along its normal is unknown."""
 _ORIGIN: Final = "the body's origin"
+LEAST_DEVIATION: Final = 0.001
+"""Least standard deviation (mm or deg) that is a figure: the noise of exact poses, as of a simulation or of
+encoders, leaves less, but no sensor measures as well."""
 TABLE_HEADER: Final = f" start s     end s  contact     p  {GEOMETRY_TITLE}"
 
 
@@ -245,6 +248,8 @@ def _worst(covariance: Array | None, block: slice, unit: str) -> str:
 
 
 def _deviation(sd: float, unit: str) -> str:
+    if sd < LEAST_DEVIATION:
+        return f" +/- below {LEAST_DEVIATION:g} {unit}"
     figures = np.format_float_positional(sd, precision=2, unique=False, fractional=False, trim="-")
     return f" +/- {figures} {unit}"
 
