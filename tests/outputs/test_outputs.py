@@ -54,6 +54,11 @@ def test_unknown_deviations_are_null_and_a_probability_that_is_none_is_refused()
         json_line(broken)
 
 
+@pytest.mark.parametrize(("sd_m", "text"), [(3e-6, "+/- 0.003 mm"), (3e-10, "+/- below 0.001 mm")])
+def test_deviations_of_exact_poses_have_no_figures(sd_m: float, text: str) -> None:
+    assert f"m {text} on face" in describe(ContactGeometry(Point(np.zeros(3), sd_m**2 * np.eye(3)), FACE))
+
+
 def test_a_table_of_latex_has_the_rows_of_the_table_with_its_signs_escaped() -> None:
     named = replace(FACE, name="x_mm degree & 100%")
     geometry = ContactGeometry(ON_FACE.object, named)
