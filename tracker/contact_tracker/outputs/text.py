@@ -58,9 +58,6 @@ JOINT: Final = "= "
 OPEN_OFFSET: Final = "offset not known"
 """Note on a face whose position along its normal is unknown."""
 _ORIGIN: Final = "the body's origin"
-LEAST_DEVIATION: Final = 0.001
-"""Least standard deviation (mm or deg) that is a figure: the noise of exact poses, as of a simulation or of
-encoders, leaves less, but no sensor measures as well."""
 TABLE_HEADER: Final = f" start s     end s  contact     p  {GEOMETRY_TITLE}"
 
 
@@ -245,6 +242,11 @@ def _worst(covariance: Array | None, block: slice, unit: str) -> str:
         return ""
     sd = np.sqrt(max(np.linalg.eigvalsh(covariance[block, block])[-1], 0.0))
     return _deviation(np.degrees(sd) if unit == "deg" else sd * 1e3, unit)
+
+
+LEAST_DEVIATION: Final = 0.001
+"""Least standard deviation (mm or deg) that is a figure: the noise of exact poses, as of a simulation or of
+encoders, leaves less, but no sensor measures as well."""
 
 
 def _deviation(sd: float, unit: str) -> str:
