@@ -8,11 +8,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from contact_tracker.cli.main import run
 from contact_tracker.motion.poses import Poses
 from contact_tracker.states import STATES
 from mcap_logs import poses_topic, smooth_poses, write_log
+from smooth_motion import exact_transfers
 
 NAMES = {state.value for state in STATES}
 
@@ -105,6 +107,55 @@ def test_nan_poses_are_counted(
     if command != "info":
         assert (code, captured.out) == (1, "")
         assert "no pose that can be used" in captured.err
+
+
+def after_rest(poses: Poses, rest: int) -> Poses:
+    """With ``rest`` poses before that repeat the first one bit for bit, as a robot's at rest."""
+    period_ns = int(poses.stamp_ns[1] - poses.stamp_ns[0])
+    before_ns = poses.stamp_ns[0] - period_ns * np.arange(rest, 0, -1)
+    still = Poses(before_ns, poses.position_m[:1].repeat(rest, 0), poses.quat_xyzw[:1].repeat(rest, 0))
+    return Poses.join([still, poses])
+
+
+@pytest.mark.parametrize("command", ["live", "info"])
+@pytest.mark.parametrize(
+    "rounding_rad", [pytest.param(0.0, marks=pytest.mark.long), 1e-5], ids=["exact", "rounded"]
+)
+def test_a_robot_that_rests_at_first_is_warned_of_nothing(
+    command: str, rounding_rad: float, tmp_path: Path, capsys: Any
+) -> None:
+    """Its poses repeat at rest, and have no noise whose errors could be correlated, but rounding."""
+    moves = exact_transfers(np.random.default_rng(3), 6.0, 500.0)
+    if rounding_rad:
+        turn = Rotation.from_quat(moves.quat_xyzw).as_rotvec()
+        rounded = [np.round(part / rounding_rad) * rounding_rad for part in (moves.position_m, turn)]
+        moves = Poses(moves.stamp_ns, rounded[0], Rotation.from_rotvec(rounded[1]).as_quat())
+    log = write_log(tmp_path / "a.mcap", [poses_topic(after_rest(moves, 600))])
+    assert run([command, str(log)]) == 0
+    shown = capsys.readouterr()
+    assert "warning" not in shown.out + shown.err
+
+
+@pytest.mark.parametrize("rest", [600, 1800])
+def test_what_has_not_changed_so_far_is_said_after_a_while(rest: int, tmp_path: Path, capsys: Any) -> None:
+    """After 1.2 s of rest nothing, after 3 s that it has not changed in so many poses."""
+    log = write_log(tmp_path / "a.mcap", [poses_topic(after_rest(smooth_poses(300, 500.0), rest))])
+    assert run(["live", str(log)]) == 0
+    lines = [line for line in capsys.readouterr().err.splitlines() if "never changes in 1500 poses" in line]
+    assert len(lines) == (rest > 1500)
+
+
+def test_few_poses_in_a_tick_are_counted_by_their_stamps(tmp_path: Path, capsys: Any) -> None:
+    """The rate falls from 30 to 10 Hz, too little for longer ticks."""
+    fast, slow = smooth_poses(60, 30.0), smooth_poses(60, 10.0)
+    late = Poses(
+        fast.stamp_ns[-1] + 10**8 + slow.stamp_ns - slow.stamp_ns[0], slow.position_m, slow.quat_xyzw
+    )
+    for poses, count in ((Poses.join([fast, late]), 1), (Poses.join([fast, held(late)]), 1), (fast, 0)):
+        log = write_log(tmp_path / "a.mcap", [poses_topic(poses)])
+        for command in ("live", "segment"):
+            assert run([command, str(log)]) == 0
+            assert capsys.readouterr().err.count("few poses: 1 in a tick of 0.1 s") == count, command
 
 
 def test_a_short_part_of_a_recording_is_segmented(tmp_path: Path, capsys: Any) -> None:

@@ -8,6 +8,7 @@ import pytest
 from benchmarks.simulated_fits import NOISES, fit_simulated, fitted_geometry
 from hypothesis import example, given
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from contact_tracker.config.loading import load_model
@@ -23,6 +24,7 @@ from contact_tracker.hypotheses.refinement import (
     refine,
     whiten_ar1,
 )
+from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS, Contact
 from contact_tracker.tracking.state import scales_of
@@ -31,7 +33,7 @@ from contact_tracker_lab.evaluation.geometry_errors import angle_rad, deviation
 from contact_tracker_lab.simulate import Scenario, simulate
 from contact_tracker_lab.simulate.scenarios import Phase
 from pose_filter import forward
-from smooth_motion import moving
+from smooth_motion import exact_transfers, moving
 
 SEEDS = 3
 RARE = 1e-3
@@ -237,6 +239,17 @@ def test_errors_do_not_widen_the_prior(contact):
         assert np.sqrt(covariance.diagonal().max()) < 10.0 * SHIPPED.geometry.reach_m
 
 
+@pytest.mark.parametrize("contact", [Contact.EF, Contact.FE], ids=str)
+def test_what_exact_poses_do_not_show_is_as_wide_as_the_prior_with_errors_too(contact):
+    """Turns about one axis leave the place along it open; errors of 10 mm and 0.6 deg do not open it more."""
+    poses = exact_transfers(np.random.default_rng(3), 6.0, 200.0)
+    turn = Rotation.from_quat(poses.quat_xyzw).as_rotvec() * [0.0, 0.0, 1.0]
+    flat = Poses(poses.stamp_ns, poses.position_m, Rotation.from_rotvec(turn).as_quat())
+    covariance, _ = covariances(flat, contact, with_errors(1e-2, 1e-2))
+    sd_m = np.sqrt(np.linalg.eigvalsh(covariance[3:, 3:])[-1])  # of a line's point, or a plane's offset
+    assert 0.9 < sd_m / SHIPPED.geometry.reach_m < 1.01
+
+
 def test_directions_without_information_and_huge_errors_are_no_fault():
     """Not even where errors are so large that rounding makes a sum singular."""
     errors = with_errors(1.0, 1.0).systematic
@@ -248,6 +261,19 @@ def test_directions_without_information_and_huge_errors_are_no_fault():
     assert np.isfinite(added).all()
     assert 0.5 < added[0, 0] < 1.1
     assert abs(added[2, 2]) < 1.0
+
+
+@pytest.mark.parametrize("information", [1e2, 1e6, 1e12])
+def test_errors_add_no_more_than_the_prior_allows_where_exact_poses_show_nothing(information):
+    """Four of six directions are observed, which are no axes of the parameters; the errors are 1 mm."""
+    rng, prior = np.random.default_rng(0), np.diag([11.0, 11.0, 11.0, 1.0, 1.0, 1.0])
+    seen = np.linalg.qr(rng.normal(size=(6, 4)))[0]
+    slopes = rng.normal(size=(30, 6)) @ seen @ seen.T
+    by_error = np.zeros((6, 6, 30))
+    by_error[3] = information * slopes.T
+    zeta, errors = rng.normal(size=(30, 25)), with_errors(1e-3, 0.0).systematic
+    added = added_covariance(information * slopes.T @ slopes, prior, by_error, zeta, errors)
+    assert 1e-4 < np.sqrt(np.linalg.eigvalsh(added)[-1]) < 1e-3
 
 
 def test_ticks_that_represent_a_window_count_as_many_as_it_has():

@@ -107,3 +107,14 @@ def test_poses_without_noise_have_no_point_far_away():
     """Their errors are those of rounding: the centre would be 1700 km away."""
     poses = exact_transfers(np.random.default_rng(0), 20, 125.0)
     assert np.linalg.norm(independent_point(poses[:200])) < 100.0
+
+
+def test_jerks_of_motion_without_noise_are_no_noise() -> None:
+    """They are where the acceleration changes, of poses whose differences are those of rounding otherwise."""
+    time_s = np.arange(400) / 125.0
+    share = np.clip(time_s - 1.0, 0.0, 1.0)
+    turn = np.where(share < 0.5, 2.0 * share**2, 1.0 - 2.0 * (1.0 - share) ** 2)
+    turns = Rotation.from_rotvec(np.outer(turn, [0.0, 0.0, 0.6]))
+    position_m = np.outer(turn, [0.3, 0.1, 0.0]) + 1e-5 * np.sin(3.0 * time_s)[:, None]
+    poses = Poses(np.rint(1e9 * time_s).astype(np.int64), position_m, turns.as_quat())
+    np.testing.assert_array_equal(independent_point(poses), 0.0)

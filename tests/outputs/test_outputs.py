@@ -54,6 +54,11 @@ def test_unknown_deviations_are_null_and_a_probability_that_is_none_is_refused()
         json_line(broken)
 
 
+@pytest.mark.parametrize(("sd_m", "text"), [(3e-6, "+/- 0.003 mm"), (3e-10, "+/- below 0.001 mm")])
+def test_deviations_of_exact_poses_have_no_figures(sd_m: float, text: str) -> None:
+    assert f"m {text} on face" in describe(ContactGeometry(Point(np.zeros(3), sd_m**2 * np.eye(3)), FACE))
+
+
 def test_a_table_of_latex_has_the_rows_of_the_table_with_its_signs_escaped() -> None:
     named = replace(FACE, name="x_mm degree & 100%")
     geometry = ContactGeometry(ON_FACE.object, named)
@@ -203,8 +208,11 @@ def text_of(*, is_decided=True, model=MODEL, lasting=(1e-4, 5e-4), **more):
 
 def test_what_too_little_motion_shows_is_assumed_and_not_found():
     """Nothing more is to come when the line is printed."""
-    text = text_of(is_decided=False)
+    text = text_of(is_decided=False, moved_s=11.74)
     assert "there is too little motion to estimate the noise of ticks" in text
+    assert "ticks (11.7 s of motion; 10 to 30 s are needed): " in text, (
+        "even a long recording may have too little"
+    )
     assert text.endswith(
         " a tick and slowly varying errors of 0.1 mm 0.029 deg are assumed (set it by --noise)"
     )

@@ -140,7 +140,7 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
 
         def report(beliefs: "list[Belief]") -> None:
             if beliefs:
-                source.warn_of_problems(tracker.report_so_far)
+                source.warn_of_problems(tracker.report_so_far, beliefs[-1].stamp_ns)
                 source.report_suspicion(beliefs[-1].stamp_ns, tracker.suspicions)
             for belief in beliefs:
                 with deferred(*SIGNALS):  # so that the file has every printed belief, in full

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Final
 from contact_tracker.cli.terminal import detail, say, warn
 from contact_tracker.errors import DAMAGED, DONE, StateError, UsageError
 from contact_tracker.files import why_not_writable
+from contact_tracker.inspection.stream_checks import ORIENTATION, STILL
 from contact_tracker.interrupts import SIGNALS, repeat_unless
 from contact_tracker.motion.pose_validation import Arrival, counts_text
 from contact_tracker.motion.poses import Outliers, Poses
@@ -134,8 +135,13 @@ class Source:
         for line in not_given(filter(None, [damage]), self._warned):
             warn(f"{self.name}: {line}")
 
-    def warn_of_problems(self, adapted: "Report | None") -> None:
-        """Warn of the problems of the stream, each once."""
+    def warn_of_problems(self, adapted: "Report | None", stamp_ns: int | None = None) -> None:
+        """Warn of the problems of the stream, each once. In a stream that goes on at ``stamp_ns``, poses that
+        have not changed so far are warned of once that has lasted for ``_SUSPECTED_NS``: an object may rest
+        at first."""
+        if adapted is not None and stamp_ns is not None and stamp_ns - self.log.first_ns < _SUSPECTED_NS:
+            lasting = tuple(f for f in adapted.findings if f.kind not in (STILL, ORIENTATION))
+            adapted = adapted._replace(findings=lasting)
         for line in not_given(warnings(adapted), self._warned):
             warn(line)
 

@@ -75,7 +75,9 @@ def observed_geometry(
     covariance, tangent, prior, eigenvalues, eigenvectors = information_spectrum(
         hypothesis, model, scales, variance, information
     )
-    geometry = model.geometry(x, covariance + systematic, scales.reach_m)
+    if np.any(systematic):
+        covariance = _within(prior, tangent, covariance + systematic)
+    geometry = model.geometry(x, covariance, scales.reach_m)
     unseen = eigenvectors[:, : eigenvalues.searchsorted(OBSERVED_RATIO)]
     if not unseen.size:
         return geometry
@@ -88,6 +90,17 @@ def observed_geometry(
         replace(geometry.object, unobserved=_open_directions(open_.object, scales.reach_m)),
         replace(geometry.environment, unobserved=_open_directions(open_.environment, scales.reach_m)),
     )
+
+
+def _within(prior: Array, tangent: Array, covariance: Array) -> Array:
+    """A covariance (S, S) along ``tangent`` (S, P) that is nowhere wider than the ``prior`` (P, P) allows."""
+    lower = np.linalg.cholesky(prior)
+    units = np.linalg.pinv(tangent).T @ lower
+    ratio, axes = linalg.eigenvectors(units.T @ covariance @ units)
+    if ratio[-1] <= 1.0:
+        return covariance
+    wide = tangent @ np.linalg.solve(lower.T, axes)
+    return np.asarray(covariance - (wide * np.maximum(ratio - 1.0, 0.0)) @ wide.T)
 
 
 class InformationSpectrum(NamedTuple):
@@ -254,7 +267,7 @@ MOST_TICKS: Final = 300
 SHARE_OF_REST: Final = 0.05
 """Weight of a tick at rest, relative to a tick in motion, in their choice."""
 LEAST_SHARE: Final = 1e-14
-"""Eigenvalues below this share of the largest are rounding errors."""
+"""Information below this share of the largest is rounding errors."""
 
 
 def systematic_covariance(
@@ -305,18 +318,20 @@ def added_covariance(
     """
     turn, shift = _error_covariances(zeta, errors)
     spread = (by_error @ np.repeat([turn, shift], 3, axis=0) @ by_error.swapaxes(1, 2)).sum(axis=0)
-    scale = 1.0 / np.sqrt(np.diag(information + prior))
-    units = np.outer(scale, scale)
-    information, prior, spread = information * units, prior * units, spread * units
-    # the errors lower the information of the ticks, not that of the prior
-    data = information @ _inverse(information + spread) @ information
-    return np.asarray((_inverse(data + prior) - _inverse(information + prior)) * units)
-
-
-def _inverse(symmetric: Array) -> Array:
-    """Inverse of a positive semidefinite matrix (P, P), with its eigenvalues above rounding errors."""
-    values, vectors = linalg.eigenvectors(symmetric)
-    return np.asarray((vectors / np.maximum(values, LEAST_SHARE * values[-1])) @ vectors.T)
+    # in units of the prior, which is far above the rounding errors of the information then, however large
+    ratio, axes = linalg.eigenvectors(information, prior)
+    ratio[ratio < LEAST_SHARE * ratio[-1]] = 0.0
+    by_noise = axes * np.divide(1.0, np.sqrt(ratio), out=np.zeros_like(ratio), where=ratio > 0.0)
+    squared, turned = linalg.eigenvectors(by_noise.T @ spread @ by_noise)
+    squared = np.maximum(squared, 0.0)
+    # the errors lower the information of the ticks by this share, and not that of the prior
+    known = np.sqrt(ratio / (1.0 + ratio))
+    lost = known[:, None] * ((turned * (squared / (1.0 + squared))) @ turned.T) * known
+    share, turned = linalg.eigenvectors(lost)
+    widened = share.clip(0.0, known[-1] ** 2)
+    axes /= np.sqrt(1.0 + ratio)
+    spanned = axes @ turned
+    return np.asarray((spanned * (widened / (1.0 - widened))) @ spanned.T)
 
 
 def representatives(window: Window) -> tuple[Window, Array]:

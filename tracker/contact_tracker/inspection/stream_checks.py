@@ -235,7 +235,10 @@ CONSTANT: Final = 1e-9
 """Smaller differences are rounding (m, or of a unit quaternion)."""
 ENOUGH_CONSTANT: Final = 100
 STILL: Final = "still"
-"""The kind of the finding that the pose never changes."""
+ORIENTATION: Final = "orientation"
+"""The kinds of the findings that the pose, or its position or orientation alone, never changes."""
+FILTERED: Final = "filtered"
+"""The kind of the finding that successive errors are correlated."""
 
 # Histogram of squared third differences: four bins to a factor of 4, from 1e-15 to 3e6.
 BINS: Final = 285
@@ -347,6 +350,11 @@ class Inspection(NamedTuple):
     filtered: bool = False
     read_as: ReadAs = AS_GIVEN
 
+    @property
+    def sigma(self) -> tuple[float, float]:
+        """Standard deviations (m, rad) of the noise of a pose, if it is white."""
+        return _sigma(self.noise[0]), _sigma(self.noise[1])
+
 
 NOTHING_INSPECTED: Final = Inspection()
 
@@ -396,14 +404,17 @@ def findings(inspection: Inspection, fitting_units: Sequence[str] = ()) -> tuple
             "choose one with --topic or --frame, or record them on topics of their own"
         )
         result.append(Finding("bodies", text, True))
+    count = inspection.total + inspection.repeats
     if inspection.repeats >= ENOUGH_CONSTANT and not any(inspection.moved):
-        result.append(Finding(STILL, "the pose never changes: is the object tracked, in this frame?", False))
+        fault = f"pose never changes in {count} poses: is the object tracked, in this frame?"
+        result.append(Finding(STILL, f"the {fault}", False))
     elif inspection.total >= ENOUGH_CONSTANT and not all(inspection.moved):
         # With known elements (--known) positions or orientations alone give labels that are sure and wrong.
-        fault = "position never changes: is it recorded? contacts need both"
+        part, need = "position", "contacts need both"
         if inspection.moved[0]:
-            fault = "orientation never changes: is it recorded? contacts are recognised by rotation"
-        result.append(Finding("orientation", f"the {fault}", True))
+            part, need = "orientation", "contacts are recognised by rotation"
+        fault = f"the {part} never changes in {count} poses: is it recorded? {need}"
+        result.append(Finding(ORIENTATION, fault, True))
     if inspection.turning.are_inverse and not inspection.read_as.frame_moves:
         from_body_m, from_world_m = inspection.turning.median_m
         text = (
@@ -413,7 +424,7 @@ def findings(inspection: Inspection, fitting_units: Sequence[str] = ()) -> tuple
         )
         result.append(Finding("inverse", text, True))
     if inspection.filtered and not inspection.bodies:
-        result.append(Finding("filtered", _FILTERED, False))
+        result.append(Finding(FILTERED, _FILTERED, False))
     return tuple(result)
 
 

@@ -49,7 +49,8 @@ SCALE: Final = sqrt(sum(comb(ORDER, i) ** 2 for i in range(ORDER + 1)))
 MEDIAN_OF_CHI_SQ: Final = 2.3659738843753377
 """Median of the chi-squared distribution with three degrees of freedom."""
 ROUNDING_RAD: Final = 1e-9
-"""Smaller differences of orientations are rounding errors, by which a point may seem to be anywhere."""
+"""Smaller differences of orientations are rounding errors, by which a point may seem to be anywhere. Larger
+ones of poses that usually have such are jerks of the motion."""
 TINY: Final = 1e-30
 
 
@@ -169,7 +170,7 @@ def independent_point(poses: Poses) -> Array:
         return np.zeros(3)
     differences = _third_differences(poses[: STRIDE * MEMORY].fresh)
     across, about, count = differences[:3], differences[3:6], differences.shape[1]
-    if count < 2 * ORDER or np.abs(about).max() < ROUNDING_RAD:
+    if count < 2 * ORDER or np.median(np.linalg.norm(about, axis=0)) < ROUNDING_RAD:
         return np.zeros(3)
     gain, swung = 0.0, cross_matrix(-about.T).reshape(-1, 3)
     point_m = np.array(np.linalg.lstsq(swung, across.T.ravel(), rcond=None)[0], np.float64)

@@ -7,11 +7,10 @@ from itertools import islice
 from typing import Any, Final
 
 from contact_tracker.errors import printable
-from contact_tracker.inspection.stream_checks import STILL
 from contact_tracker.motion.pose_validation import remarks_on
 from contact_tracker.motion.sensor_noise import estimate_noise
 from contact_tracker.recording import WRENCH_TYPE, PoseSource, RecordingSummary, SourceSummary
-from contact_tracker.tracking.filter_bank import Report
+from contact_tracker.tracking.filter_bank import DECIDED_AFTER_S, LONGEST_S, TOLERANCE, Report
 
 _NUMBERS: Final = re.compile(r"\d[\d.,]*(?:e[-+]?\d+)?")
 
@@ -40,8 +39,9 @@ def noise_text(report: Report) -> str:
         return f"{per_pose} (as given), {per_tick}{f', {lasting}' if lasts else ''}"
     if not report.is_decided:  # the motion does not determine the noise of a tick, so it is a prior
         cause = "too short a part was read" if report.is_cut_short else "there is too little motion"
+        needed = f"{report.moved_s:.1f} s of motion; {DECIDED_AFTER_S:g} to {LONGEST_S:g} s are needed"
         assumed = f"{per_tick}{f' and {lasting}' if lasts else ''} are assumed (set it by --noise)"
-        return f"{per_pose}; {cause} to estimate the noise of ticks: {assumed}"
+        return f"{per_pose}; {cause} to estimate the noise of ticks ({needed}): {assumed}"
     origin = ""
     if used.estimate_share < nominal.estimate_share:
         origin = " (chosen by the evidence; poses differ by motion, too)"
@@ -62,9 +62,9 @@ def warnings(report: Report | None) -> Iterator[str]:
             f"few poses: ticks of {chosen.tick_s:.2f} s instead of {model.tick_s:g} s, to hold "
             f"{model.poses_per_tick:g} poses each; shorter contacts are not found: record more poses a second"
         )
-    elif report.poses_per_tick < model.poses_per_tick and not any(f.kind == STILL for f in report.findings):
+    elif TOLERANCE * report.poses_per_tick < model.poses_per_tick:
         yield (
-            f"few poses: {report.poses_per_tick:g} in a tick of {chosen.tick_s:g} s; "
+            f"few poses: {report.poses_per_tick:.2g} in a tick of {chosen.tick_s:g} s; "
             "if the unit of their times is right, record more poses a second, or take a model with "
             "longer ticks (tick_s)"
         )
@@ -92,9 +92,13 @@ def report_json(report: Report) -> dict[str, Any]:
 
 def _deviations(sigma: tuple[float, float]) -> str:
     """Standard deviations (m and rad) in mm and degrees, with two significant digits, without an exponent."""
-    values = 1e3 * sigma[0], math.degrees(sigma[1])
+    values = _in_mm_and_deg(*sigma)
     mm, deg = (f"{sd:.0f}" if sd >= 10.0 else f"{sd:.2g}" if sd >= 1e-4 else "0" for sd in values)
     return f"{mm} mm {deg} deg"
+
+
+def _in_mm_and_deg(position_m: float, rotation_rad: float) -> tuple[float, float]:
+    return 1e3 * position_m, math.degrees(rotation_rad)
 
 
 Reports = Mapping[PoseSource, Report | None]
@@ -157,8 +161,10 @@ def _source_rows(source: SourceSummary, adapted: Report | None) -> Iterator[tupl
     position_m, rotation_rad = map(_finite, estimate_noise(source.beginning))
     if position_m is not None and rotation_rad is not None:
         place = " at the body's origin" if adapted is not None and any(adapted.point_m) else ""
-        deviations = f"{position_m * 1e3:.3f} mm and {math.degrees(rotation_rad):.3f} deg per axis"
-        yield "noise", f"about {deviations}{place}"
+        values = _in_mm_and_deg(position_m, rotation_rad)
+        mm, deg = (f"{sd:.3f}" if sd >= 5e-4 else "below 0.001" for sd in values)
+        about = "about " if values[0] >= 5e-4 else ""
+        yield "noise", f"{about}{mm} mm and {deg} deg per axis{place}"
     if adapted is not None:
         yield "tracking", noise_text(adapted)
     for line in (*warnings(adapted), *remarks_on(source.counts, source.observed)):

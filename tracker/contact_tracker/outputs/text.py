@@ -277,7 +277,14 @@ def _worst(covariance: Array | None, block: slice, unit: str) -> str:
     return _deviation(np.degrees(sd) if unit == "deg" else sd * 1e3, unit)
 
 
+LEAST_DEVIATION: Final = 0.001
+"""Least standard deviation (mm or deg) that is a figure: the noise of exact poses, as of a simulation or of
+encoders, leaves less, but no sensor measures as well."""
+
+
 def _deviation(sd: float, unit: str) -> str:
+    if sd < LEAST_DEVIATION:
+        return f" +/- below {LEAST_DEVIATION:g} {unit}"
     figures = np.format_float_positional(sd, precision=2, unique=False, fractional=False, trim="-")
     return f" +/- {figures} {unit}"
 

@@ -387,7 +387,7 @@ class FilterBank:
     pending : poses so far, until the other filters start with them; then None.
     moved_s : time for which the object has moved.
     motion : motion in the latest ticks.
-    latest_ns : stamps of the latest poses, for the rate.
+    latest_ns : stamps of the latest poses, repeated ones included, for the rate.
     period_s : the usual time between poses, if it is known in advance: then ticks do not change.
     body_m : (3,) point of the body that is tracked, in the body frame; by the first
         ``RATIO_POSES`` where the period is not known in advance.
@@ -449,9 +449,9 @@ class FilterBank:
     def add(self, poses: Poses, detail: Detail) -> list[Belief]:
         """Add poses; returns the beliefs of the ticks that they close."""
         beliefs = self._add(poses, detail)
+        self.latest_ns = (*self.latest_ns, *poses.stamp_ns[-RATE_POSES:].tolist())[-RATE_POSES:]
         if self.period_s is not None:
             return beliefs
-        self.latest_ns = (*self.latest_ns, *poses.stamp_ns.tolist())[-RATE_POSES:]
         if self.grid is None or not self.grid.frames.stamp_ns.size:
             return beliefs
         model = with_other_ticks(self.model, self.grid.model, self.latest_ns)
@@ -627,10 +627,11 @@ class FilterBank:
 
 class Report(NamedTuple):
     """The requested ``model`` and the one ``chosen``, whether the choice ``is_decided``; standard deviations
-    (m, rad) of the ``noise`` of a pose, as estimated or given, of a ``tick``, with usually
-    ``poses_per_tick``, and of ``lasting`` errors, correlated over ticks; the ``findings``. ``point_m``
-    (3,): point of the body that is tracked, to which these belong. ``is_cut_short``: a longer stream could
-    decide the choice. ``map_use``: how a learned map is used, in words."""
+    (m, rad) of the ``noise`` of a pose, as estimated or given, of a ``tick``, and of ``lasting`` errors,
+    correlated over ticks; the usual ``poses_per_tick``, repeated ones included; the ``findings``.
+    ``point_m`` (3,): point of the body that is tracked, to which these belong. ``is_cut_short``: a longer
+    stream could decide the choice. ``map_use``: how a learned map is used, in words. ``moved_s``: time (s)
+    in motion."""
 
     model: Model
     chosen: Model
@@ -643,6 +644,7 @@ class Report(NamedTuple):
     point_m: tuple[float, ...] = (0.0, 0.0, 0.0)
     is_cut_short: bool = False
     map_use: str = ""
+    moved_s: float = 0.0
 
 
 def map_use(world: GrowingMap) -> str:
@@ -681,5 +683,11 @@ def report_of(filters: FilterBank, is_decided: bool, findings: tuple[Finding, ..
     noise = share * estimate.sigma_position_m, share * estimate.sigma_rotation_rad
     lasting = chosen.noise.wander_position_m, chosen.noise.wander_rotation_rad
     findings = (*findings, *map_findings(best.map))
-    figures, point_m = (noise, tick, lasting, typical), tuple(filters.body_m.tolist())
-    return Report(filters.model, chosen, is_decided, *figures, findings, point_m, map_use=map_use(best.map))
+    # at rest poses may repeat, and repeated ones do not lower the noise of a tick
+    period_s = usual_period_s(filters.latest_ns)
+    many = max(typical, chosen.tick_s / period_s) if period_s else typical
+    figures, point_m = (noise, tick, lasting, many), tuple(filters.body_m.tolist())
+    use = map_use(best.map)
+    return Report(
+        filters.model, chosen, is_decided, *figures, findings, point_m, map_use=use, moved_s=filters.moved_s
+    )
