@@ -181,7 +181,10 @@ def _plausible(
     """
     count = frames.stamp_ns.size
     everything = np.ones(count, bool)
-    if motion is not None and free_motion.is_predictable(motion, int(frames.stamp_ns[0]), model.tick_s):
+    is_predicted = motion is not None and free_motion.is_predictable(
+        motion, int(frames.stamp_ns[0]), model.tick_s
+    )
+    if motion is not None and is_predicted:
         at, facing = free_motion.predicted(motion, (frames.stamp_ns - motion.stamp_ns) / 1e9)
         deviation, spread = _deviations(frames, at + origin_m, facing), motion.spread
     elif count >= NEIGHBOURS:
@@ -189,10 +192,10 @@ def _plausible(
     else:
         return everything
     if count >= 3:  # frames are compared with their neighbours, between which there is little motion
-        step_sq = np.square(np.median(np.diff(deviation, axis=0), axis=0)).reshape(2, 3).sum(axis=1)
         spread = spread * ((min(NEIGHBOURS, count) - 1) / count) ** 2
-        if count <= NEIGHBOURS or sigma_sq[0] < NOISY_M**2:
-            spread = np.maximum(spread, step_sq)
+        is_exact = sigma_sq[0] < NOISY_M**2
+        if count == NEIGHBOURS or (count > NEIGHBOURS and (is_exact or not is_predicted)):
+            spread = np.maximum(spread, _step_sq(deviation))
         deviation = deviation - _local_median(deviation)
     allowed_sq = sigma_sq + spread
     distance_sq = (deviation * deviation).reshape(-1, 2, 3).sum(axis=2)
@@ -204,6 +207,12 @@ def _deviations(frames: Poses, position_m: Array, quat_xyzw: Array) -> Array:
     """Differences (N, 6) of frames from one or N poses: position, and rotation vector in the body's axes."""
     turn = rotation_vectors(between(quat_xyzw, frames.quat_xyzw))
     return np.concatenate([frames.position_m - position_m, turn], axis=1)
+
+
+def _step_sq(rows: Array) -> Array:
+    """Lower median of the squared steps (2,) of position and rotation between rows (N, 6)."""
+    steps = np.square(np.diff(rows, axis=0)).reshape(-1, 2, 3).sum(axis=2)
+    return np.asarray(np.partition(steps, (len(steps) - 1) // 2, axis=0)[(len(steps) - 1) // 2])
 
 
 def _local_median(rows: Array) -> Array:
