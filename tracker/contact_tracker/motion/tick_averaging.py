@@ -193,8 +193,7 @@ def _plausible(
         return everything
     if count >= 3:  # frames are compared with their neighbours, between which there is little motion
         spread = spread * ((min(NEIGHBOURS, count) - 1) / count) ** 2
-        is_exact = sigma_sq[0] < NOISY_M**2
-        if count == NEIGHBOURS or (count > NEIGHBOURS and (is_exact or not is_predicted)):
+        if count == NEIGHBOURS or sigma_sq[0] < NOISY_M**2 or not is_predicted:
             spread = np.maximum(spread, _step_sq(deviation))
         deviation = deviation - _local_median(deviation)
     allowed_sq = sigma_sq + spread
@@ -210,9 +209,11 @@ def _deviations(frames: Poses, position_m: Array, quat_xyzw: Array) -> Array:
 
 
 def _step_sq(rows: Array) -> Array:
-    """Lower median of the squared steps (2,) of position and rotation between rows (N, 6)."""
+    """Squared steps (2,) of position and rotation between rows (N, 6): the largest of the smaller half, so
+    that a row that is wrong does not count."""
     steps = np.square(np.diff(rows, axis=0)).reshape(-1, 2, 3).sum(axis=2)
-    return np.asarray(np.partition(steps, (len(steps) - 1) // 2, axis=0)[(len(steps) - 1) // 2])
+    half = max(len(steps) // 2 - 1, 0)
+    return np.asarray(np.partition(steps, half, axis=0)[half])
 
 
 def _local_median(rows: Array) -> Array:
