@@ -219,7 +219,7 @@ def test_a_smooth_carry_is_free_motion(take: str) -> None:
 
 @pytest.mark.parametrize("noise", [(0.0, 0.0), (3e-4, 2e-3)], ids=["exact", "noisy"])
 def test_a_point_that_a_program_moves_in_a_plane_is_no_sure_contact(noise: tuple[float, float]) -> None:
-    """A robot that carries a part turns it about a point, which stays in a plane; poses of a hand are noisy."""
+    """A robot that carries a part turns it about a point in a plane; poses of a hand are noisy."""
     robot = Robot(125.0)
     rng = np.random.default_rng(1)
     for _ in range(6):
@@ -235,7 +235,7 @@ def test_a_point_that_a_program_moves_in_a_plane_is_no_sure_contact(noise: tuple
 
 
 def test_carries_of_a_robot_are_free_motion() -> None:
-    """Up, over and down in a vertical plane: faces, edges and points of another wall each time fit as well."""
+    """Up, over and down in a vertical plane: faces and edges of another wall each time fit as well."""
     trajectory, columns = logged(pick_and_place(125.0, 0), 0)
     result = contact_tracker.segment(trajectory)
     at = np.arange(len(columns)) / 125.0

@@ -1,5 +1,5 @@
-"""Poses of a part that a robot moves by a program: along straight lines, about its tool centre point and about
-its edges, without noise. Between its moves it stands still, bit for bit."""
+"""Poses of a part that a robot moves by a program, without noise: along straight lines, about its tool centre
+point and about its edges. Between its moves it stands still, bit for bit."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -15,7 +15,7 @@ from contact_tracker.trajectory import Trajectory
 
 HALF_M: Final = np.array([0.04, 0.03, 0.05])
 """Half the lengths of the part's edges; its frame is turned and shifted."""
-LIFT_M: Final = 0.12
+UP_M: Final = np.array([0.0, 0.0, 0.12])
 RAMP: Final = 0.25
 """Share of a move in which it gets faster, and in which it gets slower."""
 UPRIGHT: Final = Rotation.identity()
@@ -66,8 +66,10 @@ class Robot:
 
 
 def pick_and_place(rate_hz: float, seed: int, turn_rad: float = 0.0, slides: bool = True) -> Robot:
-    """Three cycles: slide and tilt the part if it ``slides``, lift it, carry it over, and set it down; it turns
-    by about ``turn_rad`` about all axes on its way, and is upright again when it is down."""
+    """Three cycles: slide and tilt the part if it ``slides``, lift it, carry it over, and set it down.
+
+    It turns by about ``turn_rad`` about all axes on its way, and is upright again when it is down.
+    """
     rng, robot = np.random.default_rng(seed), Robot(rate_hz)
     robot.stand(Contact.FF, 1.0)
     for _ in range(3):
@@ -80,8 +82,8 @@ def pick_and_place(rate_hz: float, seed: int, turn_rad: float = 0.0, slides: boo
             robot.stand(Contact.FF, 0.5)
         upright, down_m = robot.turn, np.append(rng.uniform(-0.3, 0.3, 2), HALF_M[2])
         lifted, over = (upright * Rotation.from_rotvec(turn_rad * rng.normal(size=3)) for _ in range(2))
-        robot.move(Contact.FREE, 1.0, robot.position_m + [0.0, 0.0, LIFT_M], lifted)
-        robot.move(Contact.FREE, 1.4, down_m + [0.0, 0.0, LIFT_M], over)
+        robot.move(Contact.FREE, 1.0, robot.position_m + UP_M, lifted)
+        robot.move(Contact.FREE, 1.4, down_m + UP_M, over)
         robot.move(Contact.FREE, 1.0, down_m, upright)
         robot.stand(Contact.FF, 0.8)
     return robot
