@@ -171,8 +171,8 @@ def test_model_noise_and_knowledge_are_taken_in_every_form(poses, tmp_path) -> N
 
 def test_turns_within_a_tick_leave_no_mean_rotation_but_a_result() -> None:
     """Means of such turns are no rotations, nor have they a positive determinant."""
-    turns = Rotation.random(20, rng=np.random.default_rng(1))
-    trajectory = Trajectory.from_arrays(0.02 * np.arange(20), -turns.apply((0.1, 0.05, 0.2)), turns)
+    turns = Rotation.random(60, rng=np.random.default_rng(1))
+    trajectory = Trajectory.from_arrays(0.02 * np.arange(60), -turns.apply((0.1, 0.05, 0.2)), turns)
     assert contact_tracker.segment(trajectory).segments[0].motion is not None
 
 

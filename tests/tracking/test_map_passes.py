@@ -19,6 +19,7 @@ from contact_tracker.tracking.map_passes import _with_touches
 from contact_tracker.tracking.offline_smoother import PassRecord
 from contact_tracker.tracking.segmentation import BELIEF, Beliefs, Segmentation
 from contact_tracker.tracking.transition_model import PACE_SHAPE, leave_per_s
+from robot_moves import Robot, logged, pick_and_place
 
 MODEL = load_model()
 RECORDINGS = Path(__file__).parents[2] / "recordings"
@@ -214,6 +215,32 @@ def test_a_smooth_carry_is_free_motion(take: str) -> None:
     carried = contact_tracker.segment(RECORDINGS / f"mug_{take}_take.mcap").at(24.7)
     assert carried.contact is Contact.FREE
     assert Contact.EE in carried.inseparable
+
+
+@pytest.mark.parametrize("noise", [(0.0, 0.0), (3e-4, 2e-3)], ids=["exact", "noisy"])
+def test_a_point_that_a_program_moves_in_a_plane_is_no_sure_contact(noise: tuple[float, float]) -> None:
+    """A robot that carries a part turns it about a point in a plane; poses of a hand are noisy."""
+    robot = Robot(125.0)
+    rng = np.random.default_rng(1)
+    for _ in range(6):
+        to_m = robot.position_m + np.append(rng.uniform(-0.15, 0.15, 2), 0.0)
+        robot.move(Contact.VF, 1.5, to_m, Rotation.from_rotvec(0.5 * rng.normal(size=3)))
+    trajectory, _ = logged(robot, 0, noise)
+    result = contact_tracker.segment(trajectory)
+    assert result.at(5.0).contact is Contact.VF
+    assert (Contact.FREE in result.at(5.0).inseparable) == (not any(noise))
+    tracker = contact_tracker.Tracker()
+    beliefs = [belief for pose in trajectory if (belief := tracker.update(*pose)) is not None]
+    assert (Contact.FREE in beliefs[-1].inseparable) == (not any(noise))
+
+
+def test_carries_of_a_robot_are_free_motion() -> None:
+    """Up, over and down in a vertical plane: faces and edges of another wall each time fit as well."""
+    trajectory, columns = logged(pick_and_place(125.0, 0), 0)
+    result = contact_tracker.segment(trajectory)
+    at = np.arange(len(columns)) / 125.0
+    carried = at[columns == Contact.FREE.column][60::60]
+    assert np.mean([result.at(float(time)).contact is Contact.FREE for time in carried]) > 0.8
 
 
 @pytest.mark.long

@@ -110,6 +110,12 @@ Pair = tuple[Element | None, Element | None]
 """Elements of the object and of the environment, None if unknown."""
 
 
+def is_unobserved(element: Element) -> bool:
+    """Whether the motion shows nothing of an element: it may have any direction, or be anywhere."""
+    shifts = sum(way.how == "shifts_along" for way in element.unobserved)
+    return len(element.unobserved) - shifts == 2 or shifts == 3
+
+
 @dataclass(frozen=True, eq=False)
 class ContactGeometry:
     """The touching pair: ``object`` in the body frame, ``environment`` in the world frame."""
@@ -121,6 +127,11 @@ class ContactGeometry:
     def names(self) -> tuple[str | None, str | None]:
         """Names of both elements in the map, None for elements that are not in it."""
         return self.object.name, self.environment.name
+
+    @property
+    def is_unobserved(self) -> bool:
+        """Whether the motion shows nothing of either element."""
+        return is_unobserved(self.object) and is_unobserved(self.environment)
 
     @property
     def has_open_offset(self) -> tuple[bool, bool]:

@@ -181,20 +181,22 @@ def _plausible(
     """
     count = frames.stamp_ns.size
     everything = np.ones(count, bool)
-    if motion is not None and free_motion.is_predictable(motion, int(frames.stamp_ns[0]), model.tick_s):
+    is_predicted = motion is not None and free_motion.is_predictable(
+        motion, int(frames.stamp_ns[0]), model.tick_s
+    )
+    if motion is not None and is_predicted:
         at, facing = free_motion.predicted(motion, (frames.stamp_ns - motion.stamp_ns) / 1e9)
         deviation, spread = _deviations(frames, at + origin_m, facing), motion.spread
-        if count >= 3:  # frames are compared with their neighbours, between which there is little motion
-            deviation = deviation - _local_median(deviation, sigma_sq[0] < NOISY_M**2)
-            spread = spread * ((min(NEIGHBOURS, count) - 1) / count) ** 2
-        allowed_sq = sigma_sq + spread
     elif count >= NEIGHBOURS:
-        deviation = _deviations(frames, frames.position_m[0], frames.quat_xyzw[0])
-        step_sq = np.median(np.square(deviation[1:] - deviation[:-1]).reshape(-1, 2, 3).sum(axis=2), axis=0)
-        deviation = deviation - _local_median(deviation, is_exact=False)
-        allowed_sq = np.maximum(sigma_sq, step_sq)
+        deviation, spread = _deviations(frames, frames.position_m[0], frames.quat_xyzw[0]), np.zeros(2)
     else:
         return everything
+    if count >= 3:  # frames are compared with their neighbours, between which there is little motion
+        spread = spread * ((min(NEIGHBOURS, count) - 1) / count) ** 2
+        if count == NEIGHBOURS or sigma_sq[0] < NOISY_M**2 or not is_predicted:
+            spread = np.maximum(spread, _step_sq(deviation))
+        deviation = deviation - _local_median(deviation)
+    allowed_sq = sigma_sq + spread
     distance_sq = (deviation * deviation).reshape(-1, 2, 3).sum(axis=2)
     plausible = (distance_sq < model.noise.outlier_sigmas**2 * allowed_sq).all(axis=1)
     return np.asarray(plausible if plausible.any() else everything)
@@ -206,19 +208,21 @@ def _deviations(frames: Poses, position_m: Array, quat_xyzw: Array) -> Array:
     return np.concatenate([frames.position_m - position_m, turn], axis=1)
 
 
-def _local_median(rows: Array, is_exact: bool) -> Array:
-    """Median over the ``NEIGHBOURS`` rows around each row (as many as there are). If rows are exact, it
-    continues in a line at both ends, where the nearest median is that of rows up to two steps away."""
+def _step_sq(rows: Array) -> Array:
+    """Squared steps (2,) of position and rotation between rows (N, 6): the largest of the smaller half, so
+    that a row that is wrong does not count."""
+    steps = np.square(np.diff(rows, axis=0)).reshape(-1, 2, 3).sum(axis=2)
+    half = max(len(steps) // 2 - 1, 0)
+    return np.asarray(np.partition(steps, half, axis=0)[half])
+
+
+def _local_median(rows: Array) -> Array:
+    """Median over the ``NEIGHBOURS`` rows around each row (as many as there are)."""
     count = len(rows)
     width = min(NEIGHBOURS, count - 1 + count % 2)
     windows = rows[np.arange(width)[:, None] + np.arange(count - width + 1)]
     windows.partition(width // 2, axis=0)
-    medians, at = windows[width // 2], np.arange(count) - width // 2
-    inside = at.clip(0, len(medians) - 1)
-    if not is_exact or len(medians) == 1:
-        return np.asarray(medians[inside])
-    slope = np.where((at < 0)[:, None], medians[1] - medians[0], medians[-1] - medians[-2])
-    return np.asarray(medians[inside] + (at - inside)[:, None] * slope)
+    return np.asarray(windows[width // 2].take(np.arange(count) - width // 2, axis=0, mode="clip"))
 
 
 LONGEST_GAP_S: Final = 5.0

@@ -16,7 +16,15 @@ import numpy as np
 
 from contact_tracker.explanations.joint_evidence import Joint
 from contact_tracker.explanations.joint_models import JointKind
-from contact_tracker.geometry.elements import Array, ContactGeometry, Element, Line, Plane, Point
+from contact_tracker.geometry.elements import (
+    Array,
+    ContactGeometry,
+    Element,
+    Line,
+    Plane,
+    Point,
+    is_unobserved,
+)
 from contact_tracker.outputs.joint_runs import joint_runs
 from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking.belief import Belief, FurtherContact, Segment
@@ -253,8 +261,7 @@ def _element(element: Element, called: str | None = None, has_open_offset: bool 
     name = called or name
     if element.name is not None:
         name = element.name if name in element.name.split() else f"{name} {element.name}"
-    shifts = sum(way.how == "shifts_along" for way in element.unobserved)
-    if len(element.unobserved) - shifts == 2 or shifts == 3:  # any direction, or any point
+    if is_unobserved(element):
         return f"{name} (unobserved)"
     notes = [OPEN_OFFSET] if has_open_offset and isinstance(element, Plane) else []
     if turns_or_shifts:

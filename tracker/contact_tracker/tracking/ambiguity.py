@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.arrays import Array, Ints
+from contact_tracker.config.parameters import Model
 from contact_tracker.explanations.curved_contact import curved_evidence, fit_curved
 from contact_tracker.geometry.elements import ContactGeometry, Plane
 from contact_tracker.geometry.lifted_pose import R
@@ -26,6 +27,7 @@ from contact_tracker.hypotheses.global_search import best_of
 from contact_tracker.hypotheses.schedule import FAR_NATS
 from contact_tracker.map.map import Map
 from contact_tracker.motion.free_motion import NOW_TICKS
+from contact_tracker.motion.tick_averaging import NOISY_M
 from contact_tracker.motion.window import DIRECTIONS, Window, used_directions
 from contact_tracker.states import CONTACTS, STATES, Contact
 
@@ -87,19 +89,22 @@ class Freedom(NamedTuple):
     is_unknown: bool = False
 
 
-def indistinguishable(label: Contact, rivals: CompetingEvidence, freedom: Freedom) -> tuple[Contact, ...]:
+def indistinguishable(
+    label: Contact, rivals: CompetingEvidence, freedom: Freedom, is_programmed: bool = False
+) -> tuple[Contact, ...]:
     """The other states that the motion does not distinguish from ``label`` (T23).
 
     These are the states whose evidence is at most ``DECISIVE`` below the label's. If the label's freedom is
     underused, the lack of motion in one more direction is no evidence: then also all states that fit the
     motion, and all states that these contain. Motion of one degree of freedom may be that of a hinge, a
-    slider or a screw: then all states.
+    slider or a screw: then all states. Where a machine may be programmed to move so: also free motion.
     """
     close = rivals.evidence > rivals.evidence[label.column] - DECISIVE
     if freedom.one_direction:
         close[:] = True
     elif freedom.underused:
         close = CONTAINS[close | rivals.fit_like(label)].any(axis=0)
+    close[Contact.FREE.column] |= is_programmed
     close[label.column] = False
     return tuple(compress(STATES, close.tolist()))
 
@@ -141,13 +146,20 @@ def freedom_of(label: Contact, window: Window, onset: int) -> Freedom:
 
 
 def agrees_by_chance(label: Contact, window: Window, onset: int, most_ticks: float = inf) -> bool:
-    """Whether a contact of one constraint between new elements may agree with free motion by chance (T24):
-    these can be chosen such that they agree with any smooth motion in fewer directions than the five that
-    the contact leaves. Not if the object has moved for ``most_ticks`` or more."""
-    if label.codimension != 1:
-        return False
+    """Whether a contact between new elements may agree with free motion by chance (T24): these can be chosen
+    such that they agree with any smooth motion in fewer directions than the contact leaves. Not if the object
+    has moved for ``most_ticks`` or more."""
     freedom = freedom_of(label, window, onset)
     return freedom.underused and freedom.moved_ticks < most_ticks
+
+
+def is_programmed(label: Contact, window: Window, model: Model) -> bool:
+    """Whether a contact of one constraint may be the path of a machine: its poses are exact, and it moves
+    points on lines and in planes without touching anything."""
+    assert window.frames is not None
+    used = window.frames > 0.0
+    sensor = (window.variance[used, 0] - model.noise.floor_position_m**2) * window.frames[used]
+    return label.codimension == 1 and bool(np.median(sensor) <= NOISY_M**2)
 
 
 def tempered(probability: Array, exponent: float) -> Array:

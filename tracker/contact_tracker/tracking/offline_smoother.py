@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import replace
 from functools import cached_property
+from math import inf
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -484,13 +485,18 @@ class Segmenter:
     def _may_agree_by_chance(self, segment: FinishedSegment, fit: SegmentFit) -> bool:
         """Whether the contact of a segment may agree with free motion by chance: if the motion does not
         distinguish them, no rest, joint or further contact shows more, and the elements are neither listed
-        nor those of other segments."""
+        nor those of other segments. A contact of more constraints does so only where faces on faces fit as
+        well, so that the motion shows none of them."""
         ticks, world, first = segment.ticks, self._state.map, int(segment.ticks.window.index[0])
         is_open = Contact.FREE in fit.inseparable and fit.share is None and not segment.resting.any()
         is_complex = bool(fit.joints or fit.formation.further)
         if not is_open or is_complex or fit.touches_listed or fit.estimate is None:
             return False
-        if not ambiguity.agrees_by_chance(fit.contact, ticks.window, first, ambiguity.LEAST_TICKS):
+        is_blank = fit.geometry is not None and fit.geometry.is_unobserved
+        if not (is_blank or fit.contact.codimension == 1 or Contact.FF in (fit.contact, *fit.inseparable)):
+            return False
+        most_ticks = inf if is_blank else ambiguity.LEAST_TICKS
+        if not ambiguity.agrees_by_chance(fit.contact, ticks.window, first, most_ticks):
             return False
         end = first + len(segment.rows)
         others = world.without(s.first for s in world.sightings if s.first < end and s.end > first)
