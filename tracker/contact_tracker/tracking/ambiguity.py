@@ -156,10 +156,12 @@ def agrees_by_chance(label: Contact, window: Window, onset: int, most_ticks: flo
 def is_programmed(label: Contact, window: Window, model: Model) -> bool:
     """Whether a contact of one constraint may be the path of a machine: its poses are exact, and it moves
     points on lines and in planes without touching anything."""
+    if label.codimension != 1:
+        return False
     assert window.frames is not None
     used = window.frames > 0.0
     sensor = (window.variance[used, 0] - model.noise.floor_position_m**2) * window.frames[used]
-    return label.codimension == 1 and bool(np.median(sensor) <= NOISY_M**2)
+    return bool(used.any() and np.median(sensor) <= NOISY_M**2)
 
 
 def tempered(probability: Array, exponent: float) -> Array:
