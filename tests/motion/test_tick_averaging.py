@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from contact_tracker.config.loading import load_model
 from contact_tracker.geometry.elements import Origins
@@ -164,6 +165,16 @@ def test_outliers_do_not_raise_the_noise():
     assert grown.sigma_position_m == pytest.approx(3e-3, rel=0.2)
 
 
+def test_flips_of_a_robot_stand_out_of_three_frames():
+    """A wrong frame between two others does not widen its own gate."""
+    poses = exact_transfers(np.random.default_rng(0), 60.0, 30.0)
+    at = np.arange(40, len(poses), 50)
+    quat = poses.quat_xyzw.copy()
+    quat[at] = (Rotation.from_quat(quat[at]) * Rotation.from_rotvec([np.pi, 0.0, 0.0])).as_quat()
+    found = sum(tick.outliers.total for tick in averaged(replace(poses, quat_xyzw=quat)))
+    assert found >= 0.9 * len(at)
+
+
 def test_spikes_of_a_camera_stand_out_of_three_frames():
     """Outliers of 3 cm at 30 Hz and 1.5 mm: the motion between neighbours is smaller than in a tick."""
     rng = np.random.default_rng(4)
@@ -248,6 +259,20 @@ def test_ticks_of_a_pose_that_got_stuck_are_empty():
     at = np.minimum(np.arange(1200), 600)
     stopped = Poses(moved.stamp_ns, moved.position_m[at], moved.quat_xyzw[at])
     assert all(tick.count for tick in averaged(stopped)[-5:])
+
+
+@pytest.mark.parametrize("rate_hz", [30.0, 125.0, 500.0])
+def test_a_robot_that_stops_rests(rate_hz):
+    """It repeats its pose bit for bit; if it repeats one in full motion, the pose is stuck."""
+    time_s = np.arange(0.0, 4.0, 1.0 / rate_hz)
+    way = np.clip((time_s - 1.0) / 1.5, 0.0, 1.0)
+    place_m = np.outer(0.3 * way**3 * (10.0 - 15.0 * way + 6.0 * way**2), [1.0, 0.5, 0.2])
+    turn = Rotation.from_rotvec(place_m * [1.0, -2.0, 1.0]).as_quat()
+    stopped = Poses(START_NS + np.rint(time_s * 1e9).astype(np.int64), place_m, turn)
+    assert all(tick.count for tick in averaged(stopped)[1:])
+    at = np.where(time_s > 1.75, np.argmax(time_s > 1.7), np.arange(len(time_s)))
+    stuck = averaged(Poses(stopped.stamp_ns, place_m[at], turn[at]))
+    assert not any(tick.count for tick in stuck[19:24])
 
 
 def test_a_gap_is_followed_tick_by_tick():

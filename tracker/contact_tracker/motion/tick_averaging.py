@@ -20,6 +20,12 @@ from contact_tracker.motion.sensor_noise import NoiseBuffer, NoiseEstimate
 NEIGHBOURS: Final = 5
 NOISY_M: Final = 2e-5
 """Poses with more noise than this do not repeat by chance or by rounding."""
+STEP_NOISE: Final = 6.0
+"""Mean squared step between two poses, in variances of the noise of one axis."""
+RECENT_FRAMES: Final = 8
+"""Number of the latest poses, without repeated ones, that show whether the object came to rest."""
+CAME_TO_REST: Final = 0.5
+"""It did if it was at last at most as fast as this share of its largest speed among these."""
 _EYE: Final = np.eye(3)
 
 
@@ -58,8 +64,8 @@ class StreamState(NamedTuple):
     """Data of the noise estimate."""
     free_motion: FreeMotion | None
     """None if the next tick does not follow the last one."""
-    last_frames: Poses
-    """Frames of the last tick, if there are any."""
+    recent_frames: Poses
+    """The latest frames without repeated ones."""
 
 
 def empty_tick(last: Tick, start_ns: int, stamp_ns: int, is_rest: bool = False) -> Tick:
@@ -107,10 +113,18 @@ def _is_stuck(held: Poses, stream: StreamState, model: Model) -> bool:
     if stream.noise_buffer.differences.shape[1] and stream.noise.sigma_position_m > NOISY_M:
         return True
     motion = stream.free_motion
-    if motion is None or not motion.is_settled:
+    if motion is None or not motion.is_settled or _came_to_rest(stream.recent_frames):
         return False
     variance = tick_variances(stream.noise, np.array(1.0), model)
     return free_motion.moves_on(motion, int(held.stamp_ns[0]), variance)
+
+
+def _came_to_rest(frames: Poses) -> bool:
+    """Whether the object slowed down in its last frames that differ, as it does before it rests: it is not
+    stuck, even if free motion would go on."""
+    steps = _deviations(frames[1:], frames.position_m[:-1], frames.quat_xyzw[:-1]).reshape(-1, 2, 3)
+    speed = np.linalg.norm(steps, axis=2) / np.diff(frames.stamp_ns)[:, None]
+    return len(speed) > 1 and bool((speed[-1] <= CAME_TO_REST * speed.max(axis=0)).all())
 
 
 def with_excess(motion: FreeMotion | None, tick: Tick, model: Model) -> tuple[FreeMotion | None, Tick]:
@@ -191,12 +205,14 @@ def _plausible(
         deviation, spread = _deviations(frames, frames.position_m[0], frames.quat_xyzw[0]), np.zeros(2)
     else:
         return everything
+    allowed_sq = np.tile(sigma_sq + spread, (count, 1))
     if count >= 3:  # frames are compared with their neighbours, between which there is little motion
-        spread = spread * ((min(NEIGHBOURS, count) - 1) / count) ** 2
+        allowed_sq[:] = sigma_sq + spread * ((min(NEIGHBOURS, count) - 1) / count) ** 2
         if count == NEIGHBOURS or sigma_sq[0] < NOISY_M**2 or not is_predicted:
-            spread = np.maximum(spread, _step_sq(deviation))
+            beside = _lacks_neighbours(count) if is_predicted else everything
+            step_sq = _step_sq(deviation) + (1.0 - STEP_NOISE) * sigma_sq
+            allowed_sq[beside] = np.maximum(allowed_sq[beside], step_sq)
         deviation = deviation - _local_median(deviation)
-    allowed_sq = sigma_sq + spread
     distance_sq = (deviation * deviation).reshape(-1, 2, 3).sum(axis=2)
     plausible = (distance_sq < model.noise.outlier_sigmas**2 * allowed_sq).all(axis=1)
     return np.asarray(plausible if plausible.any() else everything)
@@ -216,10 +232,22 @@ def _step_sq(rows: Array) -> Array:
     return np.asarray(np.partition(steps, half, axis=0)[half])
 
 
+def _width(count: int) -> int:
+    """Number of rows around each of ``count`` rows, itself included, with which it is compared."""
+    return min(NEIGHBOURS, count - 1 + count % 2)
+
+
+def _lacks_neighbours(count: int) -> NDArray[np.bool_]:
+    """Which of the rows (N,) are nearer to one end than half of the width, so that the median is that of rows
+    on one side, a step or two away."""
+    at, half = np.arange(count), _width(count) // 2
+    return np.asarray((at < half) | (at >= count - half))
+
+
 def _local_median(rows: Array) -> Array:
     """Median over the ``NEIGHBOURS`` rows around each row (as many as there are)."""
     count = len(rows)
-    width = min(NEIGHBOURS, count - 1 + count % 2)
+    width = _width(count)
     windows = rows[np.arange(width)[:, None] + np.arange(count - width + 1)]
     windows.partition(width // 2, axis=0)
     return np.asarray(windows[width // 2].take(np.arange(count) - width // 2, axis=0, mode="clip"))
@@ -332,12 +360,13 @@ class TickGrid:
             frames = frames.of_point(self.body_m)
         if is_rest:
             stream = stream._replace(free_motion=None)
-        new = frames.differ_from(stream.last_frames)
+        new = frames.differ_from(stream.recent_frames)
         if self.last is not None and not new.any() and _is_stuck(frames, stream, self.model):
             tick = empty_tick(self.last, int(frames.stamp_ns[0]), int(frames.stamp_ns[-1]), is_rest)
         else:
             stream, tick = _average_tick(stream, frames, new, self.origins, self.model, is_rest)
-        self.stream, self.last = stream._replace(last_frames=frames), tick
+        recent = Poses.join((stream.recent_frames, frames[new]))[-RECENT_FRAMES:]
+        self.stream, self.last = stream._replace(recent_frames=recent), tick
         return tick
 
     @property

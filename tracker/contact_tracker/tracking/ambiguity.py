@@ -153,6 +153,11 @@ def agrees_by_chance(label: Contact, window: Window, onset: int, most_ticks: flo
     return freedom.underused and freedom.moved_ticks < most_ticks
 
 
+EXACT_TICK_M: Final = 4e-5
+"""Largest noise of a tick of exact poses. That of a robot's is 0.030 mm, the least that is assumed; that of
+low-passed motion capture, whose poses seem to have no noise either, is 0.061 mm."""
+
+
 def is_programmed(label: Contact, window: Window, model: Model) -> bool:
     """Whether a contact of one constraint may be the path of a machine: its poses are exact, and it moves
     points on lines and in planes without touching anything."""
@@ -160,8 +165,9 @@ def is_programmed(label: Contact, window: Window, model: Model) -> bool:
         return False
     assert window.frames is not None
     used = window.frames > 0.0
-    sensor = (window.variance[used, 0] - model.noise.floor_position_m**2) * window.frames[used]
-    return bool(used.any() and np.median(sensor) <= NOISY_M**2)
+    tick = window.variance[used, 0]
+    sensor = (tick - model.noise.floor_position_m**2) * window.frames[used]
+    return bool(used.any() and np.median(sensor) <= NOISY_M**2 and np.median(tick) <= EXACT_TICK_M**2)
 
 
 def tempered(probability: Array, exponent: float) -> Array:
