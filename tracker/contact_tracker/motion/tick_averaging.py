@@ -19,7 +19,7 @@ from contact_tracker.motion.sensor_noise import NoiseBuffer, NoiseEstimate
 
 NEIGHBOURS: Final = 5
 NOISY_M: Final = 2e-5
-"""Poses with more noise than this do not repeat by chance or by rounding."""
+"""Poses with more noise do not repeat by chance or by rounding; others are exact, as those of encoders."""
 STEP_NOISE: Final = 6.0
 """Mean squared step between two poses, in variances of the noise of one axis."""
 RECENT_FRAMES: Final = 8

@@ -485,8 +485,8 @@ class Segmenter:
     def _may_agree_by_chance(self, segment: FinishedSegment, fit: SegmentFit) -> bool:
         """Whether the contact of a segment may agree with free motion by chance: if the motion does not
         distinguish them, no rest, joint or further contact shows more, and the elements are neither listed
-        nor those of other segments. A contact of more constraints does so only where faces on faces fit as
-        well, so that the motion shows none of them."""
+        nor those of other segments. A contact of two or three constraints may do so where f-f fits the motion
+        as well, since such motion shows none of the constraints."""
         ticks, world, first = segment.ticks, self._state.map, int(segment.ticks.window.index[0])
         is_open = Contact.FREE in fit.inseparable and fit.share is None and not segment.resting.any()
         is_complex = bool(fit.joints or fit.formation.further)
