@@ -122,6 +122,7 @@ def _is_stuck(held: Poses, stream: StreamState, model: Model) -> bool:
 def _came_to_rest(frames: Poses) -> bool:
     """Whether the object slowed down in its last frames that differ, as it does before it rests: it is not
     stuck, even if free motion would go on."""
+    frames = frames[-RECENT_FRAMES:]
     steps = _deviations(frames[1:], frames.position_m[:-1], frames.quat_xyzw[:-1]).reshape(-1, 2, 3)
     speed = np.linalg.norm(steps, axis=2) / np.diff(frames.stamp_ns)[:, None]
     return len(speed) > 1 and bool((speed[-1] <= CAME_TO_REST * speed.max(axis=0)).all())
@@ -205,14 +206,15 @@ def _plausible(
         deviation, spread = _deviations(frames, frames.position_m[0], frames.quat_xyzw[0]), np.zeros(2)
     else:
         return everything
-    allowed_sq = np.tile(sigma_sq + spread, (count, 1))
+    allowed_sq = sigma_sq + spread
     if count >= 3:  # frames are compared with their neighbours, between which there is little motion
-        allowed_sq[:] = sigma_sq + spread * ((min(NEIGHBOURS, count) - 1) / count) ** 2
+        width = min(NEIGHBOURS, count - 1 + count % 2)
+        allowed_sq = sigma_sq + spread * ((min(NEIGHBOURS, count) - 1) / count) ** 2
         if count == NEIGHBOURS or sigma_sq[0] < NOISY_M**2 or not is_predicted:
-            beside = _lacks_neighbours(count) if is_predicted else everything
+            beside = _lacks_neighbours(count, width) if is_predicted else everything
             step_sq = _step_sq(deviation) + (1.0 - STEP_NOISE) * sigma_sq
-            allowed_sq[beside] = np.maximum(allowed_sq[beside], step_sq)
-        deviation = deviation - _local_median(deviation)
+            allowed_sq = np.where(beside[:, None], np.maximum(allowed_sq, step_sq), allowed_sq)
+        deviation = deviation - _local_median(deviation, width)
     distance_sq = (deviation * deviation).reshape(-1, 2, 3).sum(axis=2)
     plausible = (distance_sq < model.noise.outlier_sigmas**2 * allowed_sq).all(axis=1)
     return np.asarray(plausible if plausible.any() else everything)
@@ -232,22 +234,16 @@ def _step_sq(rows: Array) -> Array:
     return np.asarray(np.partition(steps, half, axis=0)[half])
 
 
-def _width(count: int) -> int:
-    """Number of rows around each of ``count`` rows, itself included, with which it is compared."""
-    return min(NEIGHBOURS, count - 1 + count % 2)
-
-
-def _lacks_neighbours(count: int) -> NDArray[np.bool_]:
-    """Which of the rows (N,) are nearer to one end than half of the width, so that the median is that of rows
-    on one side, a step or two away."""
-    at, half = np.arange(count), _width(count) // 2
+def _lacks_neighbours(count: int, width: int) -> NDArray[np.bool_]:
+    """Which of the rows (N,) are so near to an end that the median of ``width`` rows is mostly that of rows on
+    one side, a step or two away."""
+    at, half = np.arange(count), width // 2
     return np.asarray((at < half) | (at >= count - half))
 
 
-def _local_median(rows: Array) -> Array:
-    """Median over the ``NEIGHBOURS`` rows around each row (as many as there are)."""
+def _local_median(rows: Array, width: int) -> Array:
+    """Median over the ``width`` rows around each row."""
     count = len(rows)
-    width = _width(count)
     windows = rows[np.arange(width)[:, None] + np.arange(count - width + 1)]
     windows.partition(width // 2, axis=0)
     return np.asarray(windows[width // 2].take(np.arange(count) - width // 2, axis=0, mode="clip"))
@@ -365,8 +361,9 @@ class TickGrid:
             tick = empty_tick(self.last, int(frames.stamp_ns[0]), int(frames.stamp_ns[-1]), is_rest)
         else:
             stream, tick = _average_tick(stream, frames, new, self.origins, self.model, is_rest)
-        recent = Poses.join((stream.recent_frames, frames[new]))[-RECENT_FRAMES:]
-        self.stream, self.last = stream._replace(recent_frames=recent), tick
+        if len(new) < RECENT_FRAMES or not new.all():
+            frames = Poses.join((stream.recent_frames, frames[new]))[-RECENT_FRAMES:]
+        self.stream, self.last = stream._replace(recent_frames=frames), tick
         return tick
 
     @property
