@@ -235,7 +235,7 @@ def _step_sq(rows: Array) -> Array:
 
 
 def _lacks_neighbours(count: int, width: int) -> NDArray[np.bool_]:
-    """Which of the rows (N,) are so near to an end that the median of ``width`` rows is mostly that of rows on
+    """Which of the rows (N,) are so near to an end that most of the ``width`` rows of their median are on
     one side, a step or two away."""
     at, half = np.arange(count), width // 2
     return np.asarray((at < half) | (at >= count - half))
