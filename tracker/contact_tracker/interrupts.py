@@ -22,7 +22,7 @@ _AGAIN_S: Final = 0.02
 _IMPORTS: Final = "<frozen importlib."
 """Beginning of the file names of Python's import system."""
 _raised = 0
-"""Number of the signal that raised the last exception."""
+"""Number of the signal that raised the last exception, and that ends the process."""
 _is_due = False
 """Whether an interrupt waits to be repeated."""
 
@@ -97,6 +97,8 @@ def _end(number: int, frame: FrameType | None) -> None:
             _repeat(number)
             return
         frame = frame.f_back
+    if number == _raised != signal.SIGINT:  # it ends already, and must not stop what cleans up
+        return
     _is_due, _raised = False, number
     raise KeyboardInterrupt if number == signal.SIGINT else SystemExit(_SIGNALLED + number)
 
@@ -110,7 +112,10 @@ def _repeat(number: int) -> None:
 def _repeat_or_report(raised: "UnraisableHookArgs", /) -> None:
     """Hook for exceptions that Python cannot raise: repeats the signal that raised one, and reports others,
     except after an interrupt, which leaves objects incomplete."""
+    global _raised
     if _raised and issubclass(raised.exc_type, KeyboardInterrupt | SystemExit):
         _repeat(_raised)
+        if _raised != signal.SIGINT:
+            _raised = 0  # the repeated signal ends the process
     elif _raised != signal.SIGINT:
         sys.__unraisablehook__(raised)
