@@ -1,95 +1,73 @@
-"""How right the labels of a robot's log are: docs/theory.md, section 11.
+"""Writes logs of robots with their truth, for the benchmark and the sensitivity to constants.
 
-    python tests/benchmarks/robot_logs.py
-    python tests/benchmarks/robot_logs.py --seeds 4
+    python tests/benchmarks/robot_logs.py FOLDER
+    python -m contact_tracker_lab.benchmark FOLDER --only tracker
+    python tests/benchmarks/sensitivity.py FOLDER/*/*.mcap --only CAME_TO_REST
 
 A robot slides and tilts a part on a table and carries it, along straight lines and with exact poses, rounded
-to 1 um. In the rows ``carry`` it only carries it; with ``turns`` the part turns on the way, about its centre.
-``noise`` has 0.1 mm and 0.03 deg. Shares of the time, offline and online: ``right`` labels, those that are
-``sure and wrong`` (0.9 and more, and open to no other), and of the poses that are left out as ``outliers``.
+to 1 um. In the sets ``carry`` it only carries it; with ``turns`` the part turns on the way, about its centre.
+``noise`` has 0.1 mm and 0.03 deg.
 """
 
+import argparse
 import sys
+from itertools import pairwise
+from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
 
-from contact_tracker.config.loading import load_model
+from contact_tracker.ground_truth import Truth, TruthInterval
 from contact_tracker.motion.poses import Poses
-from contact_tracker.segmenting import segmented
-from contact_tracker.tracking.segmentation import Beliefs
-from contact_tracker_lab.benchmark.runner import Table, measured, parser_of, report
-from contact_tracker_lab.evaluation.evaluate import answers_to
-from contact_tracker_lab.evaluation.scoring import tick_containing, tick_in_force
-from contact_tracker_lab.evaluation.tables import number
+from contact_tracker.recording import write_recording
+from contact_tracker.states import STATES
 from robot_moves import logged, pick_and_place
 
-SURE: Final = 0.9
-COLUMNS: Final = (
-    *("motion", "rate, Hz", "logs", "right", "sure and wrong", "right, live", "sure and wrong, live"),
-    "outliers",
-)
+LOGS: Final = 3
+"""Number of logs of each set."""
 
 
-class Case(NamedTuple):
+class LogSet(NamedTuple):
     rate_hz: float
-    slides: bool
-    turn_rad: float
-    noise: tuple[float, float]
-
-    @property
-    def name(self) -> str:
-        words = ["slide, tilt and carry" if self.slides else "carry"]
-        words += ["turns"] if self.turn_rad else []
-        words += ["noise"] if any(self.noise) else []
-        return ", ".join(words)
+    slides: bool = True
+    turn_rad: float = 0.0
+    noise: tuple[float, float] = (0.0, 0.0)
 
 
-EXACT, NOISY = (0.0, 0.0), (1e-4, 5e-4)
-CASES: Final = [
-    *(Case(rate_hz, True, 0.0, EXACT) for rate_hz in (30.0, 125.0, 500.0)),
-    Case(125.0, False, 0.0, EXACT),
-    Case(125.0, True, 0.4, EXACT),
-    Case(125.0, False, 0.4, EXACT),
-    Case(125.0, True, 0.4, NOISY),
-]
+SETS: Final = {
+    "slide_tilt_carry_30hz": LogSet(30.0),
+    "slide_tilt_carry_125hz": LogSet(125.0),
+    "slide_tilt_carry_500hz": LogSet(500.0),
+    "carry_125hz": LogSet(125.0, slides=False),
+    "slide_tilt_carry_turns_125hz": LogSet(125.0, turn_rad=0.4),
+    "carry_turns_125hz": LogSet(125.0, slides=False, turn_rad=0.4),
+    "slide_tilt_carry_turns_noise_125hz": LogSet(125.0, turn_rad=0.4, noise=(1e-4, 5e-4)),
+}
 
 
-def measure(case: Case, seed: int) -> tuple[float, ...]:
-    """Shares right, sure and wrong, both also online, and outliers."""
-    model = load_model()
-    trajectory, columns = logged(
-        pick_and_place(case.rate_hz, seed, case.turn_rad, case.slides), seed, case.noise
+def write_log(path: Path, made: LogSet, seed: int) -> None:
+    """Write one log of the set."""
+    robot = pick_and_place(made.rate_hz, seed, made.turn_rad, made.slides)
+    trajectory, columns = logged(robot, seed, made.noise)
+    changes = np.flatnonzero(np.diff(columns, prepend=-1, append=-1))
+    stamp_ns = trajectory.stamp_ns
+    intervals = tuple(
+        TruthInterval(int(stamp_ns[first]), int(stamp_ns[end - 1]), STATES[columns[first]])
+        for first, end in pairwise(changes.tolist())
     )
-    poses, outcome = Poses.collect(trajectory), segmented(trajectory, model).segmentation
-    online = answers_to(poses, model)
-    shares: list[float] = []
-    for tick, beliefs in (
-        (tick_containing(poses.stamp_ns, outcome.stamp_ns), outcome.beliefs),
-        (tick_in_force(poses.stamp_ns, online.arrival_ns), online.beliefs),
-    ):
-        shares += _shares(beliefs, tick, columns)
-    return (*shares, outcome.outliers.total / len(poses))
-
-
-def _shares(beliefs: Beliefs, tick: np.ndarray, columns: np.ndarray) -> tuple[float, float]:
-    has_answer = tick >= 0
-    rows, columns = beliefs.rows[tick[has_answer]], columns[has_answer]
-    is_right = rows["contact"] == columns
-    is_sure = (rows["probability"].max(axis=1) >= SURE) & ~rows["inseparable"].any(axis=1)
-    return float(is_right.mean()), float((is_sure & ~is_right).mean())
+    write_recording(str(path), Poses.collect(trajectory), Truth(intervals), {})
 
 
 def main() -> int:
-    parser = parser_of(__doc__)
-    parser.add_argument("--seeds", type=int, default=3, metavar="N", help="logs of each row (default: 3)")
+    described = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=described)
+    parser.add_argument("folder", type=Path)
     args = parser.parse_args()
-    jobs = {case: [(case, seed) for seed in range(args.seeds)] for case in CASES}
-    rows = []
-    for case, found in measured(measure, jobs, args.processes):
-        shares = [number(float(share), 3) for share in np.mean(found, axis=0)]
-        rows.append([case.name, f"{case.rate_hz:.0f}", str(args.seeds), *shares])
-    return report(args, logs=Table(COLUMNS, rows))
+    for name, made in SETS.items():
+        (args.folder / name).mkdir(parents=True, exist_ok=True)
+        for seed in range(LOGS):
+            write_log(args.folder / name / f"{name}_{seed}.mcap", made, seed)
+    return 0
 
 
 if __name__ == "__main__":

@@ -38,9 +38,6 @@ SPREAD_M: Final = 0.3
 """Usual distance of the centre of the noise from the body's origin."""
 SLOW_PERIOD_S: Final = 0.045
 """Above this period, differences of poses may be motion as much as noise."""
-FARTHEST_M: Final = 100.0
-"""Farthest centre of the noise from the body's origin. That of poses without noise is anywhere, once 1700 km
-away, while an origin that is far on purpose, as at a camera, is within tens of metres."""
 POINT_ROUNDS: Final = 3
 """Rounds of the search of the tracked point, from one without weights. By the first 60 poses of 17 recordings
 whose origin is moved by 10 m, one is 6 mm (median; at most 16) from the limit of many rounds, three are 1 mm
@@ -160,7 +157,7 @@ def independent_point(poses: Poses) -> Array:
     """The point (3,) of the body that is tracked, in the body frame: the centre of the noise (T47).
 
     An origin elsewhere moves with each error of the orientation. It is zero, the origin itself, unless the
-    Bayesian information criterion prefers the centre, or if that is farther than ``FARTHEST_M``.
+    Bayesian information criterion prefers the centre, and if poses have no noise.
 
     Parameters
     ----------
@@ -182,8 +179,7 @@ def independent_point(poses: Poses) -> Array:
         point_m = point_m + _centre(shape, lever_m, count)
         swing = cross_matrix(point_m / lever_m)
         gain = np.log1p(np.trace(swing @ shape[3:, 3:] @ swing.T) / np.trace(shape[:3, :3]))
-    is_better = across.size * gain > len(point_m) * np.log(across.size)
-    return point_m if is_better and np.linalg.norm(point_m) < FARTHEST_M else np.zeros(3)
+    return point_m if across.size * gain > len(point_m) * np.log(across.size) else np.zeros(3)
 
 
 def _third_differences(frames: Poses) -> Array:

@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.arrays import Array, Ints
-from contact_tracker.config.parameters import Model
 from contact_tracker.explanations.curved_contact import curved_evidence, fit_curved
 from contact_tracker.geometry.elements import ContactGeometry, Plane
 from contact_tracker.geometry.lifted_pose import R
@@ -81,17 +80,16 @@ class CompetingEvidence(NamedTuple):
 class Freedom(NamedTuple):
     """Whether the motion does not use all freedom that its label leaves, whether it has only one degree of
     freedom, and for how many ticks the object has moved; ``is_unknown`` of a contact whose motion is older
-    than the window."""
+    than the window. ``is_programmed``: a machine may be programmed to move so without touching anything."""
 
     underused: bool
     one_direction: bool
     moved_ticks: float = 0.0
     is_unknown: bool = False
+    is_programmed: bool = False
 
 
-def indistinguishable(
-    label: Contact, rivals: CompetingEvidence, freedom: Freedom, is_programmed: bool = False
-) -> tuple[Contact, ...]:
+def indistinguishable(label: Contact, rivals: CompetingEvidence, freedom: Freedom) -> tuple[Contact, ...]:
     """The other states that the motion does not distinguish from ``label`` (T23).
 
     These are the states whose evidence is at most ``DECISIVE`` below the label's. If the label's freedom is
@@ -104,7 +102,7 @@ def indistinguishable(
         close[:] = True
     elif freedom.underused:
         close = CONTAINS[close | rivals.fit_like(label)].any(axis=0)
-    close[Contact.FREE.column] |= is_programmed
+    close[Contact.FREE.column] |= freedom.is_programmed
     close[label.column] = False
     return tuple(compress(STATES, close.tolist()))
 
@@ -134,15 +132,30 @@ def motion_since(window: Window, onset: int) -> tuple[int, float]:
     return calls.motion_since(calls.ticks_of(window), onset)
 
 
+LEAST_NOISE_M: Final = 3e-5
+"""Noise of a tick of poses without any, by the least floor of the models."""
+
+
+def are_exact(window: Window) -> bool:
+    """Whether the poses of the ticks are exact, as those of a machine, which moves points on lines and in
+    planes. Those of low-passed motion capture are not: the evidence shows more noise of their ticks."""
+    assert window.frames is not None
+    used = window.frames > 0.0
+    variance = (window.variance[used, 0] - LEAST_NOISE_M**2) * window.frames[used]
+    return bool(used.any() and np.median(variance) <= NOISY_M**2)
+
+
 def freedom_of(label: Contact, window: Window, onset: int) -> Freedom:
     """How far the motion since the onset uses the freedom that ``label`` leaves. Free motion also begins in
     one direction."""
     used, moved_ticks = motion_since(window, onset)
     is_short = moved_ticks < LEAST_MOTION_TICKS
+    is_programmed = label.codimension == 1 and are_exact(window)
     if is_short and onset < window.index[0]:
-        return Freedom(False, False, moved_ticks, is_unknown=True)
+        return Freedom(False, False, moved_ticks, is_unknown=True, is_programmed=is_programmed)
     in_one_direction = used == 1 and not (label is Contact.FREE and is_short)
-    return Freedom(used < DIRECTIONS - label.codimension, in_one_direction, moved_ticks)
+    is_underused = used < DIRECTIONS - label.codimension
+    return Freedom(is_underused, in_one_direction, moved_ticks, is_programmed=is_programmed)
 
 
 def agrees_by_chance(label: Contact, window: Window, onset: int, most_ticks: float = inf) -> bool:
@@ -151,23 +164,6 @@ def agrees_by_chance(label: Contact, window: Window, onset: int, most_ticks: flo
     has moved for ``most_ticks`` or more."""
     freedom = freedom_of(label, window, onset)
     return freedom.underused and freedom.moved_ticks < most_ticks
-
-
-EXACT_TICK_M: Final = 4e-5
-"""Largest noise of a tick of exact poses. That of a robot's is 0.030 mm, the least that is assumed; that of
-low-passed motion capture, whose poses seem to have no noise either, is 0.061 mm."""
-
-
-def is_programmed(label: Contact, window: Window, model: Model) -> bool:
-    """Whether a contact of one constraint may be the path of a machine: its poses are exact, and it moves
-    points on lines and in planes without touching anything."""
-    if label.codimension != 1:
-        return False
-    assert window.frames is not None
-    used = window.frames > 0.0
-    tick = window.variance[used, 0]
-    sensor = (tick - model.noise.floor_position_m**2) * window.frames[used]
-    return bool(used.any() and np.median(sensor) <= NOISY_M**2 and np.median(tick) <= EXACT_TICK_M**2)
 
 
 def tempered(probability: Array, exponent: float) -> Array:

@@ -51,8 +51,7 @@ def beside_indistinguishable(state: FilterState, belief: Belief) -> Belief:
     onset = state.onset_of(label)
     rivals = ambiguity.competing_evidence(state.banks, label, onset, state.ticks - 1)
     freedom = ambiguity.freedom_of(label, state.window, onset)
-    is_programmed = ambiguity.is_programmed(label, state.window, state.model)
-    alternatives = ambiguity.indistinguishable(label, rivals, freedom, is_programmed)
+    alternatives = ambiguity.indistinguishable(label, rivals, freedom)
     before = state.belief
     if freedom.is_unknown and before is not None and before.contact is label:
         alternatives = united(alternatives, before.inseparable)

@@ -155,9 +155,7 @@ def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
         np.array([*(f.log_likelihood.max(initial=-np.inf) for f in fits), 0.0]),
         np.array([*(f.rms.min(initial=np.inf) for f in fits), 1.0]),
     )
-    is_programmed = ambiguity.is_programmed(label, window, model)
-    alike = ambiguity.indistinguishable(label, rivals, freedom, is_programmed)
-    inseparable = tuple(filter(known_map.allows, alike))
+    inseparable = tuple(filter(known_map.allows, ambiguity.indistinguishable(label, rivals, freedom)))
     curved, none_fits, share = np.zeros(1), False, None
     if label is Contact.FREE:
         curved = curved_probabilities(segment.window, scales_of(model), known_map)
