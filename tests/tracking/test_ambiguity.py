@@ -55,7 +55,8 @@ def ticks(rotation, position, seed=0, variance=(SIGMA_M**2, SIGMA_RAD**2)):
     jitter = Rotation.from_rotvec(rng.normal(size=(count, 3)) * np.sqrt(variance[1])).as_matrix()
     shaken = position - position[0] + rng.normal(size=(count, 3)) * np.sqrt(variance[0])
     rows = np.tile(variance, (count, 1))
-    return Window(np.arange(count), lifted_pose.lift(rotation @ jitter, shaken), rows, 1e4 * rows)
+    zeta = lifted_pose.lift(rotation @ jitter, shaken)
+    return Window(np.arange(count), zeta, rows, 1e4 * rows, frames=np.ones(count))
 
 
 def waves(number, seed=1):
@@ -274,10 +275,20 @@ def test_what_evidence_and_freedom_do_not_separate_is_indistinguishable(label, n
     assert " ".join(other.value for other in others) == expected
 
 
+@pytest.mark.parametrize(("sigma_m", "is_open"), [(3e-5, True), (SIGMA_M, False)])
+def test_a_machine_may_be_programmed_to_keep_one_constraint_in_the_air(sigma_m, is_open):
+    """Poses without noise (but for the models' least) are those of a machine."""
+    rotation, position = kinds_of_motion()["all"][1:]
+    window = ticks(rotation, position, variance=(sigma_m**2, SIGMA_RAD**2))
+    evidence = {"vf": 50.0, "ef": 50.0}
+    assert (Contact.FREE in indistinguishable(Contact.VF, rivals(**evidence), window, older=False)) == is_open
+    assert Contact.FREE not in indistinguishable(Contact.EF, rivals(**evidence), window, older=False)
+
+
 @pytest.mark.parametrize(("older", "others"), [(True, ()), (False, (Contact.FREE,))])
 def test_rest_keeps_the_information_of_earlier_motion(older, others):
     rest = ticks(*kinds_of_motion()["rest"][1:])
-    rest = Window(rest.index, rest.zeta, rest.variance, 0.0 * rest.innovation_excess)
+    rest = replace(rest, innovation_excess=0.0 * rest.innovation_excess)
     assert indistinguishable(Contact.VF, rivals(vf=50.0), rest, older) == others
 
 
