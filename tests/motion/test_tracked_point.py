@@ -118,3 +118,12 @@ def test_jerks_of_motion_without_noise_are_no_noise() -> None:
     position_m = np.outer(turn, [0.3, 0.1, 0.0]) + 1e-5 * np.sin(3.0 * time_s)[:, None]
     poses = Poses(np.rint(1e9 * time_s).astype(np.int64), position_m, turns.as_quat())
     np.testing.assert_array_equal(independent_point(poses), 0.0)
+
+
+def test_turns_about_one_axis_leave_no_point_far_along_it() -> None:
+    """A machine led by hand turns about one axis: along it the centre of the errors was 25000 km away."""
+    time_s = np.arange(800) / 250.0
+    turns = Rotation.from_rotvec(np.outer(np.sin(2.0 * time_s), [0.48, -0.64, 0.6]))
+    position_m = turns.apply([0.3, 0.1, -0.2])
+    poses = Poses(np.rint(1e9 * time_s).astype(np.int64), position_m, turns.as_quat())
+    assert np.linalg.norm(independent_point(poses)) < 1.0

@@ -170,7 +170,8 @@ def independent_point(poses: Poses) -> Array:
     if count < 2 * ORDER or np.median(np.linalg.norm(about, axis=0)) < ROUNDING_RAD:
         return np.zeros(3)
     gain, swung = 0.0, cross_matrix(-about.T).reshape(-1, 3)
-    point_m = np.array(np.linalg.lstsq(swung, across.T.ravel(), rcond=None)[0], np.float64)
+    unobserved = ROUNDING_RAD * np.sqrt(count) / np.linalg.norm(about)  # such as along the axis of all turns
+    point_m = np.array(np.linalg.lstsq(swung, across.T.ravel(), rcond=unobserved)[0], np.float64)
     for _ in range(POINT_ROUNDS):  # with weights; the prior of isotropy shrinks the steps, not their limit
         rows = np.array([across - cross_matrix(point_m) @ about, about])
         deviation = np.sqrt(np.maximum(np.mean(rows**2, axis=(1, 2)), TINY))
