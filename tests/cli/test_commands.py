@@ -143,6 +143,8 @@ def test_versions_and_scenarios_are_listed() -> None:
     [
         (["lve", "x.mcap"], ["lve", "did you mean live?"]),
         (["segment", "x.mcap", "--tpic", "a"], ["--tpic", "did you mean --topic?"]),
+        (["segment", "--tpic", "a"], ["--tpic", "did you mean --topic?"]),
+        (["segment", "--wide"], ["required: LOG"]),
         (["segment", "x.mcap", "--plane", "-1,0,0,2"], ["--plane", "--option=-1,0,0"]),
         (["segment", "x.mcap", "--lag", "1"], ["--lag 1; --lag is an option of live (see"]),
         (["segment", "x.mcap", "-q", "-v"], ["-v", "-q"]),

@@ -73,17 +73,23 @@ class Parser(argparse.ArgumentParser):
         super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False, **options)
         for name in (None, "store"):
             self.register("action", name, Once)
+        self.words = list[str]()
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """The known arguments, with the ``table`` that they describe, and the unknown words."""
+        self.words = sys.argv[1:] if args is None else args
         known_args, unknown = super().parse_known_args(args, namespace)
         try:
-            set_table(known_args, sys.argv[1:] if args is None else args, self)
+            set_table(known_args, self.words, self)
         except ValueError as error:
             self.error(str(error))
         return known_args, unknown
 
     def error(self, message: str) -> NoReturn:
+        mistyped = [word for word in self.words if re.match("--[a-z]", word)]
+        mistyped = [word for word in mistyped if word.partition("=")[0] not in _options(self)]
+        if mistyped and "are required" in message:  # which argparse notices first
+            message = f"unrecognized arguments: {' '.join(mistyped)}{option_suggestion(mistyped, self, {})}"
         raise UsageError(f"{message} (see {self.prog} --help)")
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:

@@ -9,6 +9,7 @@ from typing import Any, Final
 from contact_tracker.errors import printable
 from contact_tracker.motion.pose_validation import remarks_on
 from contact_tracker.motion.sensor_noise import estimate_noise
+from contact_tracker.outputs.text import LEAST_DEVIATION
 from contact_tracker.recording import WRENCH_TYPE, PoseSource, RecordingSummary, SourceSummary
 from contact_tracker.tracking.filter_bank import DECIDED_AFTER_S, LONGEST_S, TOLERANCE, Report
 
@@ -162,8 +163,8 @@ def _source_rows(source: SourceSummary, adapted: Report | None) -> Iterator[tupl
     if position_m is not None and rotation_rad is not None:
         place = " at the body's origin" if adapted is not None and any(adapted.point_m) else ""
         values = _in_mm_and_deg(position_m, rotation_rad)
-        mm, deg = (f"{sd:.3f}" if sd >= 5e-4 else "below 0.001" for sd in values)
-        about = "about " if values[0] >= 5e-4 else ""
+        mm, deg = (f"{sd:.3f}" if sd >= LEAST_DEVIATION else f"below {LEAST_DEVIATION:g}" for sd in values)
+        about = "about " if values[0] >= LEAST_DEVIATION else ""
         yield "noise", f"{about}{mm} mm and {deg} deg per axis{place}"
     if adapted is not None:
         yield "tracking", noise_text(adapted)
