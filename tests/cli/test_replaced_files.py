@@ -276,6 +276,7 @@ LABELS = (
     "start,end,contact\n0,1.5,f-f\n",
     "# of the second take\nBegin Time - ss.msec;End Time - ss.msec;label\n0;1.5;touch\n",
     "start_ms\tend_ms\tcontact\n",
+    '[{"label": [{"start": 0, "end": 1.5, "timeserieslabels": ["touch"]}]}]',
 )
 
 

@@ -228,12 +228,14 @@ def _rows_of_file(path: str) -> Iterator[_Row]:
 
 
 def has_labels(path: str) -> bool:
-    """Whether the first row of a file names the columns of labels, and is not that of segments, which have a
-    probability."""
+    """Whether the first row of a file, or the keys where JSON begins, name the columns of labels, and are not
+    those of segments, which have a probability."""
     begin = first_bytes(path)
     if not is_text(begin, ".csv"):
         return False
-    names = next(iter(_table_in(begin.decode(encoding_of(begin), errors="replace"))), [])
+    text = begin.decode(encoding_of(begin), errors="replace")
+    is_json = text.lstrip()[:1] in ("[", "{")
+    names = re.findall(r'"(\w+)"\s*:', text) if is_json else next(iter(_table_in(text)), [])
     return len(_label_columns(names)) == 3 and "probability" not in names
 
 
