@@ -164,6 +164,13 @@ def test_takes_without_a_common_element_have_a_warning(first) -> None:
     assert not compare_outcomes(first, first).notes
 
 
+def test_a_step_that_is_probably_missing_is_shown_as_such(first) -> None:
+    step = replace(compare_outcomes(first, first).steps[0], verdict=Verdict.OPEN, probability=0.84)
+    for sides, shown in (({"second": ()}, "missing?"), ({"first": ()}, "new?"), ({}, "open")):
+        row = [*replace(compare_outcomes(first, first), steps=(replace(step, **sides),)).lines()][1]
+        assert shown in row.split()
+
+
 def test_open_segments_are_no_difference(first) -> None:
     others = tuple(state for state in STATES if state is not Contact.VF)
     opened = replace(first.segments[1], inseparable=others, probability=0.4)

@@ -126,7 +126,7 @@ class Comparison:
         yield f"{'A: s':>15}  {'':<5}{'B: s':>15}  {'':<5}  {'what':<9}    p  by"
         for step in self.steps:
             sides = "  ".join(f"{_span(steps):>15} {_label(steps):<5}" for steps in (step.first, step.second))
-            yield f"{sides}  {step.verdict:<9} {step.probability:4.2f}  {_difference(step)}".rstrip()
+            yield f"{sides}  {_what(step):<9} {step.probability:4.2f}  {_difference(step)}".rstrip()
         count = {kind: sum(step.verdict is kind for step in self.steps) for kind in Verdict}
         counts = ", ".join(f"{number} {kind}" for kind, number in count.items() if number)
         if not self.steps:
@@ -279,6 +279,13 @@ def _span(steps: Sequence[Step]) -> str:
         return "-"
     digits = 2 if steps[-1].end_s < 1000.0 else 1
     return f"{steps[0].start_s:.{digits}f}-{steps[-1].end_s:.{digits}f}"
+
+
+def _what(step: ComparedStep) -> str:
+    """The verdict; the more probable one with ``?`` if it is open whether a step is in both takes."""
+    if step.verdict is not Verdict.OPEN or (step.first and step.second) or step.probability <= 0.5:
+        return step.verdict.value
+    return f"{Verdict.MISSING if step.first else Verdict.NEW}?"
 
 
 def _difference(step: ComparedStep) -> str:
