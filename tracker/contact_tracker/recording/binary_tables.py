@@ -399,7 +399,7 @@ def _of_arrays(path: str, reading: TableReading, budget: WorkBudget, kind: str) 
     beyond = beyond if left_out else ""
     try:
         if not names:
-            raise UnreadableRecording("it has no array of numbers with a row for each pose")
+            raise UnreadableRecording(_NO_ARRAY + _OBJECTS * (kind == "MATLAB"))
         first = np.array([values[:FIRST_ROWS] for values in columns]).T.astype(str).tolist()
         if list(arrays) == [""]:
             layout = layout_without_names(first, reading, path)
@@ -412,6 +412,10 @@ def _of_arrays(path: str, reading: TableReading, budget: WorkBudget, kind: str) 
             text += f"; not read: {listing}, which {'have' if entries[1:] else 'has'} {why}"
         raise type(error)(text) from error
     return ArrayTable(replace(layout, kind=kind, note="" if stated else beyond), columns)
+
+
+_NO_ARRAY: Final = "it has no array of numbers with a row for each pose"
+_OBJECTS: Final = "; tables, timetables and cells are not read: save table2struct(T, 'ToScalar', true)"
 
 
 def _rows_of(shapes: Sequence[tuple[int, ...]], widest: int) -> int:
