@@ -31,12 +31,12 @@ from pose_tables import (
     proposed,
     rows,
     write,
-    xyz,
 )
 
 COUNT = len(T)
-NS = [str(ns) for ns in SINCE_NS]
-US = [repr(ns / 1e3) for ns in SINCE_NS]
+NS = list(map(str, SINCE_NS.tolist()))
+US = [repr(ns / 1e3) for ns in SINCE_NS.tolist()]
+TWO_BODIES = Path(__file__).with_name("two_bodies.c3d")
 ZEROS = np.zeros((COUNT, 6))
 KUKA = TURN.as_euler("ZYX", degrees=True)
 NINE = "R11,R12,R13,R21,R22,R23,R31,R32,R33"
@@ -69,7 +69,11 @@ def test_frames_after_the_names_of_the_parts(tmp_path: Path) -> None:
     path = write(tmp_path / "closed_loop.csv", [head], lines)
     assert proposed(path) == ["--columns", "time=tracking_timestamp_us"]
     assert_read(path, *proposed(path))
-    path = write(tmp_path / "geo.csv", [f"{head},{of_earth}"], [a + b for a, b in zip(lines, rows(POSE + 1.0), strict=True)])
+    path = write(
+        tmp_path / "geo.csv",
+        [f"{head},{of_earth}"],
+        [a + b for a, b in zip(lines, rows(POSE + 1.0), strict=True)],
+    )
     assert_read(path, "--columns", "time=tracking_timestamp_us", frame="world_device")
 
 
@@ -84,7 +88,11 @@ def test_matrices_of_surgical_robots(tmp_path: Path) -> None:
     """Positions and matrices of several arms, without a time, as published tables of JIGSAWS name them."""
     arms = "MASTER_LEFT_", "SLAVE_LEFT_"
     head = ",".join(
-        named(arm, f"POS_X,POS_Y,POS_Z,{named('ROT_', NINE)},LIN_VEL_X,LIN_VEL_Y,LIN_VEL_Z,ROT_VEL_X,ROT_VEL_Y,ROT_VEL_Z")
+        named(
+            arm,
+            f"POS_X,POS_Y,POS_Z,{named('ROT_', NINE)},LIN_VEL_X,LIN_VEL_Y,LIN_VEL_Z,"
+            "ROT_VEL_X,ROT_VEL_Y,ROT_VEL_Z",
+        )
         for arm in arms
     )
     path = write(tmp_path / "a.csv", [head], rows(P + 1.0, MATRICES, ZEROS, P, MATRICES, ZEROS))
@@ -94,8 +102,7 @@ def test_matrices_of_surgical_robots(tmp_path: Path) -> None:
 
 def test_actual_and_commanded_poses_of_kuka(tmp_path: Path) -> None:
     """As RSI names them, beside corrections that are constant."""
-    parts = "X,Y,Z,A,B,C".split(",")
-    head = ",".join(["Time", *(f"{part}_{kind}" for kind in ("RIst", "RSol") for part in parts)])
+    head = ",".join(["Time", *(f"{part}_{kind}" for kind in ("RIst", "RSol") for part in "XYZABC")])
     head += "," + ",".join(f"C1{i}" for i in range(1, 11))
     idle = np.tile([0, 0, 0, 0, 0, 0, 0, 0, 1.0, 0], (COUNT, 1))
     path = write(tmp_path / "a.csv", [head], rows(T, P_MM, KUKA, P_MM + 5.0, KUKA, idle))
@@ -114,7 +121,12 @@ def test_joints_are_not_proposed_as_poses(tmp_path: Path) -> None:
     kinds = ("name", "position", "velocity", "effort")
     head = "%time,field.header.seq," + ",".join(f"field.{kind}{i}" for kind in kinds for i in range(6))
     names = [[f"joint_{i}" for i in range(6)]] * COUNT
-    lines = [a + b + c for a, b, c in zip(rows(NS, np.arange(COUNT)), names, rows(ZEROS + POSE[:, :6], ZEROS, ZEROS), strict=True)]
+    lines = [
+        a + b + c
+        for a, b, c in zip(
+            rows(NS, np.arange(COUNT)), names, rows(ZEROS + POSE[:, :6], ZEROS, ZEROS), strict=True
+        )
+    ]
     text = refusal(write(tmp_path / "joints.csv", [head], lines))
     assert "no columns of a pose among" in text
     assert "read them by" not in text
@@ -132,7 +144,16 @@ def test_poses_beside_joints_are_those_of_kuka(tmp_path: Path) -> None:
     path = tmp_path / "poses.json"
     path.write_text(json.dumps(entries))
     words = proposed(path)
-    assert words == ["--unit", "mm", "--time-unit", "100Hz", "--euler", "ZYX:deg", "--columns", "rz=pose.A,ry=pose.B,rx=pose.C"]
+    assert words == [
+        "--unit",
+        "mm",
+        "--time-unit",
+        "100Hz",
+        "--euler",
+        "ZYX:deg",
+        "--columns",
+        "rz=pose.A,ry=pose.B,rx=pose.C",
+    ]
     table = build_parser().parse_args(["segment", str(path), *words]).table
     np.testing.assert_allclose(Poses.collect(open_log(str(path), table=table)).position_m, P[:3], atol=1e-12)
 
@@ -141,7 +162,8 @@ def test_names_of_devices_and_dates_before_unnamed_values(tmp_path: Path) -> Non
     """As scripts of Lighthouse write them: device, time, position, and the matrix by rows."""
     since = [f"2024-02-16 17:26:{30 + ns / 1e9:.9f}" for ns in SINCE_NS.tolist()]
     tracker, other = (
-        rows([name] * COUNT, since, place, MATRICES) for name, place in (("tracker_1", P), ("tracker_2", P + 1.0))
+        rows([name] * COUNT, since, place, MATRICES)
+        for name, place in (("tracker_1", P), ("tracker_2", P + 1.0))
     )
     path = write(tmp_path / "a.csv", [], [row for pair in zip(tracker, other, strict=True) for row in pair])
     words = proposed(path)
@@ -150,9 +172,18 @@ def test_names_of_devices_and_dates_before_unnamed_values(tmp_path: Path) -> Non
 
 
 def test_a_name_before_unnamed_angles(tmp_path: Path) -> None:
-    path = write(tmp_path / "a.csv", [], rows([f"v{i}" for i in range(COUNT)], P, TURN.as_euler("xyz", degrees=True)))
+    path = write(
+        tmp_path / "a.csv", [], rows([f"v{i}" for i in range(COUNT)], P, TURN.as_euler("xyz", degrees=True))
+    )
     words = [word.replace("100Hz", "200Hz") for word in proposed(path)]
-    assert words == ["--time-unit", "200Hz", "--euler", "xyz:deg", "--columns", "position=c[1:4],rotation=c[4:7]"]
+    assert words == [
+        "--time-unit",
+        "200Hz",
+        "--euler",
+        "xyz:deg",
+        "--columns",
+        "position=c[1:4],rotation=c[4:7]",
+    ]
     assert_read(path, *words)
 
 
@@ -174,7 +205,7 @@ def test_the_proposal_for_results_of_bop_has_one_comma(tmp_path: Path) -> None:
     assert "if its columns are those of BOP, at 30 frames a second, read them by" in refusal(path)
 
 
-ABOVE = "NO_OF_FRAMES\t120\nNO_OF_CAMERAS\t10\n{}\nFREQUENCY\t200\nDESCRIPTION\t--\nTIME_STAMP\t2024-05-14, 10:22:31.123\t5021.1\n"
+ABOVE = "NO_OF_FRAMES\t120\nNO_OF_CAMERAS\t10\n{}\nFREQUENCY\t200\nDESCRIPTION\t--\nTIME_STAMP\t2024-05-14\n"
 NAMES_6D = "X\tY\tZ\tRoll\tPitch\tYaw\tResidual\t" + "\t".join(f"Rot[{i}]" for i in range(9))
 
 
@@ -194,7 +225,10 @@ def test_bodies_of_qualisys(tmp_path: Path, is_prefixed: bool) -> None:
 
 
 def test_markers_of_qualisys_are_refused_as_such(tmp_path: Path) -> None:
-    above = ABOVE.format("NO_OF_MARKERS\t2") + "DATA_INCLUDED\t3D\nMARKER_NAMES\tra\tlk\nTRAJECTORY_TYPES\tMeasured\tMeasured"
+    above = (
+        ABOVE.format("NO_OF_MARKERS\t2")
+        + "DATA_INCLUDED\t3D\nMARKER_NAMES\tra\tlk\nTRAJECTORY_TYPES\tMeasured\tMeasured"
+    )
     head = "\t".join(["Frame", "Time", *(f"{name} {axis}" for name in ("ra", "lk") for axis in "XYZ")])
     path = write(tmp_path / "a.tsv", [above, head], rows(np.arange(COUNT), T, P_MM, P_MM), "\t")
     assert re.search(r"it has markers \(ra, lk.*\), not bodies: export 6D data", refusal(path))
@@ -219,7 +253,10 @@ def test_a_mark_in_a_name_separates_nothing(tmp_path: Path) -> None:
     [
         ("readme.txt", "Author: somebody\n\nThis data set has 330 trajectories of a cup.\nIt is public.\n"),
         ("app.log", "06/08/2021 08:47:36 AM INFO:Starting application\n06/08/2021 09:02:23 AM INFO:done\n"),
-        ("posts.csv", "MsgID,Timestamp,Author,Body\n'i4f','2022-04-12 05:57:29','me','It is 1 of 2, I say'\n"),
+        (
+            "posts.csv",
+            "MsgID,Timestamp,Author,Body\n'i4f','2022-04-12 05:57:29','me','It is 1 of 2, I say'\n",
+        ),
     ],
 )
 def test_text_is_called_text(tmp_path: Path, name: str, text: str) -> None:
@@ -238,7 +275,9 @@ def test_models_of_torch_are_pickles(tmp_path: Path) -> None:
 
 def test_labels_in_xml_have_a_remedy(tmp_path: Path) -> None:
     path = tmp_path / "take.eaf"
-    path.write_text('<?xml version="1.0" encoding="UTF-8"?>\n<ANNOTATION_DOCUMENT AUTHOR="">\n</ANNOTATION_DOCUMENT>\n')
+    path.write_text(
+        '<?xml version="1.0" encoding="UTF-8"?>\n<ANNOTATION_DOCUMENT AUTHOR="">\n</ANNOTATION_DOCUMENT>\n'
+    )
     assert "it is XML or HTML, not a table of poses" in refusal(path)
     with pytest.raises(NoTruth, match="it is XML: export it as tab-delimited text"):
         read_labels(str(path), 0, 1)
@@ -257,7 +296,11 @@ def test_objects_of_matlab_are_named(tmp_path: Path) -> None:
 
 
 def test_coordinates_of_maps_have_a_remedy(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = write(tmp_path / "odom.csv", ["Time,pose.x,pose.y,pose.z,qx,qy,qz,qw"], rows(T, P + [5e5, 3.5e6, 7e2], Q))
+    path = write(
+        tmp_path / "odom.csv",
+        ["Time,pose.x,pose.y,pose.z,qx,qy,qz,qw"],
+        rows(T, P + np.array([5e5, 3.5e6, 7e2]), Q),
+    )
     log = open_log(str(path))
     Poses.collect(log)
     assert "Subtract a constant from coordinates of a map (UTM)" in "\n".join(log.warnings)
@@ -278,7 +321,18 @@ def test_slow_dates_that_may_be_a_time_since_the_start_are_said() -> None:
     """951412773297707 ns since the start of a computer would be a date in microseconds, every 8 s."""
     unit, doubt = unit_of(951412773297707.0 + 8e6 * np.arange(20))
     assert unit == "us"
-    assert doubt is not None and "if they are nanoseconds since another time, give --time-unit ns" in doubt
+    assert doubt is not None
+    assert "if they are nanoseconds since another time, give --time-unit ns" in doubt
     assert unit_of(1.7e15 + 8e3 * np.arange(20)) == ("us", None)
+    assert unit_of(1.5e9 + 1.4 * np.arange(20)) == ("s", None)  # of maps, a pose a second
 
 
+def test_markers_in_the_numbers_of_another_machine_are_called_markers(tmp_path: Path) -> None:
+    """As C3D of Motive, with the fractions of DEC, whose bodies would not be read."""
+    content = bytearray(TWO_BODIES.read_bytes())
+    content[512 * (content[0] - 1) + 3] = 85
+    path = tmp_path / "a.c3d"
+    path.write_bytes(content)
+    assert "its numbers are not those of a PC" in refusal(path)
+    path.write_bytes(content.replace(b"ROTATION", b"ROTATIOX"))
+    assert "it is C3D with markers (tip), not bodies" in refusal(path)

@@ -362,7 +362,9 @@ def _cause_of_norm(quat_xyzw: Sequence[float] | None) -> str:
     w = quat_xyzw[3]
     twice = next((name for name, part in zip("xyz", quat_xyzw, strict=False) if part == w != 0.0), None)
     if norm == 0.0:
-        return "the quaternions are zero, or matrices are no rotations: is the orientation recorded, unscaled?"
+        return (
+            "the quaternions are zero, or matrices are no rotations: is the orientation recorded, unscaled?"
+        )
     if twice is not None:
         return f"{norm_text}, and w equals {twice}: is one column taken for both?"
     if norm > 2.0 and all(map(float.is_integer, map(float, quat_xyzw))):

@@ -432,6 +432,9 @@ def _rows_of(shapes: Sequence[tuple[int, ...]], widest: int) -> int:
 
 _BLOCK: Final = 512
 _INTEL: Final = 84
+_DEC: Final = 85
+"""Formats of numbers; those of DEC have the integers of a PC, but other fractions."""
+_NO_PC: Final = "its numbers are not those of a PC: write it for Intel"
 _VALUES: Final = 17
 _POSE: Final = 12
 """Number of values of a pose: the columns of the matrix and the position, without the last row."""
@@ -458,8 +461,8 @@ def _of_c3d(path: str, reading: TableReading, _: WorkBudget) -> ArrayTable:
             head = file.read(_BLOCK)
             file.seek((head[0] - 1) * _BLOCK)
             blocks = file.read(4)
-            if blocks[3] != _INTEL:
-                raise UnreadableRecording("its numbers are not those of a PC: write it for Intel")
+            if blocks[3] not in (_INTEL, _DEC):
+                raise UnreadableRecording(_NO_PC)
             parameters = _parameters(file.read(blocks[2] * _BLOCK))
         labels = [key for key in sorted(parameters) if key.startswith("ROTATION:LABELS")]
         names = [name for key in labels for name in parameters[key]]
@@ -469,6 +472,8 @@ def _of_c3d(path: str, reading: TableReading, _: WorkBudget) -> ArrayTable:
             listed = markers[:_MARKERS_SHOWN] + ["..."] * (len(markers) > _MARKERS_SHOWN)
             about = {"names": ", ".join(listed) or "none", "name": os.path.basename(path)}
             raise UnreadableRecording(_NO_BODIES.format(**about))
+        if blocks[3] == _DEC:
+            raise UnreadableRecording(_NO_PC)
         units = *parameters.get("ROTATION:UNITS", []), *parameters.get("POINT:UNITS", []), "mm"
         ratio = parameters.get("ROTATION:RATIO", [1])[0]
         own_rate = parameters.get("ROTATION:RATE")

@@ -483,7 +483,9 @@ class Columns:
             if place not in stated.values():
                 for body, role in _roles(name, reading.matrix == "columns"):
                     by_body.setdefault(body, {}).setdefault(role, place)
-        if not stated.keys() & {*POSE_ROLES} and not any({*POSITION} <= {*roles} for roles in by_body.values()):
+        if not stated.keys() & {*POSE_ROLES} and not any(
+            {*POSITION} <= {*roles} for roles in by_body.values()
+        ):
             for place, name in enumerate(self.plain):
                 if (match := _AFTER.fullmatch(name)) is not None:
                     role = match[1] if match[1][0] == "q" else match[1][-1]
@@ -491,7 +493,11 @@ class Columns:
         times = {role: stated.pop(role) for role in (TIME, REST) if role in stated}
         if stated:  # for the body without a name, or else the one with most columns
             is_whole = {*POSITION} <= stated.keys() and len(stated) > len(POSITION)
-            main = "" if "" in by_body or is_whole else max(by_body, key=lambda body: len(by_body[body]), default="")
+            main = (
+                ""
+                if "" in by_body or is_whole
+                else max(by_body, key=lambda body: len(by_body[body]), default="")
+            )
             by_body = {main: {**by_body.get(main, {}), **stated}}
         return {**by_body, TIME: times}
 

@@ -267,7 +267,9 @@ class _Proposal:
         """Indices of a group of numbered columns by their number, without those of text at its ends."""
         group = self._columns.numbered(base)
         cells = {number: self._cells(place) for number, place in group.items()}
-        kept = [number for number in group if not cells[number] or any(are_numbers([c]) for c in cells[number])]
+        kept = [
+            number for number in group if not cells[number] or any(are_numbers([c]) for c in cells[number])
+        ]
         return {number: place for number, place in group.items() if kept and kept[0] <= number <= kept[-1]}
 
     def commands(self, readings: Sequence[TableReading], is_square: bool = False) -> str:

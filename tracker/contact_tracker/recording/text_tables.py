@@ -99,7 +99,9 @@ _BEGIN_DOCUMENT: Final = re.compile(r"\s*(?:\{|\[\s*(?:$|[\[{]))")
 _QUALISYS: Final = "NO_OF_FRAMES"
 _OF_MATRIX: Final = re.compile(r"Rot\[([0-8])\]")
 _MARKERS_SHOWN: Final = 5
-_NUMBER: Final = re.compile(r"(?:^|(?<=[\s,;|(\[:=]))[+-]?\d+(?:[.,]\d*)?(?:[eEdD][+-]?\d+)?(?=[\s,;|)\]}]|$)")
+_NUMBER: Final = re.compile(
+    r"(?:^|(?<=[\s,;|(\[:=]))[+-]?\d+(?:[.,]\d*)?(?:[eEdD][+-]?\d+)?(?=[\s,;|)\]}]|$)"
+)
 _QUALISYS_WAY: Final = reading_of(matrix="rows", unit="mm")
 """How Qualisys writes the columns of a body."""
 _loads: Final = partial(json.loads, parse_float=str, parse_int=str, parse_constant=str)
