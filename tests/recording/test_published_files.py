@@ -176,6 +176,7 @@ def test_a_name_before_unnamed_angles(tmp_path: Path) -> None:
         tmp_path / "a.csv", [], rows([f"v{i}" for i in range(COUNT)], P, TURN.as_euler("xyz", degrees=True))
     )
     words = [word.replace("100Hz", "200Hz") for word in proposed(path)]
+    assert "its 7 columns have no names: if its rotations are c4, c5, c6, three angles: read" in refusal(path)
     assert words == [
         "--time-unit",
         "200Hz",
@@ -203,6 +204,17 @@ def test_the_proposal_for_results_of_bop_has_one_comma(tmp_path: Path) -> None:
     lines = rows(["59"] * COUNT, [str(i) for i in range(COUNT)], ["18"] * COUNT, *cells, ["0.1"] * COUNT)
     path = write(tmp_path / "a.csv", ["scene_id,im_id,obj_id,R,t,time"], lines)
     assert "if its columns are those of BOP, at 30 frames a second, read them by" in refusal(path)
+
+
+def test_objects_that_are_found_twice_in_some_images_are_bodies(tmp_path: Path) -> None:
+    """As in results of BOP, which have several estimates; each image has most objects once."""
+    columns = "scene_id,im_id,obj_id,x [mm],y [mm],z [mm],qx,qy,qz,qw"
+    lines = list[list[str]]()
+    for i, (place, quat) in enumerate(zip(rows(P_MM), rows(Q), strict=True)):
+        for body in ["5", "7", "18", *(["18"] if i % 5 == 1 else [])]:
+            lines.append(["59", str(i), body, *(place if body == "5" else ["9", "9", str(i)]), *quat])
+    path = write(tmp_path / "a.csv", [columns], lines)
+    assert_read(path, "--time-unit", "200Hz", "--columns", "time=im_id", frame="5")
 
 
 ABOVE = "NO_OF_FRAMES\t120\nNO_OF_CAMERAS\t10\n{}\nFREQUENCY\t200\nDESCRIPTION\t--\nTIME_STAMP\t2024-05-14\n"

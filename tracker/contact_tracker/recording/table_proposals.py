@@ -140,7 +140,8 @@ def layout_without_names(rows: Sequence[Sequence[str]], reading: TableReading, p
         return layout_of_names(names, reading, path, rows=lambda: rows)
     fault = f"its {len(names)} columns have no names"
     if (text := _Proposal(Columns(names), reading, path, lambda: rows).text()) is not None:
-        raise ProposedReading(f"{fault}: {text.replace('its columns are', 'they are', 1)}")
+        text = text.replace("its columns are", "they are", 1).replace("its rotations", "if its rotations", 1)
+        raise ProposedReading(f"{fault}: {text}")
     how = f"say which they are, by number from 0 on, as in --columns time={UNNAMED}0,x={UNNAMED}1"
     raise UnreadableRecording(f"{fault}: {how}")
 
