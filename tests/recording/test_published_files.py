@@ -209,10 +209,11 @@ def test_the_proposal_for_results_of_bop_has_one_comma(tmp_path: Path) -> None:
 def test_objects_that_are_found_twice_in_some_images_are_bodies(tmp_path: Path) -> None:
     """As in results of BOP, which have several estimates; each image has most objects once."""
     columns = "scene_id,im_id,obj_id,x [mm],y [mm],z [mm],qx,qy,qz,qw"
-    lines = list[list[str]]()
+    lines, rng = list[list[str]](), np.random.default_rng(1)
     for i, (place, quat) in enumerate(zip(rows(P_MM), rows(Q), strict=True)):
         for body in ["5", "7", "18", *(["18"] if i % 5 == 1 else [])]:
-            lines.append(["59", str(i), body, *(place if body == "5" else ["9", "9", str(i)]), *quat])
+            elsewhere = list(map(str, rng.uniform(-9e3, 9e3, 3).tolist()))
+            lines.append(["59", str(i), body, *(place if body == "5" else elsewhere), *quat])
     path = write(tmp_path / "a.csv", [columns], lines)
     assert_read(path, "--time-unit", "200Hz", "--columns", "time=im_id", frame="5")
 
@@ -283,6 +284,17 @@ def test_models_of_torch_are_pickles(tmp_path: Path) -> None:
         archive.writestr("archive/data.pkl", b"\x80\x02}q\x00.")
     for path in (old, new):
         assert "it is a pickle, which runs code" in refusal(path)
+
+
+def test_logs_of_px4(tmp_path: Path) -> None:
+    """The log itself, and vehicle_odometry of it, now and of older versions; w is first."""
+    (tmp_path / "log.ulg").write_bytes(b"ULog\x01\x12\x35\x01" + bytes(99))
+    assert "it is ULog of PX4: ulog2csv log.ulg" in refusal(tmp_path / "log.ulg")
+    for place in ("position[0],position[1],position[2]", "x,y,z"):
+        head = f"timestamp,timestamp_sample,{place},q[0],q[1],q[2],q[3],velocity[0],velocity[1],velocity[2]"
+        path = write(tmp_path / "odometry.csv", [head], rows(US, US, P, REAL_FIRST, ZEROS[:, :3]))
+        assert len(commands(path)) == 1
+        assert_read(path, *proposed(path))
 
 
 def test_labels_in_xml_have_a_remedy(tmp_path: Path) -> None:

@@ -36,6 +36,11 @@ SYSTEMS: dict[str, Callable[[Path], object]] = {
     "MuJoCo": lambda path: np.savez(path, time=T, qpos=np.c_[P, REAL_FIRST]),
     "Isaac Lab": lambda path: np.savez(path, time=T, pos=P, quat=REAL_FIRST),
     "LeRobot": EXPORTS["lists of seven.parquet"],
+    "PX4": lambda path: write(
+        path,
+        [f"timestamp,timestamp_sample,{numbered('position[{}]', 3)},{numbered('q[{}]', 4)}"],
+        rows(1e6 * T, 1e6 * T, P, REAL_FIRST),
+    ),
 }
 
 

@@ -75,6 +75,8 @@ KNOWN: Final[Sequence[tuple[str, tuple[str, ...], TableReading]]] = (
     ("libfranka", ("o_t_ee[0]", "o_t_ee[15]"), reading_of("matrix=O_T_EE", matrix="columns")),
     ("libfranka", ("o_t_ee_0", "o_t_ee_15"), reading_of("matrix=O_T_EE", matrix="columns")),
     ("Qualisys", ("x", "rot[0]", "rot[8]"), reading_of("matrix=Rot", matrix="columns", unit="mm")),
+    ("PX4", ("timestamp_sample", "position[2]", "q[3]"), reading_of("position=position,wxyz=q")),
+    ("PX4", ("timestamp_sample", "x", "q[3]"), reading_of("wxyz=q")),
     ("NDI", ("tx", "q0", "qx"), reading_of(unit="mm")),
     ("NDI", ("frame", "state", "tx", "rz"), reading_of(unit="mm", euler="xyz:deg")),
     ("BOP", ("frame", *_BOP), reading_of(_BOP_POSE, matrix="rows", unit="mm")),

@@ -90,6 +90,8 @@ _OTHERS: Final = {
     b"PK\x03\x04": "it is compressed: unzip {quoted} first",
     b"BZh": "it is compressed: bunzip2 -c {quoted} > {unpacked} makes a file that is read",
     b"\x80[\2-\5]": _PICKLE,
+    b"ULog": "it is ULog of PX4: ulog2csv {quoted}, of pyulog, writes CSV, of which that of vehicle_odometry "
+    "has poses",
     b"RRF": "it is a recording of rerun, which is not read: give the file from which it was made; " + _ARRAYS,
     b"# Image list with": "it is COLMAP's images.txt, which has the world in the frames of cameras, without "
     "times: image.cam_from_world().inverse() of pycolmap.Reconstruction('FOLDER').images are poses; "
