@@ -286,6 +286,16 @@ def test_models_of_torch_are_pickles(tmp_path: Path) -> None:
         assert "it is a pickle, which runs code" in refusal(path)
 
 
+def test_orientations_alone_are_no_positions(tmp_path: Path) -> None:
+    """As inertial sensors write them; with a position the example says how it is read."""
+    path = write(tmp_path / "imu.csv", ["Time (s),W,X,Y,Z"], rows(T, REAL_FIRST))
+    assert "its W, X, Y, Z look like a quaternion without a position" in refusal(path)
+    path = write(tmp_path / "a.csv", ["Time (s),W,X,Y,Z,east,north,up"], rows(T, REAL_FIRST, P))
+    columns = re.search(r"--columns (\S+)", refusal(path))
+    assert columns is not None
+    assert_read(path, "--columns", columns[1].replace("x=a,y=b,z=c", "x=east,y=north,z=up"))
+
+
 def test_logs_of_px4(tmp_path: Path) -> None:
     """The log itself, and vehicle_odometry of it, now and of older versions; w is first."""
     (tmp_path / "log.ulg").write_bytes(b"ULog\x01\x12\x35\x01" + bytes(99))

@@ -633,6 +633,12 @@ def _lacking(
             f"no column of times among {_listed(names)}: say which it is, as in --columns time=t, or, if "
             "none is, give the rate of the rows, as in --time-unit 200Hz"
         )
+    if missing == [*QUATERNION] and {"w", *POSITION} <= {*columns.plain}:
+        x, y, z, w = (names[columns.plain.index(axis)] for axis in (*POSITION, "w"))
+        return UnreadableRecording(
+            f"its {w}, {x}, {y}, {z} look like a quaternion without a position: contacts need both; if both "
+            f"are there, say so, as in --columns x=a,y=b,z=c,qx={x},qy={y},qz={z},qw={w}"
+        )
     angles = ", or --columns rx=a,ry=b,rz=c --euler xyz:deg" if missing == [*QUATERNION] and has_time else ""
     missing = missing if has_time else ["a time", *missing]
     unit = reading.unit or next(filter(LENGTHS_M.__contains__, columns.units), "m")
