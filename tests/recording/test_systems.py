@@ -22,6 +22,7 @@ def as_proposed(name: str, path: Path) -> Path:
     return write(path, [names], lines)
 
 
+PARTS = "tx", "ty", "tz", "qx", "qy", "qz", "qw"
 SYSTEMS: dict[str, Callable[[Path], object]] = {
     **{name: partial(as_proposed, name) for name in ("UR", "FANUC", "KUKA", "ABB")},
     "Franka": partial(as_proposed, "libfranka"),
@@ -36,6 +37,16 @@ SYSTEMS: dict[str, Callable[[Path], object]] = {
     "MuJoCo": lambda path: np.savez(path, time=T, qpos=np.c_[P, REAL_FIRST]),
     "Isaac Lab": lambda path: np.savez(path, time=T, pos=P, quat=REAL_FIRST),
     "LeRobot": EXPORTS["lists of seven.parquet"],
+    "Project Aria, HOT3D": lambda path: write(
+        path,
+        ["tracking_timestamp_us," + ",".join(f"{part}_world_device" for part in PARTS)],
+        rows(1e6 * T, P, REAL_FIRST[:, [1, 2, 3, 0]]),
+    ),
+    "PX4": lambda path: write(
+        path,
+        [f"timestamp,timestamp_sample,{numbered('position[{}]', 3)},{numbered('q[{}]', 4)}"],
+        rows(1e6 * T, 1e6 * T, P, REAL_FIRST),
+    ),
 }
 
 

@@ -282,7 +282,8 @@ UNREAD: list[tuple[str, str | bytes | Callable[[Path], object], str]] = [
     ("a.xlsx", b"PK\3\4", "a workbook of Excel: save the sheet as CSV; or .*read_excel"),
     ("a.xls", b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", "a workbook of Excel"),
     ("a.mp4", bytes(100), "not an MCAP file. What is read: MCAP files, ROS bags"),
-    ("a.mcap", "<html><body>404", "if it is a table, name it .csv"),
+    ("a.mcap", "404: not found", "if it is a table, name it .csv"),
+    ("a.mcap", "<html><body>404", "it is XML or HTML, not a table"),
     ("a.csv.zst", zstandard.compress(HEADER.encode()), "if it is a table, decompress it: zstd -d"),
     ("a.csv.gz", b"\x1f\x8b\0", "it is compressed: gunzip -c a.csv.gz > a.csv makes"),
 ]

@@ -315,8 +315,10 @@ def _remark_on_times(counts: Mapping[str, int], total: int) -> str | None:
 _CAUSES: Final[Mapping[str, str]] = MappingProxyType(
     {
         "nonfinite": "they are no numbers, as where the object is hidden",
-        "out_of_range": "they are beyond 1000 km or 146 years: is the unit of the stamps or positions right?",
-        "repeated_stamp": "they have the time of the one before: write more digits, if times are rounded",
+        "out_of_range": "they are beyond 1000 km or 146 years: is the unit of the stamps or positions right? "
+        "Subtract a constant from coordinates of a map (UTM)",
+        "repeated_stamp": "they have the time of the one before: write more digits, if times are rounded; if "
+        "they are of several bodies, read those of one",
         "backward_stamp": f"they are earlier than one before them: {_BACKWARD}",
         "leading_stamp": "their times jump ahead, and back",
         "default_pose": "one pose comes back bit for bit, as where the object is hidden",
@@ -360,7 +362,9 @@ def _cause_of_norm(quat_xyzw: Sequence[float] | None) -> str:
     w = quat_xyzw[3]
     twice = next((name for name, part in zip("xyz", quat_xyzw, strict=False) if part == w != 0.0), None)
     if norm == 0.0:
-        return "the quaternions are zero: is the orientation recorded?"
+        return (
+            "the quaternions are zero, or matrices are no rotations: is the orientation recorded, unscaled?"
+        )
     if twice is not None:
         return f"{norm_text}, and w equals {twice}: is one column taken for both?"
     if norm > 2.0 and all(map(float.is_integer, map(float, quat_xyzw))):

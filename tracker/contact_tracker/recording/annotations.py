@@ -255,6 +255,8 @@ def _rows_of_table(path: str, table: Table) -> Iterator[_Row]:
     names, *rows = table
     columns = _label_columns(names)
     if len(columns) < 3:
+        if names[:1] and names[0].startswith("<"):
+            raise NoTruth(f"{path}: it is XML: export it as tab-delimited text, as ELAN does")
         needed = f"{path}: its columns are {', '.join(names[:12])}: needed are start, end and contact"
         has_names = not any(name.strip(" .-").isdecimal() for name in names)
         how = ": write the names of the columns above its rows, as start,end,contact"

@@ -169,6 +169,8 @@ def _variable(data: memoryview, order: str, path: str, budget: WorkBudget, depth
     if depth > _DEEPEST or (head := next(elements, None)) is None:
         return
     (flags,) = struct.unpack_from(f"{order}I", head[1])
+    if flags & 0xFF not in (_STRUCT, *_CLASSES):  # an object, which has no shape
+        return
     shape = tuple(np.frombuffer(next(elements)[1], f"{order}i4").tolist())
     name, kind, count = bytes(next(elements)[1]).decode("latin-1"), flags & 0xFF, math.prod(shape)
     path = path or name
@@ -178,7 +180,7 @@ def _variable(data: memoryview, order: str, path: str, budget: WorkBudget, depth
         for start, (_, element) in zip(starts, elements, strict=False):
             name = names[start : start + width].split(b"\0")[0].decode("latin-1")
             yield from _variable(element, order, f"{path}.{name}", budget, depth + 1)
-    elif kind in _CLASSES and not flags >> 8 & _COMPLEX and count > 0:
+    elif path and kind in _CLASSES and not flags >> 8 & _COMPLEX and count > 0:
         stored, flat = next(elements)
         yield path, shape, lambda: np.frombuffer(flat, order + _TYPES[stored]).reshape(shape, order="F")
 

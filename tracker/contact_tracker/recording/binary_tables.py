@@ -399,7 +399,7 @@ def _of_arrays(path: str, reading: TableReading, budget: WorkBudget, kind: str) 
     beyond = beyond if left_out else ""
     try:
         if not names:
-            raise UnreadableRecording("it has no array of numbers with a row for each pose")
+            raise UnreadableRecording(_NO_ARRAY + _OBJECTS * (kind == "MATLAB"))
         first = np.array([values[:FIRST_ROWS] for values in columns]).T.astype(str).tolist()
         if list(arrays) == [""]:
             layout = layout_without_names(first, reading, path)
@@ -412,6 +412,10 @@ def _of_arrays(path: str, reading: TableReading, budget: WorkBudget, kind: str) 
             text += f"; not read: {listing}, which {'have' if entries[1:] else 'has'} {why}"
         raise type(error)(text) from error
     return ArrayTable(replace(layout, kind=kind, note="" if stated else beyond), columns)
+
+
+_NO_ARRAY: Final = "it has no array of numbers with a row for each pose"
+_OBJECTS: Final = "; tables, timetables and cells are not read: save table2struct(T, 'ToScalar', true)"
 
 
 def _rows_of(shapes: Sequence[tuple[int, ...]], widest: int) -> int:
@@ -428,6 +432,9 @@ def _rows_of(shapes: Sequence[tuple[int, ...]], widest: int) -> int:
 
 _BLOCK: Final = 512
 _INTEL: Final = 84
+_DEC: Final = 85
+"""Formats of numbers; those of DEC have the integers of a PC, but other fractions."""
+_NO_PC: Final = "its numbers are not those of a PC: write it for Intel"
 _VALUES: Final = 17
 _POSE: Final = 12
 """Number of values of a pose: the columns of the matrix and the position, without the last row."""
@@ -454,8 +461,8 @@ def _of_c3d(path: str, reading: TableReading, _: WorkBudget) -> ArrayTable:
             head = file.read(_BLOCK)
             file.seek((head[0] - 1) * _BLOCK)
             blocks = file.read(4)
-            if blocks[3] != _INTEL:
-                raise UnreadableRecording("its numbers are not those of a PC: write it for Intel")
+            if blocks[3] not in (_INTEL, _DEC):
+                raise UnreadableRecording(_NO_PC)
             parameters = _parameters(file.read(blocks[2] * _BLOCK))
         labels = [key for key in sorted(parameters) if key.startswith("ROTATION:LABELS")]
         names = [name for key in labels for name in parameters[key]]
@@ -465,6 +472,8 @@ def _of_c3d(path: str, reading: TableReading, _: WorkBudget) -> ArrayTable:
             listed = markers[:_MARKERS_SHOWN] + ["..."] * (len(markers) > _MARKERS_SHOWN)
             about = {"names": ", ".join(listed) or "none", "name": os.path.basename(path)}
             raise UnreadableRecording(_NO_BODIES.format(**about))
+        if blocks[3] == _DEC:
+            raise UnreadableRecording(_NO_PC)
         units = *parameters.get("ROTATION:UNITS", []), *parameters.get("POINT:UNITS", []), "mm"
         ratio = parameters.get("ROTATION:RATIO", [1])[0]
         own_rate = parameters.get("ROTATION:RATE")

@@ -367,6 +367,8 @@ FRAME: Final = re.compile(r"(?:.*[./ ])?(?:frame|frame_?(?:number|no|nr|index|id
 _CLOCKS: Final = frozenset({"", "unix", "utc", "epoch", "posix"})
 """Texts in brackets after a time that leave its unit open."""
 _BODY: Final = r"(.*?)[._/: -]*"
+_AFTER: Final = re.compile(r"([pqt]?[xyz]|qw)[._/: -]+(.+)")
+"""A role before the name of the body, as in ``qx_world_device``."""
 _MARK_RUN: Final = re.compile(r"([._/: -])[._/: -]+")
 _OF_ROTATION: Final = r"(?<![a-z])(?:(?:rotation|orientation|rot|ori)[._/: -]*)?"
 """Begins names such as ``rotation_euler_x``."""
@@ -382,7 +384,7 @@ _ROLES: Final[Sequence[tuple[re.Pattern[str], str]]] = tuple(
         ),
         (r"(?<![a-z])[pt]([xyz])", "{0}"),
         (
-            r"(?:(?<![a-z])(?:p|t|pos|position|trans|translation|tvec|loc|location|p_\w+)[._/: -]*)?"
+            r"(?:(?<![a-z])(?:p|t|pos|position|trans|translation|tvec|loc|location|[pt]_\w+)[._/: -]*)?"
             r"(?<![a-z])([xyz])",
             "{0}",
         ),
@@ -394,7 +396,7 @@ _ROLES: Final[Sequence[tuple[re.Pattern[str], str]]] = tuple(
             "r{0}",
         ),
         (r"(?<![a-z])(?:rot_?)?(?:angle|theta)", ANGLE),
-        (r"(?<![a-z])(?:r|rot|m|t)_?([123])_?([123])", "r{0}{1}"),
+        (r"(?<![a-z])(?:rot_?)?(?:r|rot|m|t)_?([123])_?([123])", "r{0}{1}"),
     )
 )
 """Patterns of column names in lower case, after the name of the body, and their roles; only one of the first
@@ -403,7 +405,7 @@ NUMBERED: Final = re.compile(r"(.*?)[\[_.]?(\d{1,4})\]?")
 BY_ROW: Final = re.compile(r"(.*?)[\[_.](\d{1,2})\]?[\[_.](\d{1,2})\]?")
 """Numbers of the elements of a list, and of the rows and columns of a matrix, as in ``T_0_3``."""
 _SLICE: Final = re.compile(r"(.*)\[(\d{1,4})(?::(\d{1,4}))?\]")
-_OF_BODY: Final = re.compile(r"(?:.*[._ ])?(?:id|name|body|object|tracker|device|child_frame_id)")
+_OF_BODY: Final = re.compile(r"(?:.*[._ ])?(?:u?id|name|body|object|tracker|device|child_frame_id)")
 """Names of columns of the names of bodies."""
 _GENERIC: Final = {"", "pose", "field", "transform", "data", "msg", "message", "state"}
 _MATRIX_SHAPES: Final = {9: (3, 3), 12: (3, 4), 16: (4, 4)}
@@ -481,9 +483,21 @@ class Columns:
             if place not in stated.values():
                 for body, role in _roles(name, reading.matrix == "columns"):
                     by_body.setdefault(body, {}).setdefault(role, place)
+        if not stated.keys() & {*POSE_ROLES} and not any(
+            {*POSITION} <= {*roles} for roles in by_body.values()
+        ):
+            for place, name in enumerate(self.plain):
+                if (match := _AFTER.fullmatch(name)) is not None:
+                    role = match[1] if match[1][0] == "q" else match[1][-1]
+                    by_body.setdefault(_body(match[2]), {}).setdefault(role, place)
         times = {role: stated.pop(role) for role in (TIME, REST) if role in stated}
         if stated:  # for the body without a name, or else the one with most columns
-            main = "" if "" in by_body or not by_body else max(by_body, key=lambda body: len(by_body[body]))
+            is_whole = {*POSITION} <= stated.keys() and len(stated) > len(POSITION)
+            main = (
+                ""
+                if "" in by_body or is_whole
+                else max(by_body, key=lambda body: len(by_body[body]), default="")
+            )
             by_body = {main: {**by_body.get(main, {}), **stated}}
         return {**by_body, TIME: times}
 
@@ -564,10 +578,13 @@ def layout(columns: Columns, reading: TableReading) -> TableLayout:
 def with_body(layout: TableLayout, columns: Columns, rows: Rows) -> TableLayout:
     """The layout with the column of the names of bodies, if the first rows are of several ones."""
     for place, name in enumerate(columns.plain if len(layout.bodies) == 1 else ()):
-        if _OF_BODY.fullmatch(name) and place not in layout.places:
+        is_nameless = name == f"{UNNAMED}{place}"
+        if (is_nameless or _OF_BODY.fullmatch(name)) and place not in layout.places:
             position, last = layout.bodies[0].columns[:3], max(place, *layout.places)
             first = [row for row in rows() if len(row) > last]
             names = [row[place].strip(BLANKS) for row in first]
+            if is_nameless and not np.isnan(numbers(names)).all():
+                continue
             times = [row[layout.time] if layout.time >= 0 else str(i) for i, row in enumerate(first)]
             positions = np.array([numbers([row[i] for i in position]) for row in first]).reshape(-1, 3)
             if _are_bodies(names, times, positions):
@@ -576,7 +593,7 @@ def with_body(layout: TableLayout, columns: Columns, rows: Rows) -> TableLayout:
 
 
 def _are_bodies(names: Sequence[str], times: Sequence[str], positions: Array) -> bool:
-    """Whether N names, which change at most rows and come back, are of bodies: rows of one time have
+    """Whether N names, which change at most rows and come back, are of bodies: rows of one time mostly have
     different ones, or positions (N, 3) of one name are nearer to each other than those of successive rows
     are, as they are not if rows are numbered, again and again."""
     pairs = [*pairwise(range(len(names)))]
@@ -584,7 +601,8 @@ def _are_bodies(names: Sequence[str], times: Sequence[str], positions: Array) ->
     if not 1 < len({*names}) <= len(changes) or 2 * len(changes) < len(names):
         return False
     at_one_time = [pair for pair in pairs if times[pair[0]] == times[pair[1]]]
-    if len(at_one_time) > 1 and {*changes}.issuperset(at_one_time):
+    count = len({*changes}.intersection(at_one_time))
+    if count > 1 and 8 * count >= 7 * len(at_one_time):  # an object may be found twice
         return True
     latest, of_one_name = dict[str, int](), list[tuple[int, int]]()
     for i, name in enumerate(names):
@@ -614,6 +632,12 @@ def _lacking(
         return UnreadableRecording(
             f"no column of times among {_listed(names)}: say which it is, as in --columns time=t, or, if "
             "none is, give the rate of the rows, as in --time-unit 200Hz"
+        )
+    if missing == [*QUATERNION] and {"w", *POSITION} <= {*columns.plain}:
+        x, y, z, w = (names[columns.plain.index(axis)] for axis in (*POSITION, "w"))
+        return UnreadableRecording(
+            f"its {w}, {x}, {y}, {z} look like a quaternion without a position: contacts need both; if both "
+            f"are there, say so, as in --columns x=a,y=b,z=c,qx={x},qy={y},qz={z},qw={w}"
         )
     angles = ", or --columns rx=a,ry=b,rz=c --euler xyz:deg" if missing == [*QUATERNION] and has_time else ""
     missing = missing if has_time else ["a time", *missing]

@@ -12,10 +12,11 @@ import numpy as np
 
 from contact_tracker.arrays import Array
 from contact_tracker.config.quantities import ANGLE_UNITS
-from contact_tracker.config.table_reading import REST, TIME, TableReading, reading_of
+from contact_tracker.config.table_reading import POSITION, REST, TIME, TableReading, reading_of
 from contact_tracker.errors import ChoiceError, UnreadableRecording
 from contact_tracker.motion.pose_validation import NORM_TOLERANCE
 from contact_tracker.recording.table_layouts import (
+    BLANKS,
     BY_ROW,
     CAN_BE_GIVEN,
     FRAME,
@@ -32,12 +33,13 @@ from contact_tracker.recording.table_layouts import (
     TableLayout,
     are_named_angles,
     are_no_radians,
+    are_numbers,
     in_unit,
     layout,
     numbers,
     with_body,
 )
-from contact_tracker.recording.table_times import unit_of_dates
+from contact_tracker.recording.table_times import stamp_of_date, unit_of_dates
 
 _LIKE_TIME: Final = re.compile(
     r".*(?:time|stamp|date|zeit|temps|tiempo|clock|ticks)|(?:.*[_ .])?(?:ts|epoch|utc)", re.IGNORECASE
@@ -45,8 +47,14 @@ _LIKE_TIME: Final = re.compile(
 """Names of columns that are probably times."""
 _PREFIX: Final = re.compile(r".+[._/: -]")
 """Prefix of the names of a system's columns, as ``rist_`` or ``tool.``."""
+_SUFFIX: Final = re.compile(r"[^._/: -]+([._/: -].+)")
+"""Suffix of the names of a system's columns, as ``_rist``."""
 _MOST_GROUPS: Final = 12
 """Largest number of groups of numbered columns that are tried, alone and in pairs."""
+_OF_JOINTS: Final = re.compile("position|velocity|effort")
+"""Groups of columns beside those of efforts, as in JointState."""
+_FEW_STEPS: Final = 2
+"""Number of steps in which columns of other things than a time also rise."""
 _A_RATE: Final = "100Hz"
 _ORDERS: Final = "Orders are those of scipy: xyz about fixed axes, XYZ about the body's; deg or rad"
 _NANOSECONDS: Final = 10
@@ -67,11 +75,13 @@ KNOWN: Final[Sequence[tuple[str, tuple[str, ...], TableReading]]] = (
     ("libfranka", ("o_t_ee[0]", "o_t_ee[15]"), reading_of("matrix=O_T_EE", matrix="columns")),
     ("libfranka", ("o_t_ee_0", "o_t_ee_15"), reading_of("matrix=O_T_EE", matrix="columns")),
     ("Qualisys", ("x", "rot[0]", "rot[8]"), reading_of("matrix=Rot", matrix="columns", unit="mm")),
+    ("PX4", ("timestamp_sample", "position[2]", "q[3]"), reading_of("position=position,wxyz=q")),
+    ("PX4", ("timestamp_sample", "x", "q[3]"), reading_of("wxyz=q")),
     ("NDI", ("tx", "q0", "qx"), reading_of(unit="mm")),
     ("NDI", ("frame", "state", "tx", "rz"), reading_of(unit="mm", euler="xyz:deg")),
     ("BOP", ("frame", *_BOP), reading_of(_BOP_POSE, matrix="rows", unit="mm")),
     (
-        "BOP, at 30 frames a second,",
+        "BOP, at 30 frames a second",
         ("im_id", "r[8]", "t[2]"),
         reading_of("time=im_id,position=t,matrix=R", matrix="rows", unit="mm", time_unit="30Hz"),
     ),
@@ -132,7 +142,8 @@ def layout_without_names(rows: Sequence[Sequence[str]], reading: TableReading, p
         return layout_of_names(names, reading, path, rows=lambda: rows)
     fault = f"its {len(names)} columns have no names"
     if (text := _Proposal(Columns(names), reading, path, lambda: rows).text()) is not None:
-        raise ProposedReading(f"{fault}: {text.replace('its columns are', 'they are', 1)}")
+        text = text.replace("its columns are", "they are", 1).replace("its rotations", "if its rotations", 1)
+        raise ProposedReading(f"{fault}: {text}")
     how = f"say which they are, by number from 0 on, as in --columns time={UNNAMED}0,x={UNNAMED}1"
     raise UnreadableRecording(f"{fault}: {how}")
 
@@ -143,7 +154,7 @@ def _clock(values: Array, taken: Collection[int]) -> tuple[int | None, bool]:
     frames = None
     for place in range(values.shape[1]):
         steps = np.diff(values[np.isfinite(values[:, place]), place])
-        if place not in taken and steps.any() and (steps >= 0.0).all():
+        if place not in taken and steps[_FEW_STEPS:].size and steps.any() and (steps >= 0.0).all():
             if not (steps == 1.0).all():
                 return place, False
             frames = place if frames is None else frames
@@ -246,6 +257,24 @@ class _Proposal:
         rows = (row for row in self._rows() if len(row) > max(places, default=0))
         return np.array([numbers([row[i] for i in places]) for row in rows]).reshape(-1, len(places))
 
+    def _cells(self, place: int) -> list[str]:
+        """The cells of the first rows in a column, without blank ones."""
+        return [row[place] for row in self._rows() if len(row) > place and row[place].strip(BLANKS)]
+
+    def _dates(self) -> list[str]:
+        """The name of the first column of dates or times of a day, if there is one."""
+        columns = ((name, self._cells(place)) for place, name in enumerate(self._columns.names))
+        return [name for name, cells in columns if cells and stamp_of_date(cells[0]) is not None][:1]
+
+    def _group(self, base: str) -> dict[int, int]:
+        """Indices of a group of numbered columns by their number, without those of text at its ends."""
+        group = self._columns.numbered(base)
+        cells = {number: self._cells(place) for number, place in group.items()}
+        kept = [
+            number for number in group if not cells[number] or any(are_numbers([c]) for c in cells[number])
+        ]
+        return {number: place for number, place in group.items() if kept and kept[0] <= number <= kept[-1]}
+
     def commands(self, readings: Sequence[TableReading], is_square: bool = False) -> str:
         """The commands of readings, and alternatives: for a group of four values, with the real part first;
         for a matrix that ``is_square``, along columns. Then what the user has to replace in them."""
@@ -265,8 +294,9 @@ class _Proposal:
                 along_columns = replace(reading, matrix="columns").command(self._path)
                 text += f" or, if it goes along columns, {along_columns}"
             elif (group := columns.pop("quaternion", None)) is not None:
-                real_first = replace(reading, columns=(*columns.items(), ("wxyz", group)))
-                text += f" or, with the real part first, {real_first.command(self._path)}"
+                real_first = replace(reading, columns=(*columns.items(), ("wxyz", group))).command(self._path)
+                is_named = "wxyz" in group.lower()
+                text = real_first if is_named else f"{text} or, with the real part first, {real_first}"
             texts.append(text)
         orders = f". {_ORDERS}" if any(reading.euler for reading in readings) else ""
         return f"{' or '.join(texts)}{', with ' * bool(about)}{' and '.join(about)}{orders}"
@@ -288,19 +318,25 @@ class _Proposal:
         columns = self._columns
         lower = {*map(str.lower, columns.names), *columns.plain}
         prefixed = islice(filter(None, map(_PREFIX.match, sorted(lower))), _MOST_GROUPS)
-        prefixes = "", *dict.fromkeys(match[0] for match in prefixed)
+        prefixes = dict.fromkeys(match[0] for match in prefixed)
+        suffixed = islice(filter(None, map(_SUFFIX.fullmatch, map(str.lower, columns.names))), _MOST_GROUPS)
+        suffixes = dict.fromkeys(match[1] for match in suffixed)
+        affixes = ("", ""), *((prefix, "") for prefix in prefixes), *(("", suffix) for suffix in suffixes)
         written = {name.lower(): name for name in reversed(columns.names)}
-        for (system, names, meaning), prefix in product(KNOWN, prefixes):
-            if lower.issuperset(prefix + name for name in names):
-                roles = ((role, prefix + name) for role, name in meaning.columns)
+        for (system, names, meaning), (prefix, suffix) in product(KNOWN, affixes):
+            if lower.issuperset(prefix + name + suffix for name in names):
+                place = tuple(zip(POSITION, POSITION, strict=True)) if suffix and names[0] == "x" else ()
+                roles = ((role, prefix + name + suffix) for role, name in (*place, *meaning.columns))
                 spelled = tuple((role, written.get(name.lower(), name)) for role, name in roles)
                 candidate = replace(meaning, columns=spelled).with_(self._reading)
                 yield f"if its columns are those of {system},", candidate, False
         yield f"{self._about_time}:", self._reading, False
         matches = [pattern.fullmatch(name) for name in columns.names for pattern in (NUMBERED, BY_ROW)]
         bases = dict.fromkeys(match[1] for match in matches if match is not None and CAN_BE_GIVEN(match[1]))
+        of_joints = {_OF_JOINTS.sub("", base) for base in bases if "effort" in base}
+        bases = {base: None for base in bases if _OF_JOINTS.sub("", base) not in of_joints}
         bases = {base: None for base in bases if base not in columns.names}  # a name that occurs twice
-        counted = ((base, len(columns.numbered(base))) for base in islice(bases, _MOST_GROUPS))
+        counted = ((base, len(self._group(base))) for base in islice(bases, _MOST_GROUPS))
         parts = [(base, size) for base, size in counted if size in _SIZES or size > len(POSE_ROLES)]
         pairs = (
             [a, b]
@@ -314,13 +350,15 @@ class _Proposal:
                 meaning = reading_of({"rotation": base}) if is_turn else self._meant(base)
                 has_time = any(role == TIME for role, _ in meaning.columns)
                 candidate = meaning.with_(self._stated if has_time else candidate)
-            is_square = candidate.matrix is not None and 9 in [size for _, size in groups]
+            is_square = candidate.matrix is not None and 9 in [
+                len(columns.places(name, True)) for role, name in candidate.columns if role == "matrix"
+            ]
             yield "if its columns are meant so,", candidate, is_square
 
     def _meant(self, base: str) -> TableReading:
         """The reading of numbered columns by their first values: of a matrix, or of a position with a unit
         quaternion, as in KITTI and TUM, and of the time beside them; else by their number."""
-        group = self._columns.numbered(base)
+        group, whole = self._group(base), len(self._columns.numbered(base))
         values, count, first = self._values(list(group.values())), len(group), min(group)
 
         def meaning(begin: int, how: Mapping[str, Any], **sizes: int) -> TableReading:
@@ -328,13 +366,15 @@ class _Proposal:
             columns, at = dict[str, str](), begin
             for role, size in sizes.items():
                 start, at = first + at, at + size
-                columns[role] = base if size == count else f"{base}[{start}:{start + size}]"
-            if not self._lacks_time or count == at - begin:
+                columns[role] = base if size == whole else f"{base}[{start}:{start + size}]"
+            if not self._lacks_time or whole == at - begin:
                 return reading_of(columns, **how)
             clock, is_frame = _clock(values, range(begin, at))
             clock = begin - 1 if len(values) == 1 and begin else clock
             times = [] if clock is None else [self._columns.names[list(group.values())[clock]]]
             texts = self._rows()[0][: begin and 2]
+            if not times and base == UNNAMED:
+                times, is_frame = self._dates(), False
             if "".join(texts).isdigit() and len(texts[0]) == _NANOSECONDS > len(texts[1]):
                 times, is_frame = [f"{UNNAMED}0", f"{UNNAMED}1"], False
             how = {**how, "time_unit": _A_RATE} if is_frame and times and len(values) > 1 else how
@@ -344,6 +384,9 @@ class _Proposal:
             for begin in range(count - size + 1):
                 if (order := _order_of_matrices(values[:, begin : begin + size])) is not None:
                     return meaning(begin, {"matrix": order}, matrix=size)
+        for begin in range(3, count - 8):
+            if _order_of_matrices(values[:, begin : begin + 9]) is not None:
+                return meaning(begin - 3, {"matrix": "rows"}, position=3, matrix=9)
         begin_of_pose = _begin_of_pose(values) if count >= len(POSE_ROLES) else None
         if begin_of_pose is not None or (count == len(POSE_ROLES) and not len(_present(values))):
             return meaning(begin_of_pose or 0, {}, position=3, quaternion=4)

@@ -62,7 +62,11 @@ def unit_of(times: NDArray[np.float64]) -> tuple[str, str | None]:
     step = _median_step(times)
     by_date = _first_within(_DATE_S, float(times[0]) if len(times) else None)
     if by_date is not None and (step is None or step * TIMES_NS[by_date] <= _LONGEST_STEP_S * 1e9):
-        return by_date, None
+        step_s, likely = (step or 0.0) * TIMES_NS[by_date] * 1e-9, _first_within(_STEP_S, step)
+        return by_date, None if likely != "ns" or step_s <= _SECONDS else (
+            f"its times, taken as {TIME_WORDS[by_date]} since 1970, are of a pose every {step_s:.3g} s: if "
+            f"they are {TIME_WORDS[likely]} since another time, give --time-unit {likely}"
+        )
     by_step = _first_within(_STEP_S, step)
     if step is None or by_step == "s":
         return "s", None

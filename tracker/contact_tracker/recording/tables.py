@@ -86,10 +86,12 @@ _OTHERS: Final = {
     "pyarrow.feather.read_table({name!r}), 'a.feather') makes a file that is read",
     b"\x04\x22\x4d\x18": "it is compressed: lz4 -dc {quoted} > {unpacked} makes a file that is read",
     b"\x1f\x8b": "it is compressed: gunzip -c {quoted} > {unpacked} makes a file that is read",
+    rb"\s*<(?i:\?xml|!doctype|html|\w+>)": "it is XML or HTML, not a table of poses: " + _ARRAYS,
     b"PK\x03\x04": "it is compressed: unzip {quoted} first",
     b"BZh": "it is compressed: bunzip2 -c {quoted} > {unpacked} makes a file that is read",
-    b"\x80\x04\x95": _PICKLE,
-    b"\x80\x05\x95": _PICKLE,
+    b"\x80[\2-\5]": _PICKLE,
+    b"ULog": "it is ULog of PX4: ulog2csv {quoted}, of pyulog, writes CSV, of which that of vehicle_odometry "
+    "has poses",
     b"RRF": "it is a recording of rerun, which is not read: give the file from which it was made; " + _ARRAYS,
     b"# Image list with": "it is COLMAP's images.txt, which has the world in the frames of cameras, without "
     "times: image.cam_from_world().inverse() of pycolmap.Reconstruction('FOLDER').images are poses; "
@@ -111,6 +113,7 @@ def refuse_other_formats(path: str, begin: bytes) -> None:
     """Raise UnreadableRecording if a file that is no table begins like another known format, or is named as a
     table."""
     text = next((text for magic, text in _OTHERS.items() if re.match(magic, begin)), None)
+    text = _PICKLE if path.lower().endswith((".pt", ".pth")) else text
     text = _EXCEL if path.lower().endswith((".xlsx", ".ods")) else text
     if text is not None:
         name = os.path.basename(path)

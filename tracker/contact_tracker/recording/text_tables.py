@@ -18,6 +18,8 @@ from functools import partial
 from itertools import chain, islice, pairwise, repeat, takewhile
 from typing import IO, Any, Final
 
+import numpy as np
+
 from contact_tracker.config.quantities import ANGLE_UNITS, LENGTHS, LENGTHS_M, NAMED_NS
 from contact_tracker.config.table_reading import TableReading, reading_of
 from contact_tracker.errors import ChoiceError, UnreadableRecording
@@ -95,7 +97,12 @@ _GROUP: Final = re.compile(r"(?:(?<=^)|(?<=[,;\t|])) *([(\[{][^()\[\]{}]*[)\]}])
 _BETWEEN: Final = re.compile(r"\s*;\s*|,\s+|\s+")
 _BEGIN_DOCUMENT: Final = re.compile(r"\s*(?:\{|\[\s*(?:$|[\[{]))")
 _QUALISYS: Final = "NO_OF_FRAMES"
-_MATRICES: Final = reading_of("matrix=Rot", matrix="columns", unit="mm")
+_OF_MATRIX: Final = re.compile(r"Rot\[([0-8])\]")
+_MARKERS_SHOWN: Final = 5
+_NUMBER: Final = re.compile(
+    r"(?:^|(?<=[\s,;|(\[:=]))[+-]?\d+(?:[.,]\d*)?(?:[eEdD][+-]?\d+)?(?=[\s,;|)\]}]|$)"
+)
+_QUALISYS_WAY: Final = reading_of(matrix="rows", unit="mm")
 """How Qualisys writes the columns of a body."""
 _loads: Final = partial(json.loads, parse_float=str, parse_int=str, parse_constant=str)
 """JSON, with numbers and NaN as text."""
@@ -457,6 +464,26 @@ def _vicon_layout(lines: Sequence[str], reading: TableReading, path: str) -> Tab
     return TableLayout(0, frame_ns, bodies, "Vicon", separator, begin + 5, has_own_unit=True)
 
 
+def _qualisys_layout(lines: Sequence[str], reading: TableReading, path: str) -> TableLayout:
+    """The layout of an export of Qualisys, in which the columns of each body have the same names."""
+    about = {row[0]: row[1:] for row in _table_of(lines, "\t")}
+    if "BODY_NAMES" not in about and "MARKER_NAMES" in about:
+        markers = ", ".join(about["MARKER_NAMES"][:_MARKERS_SHOWN])
+        raise UnreadableRecording(f"it has markers ({markers}, ...), not bodies: export 6D data from QTM")
+    if reading.columns:
+        return _layout_of_rows(lines, reading, path)
+    head = next((i for i, line in enumerate(lines) if "Rot[0]" in line), 0)
+    bodies, body, named = map("_".join, map(str.split, about.get("BODY_NAMES", []))), "", list[str]()
+    for cell in _table_of([lines[head]], "\t")[0]:
+        word = "".join(cell.split()[-1:])
+        body = next(bodies, "") if word == "X" else body
+        if (number := _OF_MATRIX.fullmatch(word)) is not None:  # along columns
+            word = f"r{int(number[1]) % 3 + 1}{int(number[1]) // 3 + 1}"
+        named.append(f"{body} {word}".strip())
+    renamed = [*lines[:head], "\t".join(named) + "\n", *lines[head + 1 :]]
+    return _layout_of_rows(renamed, reading, path, _QUALISYS_WAY)
+
+
 def _short(name: str) -> str:
     """An object's name, without its segment's if that is the same."""
     plain = _ABOUT.sub("", name, count=1)
@@ -515,6 +542,9 @@ def _layout_of_rows(
         after = [row for row in rows if row > i]
         following = [lines[row] for row in after]
         separator = stated[1] if stated else _separator(following[0] if i in comments else lines[i])
+        if not stated and following and separator and separator not in following[0]:  # in a name
+            of_values = _separator(following[0])
+            separator = of_values if of_values and of_values in lines[i] else separator
         line = lines[i].lstrip("#%/; ") if i in comments else lines[i]
         names = [name.strip(BLANKS) for name in _cells_of(line, separator)]
         if i in comments and len(names) != len(_cells_of(following[0], separator)):
@@ -550,11 +580,13 @@ def _layout_of_rows(
             raise UnreadableRecording("it has a header but no rows")
         return layout
     if errors and max(errors)[1] >= 0:
+        if not max(errors)[0] and not any(map(_may_be_row, lines)):
+            raise UnreadableRecording("it is text without rows of numbers, not a table of poses")
         raise errors[max(errors)]
     separator = _separator(lines[rows[0]])
     table = [[value.strip(BLANKS) for value in _cells_of(lines[i], separator)] for i in rows]
     values = table[0]
-    if len(values) in (3, 4) and len(rows) > 3 and not errors:
+    if len(values) in (3, 4) and len(rows) > 3 and not errors and _is_rotation(table[:3]):
         shape = f"-1, {4 if numbers(table[3])[-1:] == 1.0 else 3}, {len(values)}"
         raise UnreadableRecording(
             f"a pose is in several lines: numpy.save('poses.npy', numpy.loadtxt({os.path.basename(path)!r})"
@@ -568,6 +600,17 @@ def _layout_of_rows(
         return replace(layout_without_names(table, reading, path), separator=separator, skip=rows[0])
     except UnreadableRecording as error:
         raise next(iter(errors.values()), error) from None
+
+
+def _may_be_row(line: str) -> bool:
+    """Whether a line of text has mostly numbers, or as many as a pose."""
+    return _are_values(_cells_of(line, _separator(line))) or len(_NUMBER.findall(line)) >= _LEAST_OF_POSE
+
+
+def _is_rotation(rows: Sequence[Sequence[str]]) -> bool:
+    """Whether the first three values of three rows are a rotation matrix, possibly rounded."""
+    matrix = np.array([numbers(row[:3]) for row in rows])
+    return matrix.shape == (3, 3) and bool(np.allclose(matrix @ matrix.T, np.eye(3), rtol=0, atol=0.01))
 
 
 def _names_in_groups(names: Sequence[str], rows: Sequence[str], separator: str | None) -> list[str]:
@@ -616,6 +659,6 @@ _FORMATS: Final[Sequence[tuple[Callable[[str], bool], _Layout]]] = (
     (lambda line: line.lstrip('\ufeff"').lower().startswith("format version"), _motive_layout),
     (lambda line: line.strip(f",;{BLANKS}").lower() in (*_SECTIONS, *_OTHER_SECTIONS), _vicon_layout),
     (lambda line: line.lstrip().startswith("{") or _has_names(line), _json_layout),
-    (lambda line: line.startswith(_QUALISYS), partial(_layout_of_rows, usual=_MATRICES)),
+    (lambda line: line.startswith(_QUALISYS), _qualisys_layout),
 )
 """Known formats: a test of the first line, and the layout; other files have rows with or without names."""

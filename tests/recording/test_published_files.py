@@ -1,0 +1,372 @@
+"""Files as people publish them: headers as in public repositories, with the poses of the tests."""
+
+import json
+import re
+import shlex
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from contact_tracker.cli.main import build_parser
+from contact_tracker.errors import NoTruth, UnreadableRecording
+from contact_tracker.motion.poses import Poses
+from contact_tracker.recording import list_sources, open_log
+from contact_tracker.recording.annotations import read_labels
+from contact_tracker.recording.table_times import unit_of
+from pose_tables import (
+    MATRICES,
+    P_MM,
+    POSE,
+    REAL_FIRST,
+    SINCE_NS,
+    TURN,
+    P,
+    Q,
+    T,
+    assert_read,
+    commands,
+    proposed,
+    rows,
+    write,
+)
+
+COUNT = len(T)
+NS = list(map(str, SINCE_NS.tolist()))
+US = [repr(ns / 1e3) for ns in SINCE_NS.tolist()]
+TWO_BODIES = Path(__file__).with_name("two_bodies.c3d")
+ZEROS = np.zeros((COUNT, 6))
+KUKA = TURN.as_euler("ZYX", degrees=True)
+NINE = "R11,R12,R13,R21,R22,R23,R31,R32,R33"
+
+
+def named(prefix: str, names: str) -> str:
+    return ",".join(prefix + name for name in names.split(","))
+
+
+def test_frames_of_a_transform_in_the_names(tmp_path: Path) -> None:
+    """As in data sets of Project Aria: translation and quaternion of the object in the world, by object."""
+    head = "object_uid,timestamp[ns],t_wo_x[m],t_wo_y[m],t_wo_z[m],q_wo_w,q_wo_x,q_wo_y,q_wo_z"
+    cup = rows(["2233"] * COUNT, NS, P, REAL_FIRST)
+    tray = rows(["3778"] * COUNT, NS, P + 1.0, REAL_FIRST)
+    assert_read(write(tmp_path / "one.csv", [head], cup))
+    both = write(tmp_path / "a.csv", [head], [row for pair in zip(cup, tray, strict=True) for row in pair])
+    assert sorted(source.child_frame_id for source in list_sources(str(both))) == ["2233", "3778"]
+    assert_read(both, frame="2233")
+
+
+def test_frames_after_the_names_of_the_parts(tmp_path: Path) -> None:
+    """As trajectories of Project Aria, which have poses in several frames, and other vectors."""
+    parts = "tx,ty,tz,qx,qy,qz,qw"
+    of_world, of_earth = (
+        ",".join(f"{part}_{frame}_device" for part in parts.split(",")) for frame in ("world", "ecef")
+    )
+    velocity = "device_linear_velocity_x_device,angular_velocity_x_device,gravity_x_world,quality_score"
+    head = f"graph_uid,tracking_timestamp_us,utc_timestamp_ns,{of_world},{velocity}"
+    lines = rows(["f27"] * COUNT, US, ["-1"] * COUNT, POSE, ZEROS[:, :4])
+    path = write(tmp_path / "closed_loop.csv", [head], lines)
+    assert proposed(path) == ["--columns", "time=tracking_timestamp_us"]
+    assert_read(path, *proposed(path))
+    path = write(
+        tmp_path / "geo.csv",
+        [f"{head},{of_earth}"],
+        [a + b for a, b in zip(lines, rows(POSE + 1.0), strict=True)],
+    )
+    assert_read(path, "--columns", "time=tracking_timestamp_us", frame="world_device")
+
+
+def test_deviations_beside_a_pose_are_no_body(tmp_path: Path) -> None:
+    head = "t,x,y,z,qx,qy,qz,qw,x_std,y_std,z_std,qx_std,qy_std,qz_std,qw_std"
+    path = write(tmp_path / "a.csv", [head], rows(T, POSE, POSE))
+    assert len(list_sources(str(path))) == 1
+    assert_read(path)
+
+
+def test_matrices_of_surgical_robots(tmp_path: Path) -> None:
+    """Positions and matrices of several arms, without a time, as published tables of JIGSAWS name them."""
+    arms = "MASTER_LEFT_", "SLAVE_LEFT_"
+    head = ",".join(
+        named(
+            arm,
+            f"POS_X,POS_Y,POS_Z,{named('ROT_', NINE)},LIN_VEL_X,LIN_VEL_Y,LIN_VEL_Z,"
+            "ROT_VEL_X,ROT_VEL_Y,ROT_VEL_Z",
+        )
+        for arm in arms
+    )
+    path = write(tmp_path / "a.csv", [head], rows(P + 1.0, MATRICES, ZEROS, P, MATRICES, ZEROS))
+    assert proposed(path) == ["--time-unit", "100Hz", "--matrix", "rows"]
+    assert_read(path, "--time-unit", "200Hz", "--matrix", "rows", frame="slave_left")
+
+
+def test_actual_and_commanded_poses_of_kuka(tmp_path: Path) -> None:
+    """As RSI names them, beside corrections that are constant."""
+    head = ",".join(["Time", *(f"{part}_{kind}" for kind in ("RIst", "RSol") for part in "XYZABC")])
+    head += "," + ",".join(f"C1{i}" for i in range(1, 11))
+    idle = np.tile([0, 0, 0, 0, 0, 0, 0, 0, 1.0, 0], (COUNT, 1))
+    path = write(tmp_path / "a.csv", [head], rows(T, P_MM, KUKA, P_MM + 5.0, KUKA, idle))
+    assert "if its columns are those of KUKA, read them by" in refusal(path)
+    assert_read(path, *proposed(path))
+
+
+def refusal(path: Path) -> str:
+    with pytest.raises(UnreadableRecording) as raised:
+        open_log(str(path), table=build_parser().parse_args(["segment", str(path)]).table)
+    return str(raised.value)
+
+
+def test_joints_are_not_proposed_as_poses(tmp_path: Path) -> None:
+    """Of JointState as rostopic echo -p writes it; names are text, and the others are of joints."""
+    kinds = ("name", "position", "velocity", "effort")
+    head = "%time,field.header.seq," + ",".join(f"field.{kind}{i}" for kind in kinds for i in range(6))
+    names = [[f"joint_{i}" for i in range(6)]] * COUNT
+    lines = [
+        a + b + c
+        for a, b, c in zip(
+            rows(NS, np.arange(COUNT)), names, rows(ZEROS + POSE[:, :6], ZEROS, ZEROS), strict=True
+        )
+    ]
+    text = refusal(write(tmp_path / "joints.csv", [head], lines))
+    assert "no columns of a pose among" in text
+    assert "read them by" not in text
+
+
+def test_poses_beside_joints_are_those_of_kuka(tmp_path: Path) -> None:
+    """A few hand poses in JSON: no time is guessed of three rows, and joints are no pose."""
+    entries = [
+        {"joints": dict(zip([f"A{i}" for i in range(7)], np.arange(7.0) + i, strict=True)), "pose": pose}
+        for i, pose in enumerate(
+            dict(zip("xyzABC", [*p, *a], strict=True))
+            for p, a in zip(P_MM[:3].tolist(), np.sort(KUKA[:3], axis=0).tolist(), strict=True)
+        )
+    ]
+    path = tmp_path / "poses.json"
+    path.write_text(json.dumps(entries))
+    words = proposed(path)
+    assert words == [
+        "--unit",
+        "mm",
+        "--time-unit",
+        "100Hz",
+        "--euler",
+        "ZYX:deg",
+        "--columns",
+        "rz=pose.A,ry=pose.B,rx=pose.C",
+    ]
+    table = build_parser().parse_args(["segment", str(path), *words]).table
+    np.testing.assert_allclose(Poses.collect(open_log(str(path), table=table)).position_m, P[:3], atol=1e-12)
+
+
+def test_names_of_devices_and_dates_before_unnamed_values(tmp_path: Path) -> None:
+    """As scripts of Lighthouse write them: device, time, position, and the matrix by rows."""
+    since = [f"2024-02-16 17:26:{30 + ns / 1e9:.9f}" for ns in SINCE_NS.tolist()]
+    tracker, other = (
+        rows([name] * COUNT, since, place, MATRICES)
+        for name, place in (("tracker_1", P), ("tracker_2", P + 1.0))
+    )
+    path = write(tmp_path / "a.csv", [], [row for pair in zip(tracker, other, strict=True) for row in pair])
+    words = proposed(path)
+    assert words == ["--matrix", "rows", "--columns", "time=c1,position=c[2:5],matrix=c[5:14]"]
+    assert_read(path, *words, frame="tracker_1")
+
+
+def test_a_name_before_unnamed_angles(tmp_path: Path) -> None:
+    path = write(
+        tmp_path / "a.csv", [], rows([f"v{i}" for i in range(COUNT)], P, TURN.as_euler("xyz", degrees=True))
+    )
+    words = [word.replace("100Hz", "200Hz") for word in proposed(path)]
+    assert "its 7 columns have no names: if its rotations are c4, c5, c6, three angles: read" in refusal(path)
+    assert words == [
+        "--time-unit",
+        "200Hz",
+        "--euler",
+        "xyz:deg",
+        "--columns",
+        "position=c[1:4],rotation=c[4:7]",
+    ]
+    assert_read(path, *words)
+
+
+def test_a_name_says_that_the_real_part_is_first(tmp_path: Path) -> None:
+    path = tmp_path / "hands.jsonl"
+    lines = [
+        json.dumps({"timestamp_ns": ns, "wrist": {"q_wxyz": q, "t_xyz": p}})
+        for ns, q, p in zip(SINCE_NS.tolist(), REAL_FIRST.tolist(), P.tolist(), strict=True)
+    ]
+    path.write_text("\n".join(lines) + "\n")
+    assert len(commands(path)) == 1
+    assert_read(path, *proposed(path))
+
+
+def test_the_proposal_for_results_of_bop_has_one_comma(tmp_path: Path) -> None:
+    cells = [[" ".join(map(repr, row)) for row in v.reshape(COUNT, -1).tolist()] for v in (MATRICES, P_MM)]
+    lines = rows(["59"] * COUNT, [str(i) for i in range(COUNT)], ["18"] * COUNT, *cells, ["0.1"] * COUNT)
+    path = write(tmp_path / "a.csv", ["scene_id,im_id,obj_id,R,t,time"], lines)
+    assert "if its columns are those of BOP, at 30 frames a second, read them by" in refusal(path)
+
+
+def test_objects_that_are_found_twice_in_some_images_are_bodies(tmp_path: Path) -> None:
+    """As in results of BOP, which have several estimates; each image has most objects once."""
+    columns = "scene_id,im_id,obj_id,x [mm],y [mm],z [mm],qx,qy,qz,qw"
+    lines, rng = list[list[str]](), np.random.default_rng(1)
+    for i, (place, quat) in enumerate(zip(rows(P_MM), rows(Q), strict=True)):
+        for body in ["5", "7", "18", *(["18"] if i % 5 == 1 else [])]:
+            elsewhere = list(map(str, rng.uniform(-9e3, 9e3, 3).tolist()))
+            lines.append(["59", str(i), body, *(place if body == "5" else elsewhere), *quat])
+    path = write(tmp_path / "a.csv", [columns], lines)
+    assert_read(path, "--time-unit", "200Hz", "--columns", "time=im_id", frame="5")
+
+
+ABOVE = "NO_OF_FRAMES\t120\nNO_OF_CAMERAS\t10\n{}\nFREQUENCY\t200\nDESCRIPTION\t--\nTIME_STAMP\t2024-05-14\n"
+NAMES_6D = "X\tY\tZ\tRoll\tPitch\tYaw\tResidual\t" + "\t".join(f"Rot[{i}]" for i in range(9))
+
+
+@pytest.mark.parametrize("is_prefixed", [False, True])
+def test_bodies_of_qualisys(tmp_path: Path, is_prefixed: bool) -> None:
+    """Several bodies have columns of the same names; newer versions write the body before each name."""
+    heads = [
+        "\t".join(f"{body} {name}" for name in NAMES_6D.split("\t")) if is_prefixed else NAMES_6D
+        for body in ("Wand", "Big Cup")
+    ]
+    above = ABOVE.format("NO_OF_BODIES\t2") + "DATA_INCLUDED\t6D\nBODY_NAMES\tWand\tBig Cup"
+    body = MATRICES.transpose(0, 2, 1)
+    lines = rows(np.arange(COUNT), T, P_MM + 9.0, ZEROS[:, :4], body, P_MM, ZEROS[:, :4], body)
+    path = write(tmp_path / "take_6d.tsv", [above, "\t".join(["Frame", "Time", *heads])], lines, "\t")
+    assert len(list_sources(str(path))) == 2
+    assert_read(path, frame="big_cup")
+
+
+def test_markers_of_qualisys_are_refused_as_such(tmp_path: Path) -> None:
+    above = (
+        ABOVE.format("NO_OF_MARKERS\t2")
+        + "DATA_INCLUDED\t3D\nMARKER_NAMES\tra\tlk\nTRAJECTORY_TYPES\tMeasured\tMeasured"
+    )
+    head = "\t".join(["Frame", "Time", *(f"{name} {axis}" for name in ("ra", "lk") for axis in "XYZ")])
+    path = write(tmp_path / "a.tsv", [above, head], rows(np.arange(COUNT), T, P_MM, P_MM), "\t")
+    assert re.search(r"it has markers \(ra, lk.*\), not bodies: export 6D data", refusal(path))
+
+
+def test_positions_alone_are_no_matrices(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.txt", [], rows(P), " ")
+    assert "its 3 columns have no names" in refusal(path)
+
+
+def test_a_mark_in_a_name_separates_nothing(tmp_path: Path) -> None:
+    """As where angles have several names."""
+    head = "time,Roll | Phi | X (deg),Pitch | Theta | Y (deg),Yaw | Psi | Z (deg),px,py,pz"
+    path = write(tmp_path / "a.csv", [head], rows(T, TURN.as_euler("xyz", degrees=True), P))
+    names = [part.strip() for part in head.split(",")[1:4]]
+    columns = ",".join(f"{role}={name}" for role, name in zip(("rx", "ry", "rz"), names, strict=True))
+    assert_read(path, "--euler", "xyz:deg", "--columns", columns)
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("readme.txt", "Author: somebody\n\nThis data set has 330 trajectories of a cup.\nIt is public.\n"),
+        ("app.log", "06/08/2021 08:47:36 AM INFO:Starting application\n06/08/2021 09:02:23 AM INFO:done\n"),
+        (
+            "posts.csv",
+            "MsgID,Timestamp,Author,Body\n'i4f','2022-04-12 05:57:29','me','It is 1 of 2, I say'\n",
+        ),
+    ],
+)
+def test_text_is_called_text(tmp_path: Path, name: str, text: str) -> None:
+    (tmp_path / name).write_text(text * 3)
+    assert "it is text without rows of numbers, not a table of poses" in refusal(tmp_path / name)
+
+
+def test_models_of_torch_are_pickles(tmp_path: Path) -> None:
+    old, new = tmp_path / "0.pt", tmp_path / "1.pt"
+    old.write_bytes(b"\x80\x02\x8a\nl\xfc\x9cF\xf9 j\xa8P\x19.")
+    with zipfile.ZipFile(new, "w") as archive:
+        archive.writestr("archive/data.pkl", b"\x80\x02}q\x00.")
+    for path in (old, new):
+        assert "it is a pickle, which runs code" in refusal(path)
+
+
+def test_orientations_alone_are_no_positions(tmp_path: Path) -> None:
+    """As inertial sensors write them; with a position the example says how it is read."""
+    path = write(tmp_path / "imu.csv", ["Time (s),W,X,Y,Z"], rows(T, REAL_FIRST))
+    assert "its W, X, Y, Z look like a quaternion without a position" in refusal(path)
+    path = write(tmp_path / "a.csv", ["Time (s),W,X,Y,Z,east,north,up"], rows(T, REAL_FIRST, P))
+    columns = re.search(r"--columns (\S+)", refusal(path))
+    assert columns is not None
+    assert_read(path, "--columns", columns[1].replace("x=a,y=b,z=c", "x=east,y=north,z=up"))
+
+
+def test_logs_of_px4(tmp_path: Path) -> None:
+    """The log itself, and vehicle_odometry of it, now and of older versions; w is first."""
+    (tmp_path / "log.ulg").write_bytes(b"ULog\x01\x12\x35\x01" + bytes(99))
+    assert "it is ULog of PX4: ulog2csv log.ulg" in refusal(tmp_path / "log.ulg")
+    for place in ("position[0],position[1],position[2]", "x,y,z"):
+        head = f"timestamp,timestamp_sample,{place},q[0],q[1],q[2],q[3],velocity[0],velocity[1],velocity[2]"
+        path = write(tmp_path / "odometry.csv", [head], rows(US, US, P, REAL_FIRST, ZEROS[:, :3]))
+        assert len(commands(path)) == 1
+        assert_read(path, *proposed(path))
+
+
+def test_labels_in_xml_have_a_remedy(tmp_path: Path) -> None:
+    path = tmp_path / "take.eaf"
+    path.write_text(
+        '<?xml version="1.0" encoding="UTF-8"?>\n<ANNOTATION_DOCUMENT AUTHOR="">\n</ANNOTATION_DOCUMENT>\n'
+    )
+    assert "it is XML or HTML, not a table of poses" in refusal(path)
+    with pytest.raises(NoTruth, match="it is XML: export it as tab-delimited text"):
+        read_labels(str(path), 0, 1)
+
+
+def test_objects_of_matlab_are_named(tmp_path: Path) -> None:
+    """A table is stored as an object, whose values are bytes without a name."""
+    path = tmp_path / "table.mat"
+    savemat(path, {"x": np.zeros(9, np.uint8)})
+    content = bytearray(path.read_bytes())
+    at = content.index(b"\x06\0\0\0\x08\0\0\0") + 8
+    content[at] = 17  # the class of objects, which have names instead of a shape
+    content[at + 8 : at + 16] = b"\1\0\4\0MCOS"
+    path.write_bytes(content)
+    assert "it has no array of numbers with a row for each pose; tables, timetables" in refusal(path)
+
+
+def test_coordinates_of_maps_have_a_remedy(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = write(
+        tmp_path / "odom.csv",
+        ["Time,pose.x,pose.y,pose.z,qx,qy,qz,qw"],
+        rows(T, P + np.array([5e5, 3.5e6, 7e2]), Q),
+    )
+    log = open_log(str(path))
+    Poses.collect(log)
+    assert "Subtract a constant from coordinates of a map (UTM)" in "\n".join(log.warnings)
+
+
+def test_matrices_that_are_scaled_are_named(tmp_path: Path) -> None:
+    path = tmp_path / "transforms.npy"
+    whole = np.tile(np.eye(4), (COUNT, 1, 1))
+    whole[:, :3, :3], whole[:, :3, 3] = 1e-3 * MATRICES, P
+    np.save(path, whole)
+    words = shlex.split(f"segment {path} --matrix rows --columns matrix=c --time-unit 30Hz")
+    log = open_log(str(path), table=build_parser().parse_args(words).table)
+    Poses.collect(log)
+    assert "matrices are no rotations" in "\n".join(log.warnings)
+
+
+def test_slow_dates_that_may_be_a_time_since_the_start_are_said() -> None:
+    """951412773297707 ns since the start of a computer would be a date in microseconds, every 8 s."""
+    unit, doubt = unit_of(951412773297707.0 + 8e6 * np.arange(20))
+    assert unit == "us"
+    assert doubt is not None
+    assert "if they are nanoseconds since another time, give --time-unit ns" in doubt
+    assert unit_of(1.7e15 + 8e3 * np.arange(20)) == ("us", None)
+    assert unit_of(1.5e9 + 1.4 * np.arange(20)) == ("s", None)  # of maps, a pose a second
+
+
+def test_markers_in_the_numbers_of_another_machine_are_called_markers(tmp_path: Path) -> None:
+    """As C3D of Motive, with the fractions of DEC, whose bodies would not be read."""
+    content = bytearray(TWO_BODIES.read_bytes())
+    content[512 * (content[0] - 1) + 3] = 85
+    path = tmp_path / "a.c3d"
+    path.write_bytes(content)
+    assert "its numbers are not those of a PC" in refusal(path)
+    path.write_bytes(content.replace(b"ROTATION", b"ROTATIOX"))
+    assert "it is C3D with markers (tip), not bodies" in refusal(path)
