@@ -157,6 +157,7 @@ DISTORTIONS: Final[dict[str, Distortion]] = {
     "interpolated_2x": lambda poses, _: interpolated(poses),
     "exponential_03": lambda poses, _: exponential(poses, 0.3),
     "lowpass_20hz": lambda poses, _: low_pass(poses, 20.0),
+    "lowpass_8hz": lambda poses, _: low_pass(poses, 8.0),
     "volume_distortion": bent,
     "slow_wander": wandering,
     "default_pose_8pct": lambda poses, rng: default_where(poses, rng.uniform(size=len(poses)) < 0.08),

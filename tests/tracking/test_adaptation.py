@@ -30,16 +30,13 @@ from contact_tracker.tracking.filter_bank import (
     RATE_POSES,
     RATIO_POSES,
     SPAN_TICKS,
-    TickEvidence,
-    are_kept,
-    candidates,
     is_moving,
     mixed_with_uniform,
     mixture,
     period_for_all_s,
-    relative_evidence,
     with_ticks_for,
 )
+from contact_tracker.tracking.noise_choice import TickEvidence, are_kept, candidates, relative_evidence
 from contact_tracker.tracking.offline_smoother import segment
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.tracking.transition_model import log_initial, tick_transitions
@@ -107,6 +104,22 @@ def test_a_long_rest_does_not_count_as_motion() -> None:
     _, beliefs = as_values.advance(state, poses[rest:], Detail.WEIGHTS)
     moving = [belief.contact for belief in beliefs if belief.stamp_ns > shipped(PAPER).stamp_ns[1000]]
     assert np.mean([contact is Contact.FF for contact in moving]) > 0.75
+
+
+@needs_kernels
+def test_at_rest_filtered_poses_show_which_noise_is_too_small() -> None:
+    """By their differences they have a thirtieth of it, which contacts between new elements would fit."""
+    rest = low_pass(after_rest(shipped(PAPER)[:1000], 8.0), 8.0)[: 7 * 200]
+    state, _ = as_values.advance(as_values.start(MODEL), rest, Detail.WEIGHTS)
+    models = [one.state.model for one in state.filters.filters]
+    assert state.filters.is_filtered
+    assert 1 < len(models) < 10
+    assert all(
+        model.noise.floor_position_m > 4e-5 or model.noise.wander_position_m > 3e-4 for model in models
+    )
+    white = after_rest(shipped(PAPER)[:1000], 8.0)[: 7 * 200]
+    state, _ = as_values.advance(as_values.start(MODEL), white, Detail.WEIGHTS)
+    assert state.filters.filters[0].state.model.noise == MODEL.noise
 
 
 def after_rest(poses: Poses, rest_s: float) -> Poses:

@@ -11,7 +11,8 @@ from contact_tracker.motion.pose_validation import remarks_on
 from contact_tracker.motion.sensor_noise import estimate_noise
 from contact_tracker.outputs.text import LEAST_DEVIATION
 from contact_tracker.recording import WRENCH_TYPE, PoseSource, RecordingSummary, SourceSummary
-from contact_tracker.tracking.filter_bank import DECIDED_AFTER_S, LONGEST_S, TOLERANCE, Report
+from contact_tracker.tracking.filter_bank import TOLERANCE, Report
+from contact_tracker.tracking.noise_choice import DECIDED_AFTER_S, LONGEST_S
 
 _NUMBERS: Final = re.compile(r"\d[\d.,]*(?:e[-+]?\d+)?")
 

@@ -1,5 +1,5 @@
 """A bank of filters that differ in the noise of a tick, weighed by their evidence: the length of ticks, the
-candidates of noise, the bank, and its report.
+bank, and its report.
 
 The first filter has the given model. The others start, from the first pose, once the ratio of the noise of
 position and orientation is estimated. After some motion filters far behind are dropped, later all but the
@@ -9,15 +9,13 @@ best (``are_kept``).
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from math import hypot, sqrt
 from operator import attrgetter, sub
 from typing import Final, NamedTuple, Self
 
 import numpy as np
 
-from contact_tracker.arrays import Array, Bools, Ints
-from contact_tracker.config.parameters import Model, Motion
-from contact_tracker.contacts import CONTACT_MODELS
+from contact_tracker.arrays import Array, Ints
+from contact_tracker.config.parameters import Model
 from contact_tracker.geometry.lifted_pose import R, T
 from contact_tracker.inspection.stream_checks import Finding
 from contact_tracker.map.map import EMPTY_MAP, Map
@@ -25,14 +23,22 @@ from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion.free_motion import NO_EXCESS, NOW_TICKS, can_be_compared
 from contact_tracker.motion.free_speed import FreeSpeed
 from contact_tracker.motion.poses import NO_OUTLIERS, NO_POSES, Outliers, Poses
-from contact_tracker.motion.sensor_noise import SLOW_PERIOD_S, begin, estimate_noise, independent_point
-from contact_tracker.motion.tick_averaging import ORIGIN_M, Tick, TickGrid, tick_variances, white_variances
+from contact_tracker.motion.sensor_noise import independent_point
+from contact_tracker.motion.tick_averaging import ORIGIN_M, Tick, TickGrid, white_variances
 from contact_tracker.states import CONTACTS, STATES, Contact, united
 from contact_tracker.tracking.ambiguity import likelier_states, reported, shared_with
 from contact_tracker.tracking.belief import Belief, Detail
 from contact_tracker.tracking.contact_filter import ContactFilter
+from contact_tracker.tracking.noise_choice import (
+    LOG_PRIOR_TOLERANCE,
+    TickEvidence,
+    are_calm,
+    are_kept,
+    candidates,
+    relative_evidence,
+    tick_evidence,
+)
 from contact_tracker.tracking.state import FilterState
-from contact_tracker.tracking.transition_model import FACES
 
 FIRST_POSES: Final = 2
 """Number of poses whose distance is the period of the stream until its rate is estimated."""
@@ -50,38 +56,6 @@ IRREGULAR: Final = 2.0
 """Periods longer than the median by more than this factor are gaps; much shorter ones are of two bodies."""
 QUANTILES: Final = np.arange(0.1, 1.0, 0.2)
 """Quantiles of the period, over time, by which the rates of a recording are found."""
-NOISE_SCALES: Final = (1.75e-4, 3.5e-4, 7e-4, 1.4e-3, 2.8e-3)
-"""Candidates for the noise of a tick: geometric means of its standard deviations in position (m) and
-orientation (rad). Within a factor of the square root of two of the true noise contacts are found equally
-well."""
-LEAST_FACTOR: Final = 1.2
-"""A candidate is tracked if its floor exceeds the averaged white noise by this factor."""
-WANDER_M: Final = (1.25e-4, 3.5e-4, 1e-3)
-"""Candidates for correlated errors of the position, such as those of calibration; those below the noise are
-not tracked."""
-WANDER_ROTATION_PER_POSITION: Final = 5.0
-"""Ratio of correlated errors of orientation and position (rad/m)."""
-TOLERANCE_M: Final = 1e-3
-TOLERANCE_RAD: Final = 1e-2
-"""Candidates for the tolerance of f-f: lasting errors (standard deviations) of that contact alone, as floors
-and wheels are not flat. From tick to tick a recorded trolley has errors of 0.3 mm and 0.1 to 0.18 deg, as by
-1 mm and 0.57 deg, although its height wanders by 2.7 mm. With half or double of the angle it is f-f for 55
-and 56 instead of 58 of 60 s; with half of the distance a wheelchair is for 13 instead of 23 of 31 s."""
-LOG_PRIOR_TOLERANCE: Final = -15.0
-"""Log prior (nats) of a tolerance, so that exact contacts stay exact: in 10 s of motion the evidence for it
-is up to 9 nats in everyday handling, and 20 to 30 for a trolley and a wheelchair. With 7.5 both are found
-as well, with 30 the trolley is not."""
-SHARES: Final = (0.5, 0.25, 0.125)
-"""Candidates, in slow streams, for the share of the deviations that is noise."""
-LOG_PRIOR_STEP: Final = -1.0
-"""Log prior (nats) of each larger floor and each smaller share relative to the one before."""
-LOG_PRIOR_WANDER: Final = 12.0
-"""Log prior odds (nats) of correlated errors. Few streams have none; a model with them finds contacts in any
-case, while without them true contacts may not fit. If there are none, the evidence against them is much
-larger after some seconds of motion."""
-ROTATION_PER_POSITION: Final = (2.0, 40.0)
-"""Range of the ratio of the deviations (rad/m), if the stream does not determine it."""
-USUAL_ROTATION_PER_POSITION: Final = 7.0
 
 
 def usual_period_s(stamp_ns: Sequence[int]) -> float:
@@ -141,135 +115,6 @@ def with_other_ticks(model: Model, current: Model, latest_ns: Sequence[int]) -> 
     adapted = with_ticks_for(model, usual_period_s(latest_ns))
     is_alike = 1.0 / CHANGED <= adapted.tick_s / current.tick_s <= CHANGED
     return adapted if not is_alike and can_be_compared(adapted) else None
-
-
-def candidates(model: Model, poses: Poses) -> tuple[tuple[Model, float], ...]:
-    """The model, and copies with other noise, each with its log prior odds (nats) against the first.
-
-    Averaging reduces filtered noise less than white noise, by an unknown factor. A filter has the same effect
-    on position and orientation, so the ratio of their noise is that of the frames. In slow streams the noise
-    may be smaller than the differences of frames, and there may be correlated errors.
-
-    Parameters
-    ----------
-    poses : the first of the stream.
-    """
-    if not model.noise.estimated or not can_be_compared(model):
-        return ((model, 0.0),)
-    sigma = np.array(estimate_noise(poses))
-    is_estimated, ratio = np.isfinite(sigma).all() and sigma[0] > 0.0, USUAL_ROTATION_PER_POSITION
-    if is_estimated:
-        ratio = float(np.clip(sigma[1] / sigma[0], *ROTATION_PER_POSITION))
-    span_s = (int(poses.stamp_ns[-1]) - int(poses.stamp_ns[0])) * 1e-9
-    count = max(len(poses) * model.tick_s / max(span_s, model.tick_s), 1.0)
-    white = tick_variances(begin(*sigma) if is_estimated else begin(0.0, 0.0), np.array(count), model)
-    noise, least_scale = model.noise, float(white.prod()) ** 0.25
-    larger = [
-        replace(
-            noise,
-            floor_position_m=max(scale / sqrt(ratio), noise.floor_position_m),
-            floor_rotation_rad=max(scale * sqrt(ratio), noise.floor_rotation_rad),
-        )
-        for scale in NOISE_SCALES
-        if scale > LEAST_FACTOR * least_scale
-    ]
-    is_slow = span_s > SLOW_PERIOD_S * (len(poses) - 1)
-    smaller = [replace(noise, estimate_share=share) for share in SHARES if is_slow]
-    correlated = [
-        replace(noise, wander_position_m=scale, wander_rotation_rad=scale * WANDER_ROTATION_PER_POSITION)
-        for scale in WANDER_M
-        if scale > white[0] ** 0.5
-    ]
-    variants = [(noise, 0.0)]
-    for levels in (smaller, larger):
-        variants += [(level, LOG_PRIOR_STEP * i) for i, level in enumerate(levels, 1)]
-    variants += [(level, LOG_PRIOR_WANDER) for level in correlated]
-    models = [(replace(model, noise=level), log_prior) for level, log_prior in variants]
-    wandering = [replace(model, noise=level) for level in correlated]
-    loose = [with_tolerance(wanders) for wanders in wandering]
-    loose += [with_tolerance(wanders, TOLERANCE_M) for wanders in wandering[:1]]
-    return (*models, *((candidate, LOG_PRIOR_WANDER + LOG_PRIOR_TOLERANCE) for candidate in loose))
-
-
-def with_tolerance(model: Model, tolerance_m: float = 0.0) -> Model:
-    """The model, whose errors are correlated, with f-f to a tolerance of ``TOLERANCE_RAD`` and
-    ``tolerance_m``: by its innovations (T34)."""
-    alone, noise = sqrt(1.0 - model.correlation**2), model.noise
-    position_m, rotation_rad = list(noise.contact_position_m), list(noise.contact_rotation_rad)
-    position_m[FACES] = hypot(position_m[FACES], alone * tolerance_m)
-    rotation_rad[FACES] = hypot(rotation_rad[FACES], alone * TOLERANCE_RAD)
-    floor_m, floor_rad = tuple(position_m), tuple(rotation_rad)
-    return replace(model, noise=replace(noise, contact_position_m=floor_m, contact_rotation_rad=floor_rad))
-
-
-DROP_AFTER_S: Final = 1.5
-MARGIN_NATS: Final = 10.0
-"""Filters this far behind the best are dropped after ``DROP_AFTER_S`` of motion. In 81 recordings (everyday,
-physics, shipped, 27 distorted) no dropped one would have been chosen in the end; with 7 nats labels until
-then are right for 0.001 less of the time. Sooner, filtered noise at rest would decide."""
-DECIDED_AFTER_S: Final = 10.0
-"""After this much motion the best filter is chosen, if it is also the best by evidence alone."""
-LONGEST_S: Final = 30.0
-"""After this much motion the filter with the largest evidence is chosen."""
-_DISTANCES: Final = np.array([*(1.0 for _ in CONTACT_MODELS), 0.0])
-_ANGLES: Final = np.array([*(model.contact.codimension - 1.0 for model in CONTACT_MODELS), 0.0])
-"""Number of constraints of each state (7,) on a distance and on angles."""
-
-
-class TickEvidence(NamedTuple):
-    """A tick as one filter evaluates it: the ``gain`` of log evidence (nats), the ``posterior`` (7,) after
-    it, the variances (2,) of free motion plus noise (m^2, rad^2), and the ``activity``."""
-
-    gain: float
-    posterior: Array
-    free_variance: Array
-    activity: float
-
-
-def tick_evidence(before: FilterState, after: FilterState) -> TickEvidence:
-    """The evidence of the tick between two states."""
-    weight = np.exp(after.log_state_weight - after.log_state_weight.max())
-    gain, window = after.log_evidence - before.log_evidence, after.window
-    free_variance = window.innovation_excess[-1] + window.variance[-1]
-    return TickEvidence(gain, weight / weight.sum(), free_variance, window.latest_motion_ratio)
-
-
-def relative_evidence(ticks: Sequence[TickEvidence], motion: Motion) -> Array:
-    """Log evidence (K,) of one tick by K filters, relative to the free motion of the first.
-
-    A constraint gains log S / 2, where S is the variance of free motion along it. A filter with larger noise
-    has a smaller S, because it takes a part of the motion for noise; the difference is added here.
-    """
-    squared_lever_m2 = 2.0 * motion.body_radius_m**2
-    free = np.array([tick.free_variance for tick in ticks])
-    log_distance = np.log(free[:, 0] + squared_lever_m2 * free[:, 1])
-    log_angle = np.log(free[:, 1])
-    posterior = np.array([tick.posterior for tick in ticks])
-    difference = (posterior @ _DISTANCES) * (log_distance[0] - log_distance)
-    difference += (posterior @ _ANGLES) * (log_angle[0] - log_angle)
-    gain = np.array([tick.gain for tick in ticks])
-    return np.asarray(gain + 0.5 * motion.likelihood_exponent * difference)
-
-
-def are_kept(log_weight: Array, log_prior: Array, moved_s: float, price: Array | float = 0.0) -> Bools:
-    """Which of K filters are kept after ``moved_s`` seconds of motion: those near the best, and from
-    ``DECIDED_AFTER_S`` on the best alone.
-
-    Parameters
-    ----------
-    log_weight, log_prior : (K,), in nats; their difference is the evidence. Before ``LONGEST_S``, the best
-        by weight and the best by evidence alone are both kept if they differ.
-    price : (K,) part of the prior that also counts for the last choice.
-    """
-    if moved_s < DROP_AFTER_S:
-        return np.ones(len(log_weight), np.bool_)
-    scores = log_weight, log_weight - log_prior
-    best, best_by_evidence = (int(score.argmax()) for score in scores)
-    if moved_s >= LONGEST_S:
-        best = int((scores[1] + price).argmax())
-    if moved_s >= LONGEST_S or (moved_s >= DECIDED_AFTER_S and best == best_by_evidence):
-        return np.asarray(np.arange(len(log_weight)) == best, np.bool_)
-    return np.asarray(np.any([score > score.max() - MARGIN_NATS for score in scores], axis=0))
 
 
 DOUBT: Final = 0.5
@@ -412,6 +257,9 @@ class FilterBank:
     map: GrowingMap | None = None
     earlier_outliers: Outliers = NO_OUTLIERS
     changed_since_ns: int | None = None
+    is_filtered: bool = False
+    rest_ticks: int = 0
+    rest_activity: Array = field(default_factory=lambda: np.zeros(1))
 
     def copied(self) -> Self:
         """A copy that can be updated without changing this bank; immutable parts are shared."""
@@ -565,6 +413,7 @@ class FilterBank:
         else:
             self.grid = TickGrid(models[0], self.body_m)
         self.moved_s, self.motion = 0.0, NO_MOTION
+        self.rest_ticks, self.rest_activity = 0, np.zeros(len(models))
         return self._update(self.grid.add(self.pending), detail)
 
     def _update(self, ticks: list[Tick], detail: Detail) -> list[Belief]:
@@ -608,20 +457,30 @@ class FilterBank:
         return [mixture(beliefs, log_weight, self.known_map)]
 
     def _weigh(self, evidence: list[TickEvidence]) -> list[TickEvidence]:
-        """Weigh the filters by their evidence of a tick, if the object moves in it; returns the evidence of
-        the filters that are kept."""
-        if len(evidence) == 1 or not self.motion.moves:
+        """Weigh the filters by their evidence of a tick, if the object moves in it, or else by what they take
+        for motion; returns the evidence of the filters that are kept."""
+        if len(evidence) == 1:
             return evidence
-        model = self.filters[0].state.model
-        log_weight = self.log_weight + relative_evidence(evidence, model.motion)
-        self.moved_s += model.tick_s
-        exact_rad = self.model.noise.contact_rotation_rad
-        is_loose = [filter_.state.model.noise.contact_rotation_rad != exact_rad for filter_ in self.filters]
-        price = LOG_PRIOR_TOLERANCE * np.array(is_loose)
-        kept = np.flatnonzero(are_kept(log_weight, self.log_prior, self.moved_s, price))
+        log_weight = self.log_weight
+        if self.motion.moves:
+            model = self.filters[0].state.model
+            log_weight = log_weight + relative_evidence(evidence, model.motion)
+            self.moved_s += model.tick_s
+            exact_rad = self.model.noise.contact_rotation_rad
+            is_loose = [one.state.model.noise.contact_rotation_rad != exact_rad for one in self.filters]
+            price = LOG_PRIOR_TOLERANCE * np.array(is_loose)
+            is_kept = are_kept(log_weight, self.log_prior, self.moved_s, price)
+        else:
+            self.rest_ticks += 1
+            self.rest_activity = self.rest_activity + [tick.activity for tick in evidence]
+            is_kept = np.ones(len(evidence), np.bool_)
+        is_calm = are_calm(self.rest_activity, self.rest_ticks, self.is_filtered)
+        if (is_calm & is_kept).any():
+            is_kept &= is_calm
+        kept = np.flatnonzero(is_kept)
         self.filters = [self.filters[i] for i in kept]
-        self.log_weight = log_weight[kept] - log_weight.max()
-        self.log_prior = self.log_prior[kept]
+        self.log_weight = log_weight[kept] - log_weight[kept].max()
+        self.log_prior, self.rest_activity = self.log_prior[kept], self.rest_activity[kept]
         return [evidence[i] for i in kept]
 
 
