@@ -128,11 +128,6 @@ def test_a_link_is_written_where_it_leads(log: Path, tmp_path: Path, monkeypatch
         output_file(".csv")(str(tmp_path / "lost.csv"))
 
 
-def test_an_output_for_rerun_names_the_command_that_writes_it() -> None:
-    with pytest.raises(UsageError, match=r"\.csv; contact-tracker view LOG --save out\.rrd writes it"):
-        output_file(".csv")("out.rrd")
-
-
 def test_versions_and_scenarios_are_listed() -> None:
     assert run("--version").stdout.startswith("contact-tracker 0.")
     assert "vision_30hz" in run("simulate", "--list").stdout
@@ -155,6 +150,7 @@ def test_versions_and_scenarios_are_listed() -> None:
         (["live", "x.mcap", "--start", "1e300"], ["--start", "beyond"]),
         (["live", "x.mcap", "--lag", "1e9"], ["--lag", "30 s"]),
         (["segment", "x.mcap", "-o", "out.txt"], ["out.txt", ".csv, .jsonl, .parquet, .mcap"]),
+        (["segment", "x.mcap", "-o", "out.rrd"], ["; contact-tracker view LOG --save out.rrd writes it"]),
         (["segment", "x.mcap", "--box", "0.2,0.2"], ["not a list of 3 numbers, such as 0.2,0.1,0.1"]),
         (["segment", "x.mcap", "-o", "nowhere/out.csv"], ["no folder nowhere"]),
         (
@@ -166,6 +162,10 @@ def test_versions_and_scenarios_are_listed() -> None:
         (["simulate", "paper_experiment"], ["-o FILE.mcap"]),
         (["simulate", "unheard_of", "-o", "x.mcap"], ["unheard_of", "paper_experiment"]),
         (["evaluate", "-"], ["file"]),
+        (["segment", "x.mcap", "--up", "0,0,1", "--up", "0,1,0"], ["argument --up: give it once"]),
+        (["live", "x.mcap", "--start", "1", "--start=1"], ["argument --start: give it once"]),
+        (["view", "x.mcap", "--model", "hand", "--model", "hand"], ["argument --model: give it once"]),
+        (["segment", "x.mcap", "-o", "a.csv", "-o", "b.csv"], ["argument -o/--output: give it once"]),
     ],
 )
 def test_wrong_usage_is_one_line_and_2(arguments: list[str], parts: list[str], tmp_path: Path) -> None:
@@ -524,19 +524,14 @@ def test_an_output_that_cannot_be_made_is_wrong_usage(log: Path, words: str) -> 
     assert_one_line_error(run(*words.format(log).split()), 2, "the folder /proc is not writable")
 
 
-@pytest.mark.parametrize(
-    "words",
-    ["--up 0,0,1 --up 0,1,0", "--start 1 --start=1", "--model default --model hand", "--rate 1 --rate 2"],
-)
-def test_an_option_with_one_value_is_given_once(log: Path, words: str) -> None:
-    """Before, the last value was used, without a word."""
-    option = words.split()[0]
-    assert_one_line_error(run("segment", log, *words.split()), 2, f"{option}: give it once")
-
-
 def test_a_state_that_does_not_fit_is_refused_in_one_line(log: Path, tmp_path: Path) -> None:
-    state = tmp_path / "s.state"
+    """That of another source names both as sources are named."""
+    state, other = tmp_path / "s.state", tmp_path / "other.mcap"
     run("live", log, "--state", state)
+    write_log(other, [poses_topic(smooth_poses(60), "/other")])
+    there, here = (open_log(str(path)).source for path in (log, other))
+    said = f"is of {there}, not of {here}: name another file"
+    assert_one_line_error(run("live", other, "--state", state), 2, said)
     assert_one_line_error(run("live", log, "--state", state, "--lag", "1"), 2, "another model, --lag")
     assert_one_line_error(run("live", log, "--state", state, "--start", "1"), 2, "--state")
     state.write_bytes(state.read_bytes()[:-2000])
@@ -555,16 +550,6 @@ def test_a_table_resumes_from_its_next_part_in_another_folder(tmp_path: Path) ->
         done = run("live", path, "--state", state)
         assert done.returncode == 0, done.stderr
     assert f"resumed from {state}" in done.stderr
-
-
-def test_the_state_of_another_source_is_named_as_sources_are(log: Path, tmp_path: Path) -> None:
-    state, other = tmp_path / "s.state", tmp_path / "other.mcap"
-    run("live", log, "--state", state)
-    write_log(other, [poses_topic(smooth_poses(60), "/other")])
-    named = " and ".join(f"{open_log(str(path)).source}" for path in (log, other))
-    there, here = named.split(" and ")
-    refused = run("live", other, "--state", state)
-    assert_one_line_error(refused, 2, f"is of {there}, not of {here}: name another file")
 
 
 @pytest.mark.parametrize("later_s", [0.1, 40.0])

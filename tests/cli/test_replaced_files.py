@@ -102,14 +102,6 @@ OUTPUTS = [
 ]
 
 
-def test_two_outputs_are_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Before, only the last one was written, without a word."""
-    before = sorted(folder.rglob("*"))
-    assert run(["segment", "log.mcap", "-o", "a.csv", "-o", "b.csv"]) == 2
-    assert "argument -o/--output: give it once" in capsys.readouterr().err
-    assert sorted(folder.rglob("*")) == before
-
-
 @pytest.mark.parametrize(
     ("name", "command", "kind"),
     [*((*OUTPUTS[0], kind) for kind in ("name", "symbolic", "hard", "dangling")), (*OUTPUTS[1], "dangling")],
