@@ -21,7 +21,7 @@ from contact_tracker.trajectory import Trajectory
 from contact_tracker_lab.evaluation.evaluate import evaluate
 from distortions import moving_average
 from short_recordings import MODEL, SHIPPED, needs_kernels, shipped
-from smooth_motion import moving, slid_and_tilted
+from smooth_motion import least_jerk, moving, slid_and_tilted, with_noise
 
 UP = [0.5657, 0.5557, 0.6092]
 """Upward direction, normal to the faces, in all of them."""
@@ -73,8 +73,7 @@ def tilting(rng: np.random.Generator, normal: np.ndarray[Any, Any]) -> Poses:
     place_m[start:] = edge_m + Rotation.from_rotvec(tilt[start:, None] * axis).apply(place_m[start] - edge_m)
     free = Rotation.from_quat(poses.quat_xyzw[:start])
     turn = Rotation.concatenate([free, Rotation.from_rotvec(tilt[start:, None] * axis) * turn[start:]])
-    error = Rotation.from_rotvec(np.radians(0.15) * rng.normal(size=(len(poses), 3)))
-    return Poses(poses.stamp_ns, place_m + 3e-4 * rng.normal(size=place_m.shape), (turn * error).as_quat())
+    return with_noise(rng, time_s, place_m, turn)
 
 
 @needs_kernels
@@ -96,10 +95,7 @@ def slid_and_tilted_by_hand(rng: np.random.Generator) -> Poses:
     tilt = 0.5 * (up_by**2 * (3.0 - 2.0 * up_by) - back_by**2 * (3.0 - 2.0 * back_by))
     turn = Rotation.from_euler("ZY", np.c_[0.2 * np.sin(3.0 * slid), tilt])
     touch_m = np.c_[0.06 * np.sin(7.0 * slid), 0.05 * np.sin(9.0 * slid), 0.0 * slid]
-    place_m = touch_m - turn.apply([0.12, -0.01, -0.12])
-    error = Rotation.from_rotvec(np.radians(0.15) * rng.normal(size=place_m.shape))
-    place_m += 3e-4 * rng.normal(size=place_m.shape)
-    return Poses(np.rint(1e9 * time_s).astype(np.int64), place_m, (turn * error).as_quat())
+    return with_noise(rng, time_s, touch_m - turn.apply([0.12, -0.01, -0.12]), turn)
 
 
 @needs_kernels
@@ -130,14 +126,11 @@ def carried_in_one_plane(rng: np.random.Generator) -> Poses:
             seconds.append(wait_s)
     time_s, end_s = np.arange(0.0, sum(seconds), 0.01), np.cumsum(seconds)
     leg = np.clip(np.searchsorted(end_s, time_s), 1, len(end_s) - 1)
-    part = np.clip((time_s - end_s[leg - 1]) / np.take(seconds, leg), 0.0, 1.0)[:, None]
-    part = part**3 * (10.0 - 15.0 * part + 6.0 * part**2)
+    part = least_jerk((time_s - end_s[leg - 1]) / np.take(seconds, leg))[:, None]
     place_m = np.take(places_m, leg - 1, axis=0) * (1.0 - part) + np.take(places_m, leg, axis=0) * part
     start, end = (Rotation.from_rotvec(np.take(turns, leg - back, axis=0)) for back in (1, 0))
     turn = Rotation.from_rotvec(part * (end * start.inv()).as_rotvec()) * start
-    error = Rotation.from_rotvec(np.radians(0.02) * rng.normal(size=place_m.shape))
-    place_m += 5e-5 * rng.normal(size=place_m.shape)
-    return Poses(np.rint(1e9 * time_s).astype(np.int64), place_m, (turn * error).as_quat())
+    return with_noise(rng, time_s, place_m, turn, 5e-5, float(np.radians(0.02)))
 
 
 @needs_kernels

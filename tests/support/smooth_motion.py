@@ -1,6 +1,7 @@
 """Smooth random motion with sensor noise, for tests of noise, free motion and ticks."""
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -40,6 +41,26 @@ def moving(
     return Poses(stamp_ns, position, (turn * noise).as_quat())
 
 
+def least_jerk(share: ArrayLike) -> Array:
+    """The way from 0 to 1 of a move by hand, at these shares of its time; it rests before and after."""
+    part = np.clip(np.asarray(share, float), 0.0, 1.0)
+    return np.asarray(part**3 * (10.0 - 15.0 * part + 6.0 * part**2))
+
+
+def with_noise(
+    rng: np.random.Generator,
+    time_s: Array,
+    position_m: Array,
+    turn: Rotation,
+    sigma_m: float = 3e-4,
+    sigma_rad: float = float(np.radians(0.15)),
+) -> Poses:
+    """Poses of an exact motion with white noise per axis (rotation in the body frame)."""
+    error = Rotation.from_rotvec(sigma_rad * rng.normal(size=position_m.shape))
+    measured_m = position_m + sigma_m * rng.normal(size=position_m.shape)
+    return Poses(np.rint(1e9 * time_s).astype(np.int64), measured_m, (turn * error).as_quat())
+
+
 def exact_transfers(rng: np.random.Generator, seconds: float, rate_hz: float) -> Poses:
     """A robot's commanded poses, without noise: straight moves with a constant acceleration, speed and
     deceleration, and rests between."""
@@ -68,9 +89,8 @@ def slid_and_tilted(rng: np.random.Generator, size_m: Array) -> Poses:
     turn = Rotation.from_euler("ZX", np.column_stack([yaw, tilt]))
     edge_m = -0.5 * size_m * [0.0, 1.0, 1.0]
     place_m = np.column_stack([x, y, 0.0 * x]) - turn.apply(edge_m)
-    error = Rotation.from_rotvec(np.radians(0.15) * rng.normal(size=place_m.shape))
-    place_m += 3e-4 * rng.normal(size=place_m.shape)
-    return Poses(START_NS + np.rint(time_s * 1e9).astype(np.int64), place_m, (turn * error).as_quat())
+    poses = with_noise(rng, time_s, place_m, turn)
+    return replace(poses, stamp_ns=START_NS + poses.stamp_ns)
 
 
 def unturned(position_m: ArrayLike, period_ns: int = 10_000_000, start_ns: int = 0) -> Poses:

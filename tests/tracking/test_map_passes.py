@@ -22,6 +22,7 @@ from contact_tracker.tracking.segmentation import BELIEF, Beliefs, Segmentation
 from contact_tracker.tracking.transition_model import PACE_SHAPE, leave_per_s
 from contact_tracker.trajectory import Trajectory
 from robot_moves import Robot, logged, pick_and_place
+from smooth_motion import least_jerk
 
 MODEL = load_model()
 RECORDINGS = Path(__file__).parents[2] / "recordings"
@@ -102,12 +103,7 @@ def set_down(higher_m: float, seed: int) -> contact_tracker.Trajectory:
     """An object that is pushed on a table, carried by a hand, and set down upright, ``higher_m`` above where
     it was."""
     rng, time_s = np.random.default_rng(seed), np.arange(0.0, 20.0, 0.01)
-
-    def smooth(share: Any) -> Any:
-        share = np.clip(share, 0.0, 1.0)
-        return share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
-
-    push, carry = smooth((time_s - 2.0) / 6.0), smooth((time_s - 10.0) / 4.0)
+    push, carry = least_jerk((time_s - 2.0) / 6.0), least_jerk((time_s - 10.0) / 4.0)
     lifted, hand = np.sin(np.pi * carry), gaussian_filter1d(rng.normal(size=(len(time_s), 6)), 60, axis=0)
     hand *= lifted[:, None] / hand.std(axis=0)
     across = 0.25 * push + 0.1 * carry, 0.08 * np.sin(2.0 * np.pi * push)
@@ -143,15 +139,11 @@ def test_a_pose_on_faces_that_other_motion_has_shown_is_contact(seed: int) -> No
 def test_a_lid_on_known_faces_is_not_contact_of_its_faces() -> None:
     """A box is pushed, and then opens like a lid about its lower edge; more than half of the time it lies."""
     rng, time_s = np.random.default_rng(0), np.arange(0.0, 34.0, 0.01)
-
-    def smooth(since_s: Any) -> Any:
-        share = np.clip(since_s, 0.0, 1.0)
-        return share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
-
-    push, yaw, pitch = smooth((time_s - 2.0) / 5.0), np.zeros((3400, 3)), np.zeros((3400, 3))
+    push, yaw, pitch = least_jerk((time_s - 2.0) / 5.0), np.zeros((3400, 3)), np.zeros((3400, 3))
     yaw[:, 2] = 0.9 * np.sin(4.0 * push)
     for opens_s in (10.0, 19.0, 28.0):
-        pitch[:, 1] += 0.35 * (smooth((time_s - opens_s) / 1.5) - smooth((time_s - opens_s) / 1.5 - 1.0))
+        since = (time_s - opens_s) / 1.5
+        pitch[:, 1] += 0.35 * (least_jerk(since) - least_jerk(since - 1.0))
     lying, edge_m = Rotation.from_rotvec(yaw), np.array([0.06, 0.0, -0.05])
     turn = lying * Rotation.from_rotvec(pitch)
     position_m = np.stack([0.25 * push, 0.08 * np.sin(2.0 * np.pi * push), 0.0 * push], axis=1)
@@ -186,8 +178,7 @@ def test_an_arm_that_never_tilts_an_object_may_hold_it_in_the_air(lift_m: float)
     """An arm turns an object about one axis, in a plane or at several heights; errors depend on the place."""
     rng, time_s = np.random.default_rng(3), np.arange(0.0, 18.0, 0.008)
     goals = rng.uniform(-1.0, 1.0, (7, 3)) * [0.15, 0.15, 0.4]
-    share = np.clip((time_s[:, None] - np.arange(1.0, 19.0, 3.0)) / 1.6, 0.0, 1.0)
-    share = share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
+    share = least_jerk((time_s[:, None] - np.arange(1.0, 19.0, 3.0)) / 1.6)
     path = goals[0] + share @ np.diff(goals, axis=0)
     path[:, 1] += 0.03 * np.sin(np.pi * share).sum(axis=1)
     waves = 4.0 * np.pi * path[:, [0, 1, 0]]

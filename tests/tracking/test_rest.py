@@ -21,6 +21,7 @@ from contact_tracker.tracking.transition_model import REST_EXPOSURE
 from pose_filter import after as after_tick
 from pose_filter import forward
 from short_recordings import FACE_TO_EDGE, recorded
+from smooth_motion import least_jerk, with_noise
 from traced_memory import memory_below
 
 MODEL = load_model()
@@ -154,12 +155,9 @@ def test_a_drone_takes_off_where_its_rest_ends(seed: int, vibration_m: float) ->
 def test_a_lid_that_opens_after_a_rest_longer_than_the_window_is_not_surely_flat():
     """The window has forgotten that no motion has shown the face; the belief before has not."""
     rng, time_s = np.random.default_rng(3), np.arange(0.0, 31.5, 0.01)
-    share = np.clip((time_s - 30.0) / 1.5, 0.0, 1.0)
-    angle = np.radians(60.0) * share**3 * (10.0 - 15.0 * share + 6.0 * share**2)  # least jerk
+    angle = np.radians(60.0) * least_jerk((time_s - 30.0) / 1.5)
     turn = Rotation.from_rotvec(-angle[:, None] * np.eye(3)[1])
-    noise = Rotation.from_rotvec(rng.normal(scale=1e-3, size=(len(time_s), 3)))
-    position_m = turn.apply([0.2, 0.0, 0.0]) + rng.normal(scale=1e-4, size=(len(time_s), 3))
-    poses = Poses((time_s * 1e9).astype(np.int64), position_m, (turn * noise).as_quat())
+    poses = with_noise(rng, time_s, turn.apply([0.2, 0.0, 0.0]), turn, 1e-4, 1e-3)
     beliefs = [tick.belief for tick in forward(poses, MODEL, detail=Detail.FORMATION)]
     opening = [belief for belief in beliefs if belief.stamp_ns > 30.3e9]
     assert len(opening) > 8

@@ -13,6 +13,7 @@ from contact_tracker.segmenting import segment
 from contact_tracker.states import Contact
 from contact_tracker.tracking.contact_filter import ticks_of
 from contact_tracker.tracking.rest_sightings import RestSighting, sightings_at_rest
+from smooth_motion import least_jerk, with_noise
 
 MODEL = load_model()
 RATE_HZ, REST_S, CARRY_S = 100.0, 1.8, 1.5
@@ -36,8 +37,8 @@ def set_down(
         Rotation.from_rotvec([0.0, 0.0, rng.uniform(-3.0, 3.0) * turned]) * FACES[face].inv()
         for face in faces
     ]
-    rest, share = int(RATE_HZ * REST_S), np.linspace(0.0, 1.0, int(RATE_HZ * CARRY_S), endpoint=False)
-    share = share**3 * (10.0 - 15.0 * share + 6.0 * share**2)  # least jerk
+    rest, carry = int(RATE_HZ * REST_S), int(RATE_HZ * CARRY_S)
+    share = least_jerk(np.arange(carry) / carry)
     position_m, rotation = list[np.ndarray](), list[np.ndarray]()
     for i, (place, turn) in enumerate(zip(places, turns, strict=True)):
         position_m.append(np.tile(place, (rest, 1)))
@@ -49,11 +50,9 @@ def set_down(
             tilt = Rotation.from_rotvec(np.outer(np.sin(np.pi * share) ** 2, rng.uniform(-0.5, 0.5, 3)))
             rotation.append((tilt * Rotation.from_rotvec(np.outer(share, way)) * turn).as_quat())
     turn = WORLD * Rotation.from_quat(np.concatenate(rotation))
-    noise = Rotation.from_rotvec(rng.normal(scale=SIGMA_RAD, size=(len(turn), 3)))
-    place_m = WORLD.apply(np.concatenate(position_m)) + rng.normal(scale=SIGMA_M, size=(len(turn), 3))
-    stamp_ns = (np.arange(len(turn)) * 1e9 / RATE_HZ).astype(np.int64)
-    period = rest + len(share)
-    return Poses(stamp_ns, place_m, (turn * noise).as_quat()), period * np.arange(len(faces))
+    time_s, place_m = np.arange(len(turn)) / RATE_HZ, WORLD.apply(np.concatenate(position_m))
+    poses = with_noise(rng, time_s, place_m, turn, SIGMA_M, SIGMA_RAD)
+    return poses, (rest + carry) * np.arange(len(faces))
 
 
 def is_along(normal: np.ndarray, true: np.ndarray) -> bool:
@@ -86,9 +85,8 @@ def on_a_hinge(count: int) -> Poses:
     rng, rest = np.random.default_rng(0), int(RATE_HZ * REST_S)
     angle = np.cumsum(np.tile(np.repeat([0.0, 0.4 / 60], [rest, 60]), count))
     turn = WORLD * Rotation.from_rotvec(angle[:, None] * [0.0, 0.0, 1.0])
-    noise = Rotation.from_rotvec(rng.normal(scale=SIGMA_RAD, size=(len(angle), 3)))
-    place_m = turn.apply([0.2, 0.1, 0.05]) + rng.normal(scale=SIGMA_M, size=(len(angle), 3))
-    return Poses((np.arange(len(angle)) * 1e9 / RATE_HZ).astype(np.int64), place_m, (turn * noise).as_quat())
+    place_m = turn.apply([0.2, 0.1, 0.05])
+    return with_noise(rng, np.arange(len(angle)) / RATE_HZ, place_m, turn, SIGMA_M, SIGMA_RAD)
 
 
 @pytest.mark.parametrize("how", ["not turned", "at other heights", "in one place", "on a hinge"])
