@@ -169,6 +169,7 @@ CALLS: dict[str, tuple[Callable[[Given], Callable[..., Any]], dict[str, tuple[An
         {"mass_kg": (*NO_NUMBERS, 0.0)},
     ),
     "Tracker": (lambda _: ct.Tracker, {**OF_MODEL, "lag_s": (*NO_NUMBERS, None, 1e3)}),
+    "Tracker of some states": (lambda _: ct.Tracker, {"states": (["f-x"], [])}),
     "Tracker.update": (
         lambda _: update,
         {

@@ -158,6 +158,8 @@ def test_versions_and_scenarios_are_listed() -> None:
             ["an option of live, compare, info and evaluate", "segment --help"],
         ),
         (["live", "x.mcap", "y.mcap"], ["y.mcap", "contact-tracker live --help"]),
+        (["segment", "x.mcap", "--states", "f-x"], ["'f-x' is no contact: choose from f-f"]),
+        (["live", "x.mcap", "--states", ""], ["no contact"]),
         (["simulate", "--seed", "-3"], ["--seed"]),
         (["simulate", "paper_experiment"], ["-o FILE.mcap"]),
         (["simulate", "unheard_of", "-o", "x.mcap"], ["unheard_of", "paper_experiment"]),

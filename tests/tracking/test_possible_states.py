@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import contact_tracker
-from command_line import run
 from contact_tracker.states import STATES, Contact
 from short_recordings import FACE_TO_EDGE, recorded
 
@@ -47,13 +46,3 @@ def test_others_have_probability_zero_online_also_after_a_restore(tmp_path: Path
         if belief is not None:
             assert_possible(belief.probability)
     assert tracker.finish()
-
-
-@pytest.mark.parametrize(
-    ("given", "says"), [(["f-x"], "'f-x' is no contact: choose from f-f"), ([], "no contact")]
-)
-def test_a_wrong_name_is_one_line(given: list[str], says: str) -> None:
-    with pytest.raises(contact_tracker.ContactTrackerError, match=says):
-        contact_tracker.Tracker(states=given)
-    done = run("segment", "none.mcap", "--states", ",".join(given))
-    assert (done.returncode, says in done.stderr) == (2, True)
