@@ -46,7 +46,7 @@ from contact_tracker_lab.simulate import simulate
 from distortions import interpolated, low_pass, moving_average, thinned, turned
 from pose_filter import forward
 from short_recordings import EDGE_TO_EDGES, FACE_TO_EDGE, MODEL, SHIPPED, needs_kernels, recorded, shipped
-from smooth_motion import moving
+from smooth_motion import moving, unturned, with_noise
 
 PAPER = "paper_experiment"
 AUTOCORRELATION = np.exp(-0.005 / 2.0)
@@ -542,9 +542,7 @@ def test_in_bursts_of_poses_the_noise_is_decided_as_well() -> None:
     still = np.zeros_like(time_s)
     place = 0.1 * np.array([np.sin(0.5 * time_s), np.cos(0.3 * time_s), 0.2 * np.sin(0.2 * time_s)]).T
     turn = np.array([still, 0.2 * np.sin(0.4 * time_s), 0.3 * np.sin(0.3 * time_s)]).T
-    off = 2e-4 * rng.normal(size=(2, len(time_s), 3))
-    quat = Rotation.from_rotvec(turn) * Rotation.from_rotvec(off[1])
-    poses = Poses((time_s * 1e9).astype(np.int64), place + off[0], quat.as_quat())
+    poses = with_noise(rng, time_s, place, Rotation.from_rotvec(turn), 2e-4, 2e-4)
     state, _ = as_values.advance(as_values.start(MODEL), poses[:100])
     assert len(state.filters.filters) > 3
     state, _ = as_values.advance(state, poses[100:])
@@ -556,13 +554,9 @@ def test_in_bursts_of_poses_the_noise_is_decided_as_well() -> None:
 def test_poses_too_far_apart_for_any_evidence_are_followed_by_one_tracker() -> None:
     """Hours of poses five seconds apart fit in a small file; none of them decides between trackers."""
 
-    def slow(position_m: np.ndarray, period_s: float) -> Poses:
-        stamp_ns = np.arange(len(position_m)) * int(1e9 * period_s)
-        return Poses(stamp_ns, position_m, np.tile([0.0, 0.0, 0.0, 1.0], (len(position_m), 1)))
-
     steps = np.random.default_rng(4).normal(size=(300, 3))
-    state, _ = as_values.advance(as_values.start(MODEL), slow(0.01 * np.cumsum(steps, axis=0), 5.0))
+    state, _ = as_values.advance(as_values.start(MODEL), unturned(0.01 * np.cumsum(steps, axis=0), 5 * 10**9))
     assert state.is_decided
     assert not state.checks.conventions.mistake
-    state, _ = as_values.advance(as_values.start(MODEL), slow(np.zeros((100, 3)), 1.25))
+    state, _ = as_values.advance(as_values.start(MODEL), unturned(np.zeros((100, 3)), 1_250_000_000))
     assert len(state.filters.filters) > 3

@@ -24,6 +24,7 @@ from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker_lab.simulate import Scenario, simulate
 from contact_tracker_lab.simulate.scenarios import Phase
 from short_recordings import true_contacts
+from smooth_motion import with_noise
 
 MODEL = load_model()
 ACCURACY = Accuracy(1e-3, float(np.radians(0.3)))
@@ -136,11 +137,7 @@ def test_a_known_face_that_slides_along_a_line_on_a_known_plane_is_face_on_face(
     rng, time_s = np.random.default_rng(0), np.arange(0.0, 3.0, 0.01)
     position_m = np.zeros((len(time_s), 3))
     position_m[:, 0], position_m[:, 2] = 0.1 * np.sin(time_s), 0.05
-    poses = Poses(
-        (time_s * 1e9).astype(np.int64),
-        position_m + rng.normal(scale=1e-4, size=position_m.shape),
-        Rotation.from_rotvec(rng.normal(scale=1e-3, size=position_m.shape)).as_quat(),
-    )
+    poses = with_noise(rng, time_s, position_m, Rotation.identity(len(time_s)), 1e-4, 1e-3)
     accuracy = {"sigma_position_m": 1e-3, "sigma_rotation_deg": 0.5}
     table = {"name": "table", "normal": [0.0, 0.0, 1.0], "offset_m": 0.0, **accuracy}
     bottom = {"name": "bottom", "normal": [0.0, 0.0, -1.0], "offset_m": 0.05, **accuracy}

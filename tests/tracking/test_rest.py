@@ -217,11 +217,9 @@ def with_gaps(count: int, gap_s: float, steady: int = 0) -> Poses:
 def test_in_a_long_gap_no_contact_is_certain(gap_s: float, is_open: bool) -> None:
     """A box slides on a table and is at another place of it after the gap: it may have been carried there."""
     rng, time_s = np.random.default_rng(0), np.arange(1400) / 100.0
-    yaw, noise = 0.6 * np.sin(1.1 * time_s), 1e-3 * rng.normal(size=(1400, 3))
+    turn = Rotation.from_euler("Z", 0.6 * np.sin(1.1 * time_s)[:, None])
     position_m = 0.2 * np.column_stack([np.sin(0.8 * time_s), np.sin(1.3 * time_s), 0.0 * time_s])
-    position_m += 3e-4 * rng.normal(size=position_m.shape)
-    quat_xyzw = (Rotation.from_euler("Z", yaw[:, None]) * Rotation.from_rotvec(noise)).as_quat()
-    poses = Poses(np.round(time_s * 1e9).astype(np.int64), position_m, quat_xyzw)
+    poses = with_noise(rng, time_s, position_m, turn, 3e-4, 1e-3)
     seen = np.abs(time_s - 7.0) > 0.5 * gap_s
     beliefs = segment(poses[seen], MODEL).beliefs
     assert (beliefs.rows["contact"] == Contact.FF.column).all()
