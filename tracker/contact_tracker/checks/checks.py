@@ -175,11 +175,11 @@ def _refutes(lead: float, lost: float, known_map: Map) -> bool:
 
 def _are_exact(stream: Stream) -> bool:
     """Whether errors of the poses, even if they do not average out, are less than the least noise of a tick,
-    in the geometric mean of position and orientation, and the evidence has not chosen a larger noise."""
+    in the geometric mean of position and orientation, and the evidence has not excluded that noise."""
     (position_m, rotation_rad), noise = stream.inspection.sigma, stream.model.noise
     if position_m * rotation_rad > noise.floor_position_m * noise.floor_rotation_rad:
         return False
-    return not stream.is_chosen or stream.best is None or stream.best.noise == noise
+    return stream.first is None or stream.first.noise == noise
 
 
 def _is_undecided(with_map: Belief, without_map: Belief, state: FilterState) -> bool:

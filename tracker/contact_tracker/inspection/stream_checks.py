@@ -430,7 +430,7 @@ def findings(inspection: Inspection, fitting_units: Sequence[str] = ()) -> tuple
 
 _FILTERED: Final = (
     "poses look filtered, interpolated or rounded (successive errors are correlated): the noise of a tick is "
-    "judged by evidence; record raw poses if you can, or give the noise with --noise"
+    "judged by evidence; record raw poses if you can, or give the noise of raw poses with --noise"
 )
 
 
