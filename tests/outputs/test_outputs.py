@@ -210,7 +210,7 @@ def test_what_too_little_motion_shows_is_assumed_and_not_found():
     """Nothing more is to come when the line is printed."""
     text = text_of(is_decided=False, moved_s=11.74)
     assert "there is too little motion to estimate the noise of ticks" in text
-    assert "ticks (11.7 s of motion; 10 to 30 s are needed): " in text, (
+    assert "ticks (11.7 s of motion; up to 30 s are needed): " in text, (
         "even a long recording may have too little"
     )
     assert text.endswith(

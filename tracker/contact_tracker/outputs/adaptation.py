@@ -41,7 +41,8 @@ def noise_text(report: Report) -> str:
         return f"{per_pose} (as given), {per_tick}{f', {lasting}' if lasts else ''}"
     if not report.is_decided:  # the motion does not determine the noise of a tick, so it is a prior
         cause = "too short a part was read" if report.is_cut_short else "there is too little motion"
-        needed = f"{report.moved_s:.1f} s of motion; {DECIDED_AFTER_S:g} to {LONGEST_S:g} s are needed"
+        least = "up" if report.moved_s >= DECIDED_AFTER_S else f"{DECIDED_AFTER_S:g}"
+        needed = f"{report.moved_s:.1f} s of motion; {least} to {LONGEST_S:g} s are needed"
         assumed = f"{per_tick}{f' and {lasting}' if lasts else ''} are assumed (set it by --noise)"
         return f"{per_pose}; {cause} to estimate the noise of ticks ({needed}): {assumed}"
     origin = ""
