@@ -315,7 +315,7 @@ def test_exact_poses_have_no_mistake(seed: int) -> None:
     ("windows", "lead", "explained", "is_suspect"),
     [
         *((4, 40, (1, 4), True), (4, 40, (1, 1), False), (4, 70, (1, 1), True)),
-        *((10, 40, (4, 8), True), (10, 40, (7, 8), False)),
+        *((10, 40, (4, 8), True), (10, 40, (6, 8), True), (10, 40, (7, 8), False)),
     ],
 )
 def test_what_is_suspected_is_named_if_it_may_be_found(

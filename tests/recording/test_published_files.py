@@ -77,11 +77,31 @@ def test_frames_after_the_names_of_the_parts(tmp_path: Path) -> None:
     assert_read(path, "--columns", "time=tracking_timestamp_us", frame="world_device")
 
 
-def test_deviations_beside_a_pose_are_no_body(tmp_path: Path) -> None:
-    head = "t,x,y,z,qx,qy,qz,qw,x_std,y_std,z_std,qx_std,qy_std,qz_std,qw_std"
-    path = write(tmp_path / "a.csv", [head], rows(T, POSE, POSE))
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        ("", "x_std,y_std,z_std,qx_std,qy_std,qz_std,qw_std"),
+        ("", "tx_error,ty_error,tz_error,qx_error,qy_error,qz_error,qw_error"),
+        ("t_goal_x,t_goal_y,t_goal_z", ""),
+        ("tool.t_lin_x,tool.t_lin_y,tool.t_lin_z", ""),
+    ],
+)
+def test_other_vectors_beside_a_pose_are_no_body(tmp_path: Path, before: str, after: str) -> None:
+    """Deviations, errors, goals and velocities."""
+    head = ",".join(filter(None, ["time", before, "x,y,z,qx,qy,qz,qw", after]))
+    others = [names and np.ones((COUNT, len(names.split(",")))) for names in (before, after)]
+    parts = [T, others[0], POSE, others[1]]
+    path = write(tmp_path / "a.csv", [head], rows(*(part for part in parts if not isinstance(part, str))))
     assert len(list_sources(str(path))) == 1
     assert_read(path)
+
+
+def test_two_transforms_with_frames_in_the_names_are_two_bodies(tmp_path: Path) -> None:
+    names = [f"t_{body}_{axis}" for body in ("cam", "obj") for axis in "xyz"]
+    names += [f"q_{body}_{part}" for body in ("cam", "obj") for part in ("x", "y", "z", "w")]
+    path = write(tmp_path / "a.csv", [",".join(["time", *names])], rows(T, P + 1.0, P, Q, Q))
+    assert sorted(source.child_frame_id for source in list_sources(str(path))) == ["cam", "obj"]
+    assert_read(path, frame="obj")
 
 
 def test_matrices_of_surgical_robots(tmp_path: Path) -> None:
@@ -234,7 +254,11 @@ def test_bodies_of_qualisys(tmp_path: Path, is_prefixed: bool) -> None:
     lines = rows(np.arange(COUNT), T, P_MM + 9.0, ZEROS[:, :4], body, P_MM, ZEROS[:, :4], body)
     path = write(tmp_path / "take_6d.tsv", [above, "\t".join(["Frame", "Time", *heads])], lines, "\t")
     assert len(list_sources(str(path))) == 2
-    assert_read(path, frame="big_cup")
+    for stated in ([], ["--matrix", "columns"], ["--columns", "time=Time"]):
+        assert_read(path, *stated, frame="big_cup")
+    table = build_parser().parse_args(["segment", str(path), "--euler", "xyz:deg"]).table
+    angles = Poses.collect(open_log(str(path), frame="big_cup", table=table))
+    np.testing.assert_allclose(angles.position_m, P, atol=1e-9)  # in millimetres all the same
 
 
 def test_markers_of_qualisys_are_refused_as_such(tmp_path: Path) -> None:
@@ -358,6 +382,7 @@ def test_slow_dates_that_may_be_a_time_since_the_start_are_said() -> None:
     assert doubt is not None
     assert "if they are nanoseconds since another time, give --time-unit ns" in doubt
     assert unit_of(1.7e15 + 8e3 * np.arange(20)) == ("us", None)
+    assert unit_of(1.7e15 + 2e6 * np.arange(20)) == ("us", None)  # 11 days since a start would be less
     assert unit_of(1.5e9 + 1.4 * np.arange(20)) == ("s", None)  # of maps, a pose a second
 
 

@@ -36,7 +36,13 @@ from contact_tracker.tracking.filter_bank import (
     period_for_all_s,
     with_ticks_for,
 )
-from contact_tracker.tracking.noise_choice import TickEvidence, are_kept, candidates, relative_evidence
+from contact_tracker.tracking.noise_choice import (
+    TickEvidence,
+    are_calm,
+    are_kept,
+    candidates,
+    relative_evidence,
+)
 from contact_tracker.tracking.offline_smoother import segment
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.tracking.transition_model import log_initial, tick_transitions
@@ -117,9 +123,12 @@ def test_at_rest_filtered_poses_show_which_noise_is_too_small() -> None:
     assert all(
         model.noise.floor_position_m > 4e-5 or model.noise.wander_position_m > 3e-4 for model in models
     )
-    white = after_rest(shipped(PAPER)[:1000], 8.0)[: 7 * 200]
-    state, _ = as_values.advance(as_values.start(MODEL), white, Detail.WEIGHTS)
-    assert state.filters.filters[0].state.model.noise == MODEL.noise
+    activity, calm = np.array([10.0, 4.0]), [(20, False), (14, True), (20, True)]
+    assert [are_calm(activity, ticks, is_filtered).tolist() for ticks, is_filtered in calm] == [
+        [True, True],  # unfiltered: a hand may tremble
+        [True, True],  # too short a rest
+        [False, True],
+    ]
 
 
 def after_rest(poses: Poses, rest_s: float) -> Poses:

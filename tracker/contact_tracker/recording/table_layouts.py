@@ -369,6 +369,12 @@ _CLOCKS: Final = frozenset({"", "unix", "utc", "epoch", "posix"})
 _BODY: Final = r"(.*?)[._/: -]*"
 _AFTER: Final = re.compile(r"([pqt]?[xyz]|qw)[._/: -]+(.+)")
 """A role before the name of the body, as in ``qx_world_device``."""
+_FRAMED: Final = re.compile(r"([tq])_(\w+)_([wxyz])")
+"""The frames of a transform between the parts of a role, as in ``t_wo_x`` and ``q_wo_x``."""
+_NO_POSE: Final = re.compile(
+    r"(?:.*[._/: -])?(?:std|stdev|sd|sigma|var|cov|err|error|vel|dot|acc|ref|cmd|des)"
+)
+"""Names after roles of deviations, derivatives and commanded poses."""
 _MARK_RUN: Final = re.compile(r"([._/: -])[._/: -]+")
 _OF_ROTATION: Final = r"(?<![a-z])(?:(?:rotation|orientation|rot|ori)[._/: -]*)?"
 """Begins names such as ``rotation_euler_x``."""
@@ -384,7 +390,7 @@ _ROLES: Final[Sequence[tuple[re.Pattern[str], str]]] = tuple(
         ),
         (r"(?<![a-z])[pt]([xyz])", "{0}"),
         (
-            r"(?:(?<![a-z])(?:p|t|pos|position|trans|translation|tvec|loc|location|[pt]_\w+)[._/: -]*)?"
+            r"(?:(?<![a-z])(?:p|t|pos|position|trans|translation|tvec|loc|location|p_\w+)[._/: -]*)?"
             r"(?<![a-z])([xyz])",
             "{0}",
         ),
@@ -487,12 +493,22 @@ class Columns:
             {*POSITION} <= {*roles} for roles in by_body.values()
         ):
             for place, name in enumerate(self.plain):
-                if (match := _AFTER.fullmatch(name)) is not None:
+                if (match := _AFTER.fullmatch(name)) is not None and not _NO_POSE.fullmatch(match[2]):
                     role = match[1] if match[1][0] == "q" else match[1][-1]
                     by_body.setdefault(_body(match[2]), {}).setdefault(role, place)
+        whole = (
+            roles for roles in by_body.values() if {*POSITION} <= {*roles} and len(roles) > len(POSITION)
+        )
+        if not stated.keys() & {*POSE_ROLES} and not any(whole):
+            for place, name in enumerate(self.plain):
+                if (match := _FRAMED.fullmatch(name)) is not None:
+                    role = match[3] if match[1] == "t" else f"q{match[3]}"
+                    by_body.setdefault(match[2], {}).setdefault(role, place)
         times = {role: stated.pop(role) for role in (TIME, REST) if role in stated}
         if stated:  # for the body without a name, or else the one with most columns
-            is_whole = {*POSITION} <= stated.keys() and len(stated) > len(POSITION)
+            is_whole = {*POSITION} <= stated.keys() and any(
+                stated.keys() >= {*roles} for roles, _ in ROTATIONS.values()
+            )
             main = (
                 ""
                 if "" in by_body or is_whole

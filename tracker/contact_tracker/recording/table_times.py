@@ -54,6 +54,10 @@ _MOST_DAYS: Final = 20
 """Most days between two rows; if days and months are confused, there are steps of a month."""
 
 
+_LONGEST_RUN_NS: Final = 1e15
+"""Larger times are no nanoseconds since a machine has started: 11 days."""
+
+
 def unit_of(times: NDArray[np.float64]) -> tuple[str, str | None]:
     """Guess the unit of times; returns it and one line on the assumption, if it is one.
 
@@ -63,7 +67,8 @@ def unit_of(times: NDArray[np.float64]) -> tuple[str, str | None]:
     by_date = _first_within(_DATE_S, float(times[0]) if len(times) else None)
     if by_date is not None and (step is None or step * TIMES_NS[by_date] <= _LONGEST_STEP_S * 1e9):
         step_s, likely = (step or 0.0) * TIMES_NS[by_date] * 1e-9, _first_within(_STEP_S, step)
-        return by_date, None if likely != "ns" or step_s <= _SECONDS else (
+        may_be_since_start = likely == "ns" and step_s > _SECONDS and times[0] < _LONGEST_RUN_NS
+        return by_date, None if not may_be_since_start else (
             f"its times, taken as {TIME_WORDS[by_date]} since 1970, are of a pose every {step_s:.3g} s: if "
             f"they are {TIME_WORDS[likely]} since another time, give --time-unit {likely}"
         )

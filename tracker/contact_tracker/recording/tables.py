@@ -86,7 +86,7 @@ _OTHERS: Final = {
     "pyarrow.feather.read_table({name!r}), 'a.feather') makes a file that is read",
     b"\x04\x22\x4d\x18": "it is compressed: lz4 -dc {quoted} > {unpacked} makes a file that is read",
     b"\x1f\x8b": "it is compressed: gunzip -c {quoted} > {unpacked} makes a file that is read",
-    rb"\s*<(?i:\?xml|!doctype|html|\w+>)": "it is XML or HTML, not a table of poses: " + _ARRAYS,
+    rb"\s*<(?i:\?xml|!doctype|html|\w+>\s*\n)": "it is XML or HTML, not a table of poses: " + _ARRAYS,
     b"PK\x03\x04": "it is compressed: unzip {quoted} first",
     b"BZh": "it is compressed: bunzip2 -c {quoted} > {unpacked} makes a file that is read",
     b"\x80[\2-\5]": _PICKLE,

@@ -21,7 +21,7 @@ from typing import IO, Any, Final
 import numpy as np
 
 from contact_tracker.config.quantities import ANGLE_UNITS, LENGTHS, LENGTHS_M, NAMED_NS
-from contact_tracker.config.table_reading import TableReading, reading_of
+from contact_tracker.config.table_reading import REST, TIME, TableReading, reading_of
 from contact_tracker.errors import ChoiceError, UnreadableRecording
 from contact_tracker.recording.bytestream import encoding_of
 from contact_tracker.recording.items import ROWS_AT_ONCE
@@ -103,7 +103,7 @@ _NUMBER: Final = re.compile(
     r"(?:^|(?<=[\s,;|(\[:=]))[+-]?\d+(?:[.,]\d*)?(?:[eEdD][+-]?\d+)?(?=[\s,;|)\]}]|$)"
 )
 _QUALISYS_WAY: Final = reading_of(matrix="rows", unit="mm")
-"""How Qualisys writes the columns of a body."""
+"""How the columns of a body are read after they are renamed; Qualisys numbers a matrix along its columns."""
 _loads: Final = partial(json.loads, parse_float=str, parse_int=str, parse_constant=str)
 """JSON, with numbers and NaN as text."""
 _UNITS: Final = frozenset({*LENGTHS_M, *ANGLE_UNITS, *NAMED_NS, "-", "1"})
@@ -470,8 +470,9 @@ def _qualisys_layout(lines: Sequence[str], reading: TableReading, path: str) -> 
     if "BODY_NAMES" not in about and "MARKER_NAMES" in about:
         markers = ", ".join(about["MARKER_NAMES"][:_MARKERS_SHOWN])
         raise UnreadableRecording(f"it has markers ({markers}, ...), not bodies: export 6D data from QTM")
-    if reading.columns:
+    if any(role not in (TIME, REST) for role, _ in reading.columns):
         return _layout_of_rows(lines, reading, path)
+    reading = reading if reading.matrix is None else replace(reading, matrix="rows")  # as renamed below
     head = next((i for i, line in enumerate(lines) if "Rot[0]" in line), 0)
     bodies, body, named = map("_".join, map(str.split, about.get("BODY_NAMES", []))), "", list[str]()
     for cell in _table_of([lines[head]], "\t")[0]:
@@ -527,7 +528,8 @@ def _layout_of_rows(
 ) -> TableLayout:
     """The layout by the first line with names of columns of poses, which may be a comment, else by the first
     row of numbers; ``usual`` is how a known format is read, unless the user's ``reading`` states it."""
-    reading = reading if usual is None or reading.kind is not None else usual.with_(reading)
+    if usual is not None:
+        reading = (usual if reading.kind is None else reading_of(unit=usual.unit)).with_(reading)
     first = next((line for line in lines if line.strip()), "")
     stated = _SEPARATOR_LINE.fullmatch(first)
     rows = [i for i, line in enumerate(lines) if line.strip() and not _COMMENT.match(line)]

@@ -239,6 +239,10 @@ class FilterBank:
     map : the map from before a change of the rate; None without a change.
     earlier_outliers : outliers from before a change of the rate.
     changed_since_ns : time since which the rate does not suit the ticks; None if it does.
+    is_filtered : whether successive errors of the poses are correlated, so that their differences do not show
+        the noise of ticks.
+    rest_ticks : number of ticks with poses at rest.
+    rest_activity : (K,) sum of the activity of the filters in these.
     """
 
     model: Model
@@ -448,7 +452,7 @@ class FilterBank:
         for filter_ in self.filters:
             if filter_.state.label is Contact.FREE:
                 filter_.state = filter_.state._replace(curved=curved._replace(since=filter_.state.free_since))
-        evidence = self._weigh(evidence)
+        evidence = self._weigh(evidence, tick.count > 0)
         beliefs = [belief for belief in (filter_.reported for filter_ in self.filters) if belief is not None]
         if not beliefs:  # all have the same lag
             return []
@@ -456,7 +460,7 @@ class FilterBank:
         log_weight = self.log_weight - (0.0 if self.motion.moves else REST_NATS) * activity
         return [mixture(beliefs, log_weight, self.known_map)]
 
-    def _weigh(self, evidence: list[TickEvidence]) -> list[TickEvidence]:
+    def _weigh(self, evidence: list[TickEvidence], has_poses: bool) -> list[TickEvidence]:
         """Weigh the filters by their evidence of a tick, if the object moves in it, or else by what they take
         for motion; returns the evidence of the filters that are kept."""
         if len(evidence) == 1:
@@ -471,7 +475,7 @@ class FilterBank:
             price = LOG_PRIOR_TOLERANCE * np.array(is_loose)
             is_kept = are_kept(log_weight, self.log_prior, self.moved_s, price)
         else:
-            self.rest_ticks += 1
+            self.rest_ticks += has_poses
             self.rest_activity = self.rest_activity + [tick.activity for tick in evidence]
             is_kept = np.ones(len(evidence), np.bool_)
         is_calm = are_calm(self.rest_activity, self.rest_ticks, self.is_filtered)
