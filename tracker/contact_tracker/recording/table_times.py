@@ -67,8 +67,8 @@ def unit_of(times: NDArray[np.float64]) -> tuple[str, str | None]:
     by_date = _first_within(_DATE_S, float(times[0]) if len(times) else None)
     if by_date is not None and (step is None or step * TIMES_NS[by_date] <= _LONGEST_STEP_S * 1e9):
         step_s, likely = (step or 0.0) * TIMES_NS[by_date] * 1e-9, _first_within(_STEP_S, step)
-        may_be_since_start = likely == "ns" and step_s > _SECONDS and times[0] < _LONGEST_RUN_NS
-        return by_date, None if not may_be_since_start else (
+        is_date = likely != "ns" or step_s <= _SECONDS or times[0] >= _LONGEST_RUN_NS
+        return by_date, None if is_date or likely is None else (
             f"its times, taken as {TIME_WORDS[by_date]} since 1970, are of a pose every {step_s:.3g} s: if "
             f"they are {TIME_WORDS[likely]} since another time, give --time-unit {likely}"
         )
