@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 import contact_tracker
 from contact_tracker.config.loading import load_model
+from contact_tracker.motion.poses import Poses
 from contact_tracker.states import CONTACTS, Contact
 from contact_tracker.tracking.belief import Segment
 from contact_tracker.tracking.map_passes import _with_touches
@@ -256,3 +257,27 @@ def test_free_motion_is_not_open_to_all_if_contacts_agree_with_an_earlier_map() 
     assert carried.contact is Contact.FREE
     assert not carried.inseparable
     assert carried.probability > 0.8
+
+
+@pytest.mark.parametrize("seed", [2, 4])
+def test_an_object_held_still_in_the_air_is_no_edge_on_an_edge(seed: int) -> None:
+    """It sways by half a millimetre, and the poses are low-passed: a constraint of velocities fits by chance,
+    and no direction of the edges is observed. Both were surely e-e for up to 18 of 20 s."""
+    rng, time_s = np.random.default_rng(seed), np.arange(2000) / 100.0
+
+    def low_passed(rows: np.ndarray, hz: float) -> np.ndarray:
+        return np.asarray(filtfilt(*butter(2, hz / 50.0), rows, axis=0))
+
+    def sway(size: float, hz: float) -> np.ndarray:
+        way = low_passed(rng.normal(size=(2000, 3)), hz)
+        return np.asarray(size * way / way.std(axis=0))
+
+    position_m = sway(5e-4, 0.4) + sway(1e-4, 6.0) + 3e-4 * rng.normal(size=(2000, 3))
+    turn = np.radians(sway(0.3, 0.4) + sway(0.05, 6.0) + 0.1 * rng.normal(size=(2000, 3)))
+    position_m, turn = low_passed(position_m, 6.0), low_passed(turn, 6.0)
+    held = Poses(np.rint(1e9 * time_s).astype(np.int64), position_m, Rotation.from_rotvec(turn).as_quat())
+    result = contact_tracker.segment(Trajectory(held))
+    assert all(Contact.FREE in (row.contact, *row.inseparable) for row in result.segments)
+    tracker = contact_tracker.Tracker()
+    beliefs = filter(None, (tracker.update(*pose) for pose in held))
+    assert not any(belief.probability.max() > 0.9 and not belief.inseparable for belief in beliefs)

@@ -134,6 +134,12 @@ class ContactGeometry:
         return is_unobserved(self.object) and is_unobserved(self.environment)
 
     @property
+    def has_open_directions(self) -> bool:
+        """Whether the motion leaves a direction of each element open: it is then so small, or in so few
+        directions, that a constraint is a linear one on the motion, which free motion may keep by chance."""
+        return bool(self.object.unobserved) and bool(self.environment.unobserved)
+
+    @property
     def has_open_offset(self) -> tuple[bool, bool]:
         """Whether the offsets of the object's and of the environment's face are unknown (f-f only).
 

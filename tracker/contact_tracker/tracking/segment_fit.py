@@ -180,6 +180,8 @@ def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
         inseparable = united(inseparable, alike)
     estimate = element_estimate(fitted, contact, scales, window, information)
     geometry, curved = located.geometry, np.zeros(1)
+    if label.codimension == 1 and geometry.has_open_directions:
+        inseparable = united(inseparable, (Contact.FREE,))
     tolerance = _tolerance(contact, fitted.x, window) if any(extra_variance) else None
     parts = share, formation, (), estimate, tolerance
     return SegmentFit(label, geometry, inseparable, curved, *parts)
