@@ -134,7 +134,6 @@ class Tracker:
         end before ``until_ns``; returns the beliefs of closed ticks."""
         filters, checks, beliefs = self.filters.copied(), self.checks, list[Belief]()
         is_settled = checks.contradiction.is_settled
-        filters.is_filtered = self.inspection.filtered
         if self.taken_in < len(self.uninspected):
             poses = Poses.join(self.uninspected[self.taken_in :])
             beliefs += filters.add(poses, detail)

@@ -15,7 +15,7 @@ from contact_tracker.checks.map_use import MapUse, Repeatability
 from contact_tracker.config.parameters import Model
 from contact_tracker.geometry.elements import Array, Point
 from contact_tracker.hypotheses.evidence import SAME_FIT_RATIO
-from contact_tracker.inspection.stream_checks import FILTERED, Finding, findings
+from contact_tracker.inspection.stream_checks import Finding, findings
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.tick_averaging import TickGrid
@@ -173,13 +173,14 @@ def _refutes(lead: float, lost: float, known_map: Map) -> bool:
     return (known_map.lists_elements and lead > WRONG_NATS) or lost > LOST_NATS
 
 
-def _are_exact(stream: Stream) -> bool:
-    """Whether errors of the poses, even if they do not average out, are less than the least noise of a tick,
-    in the geometric mean of position and orientation, and the evidence has not excluded that noise."""
+def _are_filtered(stream: Stream) -> bool:
+    """Whether the poses look filtered. Where their errors, even if they do not average out, are less than the
+    least noise of a tick, in the geometric mean of position and orientation, they may be those of a machine:
+    then, whether the evidence has excluded that noise."""
     (position_m, rotation_rad), noise = stream.inspection.sigma, stream.model.noise
     if position_m * rotation_rad > noise.floor_position_m * noise.floor_rotation_rad:
-        return False
-    return stream.first is None or stream.first.noise == noise
+        return stream.inspection.filtered
+    return stream.first is not None and stream.first.noise.floor_position_m > noise.floor_position_m
 
 
 def _is_undecided(with_map: Belief, without_map: Belief, state: FilterState) -> bool:
@@ -243,9 +244,8 @@ class Checks(NamedTuple):
 
     def findings(self, stream: Stream) -> tuple[Finding, ...]:
         """Findings so far; at the end of the stream also what is still suspected."""
-        result = list(findings(stream.inspection, self.conventions.fitting_units))
-        if any(finding.kind == FILTERED for finding in result) and _are_exact(stream):
-            result = [finding for finding in result if finding.kind != FILTERED]
+        inspection = stream.inspection._replace(filtered=_are_filtered(stream))
+        result = list(findings(inspection, self.conventions.fitting_units))
         for check in self:
             result += check.findings(stream, result)
         if stream.is_end and not any(finding.doubts_labels for finding in result):

@@ -24,7 +24,7 @@ from contact_tracker.motion.free_motion import NO_EXCESS, NOW_TICKS, can_be_comp
 from contact_tracker.motion.free_speed import FreeSpeed
 from contact_tracker.motion.poses import NO_OUTLIERS, NO_POSES, Outliers, Poses
 from contact_tracker.motion.sensor_noise import independent_point
-from contact_tracker.motion.tick_averaging import ORIGIN_M, Tick, TickGrid, white_variances
+from contact_tracker.motion.tick_averaging import NOISY_M, ORIGIN_M, Tick, TickGrid, white_variances
 from contact_tracker.states import CONTACTS, STATES, Contact, united
 from contact_tracker.tracking.ambiguity import likelier_states, reported, shared_with
 from contact_tracker.tracking.belief import Belief, Detail
@@ -239,8 +239,6 @@ class FilterBank:
     map : the map from before a change of the rate; None without a change.
     earlier_outliers : outliers from before a change of the rate.
     changed_since_ns : time since which the rate does not suit the ticks; None if it does.
-    is_filtered : whether successive errors of the poses are correlated, so that their differences do not show
-        the noise of ticks.
     rest_ticks : number of ticks with poses at rest.
     rest_activity : (K,) sum of the activity of the filters in these.
     """
@@ -261,7 +259,6 @@ class FilterBank:
     map: GrowingMap | None = None
     earlier_outliers: Outliers = NO_OUTLIERS
     changed_since_ns: int | None = None
-    is_filtered: bool = False
     rest_ticks: int = 0
     rest_activity: Array = field(default_factory=lambda: np.zeros(1))
 
@@ -478,7 +475,12 @@ class FilterBank:
             self.rest_ticks += has_poses
             self.rest_activity = self.rest_activity + [tick.activity for tick in evidence]
             is_kept = np.ones(len(evidence), np.bool_)
-        is_calm = are_calm(self.rest_activity, self.rest_ticks, self.is_filtered)
+        assert self.grid is not None
+        assert self.grid.stream is not None
+        may_be_filtered = (
+            self.grid.stream.noise.sigma_position_m <= NOISY_M
+        )  # or are exact, and still at rest
+        is_calm = are_calm(self.rest_activity, self.rest_ticks, may_be_filtered)
         if (is_calm & is_kept).any():
             is_kept &= is_calm
         kept = np.flatnonzero(is_kept)

@@ -187,11 +187,11 @@ the least noise is 0.87 to 0.96, and that of the right one in most recordings at
 everyday handling are right for 0.881 of the time, the same with 0.25 and 0.4, and without the rule 0.850."""
 
 
-def are_calm(rest_activity: Array, rest_ticks: int, is_filtered: bool) -> Bools:
-    """Which of K filters do not take the noise at rest for motion, if the poses are filtered: the differences
+def are_calm(rest_activity: Array, rest_ticks: int, may_be_filtered: bool) -> Bools:
+    """Which of K filters do not take the noise at rest for motion, if the poses may be filtered: differences
     of these show too little noise, and contacts between new elements fit what remains as well as slow motion.
 
     ``rest_activity`` (K,) are sums over ``rest_ticks``. With too few of these, or unfiltered poses: all.
     """
-    is_known = is_filtered and rest_ticks >= CALM_TICKS
+    is_known = may_be_filtered and rest_ticks >= CALM_TICKS
     return np.asarray((rest_activity <= MOST_ACTIVITY * rest_ticks) | (not is_known))
