@@ -194,4 +194,5 @@ def are_calm(rest_activity: Array, rest_ticks: int, may_be_filtered: bool) -> Bo
     ``rest_activity`` (K,) are sums over ``rest_ticks``. With too few of these, or unfiltered poses: all.
     """
     is_known = may_be_filtered and rest_ticks >= CALM_TICKS
-    return np.asarray((rest_activity <= MOST_ACTIVITY * rest_ticks) | (not is_known))
+    most = max(MOST_ACTIVITY * rest_ticks, 2.0 * float(rest_activity.min()))  # others are hardly calmer
+    return np.asarray((rest_activity <= most) | (not is_known))
