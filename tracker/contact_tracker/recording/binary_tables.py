@@ -35,7 +35,14 @@ from contact_tracker.errors import ChoiceError, UnreadableRecording, first_line,
 from contact_tracker.recording.array_files import MOST_ARRAYS, WIDEST, arrays_in, widest_of
 from contact_tracker.recording.bytestream import SHARE_OF_RECORD, TooMuchWork, WorkBudget
 from contact_tracker.recording.items import ROWS_AT_ONCE
-from contact_tracker.recording.table_layouts import MOST_COLUMNS, UNNAMED, Body, TableLayout, numbers
+from contact_tracker.recording.table_layouts import (
+    MOST_COLUMNS,
+    UNNAMED,
+    Body,
+    TableLayout,
+    listed_briefly,
+    numbers,
+)
 from contact_tracker.recording.table_proposals import FIRST_ROWS, layout_of_names, layout_without_names
 
 _PARQUET_ERRORS: Final = (pyarrow.ArrowException, OSError, ValueError, OverflowError, KeyError)
@@ -439,7 +446,6 @@ _VALUES: Final = 17
 _POSE: Final = 12
 """Number of values of a pose: the columns of the matrix and the position, without the last row."""
 _KINDS: Final = {-1: "S1", 1: "i1", 2: "<i2", 4: "<f4"}
-_MARKERS_SHOWN: Final = 5
 _SUFFIX: Final = "_4x4"
 _NO_BODIES: Final = (
     "it is C3D with markers ({names}), not bodies: export bodies (6D) as text; or points = "
@@ -468,9 +474,8 @@ def _of_c3d(path: str, reading: TableReading, _: WorkBudget) -> ArrayTable:
         names = [name for key in labels for name in parameters[key]]
         names = names[: int(parameters.get("ROTATION:USED", [0])[0])]
         if not names:
-            markers = [*map(printable, parameters.get("POINT:LABELS", []))]
-            listed = markers[:_MARKERS_SHOWN] + ["..."] * (len(markers) > _MARKERS_SHOWN)
-            about = {"names": ", ".join(listed) or "none", "name": os.path.basename(path)}
+            markers = listed_briefly([*map(printable, parameters.get("POINT:LABELS", []))])
+            about = {"names": markers or "none", "name": os.path.basename(path)}
             raise UnreadableRecording(_NO_BODIES.format(**about))
         if blocks[3] == _DEC:
             raise UnreadableRecording(_NO_PC)

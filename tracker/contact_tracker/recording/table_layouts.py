@@ -329,7 +329,7 @@ def _of_another_kind(reading: TableReading, kind: str, names: Sequence[str]) -> 
     is_what = {"quaternion": "a quaternion", "matrix": "a matrix"}.get(kind, "angles or a vector")
     instead = {"quaternion": "", "matrix": "--matrix rows"}.get(kind, "--euler XYZ:deg or --rotation-vector")
     remedy = f"give {instead} instead of {stated}" if instead else f"leave out {stated}, which is not needed"
-    return f"its rotation is {is_what} ({_listed(names)}): {remedy}"
+    return f"its rotation is {is_what} ({listed_briefly(names)}): {remedy}"
 
 
 def _how(reading: TableReading, columns: Sequence[tuple[str, str]]) -> str:
@@ -478,7 +478,7 @@ class Columns:
         group = f"s {name}" if part is not None else f"s {name}[0], {name}[1], ..."
         missing = group if is_group else f" {name!r}"
         raise ChoiceError(
-            f"no column{missing}{suggestion(name, self.names) or f'; there are {_listed(self.names)}'}"
+            f"no column{missing}{suggestion(name, self.names) or f'; there are {listed_briefly(self.names)}'}"
         )
 
     def find(self, reading: TableReading) -> dict[str, dict[str, int]]:
@@ -489,33 +489,28 @@ class Columns:
             if place not in stated.values():
                 for body, role in _roles(name, reading.matrix == "columns"):
                     by_body.setdefault(body, {}).setdefault(role, place)
-        if not stated.keys() & {*POSE_ROLES} and not any(
-            {*POSITION} <= {*roles} for roles in by_body.values()
-        ):
+        if not stated.keys() & {*POSE_ROLES}:
+            self._add_with_frames(by_body)
+        times = {role: stated.pop(role) for role in (TIME, REST) if role in stated}
+        if stated:  # for the body without a name, or else the one with most columns
+            is_nameless = "" in by_body or _is_pose(stated) or not by_body
+            main = "" if is_nameless else max(by_body, key=lambda body: len(by_body[body]))
+            by_body = {main: {**by_body.get(main, {}), **stated}}
+        return {**by_body, TIME: times}
+
+    def _add_with_frames(self, by_body: dict[str, dict[str, int]]) -> None:
+        """Add the columns with frames in their names: after the parts if no body has a position so far
+        (``tx_world_device``), and between them if none has a pose (``t_wo_x``)."""
+        if not any(roles.keys() >= {*POSITION} for roles in by_body.values()):
             for place, name in enumerate(self.plain):
                 if (match := _AFTER.fullmatch(name)) is not None and not _NO_POSE.fullmatch(match[2]):
                     role = match[1] if match[1][0] == "q" else match[1][-1]
                     by_body.setdefault(_body(match[2]), {}).setdefault(role, place)
-        whole = (
-            roles for roles in by_body.values() if {*POSITION} <= {*roles} and len(roles) > len(POSITION)
-        )
-        if not stated.keys() & {*POSE_ROLES} and not any(whole):
+        if not any(map(_is_pose, by_body.values())):
             for place, name in enumerate(self.plain):
                 if (match := _FRAMED.fullmatch(name)) is not None:
                     role = match[3] if match[1] == "t" else f"q{match[3]}"
                     by_body.setdefault(match[2], {}).setdefault(role, place)
-        times = {role: stated.pop(role) for role in (TIME, REST) if role in stated}
-        if stated:  # for the body without a name, or else the one with most columns
-            is_whole = {*POSITION} <= stated.keys() and any(
-                stated.keys() >= {*roles} for roles, _ in ROTATIONS.values()
-            )
-            main = (
-                ""
-                if "" in by_body or is_whole
-                else max(by_body, key=lambda body: len(by_body[body]), default="")
-            )
-            by_body = {main: {**by_body.get(main, {}), **stated}}
-        return {**by_body, TIME: times}
 
     def _stated(self, role: str, name: str, reading: TableReading) -> list[tuple[str, int]]:
         places = self.places(name, role in GROUPS)
@@ -639,6 +634,12 @@ def are_named_angles(names: Sequence[str]) -> bool:
     return any(_NAMED_ANGLES.search(name) and not NAMED_VECTOR.search(name) for name in names)
 
 
+def _is_pose(roles: Mapping[str, int]) -> bool:
+    """Whether columns have a position and a rotation."""
+    of_rotations = (parts for parts, _ in ROTATIONS.values())
+    return roles.keys() >= {*POSITION} and any(roles.keys() >= {*parts} for parts in of_rotations)
+
+
 def _lacking(
     columns: Columns, reading: TableReading, has_time: bool, roles: Collection[str]
 ) -> UnreadableRecording:
@@ -646,8 +647,8 @@ def _lacking(
     missing, names = [role for role in POSE_ROLES if role not in roles], columns.names
     if not missing:
         return UnreadableRecording(
-            f"no column of times among {_listed(names)}: say which it is, as in --columns time=t, or, if "
-            "none is, give the rate of the rows, as in --time-unit 200Hz"
+            f"no column of times among {listed_briefly(names)}: say which it is, as in --columns time=t, or, "
+            "if none is, give the rate of the rows, as in --time-unit 200Hz"
         )
     if missing == [*QUATERNION] and {"w", *POSITION} <= {*columns.plain}:
         x, y, z, w = (names[columns.plain.index(axis)] for axis in (*POSITION, "w"))
@@ -659,13 +660,13 @@ def _lacking(
     missing = missing if has_time else ["a time", *missing]
     unit = reading.unit or next(filter(LENGTHS_M.__contains__, columns.units), "m")
     return UnreadableRecording(
-        f"no columns of a pose among {_listed(names)}: missing {'is' if len(missing) == 1 else 'are'} "
+        f"no columns of a pose among {listed_briefly(names)}: missing {'is' if len(missing) == 1 else 'are'} "
         f"{', '.join(missing)}: say which columns they are, as in --columns time=t,x=px{angles}, or rename "
         f"columns, as in: {_EXAMPLE.format(unit)}"
     )
 
 
-def _listed(names: Sequence[str]) -> str:
+def listed_briefly(names: Sequence[str]) -> str:
     """The first names as text, with the elements of a list as ``qpos[0:14]``."""
 
     def run(place: int) -> tuple[str, int]:

@@ -36,6 +36,7 @@ from contact_tracker.recording.table_layouts import (
     TableLayout,
     are_numbers,
     bodies_of,
+    listed_briefly,
     number,
     numbers,
 )
@@ -98,7 +99,6 @@ _BETWEEN: Final = re.compile(r"\s*;\s*|,\s+|\s+")
 _BEGIN_DOCUMENT: Final = re.compile(r"\s*(?:\{|\[\s*(?:$|[\[{]))")
 _QUALISYS: Final = "NO_OF_FRAMES"
 _OF_MATRIX: Final = re.compile(r"Rot\[([0-8])\]")
-_MARKERS_SHOWN: Final = 5
 _NUMBER: Final = re.compile(
     r"(?:^|(?<=[\s,;|(\[:=]))[+-]?\d+(?:[.,]\d*)?(?:[eEdD][+-]?\d+)?(?=[\s,;|)\]}]|$)"
 )
@@ -468,8 +468,8 @@ def _qualisys_layout(lines: Sequence[str], reading: TableReading, path: str) -> 
     """The layout of an export of Qualisys, in which the columns of each body have the same names."""
     about = {row[0]: row[1:] for row in _table_of(lines, "\t")}
     if "BODY_NAMES" not in about and "MARKER_NAMES" in about:
-        markers = ", ".join(about["MARKER_NAMES"][:_MARKERS_SHOWN])
-        raise UnreadableRecording(f"it has markers ({markers}, ...), not bodies: export 6D data from QTM")
+        markers = listed_briefly(about["MARKER_NAMES"])
+        raise UnreadableRecording(f"it has markers ({markers}), not bodies: export 6D data from QTM")
     if any(role not in (TIME, REST) for role, _ in reading.columns):
         return _layout_of_rows(lines, reading, path)
     reading = reading if reading.matrix is None else replace(reading, matrix="rows")  # as renamed below

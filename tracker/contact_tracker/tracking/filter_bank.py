@@ -468,7 +468,8 @@ class FilterBank:
             log_weight = log_weight + relative_evidence(evidence, model.motion)
             self.moved_s += model.tick_s
             exact_rad = self.model.noise.contact_rotation_rad
-            is_loose = [one.state.model.noise.contact_rotation_rad != exact_rad for one in self.filters]
+            noises = (filter_.state.model.noise for filter_ in self.filters)
+            is_loose = [noise.contact_rotation_rad != exact_rad for noise in noises]
             price = LOG_PRIOR_TOLERANCE * np.array(is_loose)
             is_kept = are_kept(log_weight, self.log_prior, self.moved_s, price)
         else:
@@ -477,10 +478,8 @@ class FilterBank:
             is_kept = np.ones(len(evidence), np.bool_)
         assert self.grid is not None
         assert self.grid.stream is not None
-        may_be_filtered = (
-            self.grid.stream.noise.sigma_position_m <= NOISY_M
-        )  # or are exact, and still at rest
-        is_calm = are_calm(self.rest_activity, self.rest_ticks, may_be_filtered)
+        is_exact = self.grid.stream.noise.sigma_position_m <= NOISY_M  # or looks so by a filter
+        is_calm = are_calm(self.rest_activity, self.rest_ticks, may_be_filtered=is_exact)
         if (is_calm & is_kept).any():
             is_kept &= is_calm
         kept = np.flatnonzero(is_kept)
