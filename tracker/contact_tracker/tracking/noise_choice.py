@@ -186,6 +186,9 @@ MOST_ACTIVITY: Final = 1.0 / 3.0
 the least noise is 0.87 to 0.96, and that of the right one in most recordings at most 0.2. Such recordings of
 everyday handling are right for 0.879 of the time, and without the rule 0.850; 0.25 and 0.4 gave the same."""
 
+LEAST_RATIO: Final = 2.0
+"""Least ratio of a filter's activity at rest to that of the calmest: evidence decides between alike ones."""
+
 
 def are_calm(rest_activity: Array, rest_ticks: int, may_be_filtered: bool) -> Bools:
     """Which of K filters do not take the noise at rest for motion, if the poses may be filtered: differences
@@ -194,5 +197,5 @@ def are_calm(rest_activity: Array, rest_ticks: int, may_be_filtered: bool) -> Bo
     ``rest_activity`` (K,) are sums over ``rest_ticks``. With too few of these, or unfiltered poses: all.
     """
     is_known = may_be_filtered and rest_ticks >= CALM_TICKS
-    most = max(MOST_ACTIVITY * rest_ticks, 2.0 * float(rest_activity.min()))  # others are hardly calmer
+    most = max(MOST_ACTIVITY * rest_ticks, LEAST_RATIO * float(rest_activity.min()))
     return np.asarray((rest_activity <= most) | (not is_known))
