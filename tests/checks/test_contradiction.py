@@ -1,5 +1,6 @@
 """A map that contradicts the motion is reported, and one that fits is not."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,6 @@ from scipy.spatial.transform import Rotation
 import as_values
 from checked_stream import stream_of, updated
 from contact_tracker.checks.checks import Contradiction
-from contact_tracker.inspection.stream_checks import NOTHING_INSPECTED
 from contact_tracker.map.file import map_from
 from contact_tracker.map.map import Map
 from contact_tracker.motion.pose_validation import gate
@@ -177,8 +177,10 @@ def test_exact_knowledge_fits_filtered_poses() -> None:
 def test_before_the_noise_is_chosen_filtered_poses_refute_nothing_until_the_end(is_filtered: bool) -> None:
     """It is taken for motion; labels are in doubt until then."""
     box = slid_and_tilted(np.random.default_rng(1), np.array([0.2, 0.12, 0.08]))[:1500]
-    inspection = NOTHING_INSPECTED._replace(filtered=is_filtered)
-    stream = stream_of(up([0.6, 0.0, 0.8]), is_chosen=False, inspection=inspection)
+    noise = replace(
+        MODEL.noise, floor_position_m=(2.0 if is_filtered else 1.0) * MODEL.noise.floor_position_m
+    )
+    stream = stream_of(up([0.6, 0.0, 0.8]), is_chosen=False, first=replace(MODEL, noise=noise))
     known = updated(Contradiction(), box.batches(), stream)
     assert known.is_likely(stream)
     assert known.is_found is not is_filtered

@@ -17,7 +17,7 @@ from contact_tracker.inspection.stream_checks import (
 )
 from contact_tracker.motion.poses import Poses, ReadAs
 from contact_tracker.recording import open_log
-from distortions import default_where, exponential, interpolated, moving_average
+from distortions import default_where
 from short_recordings import shipped
 from smooth_motion import START_NS, moving, smooth
 
@@ -57,14 +57,6 @@ def with_shifts(poses, shift_m):
 def merged(*streams):
     every = Poses.join(streams)
     return every[np.argsort(every.stamp_ns, kind="stable")]
-
-
-FILTERS = {
-    "average of 3": lambda poses: moving_average(poses, 3),
-    "average of 5": lambda poses: moving_average(poses, 5),
-    "first order": lambda poses: exponential(poses, 0.3),
-    "interpolated": interpolated,
-}
 
 
 @pytest.mark.long
@@ -194,8 +186,7 @@ OTHERS = {
 
 @pytest.mark.parametrize("make", [pytest.param(make, id=name) for name, make in (VALID | OTHERS).items()])
 def test_valid_streams_have_no_warnings(make):
-    allowed = {"filtered"} if make in (vibrating, of_two_cameras) else set()
-    assert set(kinds(make(PAPER))) <= allowed
+    assert kinds(make(PAPER)) == []
 
 
 @pytest.mark.parametrize("batch", [7, 100])
@@ -248,19 +239,9 @@ def test_an_orientation_or_position_that_never_changes():
     assert kinds(Poses(unturned.stamp_ns, unmoved.position_m, unturned.quat_xyzw)) == ["still"]
 
 
-@pytest.mark.parametrize("distort", FILTERS.values(), ids=FILTERS)
-@pytest.mark.parametrize(("name", "seconds"), [("paper_experiment", 8.0), ("robot_1khz", 2.0)])
-def test_filtered_poses_are_found(distort, name, seconds):
-    state = inspected(distort(until(shipped(name), seconds)))
-    (finding,) = findings(state)
-    assert finding.kind == "filtered"
-    assert not finding.doubts_labels
-
-
 STREAMS = {
     "as it is": lambda poses: poses,
     "millimetres": lambda poses: scaled(poses, 1e3),
-    "filtered": FILTERS["average of 3"],
     "two bodies": lambda poses: merged(poses, late(poses[::2], [0.3, 0.0, 0.0], 10**6)),
 }
 

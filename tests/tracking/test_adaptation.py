@@ -1,8 +1,10 @@
 """Adaptation to the stream: length of ticks, and the noise of a tick by evidence."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise
+from typing import Final
 
 import numpy as np
 import pytest
@@ -49,7 +51,7 @@ from contact_tracker.tracking.transition_model import log_initial, tick_transiti
 from contact_tracker_lab.calibration.trellis import RecordedPass, smooth
 from contact_tracker_lab.evaluation.evaluate import evaluate
 from contact_tracker_lab.simulate import simulate
-from distortions import interpolated, low_pass, moving_average, thinned, turned
+from distortions import exponential, interpolated, low_pass, moving_average, thinned, turned
 from pose_filter import forward
 from short_recordings import EDGE_TO_EDGES, FACE_TO_EDGE, MODEL, SHIPPED, needs_kernels, recorded, shipped
 from smooth_motion import moving, unturned, with_noise
@@ -75,6 +77,24 @@ def test_contacts_are_found_in_poses_that_were_filtered() -> None:
     assert online > 0.8
     without_adaptation, _ = accuracies(poses, segment(poses, MODEL))
     assert without_adaptation < 0.7
+
+
+FILTERS: Final[dict[str, tuple[Callable[[Poses], Poses], bool]]] = {
+    "none": (lambda poses: poses, False),
+    "average of 3": (lambda poses: moving_average(poses, 3), True),
+    "first order": (lambda poses: exponential(poses, 0.3), True),
+    "interpolated": (interpolated, True),
+}
+
+
+@needs_kernels
+@pytest.mark.parametrize(("distort", "is_filtered"), FILTERS.values(), ids=FILTERS)
+def test_poses_look_filtered_once_the_least_noise_of_a_tick_is_excluded(
+    distort: Callable[[Poses], Poses], is_filtered: bool
+) -> None:
+    state, _ = as_values.advance(as_values.start(MODEL), distort(shipped(PAPER)[1000:3000]), Detail.WEIGHTS)
+    assert [finding.kind for finding in state.findings] == ["filtered"] * is_filtered
+    assert not any(finding.doubts_labels for finding in state.findings)
 
 
 @pytest.mark.long

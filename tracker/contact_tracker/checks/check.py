@@ -41,6 +41,13 @@ class Stream(NamedTuple):
     inspection: Inspection
     is_end: bool = False
 
+    @property
+    def is_filtered(self) -> bool:
+        """Whether the poses look filtered: the evidence has excluded the least noise of a tick, that of
+        errors which average out."""
+        least_m = self.model.noise.floor_position_m
+        return self.first is not None and self.first.noise.floor_position_m > least_m
+
 
 class Check:
     """One check of a stream as an immutable value; subclasses override the methods that they need."""

@@ -134,7 +134,7 @@ class Contradiction(Check):
             if is_counted and not _is_undecided(with_map, without_map, second.filter.state):
                 lead += difference - previous
                 lost = max(lost + difference - previous, 0.0)
-            may_be_found = stream.is_chosen or not stream.inspection.filtered
+            may_be_found = stream.is_chosen or not stream.is_filtered
             is_found = may_be_found and (is_found or _refutes(lead, lost, stream.map))
             if stream.is_chosen and (is_found or second.moved_s > LONGEST_S):
                 return Contradiction(None, None, lead, lost, is_settled=True, is_found=is_found)
@@ -173,16 +173,6 @@ def _refutes(lead: float, lost: float, known_map: Map) -> bool:
     return (known_map.lists_elements and lead > WRONG_NATS) or lost > LOST_NATS
 
 
-def _are_filtered(stream: Stream) -> bool:
-    """Whether the poses look filtered. Where their errors, even if they do not average out, are less than the
-    least noise of a tick, in the geometric mean of position and orientation, they may be those of a machine:
-    then, whether the evidence has excluded that noise."""
-    (position_m, rotation_rad), noise = stream.inspection.sigma, stream.model.noise
-    if position_m * rotation_rad > noise.floor_position_m * noise.floor_rotation_rad:
-        return stream.inspection.filtered
-    return stream.first is not None and stream.first.noise.floor_position_m > noise.floor_position_m
-
-
 def _is_undecided(with_map: Belief, without_map: Belief, state: FilterState) -> bool:
     """Whether motion in few directions does not decide between the contacts of the two trackers: the second,
     in this ``state``, has more evidence because something else, such as the hand, adds a constraint (T24). It
@@ -207,6 +197,10 @@ def _is_scripted(belief: Belief) -> bool:
     return isinstance(point, Point) and bool(np.linalg.norm(point.point_m) < AT_ORIGIN_M)
 
 
+FILTERED: Final = (
+    "poses look filtered, interpolated or rounded (errors do not average out): the noise of a tick is "
+    "judged by evidence; record raw poses if you can, or give the noise of raw poses with --noise"
+)
 INSPECTED: Final = "impacts", "clearance"
 """Checks that are updated in the batches in which poses are inspected."""
 
@@ -244,8 +238,9 @@ class Checks(NamedTuple):
 
     def findings(self, stream: Stream) -> tuple[Finding, ...]:
         """Findings so far; at the end of the stream also what is still suspected."""
-        inspection = stream.inspection._replace(filtered=_are_filtered(stream))
-        result = list(findings(inspection, self.conventions.fitting_units))
+        result = list(findings(stream.inspection, self.conventions.fitting_units))
+        if stream.is_filtered and not stream.inspection.bodies:
+            result.append(Finding("filtered", FILTERED, False))
         for check in self:
             result += check.findings(stream, result)
         if stream.is_end and not any(finding.doubts_labels for finding in result):

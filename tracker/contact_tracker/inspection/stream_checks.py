@@ -1,12 +1,12 @@
-"""Findings about a stream of poses for which labels would be wrong: filtered poses, two bodies on one topic,
-wrong units and conventions.
+"""Findings about a stream of poses for which labels would be wrong: two bodies on one topic, wrong units and
+conventions.
 
 All statistics are computed on blocks of poses counted from the first one, so that they do not depend on
 batches. Repeated poses are left out.
 """
 
 from collections.abc import Sequence
-from math import asin, inf, log, pi, sqrt
+from math import inf, log, pi, sqrt
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -102,117 +102,11 @@ def _without(smooth: Array, values: Array) -> Array:
     return np.asarray(values - smooth @ (smooth.transpose(0, 2, 1) @ values))
 
 
-LAGS: Final = 3
-SIGNS_OF_WHITE: Final = np.array([2.0 / pi * asin(r) for r in (-15 / 20, 6 / 20, -1 / 20)])
-"""Mean products of the signs of third differences of white noise, by lag: 2/pi asin(r) for Gaussian variables
-with correlation r, whatever their variances. So noise may differ, and outliers count little."""
-STRIDES: Final[tuple[tuple[float, tuple[int, int, int], float], ...]] = (
-    (0.0026, (1, 8, 16), 1.0),
-    (0.0053, (1, 4, 8), 2.0),
-    (0.0105, (1, 2, 4), 8.0),
-    (0.035, (1, 2, 2), 40.0),
-)
-"""Longest interval between poses (s), strides, and bound on the effect of oscillation.
-
-Hands and robots move slowly against the longest stride, 70 ms at most. If a share of the poses moves, all
-mean products of signs shift towards 1 by this share. Oscillations of up to 5 Hz (2.5 Hz at 30 Hz) deviate
-from this by at most the bound times the squared share, in the metric INFORMATION.
-"""
-REACH: Final = 2 * LAGS * 16
-"""Number of poses needed before a block."""
-OUTLIER_SQ: Final = 36.0
-"""Third differences longer than 6 times the median length are left out."""
-ENOUGH: Final = 256
-"""Least number of poses for the test."""
-INFORMATION: Final = np.array([[59.9, 40.1, 9.3], [40.1, 40.6, 16.7], [9.3, 16.7, 13.1]])
-"""Inverse covariance of the mean products of n poses of white noise, for n = 1: with it the squared departure
-times n is chi-squared with three degrees of freedom. From 4000 simulated streams of 505 poses."""
-TOWARDS_ONE: Final = 1.0 - SIGNS_OF_WHITE
-FULLY: Final = float(TOWARDS_ONE @ INFORMATION @ TOWARDS_ONE)
-CHI_SQ_THRESHOLD: Final = 30.0
-"""Threshold of this chi-squared statistic."""
-SMALL: Final = 0.035
-"""Squared departures below this are not reported: dropping every second frame gives up to 0.02."""
-MOTION: Final = 1.3
-"""Least factor by which motion departs more from white noise at a longer stride; 2 or more on recordings."""
-NEAR_WHITE: Final = 0.6
-"""Noise-free motion departs by more than this at any stride."""
-
-
-class Whiteness(NamedTuple):
-    """Running sums over pairs of third differences.
-
-    ``products`` (3, 2, 3): sums of the products of their signs, by stride, position or orientation, and lag;
-    ``pairs`` (3, 2, 3): number of products that are not zero; ``blocks``: number of blocks compared;
-    ``oscillation``: sum of the bounds in STRIDES over these blocks.
-    """
-
-    products: Array
-    pairs: Array
-    blocks: int
-    oscillation: float
-
-
-NOTHING_COMPARED: Final = Whiteness(np.zeros((3, 2, LAGS)), np.zeros((3, 2, LAGS)), 0, 0.0)
-
-
-def compare(whiteness: Whiteness, smooth: Array, new: int, interval_s: float) -> Whiteness:
-    """Add a block of poses at stride 1 and, in turn, at one of the longer strides.
-
-    Parameters
-    ----------
-    smooth : (REACH + new, 6), position (m) and rotation integrated in the body's axes (rad), one pose a row.
-    new : number of new rows, at the end.
-    interval_s : typical interval of the block.
-    """
-    fitting = (row for row in STRIDES if interval_s <= row[0])
-    _, strides, oscillation = next(fitting, (0.0, None, 0.0))
-    if strides is None:
-        return whiteness
-    products, pairs = whiteness.products.copy(), whiteness.pairs.copy()
-    for row in (0, 1 + whiteness.blocks % 2):
-        stride = strides[row]
-        signs = _signs(smooth[-new - 2 * LAGS * stride :], stride)
-        shifted = np.stack([signs[(LAGS - lag) * stride :][:new] for lag in range(1, LAGS + 1)])
-        sums = (shifted * signs[LAGS * stride :]).sum(axis=1).reshape(LAGS, 4, 3).sum(axis=2).T
-        products[row] += sums[:2]
-        pairs[row] += sums[2:]
-    return Whiteness(products, pairs, whiteness.blocks + 1, whiteness.oscillation + oscillation)
-
-
-def is_filtered(whiteness: Whiteness) -> bool:
-    """Whether the errors are correlated in a way that motion cannot explain."""
-    products, pairs, blocks, oscillation = whiteness
-    count = float(pairs[0].sum()) / (6.0 * LAGS)
-    if count < ENOUGH:
-        return False
-    mean_offset = products[0].sum(axis=0) / np.maximum(pairs[0].sum(axis=0), 1.0) - SIGNS_OF_WHITE
-    moving = max(float(TOWARDS_ONE @ INFORMATION @ mean_offset) / FULLY, 0.0)
-    unexplained = mean_offset - moving * TOWARDS_ONE
-    allowed = SMALL + CHI_SQ_THRESHOLD / count + oscillation / blocks * moving**2
-    if unexplained @ INFORMATION @ unexplained <= allowed:
-        return False
-    departure = np.linalg.norm(products / np.maximum(pairs, 1.0) - SIGNS_OF_WHITE, axis=2)
-    nearer = departure[1:] < np.minimum(MOTION * departure[0], NEAR_WHITE)
-    return bool((nearer & (pairs.min(axis=(0, 2)) > ENOUGH)).any())
-
-
-def _signs(smooth: Array, stride: int) -> Array:
-    """Signs of third differences and their squares (n, 12); 0 for outliers."""
-    first = smooth[stride:] - smooth[:-stride]
-    second = first[stride:] - first[:-stride]
-    third = (second[stride:] - second[:-stride]).reshape(-1, 2, 3)
-    length_sq = np.einsum("nsi,nsi->ns", third, third)
-    middle = np.partition(length_sq, len(length_sq) // 2, axis=0)[len(length_sq) // 2]
-    signs = np.sign(third) * (length_sq < OUTLIER_SQ * middle)[:, :, None]
-    return np.concatenate([signs, np.abs(signs)], axis=1).reshape(-1, 12)
-
-
 BLOCK: Final = 50
 """Poses per block."""
 BEGINNING: Final = 40
 """Number of initial blocks whose poses all count for the noise; later a quarter of the poses does."""
-KEPT: Final = BLOCK + REACH + 1
+KEPT: Final = 2 * BLOCK
 
 # Units: bounds that noise and motion of an object in metres never exceed together.
 LEVER_M: Final = 3.0
@@ -237,8 +131,6 @@ ENOUGH_CONSTANT: Final = 100
 STILL: Final = "still"
 ORIENTATION: Final = "orientation"
 """The kinds of the findings that the pose, or its position or orientation alone, never changes."""
-FILTERED: Final = "filtered"
-"""The kind of the finding that successive errors are correlated."""
 
 # Histogram of squared third differences: four bins to a factor of 4, from 1e-15 to 3e6.
 BINS: Final = 285
@@ -329,8 +221,8 @@ class Inspection(NamedTuple):
     the first pose; ``total``, ``repeats``: numbers of new and of repeated poses; ``moved``: whether position
     and orientation have changed since the first pose; ``noise`` (2, BINS): histograms of the squared third
     differences of both; ``top_m_per_s``: speed of the fastest block; ``page``: Page's sum; ``share``: share
-    of returns in the last block; ``turning``: points of rotation; ``units``, ``bodies``, ``filtered``:
-    whether these were found at any time; ``read_as``: how the user asked to read the poses.
+    of returns in the last block; ``turning``: points of rotation; ``units``, ``bodies``: whether these were
+    found at any time; ``read_as``: how the user asked to read the poses.
     """
 
     recent: Poses = NO_POSES
@@ -343,11 +235,9 @@ class Inspection(NamedTuple):
     top_m_per_s: float = 0.0
     page: float = 0.0
     share: float = 0.0
-    whiteness: Whiteness = NOTHING_COMPARED
     turning: TurningPoints = NO_TURNING_POINTS
     units: bool = False
     bodies: bool = False
-    filtered: bool = False
     read_as: ReadAs = AS_GIVEN
 
     @property
@@ -423,15 +313,7 @@ def findings(inspection: Inspection, fitting_units: Sequence[str] = ()) -> tuple
             "invert them, or, if the body's origin is that far from the object, give it one near the object"
         )
         result.append(Finding("inverse", text, True))
-    if inspection.filtered and not inspection.bodies:
-        result.append(Finding(FILTERED, _FILTERED, False))
     return tuple(result)
-
-
-_FILTERED: Final = (
-    "poses look filtered, interpolated or rounded (successive errors are correlated): the noise of a tick is "
-    "judged by evidence; record raw poses if you can, or give the noise of raw poses with --noise"
-)
 
 
 def _units_text(inspection: Inspection, fitting_units: Sequence[str]) -> str:
@@ -470,20 +352,17 @@ def _inspect_block(previous: Inspection, window: Poses) -> Inspection:
         blocks=blocks, page=page, share=float(back.mean()), bodies=bodies, top_m_per_s=top_m_per_s
     )
     if blocks <= 2:
-        return _inspect_noise(inspection, window[-BLOCK - 4 :], BLOCK, interval_s)
+        return _inspect_noise(inspection, window[-BLOCK - 4 :], BLOCK)
     if blocks % (2 if blocks <= BEGINNING else 8) == 0:
-        return _inspect_noise(inspection, window, 2 * BLOCK, interval_s)
+        return _inspect_noise(inspection, window, 2 * BLOCK)
     return inspection
 
 
-def _inspect_noise(previous: Inspection, window: Poses, new: int, interval_s: float) -> Inspection:
+def _inspect_noise(previous: Inspection, window: Poses, new: int) -> Inspection:
     """Add the third differences that end in the last ``new`` poses of ``window``."""
     turns = rotation_vectors(between(window.quat_xyzw[:-1], window.quat_xyzw[1:])).cumsum(axis=0)
     smooth = np.concatenate([window.position_m[1:], turns], axis=1)
     inspection = previous._replace(noise=previous.noise + _histogram(smooth[-new - 3 :]))
-    if not previous.filtered and len(smooth) >= REACH + new:
-        whiteness = compare(previous.whiteness, smooth, new, interval_s)
-        inspection = inspection._replace(whiteness=whiteness, filtered=is_filtered(whiteness))
     if inspection.units or inspection.bodies or not _are_other_units(inspection):
         return inspection
     near = window.of_point(independent_point(window))  # an origin far away has the noise of the orientation
