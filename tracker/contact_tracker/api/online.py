@@ -23,6 +23,7 @@ from contact_tracker.trajectory.arguments import (
     model_from,
     number_from,
     path_from,
+    python_words,
     warn_of,
     with_known_arguments_of_methods,
 )
@@ -120,7 +121,8 @@ class Tracker:
     def warnings(self) -> tuple[str, ...]:
         """One line per warning so far."""
         with continued(self._restored):
-            return (*self._count_warnings(), *self._notes, *warnings(self._tracker.report))
+            texts = *self._count_warnings(), *self._notes, *warnings(self._tracker.report)
+            return tuple(map(python_words, texts))
 
     @property
     def map(self) -> Map | None:
@@ -171,7 +173,7 @@ class Tracker:
         return remarks_on(self._gate.counts, self._arrived) if loss is None else (loss,)
 
     def _warn_of_news(self, texts: Iterable[str]) -> None:
-        warn_of(not_given(texts, self._warned))
+        warn_of(not_given(map(python_words, texts), self._warned))
 
 
 def _pose(stamp_ns: SupportsIndex, position_m: Sequence[float], quat_xyzw: Sequence[float]) -> Pose:
