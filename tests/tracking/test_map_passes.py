@@ -4,7 +4,7 @@ from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import pytest
@@ -155,9 +155,24 @@ def test_a_lid_on_known_faces_is_not_contact_of_its_faces() -> None:
         assert segment.contact is not Contact.FF or (segment.inseparable and segment.probability <= 0.9)
 
 
-@pytest.mark.parametrize("is_lifted", [False, True])
-def test_motion_in_one_plane_alone_may_be_that_of_a_machine(is_lifted: bool) -> None:
-    """A gantry that moves a part in the air at one height moves it like a face on a table."""
+TABLE: Final = {"environment": {"plane": [{"normal": [0.0, 0.0, 1.0], "offset_m": -0.05}]}}
+BOX: Final = {"object": {"box": {"size_m": [0.1, 0.1, 0.1]}}}
+
+
+@pytest.mark.parametrize(
+    ("is_lifted", "known"),
+    [
+        (False, None),
+        (True, None),
+        (False, {"up": {"direction": [0.0, 0.0, 1.0]}}),
+        (False, TABLE),
+        (False, TABLE | BOX),
+    ],
+    ids=["in one plane", "also lifted", "up is given", "a table is given", "table and box are given"],
+)
+def test_motion_in_one_plane_alone_may_be_that_of_a_machine(is_lifted: bool, known: Any) -> None:
+    """A gantry that moves a part in the air at one height moves it like a face on a table; its poses show
+    which it is only if faces of both are given."""
     rng, time_s = np.random.default_rng(1), np.arange(0.0, 12.0, 0.01)
     position_m = np.stack([0.2 * np.sin(time_s), 0.1 * np.sin(1.7 * time_s), 0.0 * time_s], axis=1)
     turn = np.stack([0.0 * time_s, 0.0 * time_s, 0.8 * np.sin(1.3 * time_s)], axis=1)
@@ -168,10 +183,13 @@ def test_motion_in_one_plane_alone_may_be_that_of_a_machine(is_lifted: bool) -> 
     position_m += rng.normal(0.0, 1e-4, position_m.shape)
     noisy = Rotation.from_rotvec(rng.normal(0.0, 1e-3, turn.shape)) * Rotation.from_rotvec(turn)
     trajectory = contact_tracker.Trajectory.from_arrays(time_s, position_m, noisy, time_unit="s")
-    flat = contact_tracker.segment(trajectory).at(5.0)
+    flat, is_sure = (
+        contact_tracker.segment(trajectory, known=known).at(5.0),
+        is_lifted or known == TABLE | BOX,
+    )
     assert flat.contact is Contact.FF
-    assert flat.inseparable == (() if is_lifted else (Contact.FREE,))
-    assert (flat.probability > 0.9) == is_lifted
+    assert flat.inseparable == (() if is_sure else (Contact.FREE,))
+    assert (flat.probability > 0.9) == is_sure
 
 
 @pytest.mark.parametrize("lift_m", [0.0, 0.1])

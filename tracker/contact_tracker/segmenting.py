@@ -60,8 +60,8 @@ class OfflineTracker:
     Parameters
     ----------
     read_as : units and conventions in which the poses were read.
-    uses_map : whether a map of the recording is made. Passes with the map follow the first pass if the user
-        has given neither elements nor wrenches.
+    uses_map : whether a map of the recording is made. Passes with the map (``map_passes.with_map``) follow
+        the first pass, unless elements of both sides or wrenches are given.
     """
 
     def __init__(
@@ -77,7 +77,7 @@ class OfflineTracker:
         self._wrenches = wrenches
         self._executor = executor
         self._tracker = Tracker.start(model, known_map=known_map, read_as=read_as)
-        self._has_passes = uses_map and not known_map.lists_elements and wrenches is None
+        self._has_passes = uses_map and not known_map.shows_touch and wrenches is None
         self._record = PassRecord(keeps_ticks=self._has_passes) if uses_map else None
         self.outliers = NO_OUTLIERS
         self._has_ended = False

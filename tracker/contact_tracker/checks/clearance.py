@@ -234,7 +234,7 @@ class Impacts(Check):
     def is_likely(self, stream: Stream) -> bool:
         if stream.model.tick_s <= LONGEST_TICK_S or stream.is_end:
             return False
-        may_touch = bool(stream.map.listed_object and stream.map.listed_environment)
+        may_touch = stream.map.shows_touch
         return self.is_near or (may_touch and not stream.inspection.blocks)  # before the first inspection
 
     def findings(self, stream: Stream, earlier: Sequence[Finding]) -> list[Finding]:

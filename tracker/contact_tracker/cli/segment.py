@@ -169,7 +169,7 @@ def _say_what_decides(segments: "Sequence[Segment]", report: "Report | None") ->
     if segments and all(one.inseparable and one.joint is None for one in segments) and not is_in_doubt:
         say(
             "no contact is decided: move the object in more directions (live LOG --suggest names motions), "
-            "or list known elements (--known)"
+            "or list known elements of the object and the surroundings (--known)"
         )
 
 

@@ -99,6 +99,11 @@ class Map:
         listed = bool(self.listed_object or self.listed_environment) or self.up is not None
         return listed or self.environment_complete or self.object_complete
 
+    @property
+    def shows_touch(self) -> bool:
+        """Whether a single pose shows if listed elements touch: there are some on both sides."""
+        return bool(self.listed_object and self.listed_environment)
+
     def allows(self, contact: Contact) -> bool:
         """Whether ``contact`` can occur, and there may be elements of the kinds that it needs."""
         return contact is Contact.FREE or contact in self.allowed

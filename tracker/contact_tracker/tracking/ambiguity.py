@@ -300,9 +300,9 @@ def others_at_rest(
     label contains and that the motion beside the rest distinguishes (not in ``by_motion``), since the object
     rests on the elements that this motion has shown.
 
-    Empty if elements of both sides are known, since then a single pose shows whether they touch.
+    Empty if a single pose shows whether known elements touch.
     """
-    if known_map.listed_object and known_map.listed_environment:
+    if known_map.shows_touch:
         return ()
     possible = (state for state in STATES if state is not label and known_map.allows(state))
     return tuple(state for state in possible if state in by_motion or not label.contains(state))

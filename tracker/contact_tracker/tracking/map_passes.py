@@ -49,8 +49,8 @@ def with_map(
     first_pass: Iterator[Segmentation], record: PassRecord, executor: Executor | None = None
 ) -> Iterator[Segmentation]:
     """The segmentation by the first pass, or by a pass with its map, if that explains the recording better;
-    free motion is open where a touch is not excluded. If the recording is very long, the first pass, piece by
-    piece.
+    free motion is open where a touch is not excluded. With elements that the user lists, and if the recording
+    is very long (then piece by piece), the first pass.
 
     Parameters
     ----------
@@ -67,10 +67,12 @@ def with_map(
         yield from waiting
         return
     first = Segmentation.join(waiting)
-    result = _better_pass(record, executor) or first
-    result = _with_touches(result, first, record.pace, record.state.model.certainty.posterior_power)
-    world, allowed = record.state.map, record.state.known_map.allowed
-    if not world.prior:
+    world, known_map, result = record.state.map, record.state.known_map, first
+    allowed = known_map.allowed
+    if not known_map.lists_elements:
+        result = _better_pass(record, executor) or first
+        result = _with_touches(result, first, record.pace, record.state.model.certainty.posterior_power)
+    if not world.prior and not known_map.shows_touch:
         result = _with_free_if_never_tilted(result, record.ticks)
     if world.untested_sides or any(world.prior_is_dropped):  # its price hid contacts in free motion
         result = _with_open(result, Contact.FREE, np.ones(len(result.beliefs), bool), lambda _: allowed)
