@@ -198,8 +198,8 @@ def _is_scripted(belief: Belief) -> bool:
 
 
 FILTERED: Final = (
-    "poses look filtered, interpolated or rounded (errors do not average out): the noise of a tick is "
-    "judged by evidence; record raw poses if you can, or give the noise of raw poses with --noise"
+    "poses look filtered, interpolated or rounded, or contacts soft (errors do not average out): the noise "
+    "of a tick is judged by evidence; record raw poses if you can, or give their noise with --noise"
 )
 INSPECTED: Final = "impacts", "clearance"
 """Checks that are updated in the batches in which poses are inspected."""
