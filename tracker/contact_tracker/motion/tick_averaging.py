@@ -210,7 +210,7 @@ def _plausible(
     if count >= 3:  # frames are compared with their neighbours, between which there is little motion
         width = min(NEIGHBOURS, count - 1 + count % 2)
         allowed_sq = sigma_sq + spread * ((min(NEIGHBOURS, count) - 1) / count) ** 2
-        if count == NEIGHBOURS or sigma_sq[0] < NOISY_M**2 or not is_predicted:
+        if count >= NEIGHBOURS or sigma_sq[0] < NOISY_M**2 or not is_predicted:
             beside = _lacks_neighbours(count, width) if is_predicted else everything
             step_sq = _step_sq(deviation) + (1.0 - STEP_NOISE) * sigma_sq
             allowed_sq = np.where(beside[:, None], np.maximum(allowed_sq, step_sq), allowed_sq)
