@@ -219,14 +219,13 @@ def test_the_scale_is_the_sine_of_crossing_edges_and_otherwise_one(model, seed):
 # --- edges that are nearly parallel, and relaxed problems that leave much open ---------------------------
 
 
-@pytest.mark.parametrize("angle_deg", [0.0, 0.3, 0.5, 0.6, 45.0])
-def test_edges_that_cross_at_a_sine_below_0_01_have_a_reduced_distance(angle_deg):
-    """The place of their distance is undetermined: the distance counts by the sine, the lever is bounded."""
+@pytest.mark.parametrize("angle_deg", [0.0, 0.01, 0.3, 45.0])
+def test_only_edges_that_are_parallel_have_no_distance(angle_deg):
+    """Two along a straight slide are a centimetre apart, not in contact."""
     angle, model = np.radians(angle_deg), CONTACT_MODELS[Contact.EE.column]
     x = np.concatenate([[1.0, 0.0, 0.0], np.zeros(3), [np.cos(angle), np.sin(angle), 0.0], [0.0, 0.0, 0.01]])
     measured = model.measure(x[None], lifted_pose.lift(np.eye(3)[None], np.zeros((1, 3))))
-    share = min(np.sin(angle) / 0.01, 1.0)
-    assert abs(measured.residual[0, 0, 0]) == pytest.approx(0.01 * share, rel=1e-6, abs=1e-15)
+    assert abs(measured.residual[0, 0, 0]) == pytest.approx(0.01 if angle else 0.0, rel=1e-6, abs=1e-15)
     assert np.isfinite(measured.lever_sq).all()
 
 
@@ -253,7 +252,7 @@ def test_an_edge_is_the_same_wherever_on_it_its_point_is():
         np.testing.assert_allclose(getattr(found, name), getattr(same, name), atol=1e-9, err_msg=name)
 
 
-@pytest.mark.parametrize("angle_deg", [0.0, 0.3])
+@pytest.mark.parametrize("angle_deg", [0.0, 3e-5])
 def test_below_its_floor_the_sine_has_no_derivative(angle_deg):
     family, x, moments = CONTACT_MODELS[Contact.EE.column].family, np.zeros((1, 12)), np.zeros((1, 19, 19))
     x[0, :3], x[0, 6:9] = [1.0, 0.0, 0.0], [np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg)), 0.0]

@@ -36,7 +36,9 @@ FORM: Final = Form(d1=0, q1=3, d2=6, q2=9)
 SIZE, PARAMETERS, SPREAD = FORM.size, FORM.parameters, FORM.spread
 place, normalise, tangent = FORM.place, FORM.normalise, FORM.tangent
 RANDOM_STARTS: Final = 75
-SINE_SQ_FLOOR: Final = 1e-4
+SINE_SQ_FLOOR: Final = 1e-12
+"""Against division by zero only. With a larger floor the distance of edges that are nearly parallel shrinks:
+two along a straight slide would then explain it best."""
 TINY: Final = 1e-300
 RIDGE: Final = 1e-6
 STARTS: Final = 6
