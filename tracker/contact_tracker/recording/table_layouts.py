@@ -1,7 +1,7 @@
 """Layouts of poses in tables: roles, units and rotations of columns, from their names or stated by users."""
 
 import re
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, groupby, pairwise
 from typing import Any, Final
@@ -493,10 +493,20 @@ class Columns:
             self._add_with_frames(by_body)
         times = {role: stated.pop(role) for role in (TIME, REST) if role in stated}
         if stated:  # for the body without a name, or else the one with most columns
-            is_nameless = "" in by_body or _is_pose(stated) or not by_body
-            main = "" if is_nameless else max(by_body, key=lambda body: len(by_body[body]))
+            main = "" if _is_pose(stated) else self._main(by_body, stated.values())
             by_body = {main: {**by_body.get(main, {}), **stated}}
         return {**by_body, TIME: times}
+
+    def _main(self, by_body: Mapping[str, Mapping[str, int]], stated: Iterable[int]) -> str:
+        """The body to which stated columns belong: one with a position whose name most of them begin with,
+        else that without a name, or the one with most columns."""
+        names = [_body(f"{self.plain[place]} ") for place in stated]
+
+        def rank(body: str) -> tuple[int, bool, int]:
+            shared = sum(bool(body) and name.startswith(body) for name in names)
+            return shared * (by_body[body].keys() >= {*POSITION}), not body, len(by_body[body])
+
+        return max(by_body, key=rank, default="")
 
     def _add_with_frames(self, by_body: dict[str, dict[str, int]]) -> None:
         """Add the columns with frames in their names: after the parts if no body has a position so far
@@ -654,7 +664,8 @@ def _lacking(
         x, y, z, w = (names[columns.plain.index(axis)] for axis in (*POSITION, "w"))
         return UnreadableRecording(
             f"its {w}, {x}, {y}, {z} look like a quaternion without a position: contacts need both; if both "
-            f"are there, say so, as in --columns x=a,y=b,z=c,qx={x},qy={y},qz={z},qw={w}"
+            f"are there, say so, as in --columns x=a,y=b,z=c,qx={x},qy={y},qz={z},qw={w} or, with angles "
+            f"beside the position {x}, {y}, {z}, as in --columns rx=a,ry=b,rz=c --euler xyz:deg"
         )
     angles = ", or --columns rx=a,ry=b,rz=c --euler xyz:deg" if missing == [*QUATERNION] and has_time else ""
     missing = missing if has_time else ["a time", *missing]

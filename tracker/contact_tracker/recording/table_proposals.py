@@ -49,6 +49,8 @@ _PREFIX: Final = re.compile(r".+[._/: -]")
 """Prefix of the names of a system's columns, as ``rist_`` or ``tool.``."""
 _SUFFIX: Final = re.compile(r"[^._/: -]+([._/: -].+)")
 """Suffix of the names of a system's columns, as ``_rist``."""
+_COMMANDED: Final = re.compile(r"(?<![^\W_])(?:r?sol|ref|cmd|des|set|target|goal|command|nominal|plan)")
+"""Names of poses that a robot was to have, which are proposed after those that it had."""
 _MOST_GROUPS: Final = 12
 """Largest number of groups of numbered columns that are tried, alone and in pairs."""
 _OF_JOINTS: Final = re.compile("position|velocity|effort")
@@ -234,11 +236,12 @@ class _Proposal:
     def _time(self) -> tuple[str | None, str]:
         """The name of the column that seems to be the time, if any, and its description."""
         columns, has_frames = self._columns, any(map(FRAME.fullmatch, self._columns.plain))
-        like = next(filter(_LIKE_TIME.match, filter(CAN_BE_GIVEN, columns.names)), None)
-        if has_frames:
-            return None, "its times are numbers of frames"
+        likes = [name for name in columns.names if _LIKE_TIME.match(name) and CAN_BE_GIVEN(name)]
+        like = next(filter(self._rises, likes), next(iter(likes if not has_frames else ()), None))
         if like is not None:
             return like, f"if {like} is the time"
+        if has_frames:
+            return None, "its times are numbers of frames"
         taken = {place for places in columns.find(self._stated).values() for place in places.values()}
         is_index = len(columns.numbered(UNNAMED)) == 1  # of a DataFrame
         for place, name in enumerate(columns.names):
@@ -260,6 +263,11 @@ class _Proposal:
     def _cells(self, place: int) -> list[str]:
         """The cells of the first rows in a column, without blank ones."""
         return [row[place] for row in self._rows() if len(row) > place and row[place].strip(BLANKS)]
+
+    def _rises(self, name: str) -> bool:
+        """Whether the first values of a column are dates, or rise as times do."""
+        place = self._columns.names.index(name)
+        return name in self._dates() or _clock(self._values([place]), ())[0] is not None
 
     def _dates(self) -> list[str]:
         """The name of the first column of dates or times of a day, if there is one."""
@@ -321,7 +329,8 @@ class _Proposal:
         prefixes = dict.fromkeys(match[0] for match in prefixed)
         suffixed = islice(filter(None, map(_SUFFIX.fullmatch, map(str.lower, columns.names))), _MOST_GROUPS)
         suffixes = dict.fromkeys(match[1] for match in suffixed)
-        affixes = ("", ""), *((prefix, "") for prefix in prefixes), *(("", suffix) for suffix in suffixes)
+        affixes = [("", ""), *((prefix, "") for prefix in prefixes), *(("", suffix) for suffix in suffixes)]
+        affixes.sort(key=lambda affix: _COMMANDED.search("".join(affix)) is not None)
         written = {name.lower(): name for name in reversed(columns.names)}
         for (system, names, meaning), (prefix, suffix) in product(KNOWN, affixes):
             if lower.issuperset(prefix + name + suffix for name in names):

@@ -39,6 +39,7 @@ from contact_tracker.recording.table_layouts import (
     listed_briefly,
     number,
     numbers,
+    plain_number,
 )
 from contact_tracker.recording.table_proposals import (
     layout_of_names,
@@ -478,11 +479,15 @@ def _qualisys_layout(lines: Sequence[str], reading: TableReading, path: str) -> 
     for cell in _table_of([lines[head]], "\t")[0]:
         word = "".join(cell.split()[-1:])
         body = next(bodies, "") if word == "X" else body
-        if (number := _OF_MATRIX.fullmatch(word)) is not None:  # along columns
-            word = f"r{int(number[1]) % 3 + 1}{int(number[1]) // 3 + 1}"
+        if (element := _OF_MATRIX.fullmatch(word)) is not None:  # along columns
+            word = f"r{int(element[1]) % 3 + 1}{int(element[1]) // 3 + 1}"
         named.append(f"{body} {word}".strip())
     renamed = [*lines[:head], "\t".join(named) + "\n", *lines[head + 1 :]]
-    return _layout_of_rows(renamed, reading, path, _QUALISYS_WAY)
+    way = _QUALISYS_WAY
+    if not ("Time" in named or reading.time_unit or reading.columns):
+        with suppress(ValueError):
+            way = way.with_(reading_of(rate=plain_number("".join(about.get("FREQUENCY", ())))))
+    return replace(_layout_of_rows(renamed, reading, path, way), has_own_unit=way is not _QUALISYS_WAY)
 
 
 def _short(name: str) -> str:
@@ -529,7 +534,7 @@ def _layout_of_rows(
     """The layout by the first line with names of columns of poses, which may be a comment, else by the first
     row of numbers; ``usual`` is how a known format is read, unless the user's ``reading`` states it."""
     if usual is not None:
-        reading = (usual if reading.kind is None else reading_of(unit=usual.unit)).with_(reading)
+        reading = (usual if reading.kind is None else replace(usual, matrix=None)).with_(reading)
     first = next((line for line in lines if line.strip()), "")
     stated = _SEPARATOR_LINE.fullmatch(first)
     rows = [i for i, line in enumerate(lines) if line.strip() and not _COMMENT.match(line)]
