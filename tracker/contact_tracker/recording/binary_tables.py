@@ -421,7 +421,8 @@ def _of_arrays(path: str, reading: TableReading, budget: WorkBudget, kind: str) 
     return ArrayTable(replace(layout, kind=kind, note="" if stated else beyond), columns)
 
 
-_NO_ARRAY: Final = "it has no array of numbers with a row for each pose"
+_FROM_ARRAYS: Final = "contact_tracker.Trajectory.from_arrays(t, p, q) takes times, positions and rotations"
+_NO_ARRAY: Final = f"it has no array of numbers with a row for each pose; {_FROM_ARRAYS}"
 _OBJECTS: Final = "; tables, timetables and cells are not read: save table2struct(T, 'ToScalar', true)"
 
 
@@ -450,7 +451,7 @@ _SUFFIX: Final = "_4x4"
 _NO_BODIES: Final = (
     "it is C3D with markers ({names}), not bodies: export bodies (6D) as text; or points = "
     "ezc3d.c3d({name!r})['data']['points'] (4, markers, N), of which scipy's Rotation.align_vectors finds "
-    "rotations; contact_tracker.Trajectory.from_arrays(t, p, q) takes times, positions and rotations"
+    f"rotations; {_FROM_ARRAYS}"
 )
 
 

@@ -384,13 +384,13 @@ _ROLES: Final[Sequence[tuple[re.Pattern[str], str]]] = tuple(
     (re.compile(_BODY + pattern), role)
     for pattern, role in (
         (
-            rf"{_OF_ROTATION}(?:q|quat|quaternion|orientation|ori|rotation|rot|q_\w+)"
+            rf"{_OF_ROTATION}(?:q|x?quat|quaternion|orientation|orient|ori|orn|rotation|rot|q_\w+)"
             r"[._/: -]*([xyzwijk]|r|real)",
             "q{0}",
         ),
         (r"(?<![a-z])[pt]([xyz])", "{0}"),
         (
-            r"(?:(?<![a-z])(?:p|t|pos|position|trans|translation|tvec|loc|location|p_\w+)[._/: -]*)?"
+            r"(?:(?<![a-z])(?:p|t|x?pos|position|trans(?:l|late|lation)?|tvec|loc|location|p_\w+)[._/: -]*)?"
             r"(?<![a-z])([xyz])",
             "{0}",
         ),
@@ -414,7 +414,7 @@ _SLICE: Final = re.compile(r"(.*)\[(\d{1,4})(?::(\d{1,4}))?\]")
 _OF_BODY: Final = re.compile(r"(?:.*[._ ])?(?:u?id|name|body|object|tracker|device|child_frame_id)")
 """Names of columns of the names of bodies."""
 _GENERIC: Final = {"", "pose", "field", "transform", "data", "msg", "message", "state"}
-_MATRIX_SHAPES: Final = {9: (3, 3), 12: (3, 4), 16: (4, 4)}
+MATRIX_SHAPES: Final = {9: (3, 3), 12: (3, 4), 16: (4, 4)}
 NEEDED: Final = "a time, x, y, z in metres, and qx, qy, qz, qw"
 _EXAMPLE: Final = "time [s],x [{0}],y [{0}],z [{0}],qx,qy,qz,qw"
 _SHOWN: Final = 12
@@ -531,9 +531,9 @@ class Columns:
             if len(places) != size:
                 raise ChoiceError(f"{role} is {size} columns, as {part}, and {name} has {len(places)}")
             return list(zip(GROUPS[role], places, strict=True))
-        if len(places) not in _MATRIX_SHAPES:
+        if len(places) not in MATRIX_SHAPES:
             raise ChoiceError(f"a matrix has 9, 12 or 16 values, and {name} {len(places)}")
-        shape = _MATRIX_SHAPES[len(places)]
+        shape = MATRIX_SHAPES[len(places)]
         order: Any = "F" if reading.matrix == "columns" else "C"
         values = np.reshape(places, shape, order=order)[:3].tolist()
         rotation = [(f"r{i + 1}{j + 1}", row[j]) for i, row in enumerate(values) for j in range(3)]

@@ -20,6 +20,7 @@ from contact_tracker.recording.table_layouts import (
     BY_ROW,
     CAN_BE_GIVEN,
     FRAME,
+    MATRIX_SHAPES,
     MOST_COLUMNS,
     NAMED_VECTOR,
     NEEDED,
@@ -74,6 +75,7 @@ _AXIS_ANGLE: Final = "an axis and an angle (in degrees if the name ends with _de
 _OPENSIM: Final = re.compile(r".*_o[xyz]\b", re.IGNORECASE)
 KNOWN: Final[Sequence[tuple[str, tuple[str, ...], TableReading]]] = (
     ("UR's RTDE", (f"{_UR}_0".lower(), f"{_UR}_5".lower()), reading_of(_UR_POSE, rotation_vector=True)),
+    ("UR's RTDE", (f"{_UR}[0]".lower(), f"{_UR}[5]".lower()), reading_of(_UR_POSE, rotation_vector=True)),
     ("libfranka", ("o_t_ee[0]", "o_t_ee[15]"), reading_of("matrix=O_T_EE", matrix="columns")),
     ("libfranka", ("o_t_ee_0", "o_t_ee_15"), reading_of("matrix=O_T_EE", matrix="columns")),
     ("Qualisys", ("x", "rot[0]", "rot[8]"), reading_of("matrix=Rot", matrix="columns", unit="mm")),
@@ -99,13 +101,14 @@ KNOWN: Final[Sequence[tuple[str, tuple[str, ...], TableReading]]] = (
     (_TWICE, ("x", "x_1", "w"), reading_of("qx=x_1,qy=y_1,qz=z_1,qw=w")),
     ("ZED", ("tx", "ox", "oy", "oz", "ow"), reading_of("qx=ox,qy=oy,qz=oz,qw=ow")),
     ("ABB", ("x", "q1", "q2", "q3", "q4"), reading_of("qw=Q1,qx=Q2,qy=Q3,qz=Q4", unit="mm")),
+    ("ABB's EGM", ("x", "u0", "u1", "u2", "u3"), reading_of("qw=u0,qx=u1,qy=u2,qz=u3", unit="mm")),
     ("quaternions with the real part first", ("q0", "q3"), reading_of("qw=q0,qx=q1,qy=q2,qz=q3")),
     ("matrices by row and column", ("r11", "r33"), reading_of(matrix="rows")),
 )
 """Known systems: name; lower-case names of columns by which the system is recognised; the reading."""
 _SIZES: Final = (3, 4, 6, 7)
 """Numbers of columns in groups that may be a position, a quaternion, or both; larger groups may be more."""
-_TURNING: Final = re.compile("rot|rvec|axis|rpy|euler|angle", re.IGNORECASE)
+_TURNING: Final = re.compile("rot|rvec|axis|rpy|euler|angle|orient|rodrigues", re.IGNORECASE)
 """Names of groups of three columns that are a rotation."""
 
 
@@ -148,6 +151,10 @@ def layout_without_names(rows: Sequence[Sequence[str]], reading: TableReading, p
         raise ProposedReading(f"{fault}: {text}")
     how = f"say which they are, by number from 0 on, as in --columns time={UNNAMED}0,x={UNNAMED}1"
     raise UnreadableRecording(f"{fault}: {how}")
+
+
+def _is_commanded(name: str) -> bool:
+    return _COMMANDED.search(name) is not None
 
 
 def _clock(values: Array, taken: Collection[int]) -> tuple[int | None, bool]:
@@ -237,9 +244,10 @@ class _Proposal:
         """The name of the column that seems to be the time, if any, and its description."""
         columns, has_frames = self._columns, any(map(FRAME.fullmatch, self._columns.plain))
         likes = [name for name in columns.names if _LIKE_TIME.match(name) and CAN_BE_GIVEN(name)]
-        like = next(filter(self._rises, likes), next(iter(likes if not has_frames else ()), None))
+        rising = chain(filter(self._rises, likes), self._dates())
+        like = next(rising, next(iter(likes if not has_frames else ()), None))
         if like is not None:
-            return like, f"if {like} is the time"
+            return like, f"if {self._shown(like)} is the time"
         if has_frames:
             return None, "its times are numbers of frames"
         taken = {place for places in columns.find(self._stated).values() for place in places.values()}
@@ -251,9 +259,10 @@ class _Proposal:
         clock, is_frame = _clock(self._values(range(width)), taken)
         if clock is None or is_frame:
             return None, "it has no times"
-        is_first = columns.names[clock] == f"{UNNAMED}0"
-        what = "its first column, which has no name," if is_first else columns.names[clock]
-        return columns.names[clock], f"if {what} is the time"
+        return columns.names[clock], f"if {self._shown(columns.names[clock])} is the time"
+
+    def _shown(self, name: str) -> str:
+        return "its first column, which has no name," if name == f"{UNNAMED}0" else name
 
     def _values(self, places: Sequence[int]) -> Array:
         """The numbers (N, k) of the first rows in columns."""
@@ -265,14 +274,15 @@ class _Proposal:
         return [row[place] for row in self._rows() if len(row) > place and row[place].strip(BLANKS)]
 
     def _rises(self, name: str) -> bool:
-        """Whether the first values of a column are dates, or rise as times do."""
+        """Whether the first values of a column rise as times do."""
         place = self._columns.names.index(name)
-        return name in self._dates() or _clock(self._values([place]), ())[0] is not None
+        return _clock(self._values([place]), ())[0] is not None
 
     def _dates(self) -> list[str]:
-        """The name of the first column of dates or times of a day, if there is one."""
+        """The name of the first column of dates or times of a day that change, if there is one."""
         columns = ((name, self._cells(place)) for place, name in enumerate(self._columns.names))
-        return [name for name, cells in columns if cells and stamp_of_date(cells[0]) is not None][:1]
+        changing = ((name, cells) for name, cells in columns if len({*cells}) > 1 or len(cells) == 1)
+        return [name for name, cells in changing if stamp_of_date(cells[0]) is not None][:1]
 
     def _group(self, base: str) -> dict[int, int]:
         """Indices of a group of numbered columns by their number, without those of text at its ends."""
@@ -330,7 +340,7 @@ class _Proposal:
         suffixed = islice(filter(None, map(_SUFFIX.fullmatch, map(str.lower, columns.names))), _MOST_GROUPS)
         suffixes = dict.fromkeys(match[1] for match in suffixed)
         affixes = [("", ""), *((prefix, "") for prefix in prefixes), *(("", suffix) for suffix in suffixes)]
-        affixes.sort(key=lambda affix: _COMMANDED.search("".join(affix)) is not None)
+        affixes.sort(key=lambda affix: _is_commanded("".join(affix)))
         written = {name.lower(): name for name in reversed(columns.names)}
         for (system, names, meaning), (prefix, suffix) in product(KNOWN, affixes):
             if lower.issuperset(prefix + name + suffix for name in names):
@@ -341,7 +351,10 @@ class _Proposal:
                 yield f"if its columns are those of {system},", candidate, False
         yield f"{self._about_time}:", self._reading, False
         matches = [pattern.fullmatch(name) for name in columns.names for pattern in (NUMBERED, BY_ROW)]
-        bases = dict.fromkeys(match[1] for match in matches if match is not None and CAN_BE_GIVEN(match[1]))
+        found = (match[1] for match in matches if match is not None and CAN_BE_GIVEN(match[1]))
+        bases = dict.fromkeys(sorted(found, key=_is_commanded))
+        matrices = [base for base in bases if len(columns.numbered(base)) in MATRIX_SHAPES]
+        bases = {base: None for base in bases if base.rpartition("[")[0] not in matrices}
         of_joints = {_OF_JOINTS.sub("", base) for base in bases if "effort" in base}
         bases = {base: None for base in bases if _OF_JOINTS.sub("", base) not in of_joints}
         bases = {base: None for base in bases if base not in columns.names}  # a name that occurs twice

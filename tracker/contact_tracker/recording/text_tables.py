@@ -46,6 +46,7 @@ from contact_tracker.recording.table_proposals import (
     layout_without_names,
     may_be_trajectory,
 )
+from contact_tracker.recording.table_times import stamp_of_date
 
 _LEAST_OF_POSE: Final = 6
 _LINE: Final = 2**18
@@ -92,6 +93,8 @@ _TUM: Final = tuple(range(1, 8))
 _MARKS: Final = (";", "\t", "|", ",")
 """Separators of values; a comma may also be the decimal point."""
 _SEPARATOR_LINE: Final = re.compile(r'"?sep=(.)"?\s*', re.IGNORECASE)
+_DIGITS_OF_STAMP: Final = 10
+"""Least number of digits of a time since 1970."""
 _DOCUMENT: Final = 2**26
 """Longest JSON document (characters), as it is in memory as a whole."""
 _GROUP: Final = re.compile(r"(?:(?<=^)|(?<=[,;\t|])) *([(\[{][^()\[\]{}]*[)\]}])(?= *(?:[,;\t|\r\n]|$))")
@@ -267,9 +270,10 @@ def _entries_in(file: IO[str]) -> Iterator[str]:
         content = _loads(text)
     except (ValueError, RecursionError) as error:
         raise UnreadableRecording(f"it begins like JSON, but is none: {error}") from error
-    if isinstance(content, dict) and content and all(map(str.isdigit, content)):  # by the number of a frame
+    if isinstance(content, dict) and content and all(map(_is_number_or_date, content)):
         parts = ((name, value if _has_objects(value) else [value]) for name, value in content.items())
-        content = [{"frame": name, **_named(entry)} for name, value in parts for entry in value]
+        key = "frame" if all(name.isdigit() and len(name) < _DIGITS_OF_STAMP for name in content) else "time"
+        content = [{key: name, **_named(entry)} for name, value in parts for entry in value]
     elif isinstance(content, dict):
         lists = {name: value for name, value in content.items() if isinstance(value, list)}
         if not lists and content and all(map(_has_rows, content.values())):  # as pandas writes columns
@@ -284,6 +288,9 @@ def _entries_in(file: IO[str]) -> Iterator[str]:
             lists = {"data": [dict(zip(names, row, strict=False)) for row in cells]}
         objects = [value for value in lists.values() if _has_objects(value)]
         longest = max(map(len, lists.values()), default=0)
+        for name in [name for name, value in lists.items() if 0 < len(value) < longest]:  # row by row
+            for i, part in enumerate(lists[name]):
+                lists |= {f"{name}[{i}]": part} if isinstance(part, list) and len(part) == longest else {}
         rows = {name: value for name, value in lists.items() if len(value) == longest}
         by_row = [dict(zip(rows, row, strict=True)) for row in zip(*rows.values(), strict=True)]
         content = objects[0] if len(objects) == 1 and len(objects[0]) == longest else by_row
@@ -298,6 +305,10 @@ def _entries_in(file: IO[str]) -> Iterator[str]:
 
 def _has_objects(value: Any) -> bool:
     return isinstance(value, list) and bool(value) and isinstance(value[0], dict)
+
+
+def _is_number_or_date(text: str) -> bool:
+    return are_numbers([text]) or stamp_of_date(text) is not None
 
 
 def _has_rows(value: Any) -> bool:
