@@ -187,7 +187,7 @@ def test_names_of_devices_and_dates_before_unnamed_values(tmp_path: Path) -> Non
     )
     path = write(tmp_path / "a.csv", [], [row for pair in zip(tracker, other, strict=True) for row in pair])
     words = proposed(path)
-    assert words == ["--matrix", "rows", "--columns", "time=c1,position=c[2:5],matrix=c[5:14]"]
+    assert words == ["--matrix", "rows", "--columns", "position=c[2:5],matrix=c[5:14],time=c1"]
     assert_read(path, *words, frame="tracker_1")
 
 

@@ -406,7 +406,7 @@ def _of_arrays(path: str, reading: TableReading, budget: WorkBudget, kind: str) 
     beyond = beyond if left_out else ""
     try:
         if not names:
-            raise UnreadableRecording(_NO_ARRAY + _OBJECTS * (kind == "MATLAB"))
+            raise UnreadableRecording(f"{_NO_ARRAY}{_OBJECTS * (kind == 'MATLAB')}; {_FROM_ARRAYS}")
         first = np.array([values[:FIRST_ROWS] for values in columns]).T.astype(str).tolist()
         if list(arrays) == [""]:
             layout = layout_without_names(first, reading, path)
@@ -422,7 +422,7 @@ def _of_arrays(path: str, reading: TableReading, budget: WorkBudget, kind: str) 
 
 
 _FROM_ARRAYS: Final = "contact_tracker.Trajectory.from_arrays(t, p, q) takes times, positions and rotations"
-_NO_ARRAY: Final = f"it has no array of numbers with a row for each pose; {_FROM_ARRAYS}"
+_NO_ARRAY: Final = "it has no array of numbers with a row for each pose"
 _OBJECTS: Final = "; tables, timetables and cells are not read: save table2struct(T, 'ToScalar', true)"
 
 

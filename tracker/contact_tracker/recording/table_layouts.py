@@ -31,7 +31,7 @@ Rows = Callable[[], Sequence[Sequence[str]]]
 """Gives the first rows of a table."""
 _PLAUSIBLE: Final = 0.1
 """Largest deviation from 1 of a rotation's determinant and of an axis's length."""
-_FARTHEST_M: Final = 10.0
+FARTHEST_M: Final = 10.0
 """Median distance (m) from which a proposed command has millimetres, and says that the unit is the user's."""
 _LOST_DEG: Final = 999.0
 """Least number in columns of angles that stands for a lost pose."""
@@ -175,12 +175,17 @@ def are_no_radians(numbers: Array) -> bool:
     return bool(rows > _OUTLIER_SHARE * len(numbers))
 
 
+def reach_of(values: Array) -> float:
+    """The median of the largest coordinates of positions, the first of ``values`` (N, k); 0 without any."""
+    sizes = np.abs(values[:, :3]).max(axis=1)
+    return float(np.nanmedian(sizes)) if np.isfinite(sizes).any() else 0.0
+
+
 def in_unit(reading: TableReading, body: Body, values: Array) -> tuple[TableReading, str]:
     """The reading to be proposed for a body's ``values`` (N, k): with millimetres if its positions have no
     unit and are too far for metres; then, in words, what the user has to replace."""
-    sizes = np.abs(values[:, :3]).max(axis=1)
-    reach = 0.0 if body.has_unit or not np.isfinite(sizes).any() else float(np.nanmedian(sizes))
-    if reach <= _FARTHEST_M:
+    reach = 0.0 if body.has_unit else reach_of(values)
+    if reach <= FARTHEST_M:
         return reading, ""
     return replace(reading, unit="mm"), f"your unit instead of mm (positions are about {reach:.4g})"
 
@@ -667,7 +672,7 @@ def _lacking(
             f"are there, say so, as in --columns x=a,y=b,z=c,qx={x},qy={y},qz={z},qw={w} or, with angles "
             f"beside the position {x}, {y}, {z}, as in --columns rx=a,ry=b,rz=c --euler xyz:deg"
         )
-    angles = ", or --columns rx=a,ry=b,rz=c --euler xyz:deg" if missing == [*QUATERNION] and has_time else ""
+    angles = ", or --columns rx=a,ry=b,rz=c --euler xyz:deg" if missing == [*QUATERNION] else ""
     missing = missing if has_time else ["a time", *missing]
     unit = reading.unit or next(filter(LENGTHS_M.__contains__, columns.units), "m")
     return UnreadableRecording(

@@ -12,13 +12,14 @@ import numpy as np
 
 from contact_tracker.arrays import Array
 from contact_tracker.config.quantities import ANGLE_UNITS
-from contact_tracker.config.table_reading import POSITION, REST, TIME, TableReading, reading_of
+from contact_tracker.config.table_reading import POSITION, QUATERNION, REST, TIME, TableReading, reading_of
 from contact_tracker.errors import ChoiceError, UnreadableRecording
 from contact_tracker.motion.pose_validation import NORM_TOLERANCE
 from contact_tracker.recording.table_layouts import (
     BLANKS,
     BY_ROW,
     CAN_BE_GIVEN,
+    FARTHEST_M,
     FRAME,
     MATRIX_SHAPES,
     MOST_COLUMNS,
@@ -38,6 +39,7 @@ from contact_tracker.recording.table_layouts import (
     in_unit,
     layout,
     numbers,
+    reach_of,
     with_body,
 )
 from contact_tracker.recording.table_times import stamp_of_date, unit_of_dates
@@ -315,6 +317,12 @@ class _Proposal:
                 real_first = replace(reading, columns=(*columns.items(), ("wxyz", group))).command(self._path)
                 is_named = "wxyz" in group.lower()
                 text = real_first if is_named else f"{text} or, with the real part first, {real_first}"
+            parts = [str(columns.get(role, "")) for role in ("qw", *QUATERNION[:3])]
+            if all(name[-1:].isdigit() for name in parts):
+                last = replace(reading, columns=()).with_(
+                    reading_of({**columns, **dict(zip(QUATERNION, parts, strict=True))})
+                )
+                text += f" or, with the real part last, {last.command(self._path)}"
             texts.append(text)
         orders = f". {_ORDERS}" if any(reading.euler for reading in readings) else ""
         return f"{' or '.join(texts)}{', with ' * bool(about)}{' and '.join(about)}{orders}"
@@ -348,7 +356,8 @@ class _Proposal:
                 roles = ((role, prefix + name + suffix) for role, name in (*place, *meaning.columns))
                 spelled = tuple((role, written.get(name.lower(), name)) for role, name in roles)
                 candidate = replace(meaning, columns=spelled).with_(self._reading)
-                yield f"if its columns are those of {system},", candidate, False
+                for way in self._with_units(candidate):
+                    yield f"if its columns are those of {system},", way, False
         yield f"{self._about_time}:", self._reading, False
         matches = [pattern.fullmatch(name) for name in columns.names for pattern in (NUMBERED, BY_ROW)]
         found = (match[1] for match in matches if match is not None and CAN_BE_GIVEN(match[1]))
@@ -377,6 +386,17 @@ class _Proposal:
             ]
             yield "if its columns are meant so,", candidate, is_square
 
+    def _with_units(self, known: TableReading) -> list[TableReading]:
+        """The reading of a known system, and without its units, which comes first if positions would be near
+        zero: names of columns may state others."""
+        order = (known.euler or "").partition(":")[0] or None
+        ways = [known, replace(known, unit=self._stated.unit, euler=self._stated.euler or order)]
+        with suppress(UnreadableRecording, ChoiceError):
+            position = layout(self._columns, known).bodies[0].columns[:3]
+            is_near = 0.0 < reach_of(self._values(position)) <= FARTHEST_M and known.unit != "cm"
+            ways = ways[::-1] if is_near and not self._stated.unit else ways
+        return ways
+
     def _meant(self, base: str) -> TableReading:
         """The reading of numbered columns by their first values: of a matrix, or of a position with a unit
         quaternion, as in KITTI and TUM, and of the time beside them; else by their number."""
@@ -395,8 +415,6 @@ class _Proposal:
             clock = begin - 1 if len(values) == 1 and begin else clock
             times = [] if clock is None else [self._columns.names[list(group.values())[clock]]]
             texts = self._rows()[0][: begin and 2]
-            if not times and base == UNNAMED:
-                times, is_frame = self._dates(), False
             if "".join(texts).isdigit() and len(texts[0]) == _NANOSECONDS > len(texts[1]):
                 times, is_frame = [f"{UNNAMED}0", f"{UNNAMED}1"], False
             how = {**how, "time_unit": _A_RATE} if is_frame and times and len(values) > 1 else how

@@ -136,6 +136,12 @@ def _first_within(bounds_s: tuple[float, float], value: float | None) -> str | N
     return next(units, None)
 
 
+def ns_of_date(time: float) -> int:
+    """Nanoseconds since 1970 of a date that is a number, in seconds to nanoseconds; zero for others."""
+    unit = _first_within(_DATE_S, time)
+    return 0 if unit is None else round(time * TIMES_NS[unit])
+
+
 class TableTimes:
     """Stamps of the times in a table, batch by batch; the majority of the first times decides their kind.
 

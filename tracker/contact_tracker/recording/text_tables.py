@@ -485,7 +485,9 @@ def _qualisys_layout(lines: Sequence[str], reading: TableReading, path: str) -> 
     if any(role not in (TIME, REST) for role, _ in reading.columns):
         return _layout_of_rows(lines, reading, path)
     reading = reading if reading.matrix is None else replace(reading, matrix="rows")  # as renamed below
-    head = next((i for i, line in enumerate(lines) if "Rot[0]" in line), 0)
+    head = next((i for i, line in enumerate(lines) if "Rot[0]" in line), None)
+    if head is None:
+        return _layout_of_rows(lines, reading, path, reading_of(unit=_QUALISYS_WAY.unit))
     bodies, body, named = map("_".join, map(str.split, about.get("BODY_NAMES", []))), "", list[str]()
     for cell in _table_of([lines[head]], "\t")[0]:
         word = "".join(cell.split()[-1:])
