@@ -360,8 +360,15 @@ def _unknown_unit(unit: str, name: str, choices: str) -> str:
     return f"the unit '{unit}' of column '{name.strip()}' is not known: {choices}"
 
 
-_UNIT: Final = re.compile(r"[\s_]*[\[(](?!\d+\])([^\])]*)[\])]\s*$|_(mm|cm|um|m|s|ms|us|ns|deg|rad)$")
-"""A unit in brackets (which do not contain the number of an element) or after an underscore."""
+_WORDS: Final = (
+    "mm|cm|[u\u00b5\u03bc]m|ms|us|ns|deg|rad|\u00b0"
+    "|(?:milli|centi|micro)?met(?:er|re)s?|inch(?:es)?|degrees?|radians?"
+)
+_UNIT: Final = re.compile(
+    rf"[\s_]*(?:[\[(](?!\d+\])([^\])]*)[\])]|[{{<]([^}}>]*)[}}>])\s*$|_({_WORDS}|m|s)$"
+    rf"|(?:(?<=\w)\s*[/:]\s*|\s+in\s+)({_WORDS}|m|s)$|(?:\s|(?<=[_\W][xyz]))({_WORDS})$"
+)
+"""A unit in brackets (which do not contain the number of an element), or after a mark: ``x_mm``, ``x/mm``."""
 _CAMEL: Final = re.compile(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z]{2})|(?<=[A-Z]{2})(?=[xyzw]$)")
 """Places at which a name in capitals and small letters is divided: ``posX``, ``HMDPosition``, ``POSx``."""
 _TIME: Final = re.compile(r"(?:.*[./ ])?(?:rosbag)?_*(?:t|time|times|time_?stamp|stamp)")
@@ -402,7 +409,7 @@ _ROLES: Final[Sequence[tuple[re.Pattern[str], str]]] = tuple(
         (r"(?<![a-z])(?:q|quat)[._/: -]*0", "qw"),
         (rf"{_OF_ROTATION}({'|'.join(_TURNS)})", "r{0}"),
         (
-            rf"{_OF_ROTATION}(?:r|rot|rotation|euler|(?:euler_?)?angles?|theta|rotvec|rvec|axis_?angle|(?:rot_?)?axis|o)"
+            rf"{_OF_ROTATION}(?:r|rot|rotat(?:e|ion)|euler|(?:euler_?)?angles?|theta|rotvec|rvec|axis_?angle|(?:rot_?)?axis|o)"
             r"[._/: -]*([xyz])",
             "r{0}",
         ),
@@ -449,7 +456,7 @@ class Columns:
         for place, plain in enumerate(self.plain):
             if (unit := _UNIT.search(plain)) is not None:
                 self.plain[place] = plain[: unit.start()]
-                self.units[place] = (unit[1] or unit[2] or "").strip() or self.units[place]
+                self.units[place] = next(filter(None, unit.groups()), "").strip() or self.units[place]
 
     def numbered(self, base: str) -> dict[int, int]:
         """Indices of the columns ``base[0]``, ``base_1``, ... by their number, and of ``base[0][0]``, ... row
@@ -672,7 +679,11 @@ def _lacking(
             f"are there, say so, as in --columns x=a,y=b,z=c,qx={x},qy={y},qz={z},qw={w} or, with angles "
             f"beside the position {x}, {y}, {z}, as in --columns rx=a,ry=b,rz=c --euler xyz:deg"
         )
-    angles = ", or --columns rx=a,ry=b,rz=c --euler xyz:deg" if missing == [*QUATERNION] else ""
+    angles = (
+        ", or --columns rx=a,ry=b,rz=c --euler xyz:deg (or --rotation-vector)"
+        if missing == [*QUATERNION]
+        else ""
+    )
     missing = missing if has_time else ["a time", *missing]
     unit = reading.unit or next(filter(LENGTHS_M.__contains__, columns.units), "m")
     return UnreadableRecording(

@@ -99,6 +99,7 @@ _DOCUMENT: Final = 2**26
 """Longest JSON document (characters), as it is in memory as a whole."""
 _GROUP: Final = re.compile(r"(?:(?<=^)|(?<=[,;\t|])) *([(\[{][^()\[\]{}]*[)\]}])(?= *(?:[,;\t|\r\n]|$))")
 """A cell with several values in brackets, which the separator of cells may separate as well."""
+_BRACKETS: Final = re.compile(r"[()\[\]{}]")
 _BETWEEN: Final = re.compile(r"\s*;\s*|,\s+|\s+")
 _BEGIN_DOCUMENT: Final = re.compile(r"\s*(?:\{|\[\s*(?:$|[\[{]))")
 _QUALISYS: Final = "NO_OF_FRAMES"
@@ -326,7 +327,7 @@ def _values_in(cell: str) -> Any:
     if text[:1] not in ("(", "[", "{"):
         parts = text.split()
         return parts if len(parts) > 2 and all(are_numbers([part]) for part in parts) else cell
-    inner = text.strip("()[]{} ")
+    inner = _BRACKETS.sub(" ", text).strip()
     values: Any = parts if len(parts := _BETWEEN.split(inner)) > 1 else inner.split(",")
     for plain in (text, text.replace("'", '"')):
         with suppress(ValueError, RecursionError):
