@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import chain, groupby, pairwise
 from typing import Any, Final
@@ -113,15 +114,18 @@ def plain_number(value: str) -> str:
 
 def number(value: str) -> float:
     """The number in a cell; raises ValueError."""
-    return float(plain_number(value))
+    plain = plain_number(value)
+    if "_" in plain:  # which Python reads, as in 20260301_100000
+        raise ValueError(f"{value} is no number")
+    return float(plain)
 
 
 def numbers(cells: Sequence[str]) -> Array:
     """The numbers in cells; NaN for other text."""
-    try:
-        return np.array(list(map(float, cells)), np.float64)
-    except ValueError:
-        return np.array([number(cell) if are_numbers([cell]) else np.nan for cell in cells], np.float64)
+    with suppress(ValueError):
+        if "_" not in "".join(cells):
+            return np.array(list(map(float, cells)), np.float64)
+    return np.array([number(cell) if are_numbers([cell]) else np.nan for cell in cells], np.float64)
 
 
 def are_numbers(values: Sequence[str]) -> bool:
@@ -374,7 +378,8 @@ _CAMEL: Final = re.compile(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z]{2})|(?<
 _TIME: Final = re.compile(r"(?:.*[./ ])?(?:rosbag)?_*(?:t|time|times|time_?stamp|stamp)")
 _ELAPSED: Final = re.compile(r"(?:.*[./ _])?(?:elapsed|elapsed_?time|secs?|seconds)")
 """Names of a time if no other column is one."""
-_REST: Final = re.compile(r"(?:.*[./ _])?(nano_?|n|micro_?|u)sec(?:s|onds)?")
+_REST: Final = re.compile(r"(?:.*[./ _])?(nano_?|n|micro_?|u|milli_?|m)sec(?:s|onds)?")
+_REST_NS: Final = {"n": 1.0, "nano": 1.0, "u": 1e3, "micro": 1e3, "m": 1e6, "milli": 1e6}
 FRAME: Final = re.compile(r"(?:.*[./ ])?(?:frame|frame_?(?:number|no|nr|index|idx|#)|sample)")
 _CLOCKS: Final = frozenset({"", "unix", "utc", "epoch", "posix"})
 """Texts in brackets after a time that leave its unit open."""
@@ -602,7 +607,7 @@ def layout(columns: Columns, reading: TableReading) -> TableLayout:
         quaternion = ()
     time_ns = 1e9 if rest is not None else time_ns
     rest_unit = _REST.fullmatch(columns.plain[rest]) if rest is not None else None
-    rest_ns = 1e3 if rest_unit is not None and rest_unit[1][0] in "mu" else 1.0
+    rest_ns = 1.0 if rest_unit is None else _REST_NS[rest_unit[1].strip("_")]
     return TableLayout(
         time, time_ns, bodies, rest=rest, rest_ns=rest_ns, quaternion=quaternion, has_angles=has_angles
     )
