@@ -19,7 +19,6 @@ from contact_tracker.recording.table_layouts import (
     BLANKS,
     BY_ROW,
     CAN_BE_GIVEN,
-    FARTHEST_M,
     FRAME,
     MATRIX_SHAPES,
     MOST_COLUMNS,
@@ -34,15 +33,13 @@ from contact_tracker.recording.table_layouts import (
     Rows,
     TableLayout,
     are_named_angles,
-    are_no_radians,
     are_numbers,
-    in_unit,
     layout,
     numbers,
-    reach_of,
     with_body,
 )
 from contact_tracker.recording.table_times import stamp_of_date, unit_of_dates
+from contact_tracker.recording.table_units import FARTHEST_M, are_no_radians, in_unit, reach_of
 
 _LIKE_TIME: Final = re.compile(
     r".*(?:time|stamp|date|zeit|temps|tiempo|clock|ticks)|(?:.*[_ .])?(?:ts|epoch|utc)", re.IGNORECASE

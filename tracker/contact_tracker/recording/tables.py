@@ -31,12 +31,10 @@ from contact_tracker.recording.table_layouts import (
     ProposedReading,
     TableLayout,
     are_numbers,
-    doubt_angles,
-    doubt_degrees,
-    largest_deg,
     numbers,
 )
 from contact_tracker.recording.table_times import NEVER, TableTimes
+from contact_tracker.recording.table_units import doubt_angles, doubt_degrees, largest_deg
 from contact_tracker.recording.text_tables import TextTable
 
 if TYPE_CHECKING:
