@@ -305,7 +305,7 @@ _WORDS: Final = (
 )
 _UNIT: Final = re.compile(
     rf"[\s_]*(?:[\[(](?!\d+\])([^\])]*)[\])]|[{{<]([^}}>]*)[}}>])\s*$|_({_WORDS}|m|s)$"
-    rf"|(?:(?<=\w)\s*[/:]\s*|\s+in\s+)({_WORDS}|m|s)$|(?:\s|(?<=[_\W][xyz]))({_WORDS})$"
+    rf"|(?:(?<=\w)\s*[/:]\s*|\s+in\s+)({_WORDS}|m|s)$|(?:\s|(?<=(?<![^\W_])[xyz]))({_WORDS})$"
 )
 """A unit in brackets (which do not contain the number of an element), or after a mark: ``x_mm``, ``x/mm``."""
 _CAMEL: Final = re.compile(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z]{2})|(?<=[A-Z]{2})(?=[xyzw]$)")
