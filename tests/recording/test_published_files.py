@@ -511,3 +511,30 @@ def test_lost_poses_with_angles_are_counted(tmp_path: Path) -> None:
     )
     assert Poses.collect(log).position_m.max() < 1.0
     assert dict(log.counts) == {"nonfinite": 1}
+
+
+@pytest.mark.parametrize(
+    ("column", "bodies", "is_grouped"),
+    [
+        ("hand", ["left", "right"], False),
+        ("hand", ["left", "right"], True),
+        ("what", ["cup", "lid"], False),
+        ("marker_id", ["7", "8"], True),
+    ],
+)
+def test_rows_of_several_bodies_are_sources(
+    tmp_path: Path, column: str, bodies: list[str], is_grouped: bool
+) -> None:
+    """Row by row, or one body after the other."""
+    both = [rows(T, [body] * COUNT, P + i, Q) for i, body in enumerate(bodies)]
+    lines = [*both[0], *both[1]] if is_grouped else [row for pair in zip(*both, strict=True) for row in pair]
+    path = write(tmp_path / "a.csv", [f"time,{column},x,y,z,qx,qy,qz,qw"], lines)
+    assert sorted(source.child_frame_id for source in list_sources(str(path))) == bodies
+    assert_read(path, frame=bodies[0])
+
+
+def test_the_names_of_parent_frames_and_steps_are_no_bodies(tmp_path: Path) -> None:
+    steps = ["grasp"] * 60 + ["place"] * 60
+    head = "time,header.frame_id,step,x,y,z,qx,qy,qz,qw"
+    path = write(tmp_path / "a.csv", [head], rows(T, ["world"] * COUNT, steps, POSE))
+    assert [source.child_frame_id for source in list_sources(str(path))] == [""]

@@ -363,8 +363,11 @@ NUMBERED: Final = re.compile(r"(.*?)[\[_.]?(\d{1,4})\]?")
 BY_ROW: Final = re.compile(r"(.*?)[\[_.](\d{1,2})\]?[\[_.](\d{1,2})\]?")
 """Numbers of the elements of a list, and of the rows and columns of a matrix, as in ``T_0_3``."""
 _SLICE: Final = re.compile(r"(.*)\[(\d{1,4})(?::(\d{1,4}))?\]")
-_OF_BODY: Final = re.compile(r"(?:.*[._ ])?(?:u?id|name|body|object|tracker|device|child_frame_id)")
-"""Names of columns of the names of bodies."""
+_OF_BODY: Final = re.compile(
+    r"(?:.*[._ ])?(?:u?id|name|body|obj|object|tracker|device|marker|tag|hand|sensor|controller|track|target)"
+)
+"""Names of columns of the names of bodies, which may be numbers; columns of text may have any name."""
+_OF_PARENT: Final = re.compile(r"(?:.*[._ ])?(?<!child_)frame_id")
 _GENERIC: Final = {"", "pose", "field", "transform", "data", "msg", "message", "state"}
 MATRIX_SHAPES: Final = {9: (3, 3), 12: (3, 4), 16: (4, 4)}
 NEEDED: Final = "a time, x, y, z in metres, and qx, qy, qz, qw"
@@ -549,20 +552,26 @@ def layout(columns: Columns, reading: TableReading) -> TableLayout:
 
 
 def with_body(layout: TableLayout, columns: Columns, rows: Rows) -> TableLayout:
-    """The layout with the column of the names of bodies, if the first rows are of several ones."""
-    for place, name in enumerate(columns.plain if len(layout.bodies) == 1 else ()):
-        is_nameless = name == f"{UNNAMED}{place}"
-        if (is_nameless or _OF_BODY.fullmatch(name)) and place not in layout.places:
-            position, last = layout.bodies[0].columns[:3], max(place, *layout.places)
-            first = [row for row in rows() if len(row) > last]
+    """The layout with the column of the names of bodies, if the first rows are of several ones, or of one of
+    which others may follow."""
+    one, read = None, layout.places
+    first_rows = rows() if len(layout.bodies) == 1 else ()
+    for place, name in enumerate(columns.plain if first_rows else ()):
+        if place not in read:
+            position, last = layout.bodies[0].columns[:3], max(place, *read)
+            first = [row for row in first_rows if len(row) > last]
             names = [row[place].strip(BLANKS) for row in first]
-            if is_nameless and not np.isnan(numbers(names)).all():
+            is_text = bool(names) and not are_numbers(names[:1]) and bool(np.isnan(numbers(names)).all())
+            if not (is_text or _OF_BODY.fullmatch(name)):
                 continue
+            is_name = is_text or (name.endswith("id") and "".join(names[:1]).isdigit())
+            if is_name and len({*names}) == 1 and one is None:
+                one = place if _OF_BODY.fullmatch(name) and not _OF_PARENT.fullmatch(name) else None
             times = [row[layout.time] if layout.time >= 0 else str(i) for i, row in enumerate(first)]
             positions = np.array([numbers([row[i] for i in position]) for row in first]).reshape(-1, 3)
             if _are_bodies(names, times, positions):
                 return replace(layout, body=place)
-    return layout
+    return layout if one is None else replace(layout, body=one)
 
 
 def _are_bodies(names: Sequence[str], times: Sequence[str], positions: Array) -> bool:

@@ -234,7 +234,7 @@ def columns_of(table: Any, reading: TableReading) -> tuple[NDArray[Any], float |
     if len(layout.bodies) > 1:
         bodies = ", ".join(body.name for body in layout.bodies)
         raise UsageError(f"several bodies, {bodies}: name the columns of one, as columns={{'x': ...}}")
-    if layout.body is not None:
+    if layout.body is not None and len({*map(str, _column(table, keys[layout.body]))}) > 1:
         raise UsageError(
             f"its rows are of several bodies, by the column {keys[layout.body]}: give the rows of one"
         )
