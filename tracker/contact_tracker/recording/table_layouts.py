@@ -561,12 +561,15 @@ def with_body(layout: TableLayout, columns: Columns, rows: Rows) -> TableLayout:
             position, last = layout.bodies[0].columns[:3], max(place, *read)
             first = [row for row in first_rows if len(row) > last]
             names = [row[place].strip(BLANKS) for row in first]
-            is_text = bool(names) and not are_numbers(names[:1]) and bool(np.isnan(numbers(names)).all())
-            if not (is_text or _OF_BODY.fullmatch(name)):
+            is_named, has_several = _OF_BODY.fullmatch(name) is not None, len({*names}) > 1
+            if not is_named and (not has_several or are_numbers(names[:1])):
                 continue
-            is_name = is_text or (name.endswith("id") and "".join(names[:1]).isdigit())
-            if is_name and len({*names}) == 1 and one is None:
-                one = place if _OF_BODY.fullmatch(name) and not _OF_PARENT.fullmatch(name) else None
+            is_text = bool(np.isnan(numbers(names)).all())
+            if not (is_named or is_text):
+                continue
+            may_be_one = is_text or (name.endswith("id") and "".join(names[:1]).isdigit())
+            if may_be_one and names and not has_several and one is None and not _OF_PARENT.fullmatch(name):
+                one = place
             times = [row[layout.time] if layout.time >= 0 else str(i) for i, row in enumerate(first)]
             positions = np.array([numbers([row[i] for i in position]) for row in first]).reshape(-1, 3)
             if _are_bodies(names, times, positions):
