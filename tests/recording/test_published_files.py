@@ -538,3 +538,18 @@ def test_the_names_of_parent_frames_and_steps_are_no_bodies(tmp_path: Path) -> N
     head = "time,header.frame_id,step,x,y,z,qx,qy,qz,qw"
     path = write(tmp_path / "a.csv", [head], rows(T, ["world"] * COUNT, steps, POSE))
     assert [source.child_frame_id for source in list_sources(str(path))] == [""]
+
+
+@pytest.mark.parametrize("is_document", [False, True])
+def test_objects_in_a_list_are_known_by_their_names(tmp_path: Path, is_document: bool) -> None:
+    """Their places change, and each may be missing."""
+    entries = []
+    for i, (t, p, q) in enumerate(zip(T.tolist(), P.tolist(), Q.tolist(), strict=True)):
+        place, turn = dict(zip("xyz", p, strict=True)), dict(zip("xyzw", q, strict=True))
+        cup = {"name": "cup", "position": place, "orientation": turn}
+        lid = cup | {"name": "lid", "position": dict(zip("xyz", [1.0, i, 1.0], strict=True))}
+        entries.append({"t": t, "objects": [cup, lid] if i % 3 else [lid, cup] if i % 2 else [cup]})
+    path = tmp_path / "a.jsonl"
+    path.write_text(json.dumps(entries) if is_document else "\n".join(map(json.dumps, entries)) + "\n")
+    assert sorted(source.child_frame_id for source in list_sources(str(path))) == ["cup", "lid"]
+    assert_read(path, frame="cup")

@@ -363,7 +363,7 @@ NUMBERED: Final = re.compile(r"(.*?)[\[_.]?(\d{1,4})\]?")
 BY_ROW: Final = re.compile(r"(.*?)[\[_.](\d{1,2})\]?[\[_.](\d{1,2})\]?")
 """Numbers of the elements of a list, and of the rows and columns of a matrix, as in ``T_0_3``."""
 _SLICE: Final = re.compile(r"(.*)\[(\d{1,4})(?::(\d{1,4}))?\]")
-_OF_BODY: Final = re.compile(
+OF_BODY: Final = re.compile(
     r"(?:.*[._ ])?(?:u?id|name|body|obj|object|tracker|device|marker|tag|hand|sensor|controller|track|target)"
 )
 """Names of columns of the names of bodies, which may be numbers; columns of text may have any name."""
@@ -561,7 +561,7 @@ def with_body(layout: TableLayout, columns: Columns, rows: Rows) -> TableLayout:
             position, last = layout.bodies[0].columns[:3], max(place, *read)
             first = [row for row in first_rows if len(row) > last]
             names = [row[place].strip(BLANKS) for row in first]
-            is_named, has_several = _OF_BODY.fullmatch(name) is not None, len({*names}) > 1
+            is_named, has_several = OF_BODY.fullmatch(name) is not None, len({*names}) > 1
             if not is_named and (not has_several or are_numbers(names[:1])):
                 continue
             is_text = bool(np.isnan(numbers(names)).all())

@@ -28,6 +28,7 @@ from contact_tracker.recording.items import ROWS_AT_ONCE
 from contact_tracker.recording.table_layouts import (
     BLANKS,
     MOST_COLUMNS,
+    OF_BODY,
     SEPARATORS,
     UNNAMED,
     Body,
@@ -101,6 +102,8 @@ _GROUP: Final = re.compile(r"(?:(?<=^)|(?<=[,;\t|])) *([(\[{][^()\[\]{}]*[)\]}])
 """A cell with several values in brackets, which the separator of cells may separate as well."""
 _BRACKETS: Final = re.compile(r"[()\[\]{}]")
 _BETWEEN: Final = re.compile(r"\s*;\s*|,\s+|\s+")
+_OF_OBJECTS: Final = re.compile(r"\s*\{[^\[]*\[\s*\{")
+"""Begins a JSON object whose first list has objects."""
 _BEGIN_DOCUMENT: Final = re.compile(r"\s*(?:\{|\[\s*(?:$|[\[{]))")
 _QUALISYS: Final = "NO_OF_FRAMES"
 _OF_MATRIX: Final = re.compile(r"Rot\[([0-8])\]")
@@ -126,9 +129,9 @@ class TextTable:
         with self._opened() as file:
             lines = head = _head(_lines(file))
         self._is_document = _is_document(head)
-        if self._is_document:
+        if self._is_document or any(map(_OF_OBJECTS.match, head)):
             with self._opened() as file:
-                head = list(islice(_entries_in(file), _HEAD_LINES))
+                head = list(islice(self._lines(file), _HEAD_LINES))
         self.layout = _layout_in_unit(lines, head, reading, path)
         self.damage: tuple[str, ...] = ()
 
@@ -140,13 +143,16 @@ class TextTable:
     def _opened(self) -> IO[str]:
         return open(self._path, encoding=self._encoding, errors="replace")
 
+    def _lines(self, file: IO[str]) -> Iterator[str]:
+        lines = _entries_in(file) if self._is_document else _lines(file)
+        return chain.from_iterable(map(_by_object, lines))
+
     def _rows(self) -> Iterator[list[str]]:
         layout, separator, previous = self.layout, self.layout.separator, list[str]()
         places, width = layout.places, max(layout.places) + 1
         named = partial(_named_cells, names=layout.names, heads=layout.heads, separator=separator)
         with self._opened() as file:
-            lines = _entries_in(file) if self._is_document else _lines(file)
-            for line in islice(lines, layout.skip, None):
+            for line in islice(self._lines(file), layout.skip, None):
                 if _COMMENT.match(line):
                     continue
                 if not line.strip(_EMPTY):
@@ -271,7 +277,7 @@ def _entries_in(file: IO[str]) -> Iterator[str]:
         content = _loads(text)
     except (ValueError, RecursionError) as error:
         raise UnreadableRecording(f"it begins like JSON, but is none: {error}") from error
-    if isinstance(content, dict) and content and all(map(_is_number_or_date, content)):
+    if isinstance(content, dict) and content and all(are_numbers([n]) or stamp_of_date(n) for n in content):
         parts = ((name, value if _has_objects(value) else [value]) for name, value in content.items())
         key = "frame" if all(name.isdigit() and len(name) < _DIGITS_OF_STAMP for name in content) else "time"
         content = [{key: name, **_named(entry)} for name, value in parts for entry in value]
@@ -308,8 +314,15 @@ def _has_objects(value: Any) -> bool:
     return isinstance(value, list) and bool(value) and isinstance(value[0], dict)
 
 
-def _is_number_or_date(text: str) -> bool:
-    return are_numbers([text]) or stamp_of_date(text) is not None
+def _by_object(line: str) -> list[str]:
+    """The line of JSON, or one for each object with a name in its only list, as their places may change."""
+    with suppress(ValueError, RecursionError):
+        entry = _loads(line) if _OF_OBJECTS.match(line) else {}
+        lists = [key for key, value in entry.items() if _has_objects(value)]
+        parts = [_named(part) for key in lists[:1] for part in entry[key]]
+        if len(lists) == 1 and all(any(map(OF_BODY.fullmatch, part)) for part in parts):
+            return [json.dumps({**entry, lists[0]: part}) + "\n" for part in parts]
+    return [line]
 
 
 def _has_rows(value: Any) -> bool:
