@@ -7,11 +7,10 @@ angles or a helical vector, which most exports do not distinguish. Names are rea
 """
 
 import csv
-import json
 import os
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -25,10 +24,17 @@ from contact_tracker.config.table_reading import REST, TIME, TableReading, readi
 from contact_tracker.errors import ChoiceError, UnreadableRecording
 from contact_tracker.recording.bytestream import encoding_of
 from contact_tracker.recording.items import ROWS_AT_ONCE
+from contact_tracker.recording.json_entries import (
+    OF_OBJECTS,
+    by_object,
+    entries_in,
+    flattened,
+    is_document,
+    loads,
+)
 from contact_tracker.recording.table_layouts import (
     BLANKS,
     MOST_COLUMNS,
-    OF_BODY,
     SEPARATORS,
     UNNAMED,
     Body,
@@ -47,7 +53,6 @@ from contact_tracker.recording.table_proposals import (
     layout_without_names,
     may_be_trajectory,
 )
-from contact_tracker.recording.table_times import stamp_of_date
 
 _LEAST_OF_POSE: Final = 6
 _LINE: Final = 2**18
@@ -94,17 +99,10 @@ _TUM: Final = tuple(range(1, 8))
 _MARKS: Final = (";", "\t", "|", ",")
 """Separators of values; a comma may also be the decimal point."""
 _SEPARATOR_LINE: Final = re.compile(r'"?sep=(.)"?\s*', re.IGNORECASE)
-_DIGITS_OF_STAMP: Final = 10
-"""Least number of digits of a time since 1970."""
-_DOCUMENT: Final = 2**26
-"""Longest JSON document (characters), as it is in memory as a whole."""
 _GROUP: Final = re.compile(r"(?:(?<=^)|(?<=[,;\t|])) *([(\[{][^()\[\]{}]*[)\]}])(?= *(?:[,;\t|\r\n]|$))")
 """A cell with several values in brackets, which the separator of cells may separate as well."""
 _BRACKETS: Final = re.compile(r"[()\[\]{}]")
 _BETWEEN: Final = re.compile(r"\s*;\s*|,\s+|\s+")
-_OF_OBJECTS: Final = re.compile(r"\s*\{[^\[]*\[\s*\{")
-"""Begins a JSON object whose first list has objects."""
-_BEGIN_DOCUMENT: Final = re.compile(r"\s*(?:\{|\[\s*(?:$|[\[{]))")
 _QUALISYS: Final = "NO_OF_FRAMES"
 _OF_MATRIX: Final = re.compile(r"Rot\[([0-8])\]")
 _NUMBER: Final = re.compile(
@@ -112,8 +110,6 @@ _NUMBER: Final = re.compile(
 )
 _QUALISYS_WAY: Final = reading_of(matrix="rows", unit="mm")
 """How the columns of a body are read after they are renamed; Qualisys numbers a matrix along its columns."""
-_loads: Final = partial(json.loads, parse_float=str, parse_int=str, parse_constant=str)
-"""JSON, with numbers and NaN as text."""
 _UNITS: Final = frozenset({*LENGTHS_M, *ANGLE_UNITS, *NAMED_NS, "-", "1"})
 
 
@@ -128,8 +124,8 @@ class TextTable:
         self._path, self._encoding = path, encoding_of(begin)
         with self._opened() as file:
             lines = head = _head(_lines(file))
-        self._is_document = _is_document(head)
-        if self._is_document or any(map(_OF_OBJECTS.match, head)):
+        self._is_document = is_document(head)
+        if self._is_document or any(map(OF_OBJECTS.match, head)):
             with self._opened() as file:
                 head = list(islice(self._lines(file), _HEAD_LINES))
         self.layout = _layout_in_unit(lines, head, reading, path)
@@ -144,8 +140,8 @@ class TextTable:
         return open(self._path, encoding=self._encoding, errors="replace")
 
     def _lines(self, file: IO[str]) -> Iterator[str]:
-        lines = _entries_in(file) if self._is_document else _lines(file)
-        return chain.from_iterable(map(_by_object, lines))
+        lines = entries_in(file) if self._is_document else _lines(file)
+        return chain.from_iterable(map(by_object, lines))
 
     def _rows(self) -> Iterator[list[str]]:
         layout, separator, previous = self.layout, self.layout.separator, list[str]()
@@ -231,106 +227,12 @@ def _fields_of(line: str) -> dict[str, str]:
                 f"beside its values with names there is {unread[:_LONGEST_CELL]!r}: leave it out, and write "
                 "a unit in the name, as in x_cm=29"
             )
-        return _flattened(before | {name: _values_in(value) for name, value in _PAIR.findall(line)})
+        return flattened(before | {name: _values_in(value) for name, value in _PAIR.findall(line)})
     try:
-        entry = _loads(line)
+        entry = loads(line)
     except RecursionError as error:
         raise ValueError("it is too deep") from error
-    return _flattened(entry)  # as it begins with a brace
-
-
-def _flattened(entry: Mapping[str, Any]) -> dict[str, str]:
-    """The numbers and texts in an object and its parts, by their paths."""
-    fields, waiting = dict[str, str](), list(entry.items())[::-1]
-    while waiting:
-        name, value = waiting.pop()
-        if isinstance(value, dict):
-            waiting += [(f"{name}.{key}", part) for key, part in value.items()][::-1]
-        elif isinstance(value, list):
-            waiting += [(f"{name}[{i}]", part) for i, part in enumerate(value)][::-1]
-        elif isinstance(value, str) or value is None:
-            fields[name] = value or ""
-    return fields
-
-
-def _is_document(lines: Sequence[str]) -> bool:
-    """Whether the text is one JSON document, not one object per line."""
-    first, second = ([line for line in lines if line.strip()] + ["", ""])[:2]
-    if not second or not first.lstrip().startswith("{"):
-        return _BEGIN_DOCUMENT.match(first) is not None
-    try:
-        json.loads(first)
-    except (ValueError, RecursionError):
-        return True
-    return False
-
-
-def _entries_in(file: IO[str]) -> Iterator[str]:
-    """The entries of a JSON document, one per line: the elements of its list, of the only list of objects in
-    it, or of equally long lists by name; raises UnreadableRecording."""
-    text = file.read(_DOCUMENT + 1)
-    if len(text) > _DOCUMENT:
-        raise UnreadableRecording(
-            "it is JSON of more than 64 MB: write one object a line, as jq -c '.[]' does"
-        )
-    try:
-        content = _loads(text)
-    except (ValueError, RecursionError) as error:
-        raise UnreadableRecording(f"it begins like JSON, but is none: {error}") from error
-    if isinstance(content, dict) and content and all(are_numbers([n]) or stamp_of_date(n) for n in content):
-        parts = ((name, value if _has_objects(value) else [value]) for name, value in content.items())
-        key = "frame" if all(name.isdigit() and len(name) < _DIGITS_OF_STAMP for name in content) else "time"
-        content = [{key: name, **_named(entry)} for name, value in parts for entry in value]
-    elif isinstance(content, dict):
-        lists = {name: value for name, value in content.items() if isinstance(value, list)}
-        if not lists and content and all(map(_has_rows, content.values())):  # as pandas writes columns
-            index = list(next(iter(content.values())))
-            if all(value.keys() == {*index} for value in content.values()):
-                columns = {name: [value[row] for row in index] for name, value in content.items()}
-                lists = {"index": index} | columns
-        names = next((value for value in lists.values() if all(isinstance(name, str) for name in value)), [])
-        rows_of = [v for v in lists.values() if v and isinstance(v[0], list) and len(v[0]) == len(names)]
-        if len(rows_of) == 1 and names:  # names of the columns, and rows
-            cells = (row if isinstance(row, list) else [] for row in rows_of[0])
-            lists = {"data": [dict(zip(names, row, strict=False)) for row in cells]}
-        objects = [value for value in lists.values() if _has_objects(value)]
-        longest = max(map(len, lists.values()), default=0)
-        for name in [name for name, value in lists.items() if 0 < len(value) < longest]:  # row by row
-            for i, part in enumerate(lists[name]):
-                lists |= {f"{name}[{i}]": part} if isinstance(part, list) and len(part) == longest else {}
-        rows = {name: value for name, value in lists.items() if len(value) == longest}
-        by_row = [dict(zip(rows, row, strict=True)) for row in zip(*rows.values(), strict=True)]
-        content = objects[0] if len(objects) == 1 and len(objects[0]) == longest else by_row
-    if content == []:
-        raise UnreadableRecording(
-            "it is JSON without entries in a list, or lists of one length by name: write these alone, as by "
-            "jq .data"
-        )
-    for entry in content if isinstance(content, list) else [content]:
-        yield json.dumps(_named(entry)) + "\n"
-
-
-def _has_objects(value: Any) -> bool:
-    return isinstance(value, list) and bool(value) and isinstance(value[0], dict)
-
-
-def _by_object(line: str) -> list[str]:
-    """The line of JSON, or one for each object with a name in its only list, as their places may change."""
-    with suppress(ValueError, RecursionError):
-        entry = _loads(line) if _OF_OBJECTS.match(line) else {}
-        lists = [key for key, value in entry.items() if _has_objects(value)]
-        parts = [_named(part) for key in lists[:1] for part in entry[key]]
-        if len(lists) == 1 and all(any(map(OF_BODY.fullmatch, part)) for part in parts):
-            return [json.dumps({**entry, lists[0]: part}) + "\n" for part in parts]
-    return [line]
-
-
-def _has_rows(value: Any) -> bool:
-    return isinstance(value, dict) and bool(value) and all(map(str.isdigit, value))
-
-
-def _named(entry: Any) -> dict[str, Any]:
-    return entry if isinstance(entry, dict) else {UNNAMED: entry}
+    return flattened(entry)  # as it begins with a brace
 
 
 def _values_in(cell: str) -> Any:
@@ -344,8 +246,8 @@ def _values_in(cell: str) -> Any:
     values: Any = parts if len(parts := _BETWEEN.split(inner)) > 1 else inner.split(",")
     for plain in (text, text.replace("'", '"')):
         with suppress(ValueError, RecursionError):
-            values = _loads(plain)
-    counted = sum(are_numbers([value]) for value in _flattened({"": values}).values())
+            values = loads(plain)
+    counted = sum(are_numbers([value]) for value in flattened({"": values}).values())
     return values if counted > 1 else cell
 
 
@@ -355,7 +257,7 @@ def _named_cells(line: str, names: Sequence[str], heads: Sequence[str], separato
     try:
         if heads:
             cells = map(_values_in, _cells_of(line, separator))
-            fields = _flattened(dict(zip(heads, cells, strict=False)))
+            fields = flattened(dict(zip(heads, cells, strict=False)))
         else:
             fields = _fields_of(line)
     except ValueError:
@@ -532,7 +434,7 @@ def _separator_after(word: str, line: str) -> str:
 
 def _has_names(line: str) -> bool:
     """Whether a line has at least as many ``name=number`` pairs as a pose has values."""
-    values = _flattened({name: _values_in(value) for name, value in _PAIR.findall(line)}).values()
+    values = flattened({name: _values_in(value) for name, value in _PAIR.findall(line)}).values()
     return sum(are_numbers([value]) for value in values) >= _LEAST_OF_POSE
 
 
@@ -652,7 +554,7 @@ def _names_in_groups(names: Sequence[str], rows: Sequence[str], separator: str |
     cells = list(map(_values_in, _cells_of(rows[0], separator))) if rows else []
     if all(isinstance(cell, str) for cell in cells) or len(cells) - len(names) not in (0, 1):
         return []
-    return list(_flattened(dict(zip(names, cells, strict=False))))
+    return list(flattened(dict(zip(names, cells, strict=False))))
 
 
 def _units(following: Sequence[str], separator: str | None) -> list[str]:
