@@ -20,11 +20,13 @@ from contact_tracker.recording.table_times import unit_of
 from pose_tables import (
     DEGREES,
     MATRICES,
+    NAMES,
     P_MM,
     POSE,
     REAL_FIRST,
     SINCE_NS,
     TURN,
+    WHOLE,
     P,
     Q,
     T,
@@ -553,3 +555,38 @@ def test_objects_in_a_list_are_known_by_their_names(tmp_path: Path, is_document:
     path.write_text(json.dumps(entries) if is_document else "\n".join(map(json.dumps, entries)) + "\n")
     assert sorted(source.child_frame_id for source in list_sources(str(path))) == ["cup", "lid"]
     assert_read(path, frame="cup")
+
+
+QUOTED = [", ".join(map(repr, row)) for row in np.hstack([P, TURN.as_rotvec()]).tolist()]
+LINES = {
+    "a date before pairs": [
+        f"{date} INFO "
+        + " ".join(f"{name}={value}" for name, value in zip(NAMES.split(","), row, strict=True))
+        for date, row in zip(DATES, POSE.tolist(), strict=True)
+    ],
+    "lists": [json.dumps(row) for row in np.c_[T, POSE].tolist()],
+    "lists in lists": [json.dumps([t, p, q]) for t, p, q in zip(T, P.tolist(), Q.tolist(), strict=True)],
+    "poses of UR": ["time,tcp", *(f"{t},p[{pose}]" for t, pose in zip(T.tolist(), QUOTED, strict=True))],
+    "a split DataFrame": [
+        json.dumps({"columns": NAMES.split(","), "index": T.tolist(), "data": POSE.tolist()})
+    ],
+}
+
+
+@pytest.mark.parametrize("lines", LINES.values(), ids=LINES)
+def test_what_is_proposed_for_lines_of_programs_is_right(tmp_path: Path, lines: list[str]) -> None:
+    path = tmp_path / "a.log.csv"
+    path.write_text("\n".join([*lines, ""]))
+    assert_read(path, *proposed(path))
+
+
+def test_matrices_below_numbers_have_a_remedy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As trajectories of Open3D."""
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "a.log"
+    blocks = ("\n".join(" ".join(map(repr, row)) for row in pose.tolist()) for pose in WHOLE)
+    path.write_text("".join(f"{i} {i} {i + 1}\n{block}\n" for i, block in enumerate(blocks)))
+    call = re.search(r"(numpy\.save\(.*\)) makes a file that is read", refusal(path))
+    assert call is not None
+    exec(call[1], {"numpy": np})
+    assert_read(tmp_path / "poses.npy", "--matrix", "rows", "--time-unit", "200Hz", "--columns", "matrix=c")

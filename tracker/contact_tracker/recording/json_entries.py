@@ -74,7 +74,10 @@ def entries_in(file: IO[str]) -> Iterator[str]:
         names = next((value for value in lists.values() if all(isinstance(name, str) for name in value)), [])
         rows_of = [v for v in lists.values() if v and isinstance(v[0], list) and len(v[0]) == len(names)]
         if len(rows_of) == 1 and names:  # names of the columns, and rows
-            cells = (row if isinstance(row, list) else [] for row in rows_of[0])
+            cells = [row if isinstance(row, list) else [] for row in rows_of[0]]
+            index = lists.get("index", [])  # of a DataFrame
+            names, index = (["index", *names], index) if len(index) == len(cells) else (names, [])
+            cells = [[i, *row] for i, row in zip(index, cells, strict=True)] if index else cells
             lists = {"data": [dict(zip(names, row, strict=False)) for row in cells]}
         objects = [value for value in lists.values() if _has_objects(value)]
         longest = max(map(len, lists.values()), default=0)

@@ -31,6 +31,7 @@ from contact_tracker.recording.json_entries import (
     flattened,
     is_document,
     loads,
+    named,
 )
 from contact_tracker.recording.table_layouts import (
     BLANKS,
@@ -81,8 +82,13 @@ _PAIR: Final = re.compile(
     r"([\[(][^\])]{0,500}[\])]|[^\s,;})]+)"
 )
 """A value with its name, as ``x=1.0`` or ``q: [0, 0, 0, 1]``."""
-_IN_LEAD: Final = re.compile(r"(?<![\w:/.,-])\d+(?:\.\d+)?(?![\w/-]|[:.,]\d)")
-"""A number before the pairs, as the time of a message in a log; not part of a date or a word."""
+_IN_LEAD: Final = re.compile(
+    r"(?<![\w:/.,-])(?:(?:\d{4}[-/.]\d\d?[-/.]\d\d?[T_ ])?\d\d?:\d\d:\d\d(?:[.,]\d+)?Z?"
+    r"|\d+(?:\.\d+)?(?![\w/-]|[:.,]\d))"
+)
+"""A date or a number before the pairs, as the time of a message in a log; not part of a word."""
+_JSON: Final = re.compile(r"\s*(?:\{|\[[-+\d.,\s\[\]eEaNulInfity]*\]\s*$)")
+"""A line of JSON: an object, or a list of numbers."""
 _BETWEEN_PAIRS: Final = f"|,;()[]{{}}{BLANKS}"
 _OF_NEXT: Final = re.compile(r"(?:[A-Za-z_]\w*:)?")
 """Text that may be between pairs: nothing, or a label of the next ones, as in ``rot: qx=0``."""
@@ -99,9 +105,11 @@ _TUM: Final = tuple(range(1, 8))
 _MARKS: Final = (";", "\t", "|", ",")
 """Separators of values; a comma may also be the decimal point."""
 _SEPARATOR_LINE: Final = re.compile(r'"?sep=(.)"?\s*', re.IGNORECASE)
-_GROUP: Final = re.compile(r"(?:(?<=^)|(?<=[,;\t|])) *([(\[{][^()\[\]{}]*[)\]}])(?= *(?:[,;\t|\r\n]|$))")
+_GROUP: Final = re.compile(r"(?:(?<=^)|(?<=[,;\t|])) *(\w*[(\[{][^()\[\]{}]*[)\]}])(?= *(?:[,;\t|\r\n]|$))")
 """A cell with several values in brackets, which the separator of cells may separate as well."""
 _BRACKETS: Final = re.compile(r"[()\[\]{}]")
+_CALL: Final = re.compile(r"[A-Za-z]\w*(?=[(\[])")
+"""The name before values in brackets, as in ``p[0.1, 0.2, 0.3, 0, 0, 0]`` of UR."""
 _BETWEEN: Final = re.compile(r"\s*;\s*|,\s+|\s+")
 _QUALISYS: Final = "NO_OF_FRAMES"
 _OF_MATRIX: Final = re.compile(r"Rot\[([0-8])\]")
@@ -146,7 +154,7 @@ class TextTable:
     def _rows(self) -> Iterator[list[str]]:
         layout, separator, previous = self.layout, self.layout.separator, list[str]()
         places, width = layout.places, max(layout.places) + 1
-        named = partial(_named_cells, names=layout.names, heads=layout.heads, separator=separator)
+        cells_in = partial(_named_cells, names=layout.names, heads=layout.heads, separator=separator)
         with self._opened() as file:
             for line in islice(self._lines(file), layout.skip, None):
                 if _COMMENT.match(line):
@@ -155,7 +163,7 @@ class TextTable:
                     if layout.kind == "Vicon":
                         return  # the end of a section
                     continue
-                cells = named(line) if layout.names else _cells_of(line, separator)
+                cells = cells_in(line) if layout.names else _cells_of(line, separator)
                 if line[-1] != "\n" and len(line) < _LINE and previous and _is_cut(previous, cells):
                     self.damage = (_CUT_OFF,)
                     return
@@ -218,7 +226,7 @@ def _table_of(lines: Sequence[str], separator: str | None) -> list[list[str]]:
 def _fields_of(line: str) -> dict[str, str]:
     """The numbers and texts by name (``pose.position.x``, ``state[0]``) in a line with a JSON object or with
     ``name=value`` pairs; raises ValueError."""
-    if not line.lstrip().startswith("{"):
+    if not _JSON.match(line):
         lead, *between = _PAIR.split(line)[::3]
         before = {f"{UNNAMED}{i}": value for i, value in enumerate(_IN_LEAD.findall(lead))}
         between = [text.strip(_BETWEEN_PAIRS) for text in between]
@@ -232,13 +240,13 @@ def _fields_of(line: str) -> dict[str, str]:
         entry = loads(line)
     except RecursionError as error:
         raise ValueError("it is too deep") from error
-    return flattened(entry)  # as it begins with a brace
+    return flattened(named(entry))
 
 
 def _values_in(cell: str) -> Any:
     """The values in a cell with several numbers, as JSON, ``(1.0, 2.0)``, ``[1 2]``, or three or more between
     blanks; the text of any other cell."""
-    text = cell.strip(BLANKS)
+    text = _CALL.sub("", cell.strip(BLANKS))
     if text[:1] not in ("(", "[", "{"):
         parts = text.split()
         return parts if len(parts) > 2 and all(are_numbers([part]) for part in parts) else cell
@@ -446,7 +454,7 @@ def _json_layout(lines: Sequence[str], reading: TableReading, path: str) -> Tabl
             rows.append(_fields_of(line) if not _COMMENT.match(line) else {})
             names.update(dict.fromkeys(rows[-1]))
         except ValueError as error:
-            if not line.lstrip().startswith("{"):
+            if not _JSON.match(line):
                 raise UnreadableRecording(str(error)) from None
             if not names:
                 raise UnreadableRecording(
@@ -528,6 +536,12 @@ def _layout_of_rows(
             f"a pose is in several lines: numpy.save('poses.npy', numpy.loadtxt({os.path.basename(path)!r})"
             f".reshape({shape})) makes a file that is read"
         )
+    if len(values) in (1, 3) and not errors and len(table[1]) == 4 and _is_rotation(table[1:4]):
+        raise UnreadableRecording(
+            "a pose is in several lines, below one that numbers it: numpy.save('poses.npy', numpy.array("
+            f"[line.split() for line in open({os.path.basename(path)!r}) if len(line.split()) == 4], float)"
+            ".reshape(-1, 4, 4)) makes a file that is read"
+        )
     is_tum = separator is None and len(values) == 1 + len(_TUM) and may_be_trajectory(table)
     if is_tum and not (reading.kind or reading.columns):
         body = Body("", _TUM, LENGTHS_M[reading.unit or "m"])
@@ -594,7 +608,7 @@ _Layout = Callable[[Sequence[str], TableReading, str], TableLayout]
 _FORMATS: Final[Sequence[tuple[Callable[[str], bool], _Layout]]] = (
     (lambda line: line.lstrip('\ufeff"').lower().startswith("format version"), _motive_layout),
     (lambda line: line.strip(f",;{BLANKS}").lower() in (*_SECTIONS, *_OTHER_SECTIONS), _vicon_layout),
-    (lambda line: line.lstrip().startswith("{") or _has_names(line), _json_layout),
+    (lambda line: bool(_JSON.match(line)) or _has_names(line), _json_layout),
     (lambda line: line.startswith(_QUALISYS), _qualisys_layout),
 )
 """Known formats: a test of the first line, and the layout; other files have rows with or without names."""
