@@ -224,7 +224,10 @@ def columns_of(table: Any, reading: TableReading) -> tuple[NDArray[Any], float |
         raise UsageError("the table has no columns")
 
     def first_rows() -> list[tuple[str, ...]]:
-        columns = (_column(table, key)[:FIRST_ROWS].astype(str).tolist() for key in keys)
+        try:
+            columns = [_column(table, key)[:FIRST_ROWS].astype(str).tolist() for key in keys]
+        except (TypeError, ValueError):  # refused below, if they are of the pose
+            return []
         return list(zip(*columns, strict=False))
 
     try:
