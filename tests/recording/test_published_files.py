@@ -573,6 +573,14 @@ LINES = {
 }
 
 
+def test_contacts_in_a_list_beside_a_pose_are_no_bodies(tmp_path: Path) -> None:
+    contacts = [{"name": name, "point": [1, 2, 3], "normal": [0, 0, 1]} for name in ("left", "right")]
+    poses = [dict(zip(["t", *NAMES.split(",")], row, strict=True)) for row in np.c_[T, POSE].tolist()]
+    path = tmp_path / "a.jsonl"
+    path.write_text("\n".join(json.dumps(pose | {"contacts": contacts}) for pose in poses) + "\n")
+    assert_read(path)
+
+
 @pytest.mark.parametrize("lines", LINES.values(), ids=LINES)
 def test_what_is_proposed_for_lines_of_programs_is_right(tmp_path: Path, lines: list[str]) -> None:
     path = tmp_path / "a.log.csv"

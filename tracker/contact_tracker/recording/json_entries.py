@@ -11,6 +11,7 @@ from contact_tracker.errors import UnreadableRecording
 from contact_tracker.recording.table_layouts import OF_BODY, UNNAMED, are_numbers
 from contact_tracker.recording.table_times import stamp_of_date
 
+LEAST_OF_POSE: Final = 6
 _DIGITS_OF_STAMP: Final = 10
 """Least number of digits of a time since 1970."""
 _DOCUMENT: Final = 2**26
@@ -106,9 +107,14 @@ def by_object(line: str) -> list[str]:
         entry = loads(line) if OF_OBJECTS.match(line) else {}
         lists = [key for key, value in entry.items() if _has_objects(value)]
         parts = [named(part) for key in lists[:1] for part in entry[key]]
-        if len(lists) == 1 and all(any(map(OF_BODY.fullmatch, part)) for part in parts):
+        is_inside = all(map(_may_be_pose, parts)) and not _may_be_pose({**entry, **dict.fromkeys(lists)})
+        if len(lists) == 1 and is_inside and all(any(map(OF_BODY.fullmatch, part)) for part in parts):
             return [json.dumps({**entry, lists[0]: part}) + "\n" for part in parts]
     return [line]
+
+
+def _may_be_pose(entry: Mapping[str, Any]) -> bool:
+    return sum(are_numbers([value]) for value in flattened(entry).values()) >= LEAST_OF_POSE
 
 
 def _has_rows(value: Any) -> bool:

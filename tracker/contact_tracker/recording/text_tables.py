@@ -25,6 +25,7 @@ from contact_tracker.errors import ChoiceError, UnreadableRecording
 from contact_tracker.recording.bytestream import encoding_of
 from contact_tracker.recording.items import ROWS_AT_ONCE
 from contact_tracker.recording.json_entries import (
+    LEAST_OF_POSE,
     OF_OBJECTS,
     by_object,
     entries_in,
@@ -55,7 +56,6 @@ from contact_tracker.recording.table_proposals import (
     may_be_trajectory,
 )
 
-_LEAST_OF_POSE: Final = 6
 _LINE: Final = 2**18
 """Longest line (characters); the rest of a longer one is a line of its own."""
 _HEAD_LINES: Final = 64
@@ -443,7 +443,7 @@ def _separator_after(word: str, line: str) -> str:
 def _has_names(line: str) -> bool:
     """Whether a line has at least as many ``name=number`` pairs as a pose has values."""
     values = flattened({name: _values_in(value) for name, value in _PAIR.findall(line)}).values()
-    return sum(are_numbers([value]) for value in values) >= _LEAST_OF_POSE
+    return sum(are_numbers([value]) for value in values) >= LEAST_OF_POSE
 
 
 def _json_layout(lines: Sequence[str], reading: TableReading, path: str) -> TableLayout:
@@ -554,7 +554,7 @@ def _layout_of_rows(
 
 def _may_be_row(line: str) -> bool:
     """Whether a line of text has mostly numbers, or as many as a pose."""
-    return _are_values(_cells_of(line, _separator(line))) or len(_NUMBER.findall(line)) >= _LEAST_OF_POSE
+    return _are_values(_cells_of(line, _separator(line))) or len(_NUMBER.findall(line)) >= LEAST_OF_POSE
 
 
 def _is_rotation(rows: Sequence[Sequence[str]]) -> bool:
