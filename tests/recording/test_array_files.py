@@ -191,3 +191,16 @@ def test_objects_have_a_remedy(tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", {"p": P}, allow_pickle=True)
     with pytest.raises(UnreadableRecording, match=r"Trajectory.from_arrays\(t, p, q\) takes times"):
         open_log(str(tmp_path / "a.npy"))
+
+
+def test_arrays_without_names_may_begin_with_the_time(tmp_path: Path) -> None:
+    np.savez(path := tmp_path / "a.npz", T, P, Q)
+    assert proposed(path) == ["--columns", "quaternion=arr_2,position=arr_1,time=arr_0"]
+    assert_read(path, *proposed(path))
+
+
+def test_names_of_pandas_with_several_levels(tmp_path: Path) -> None:
+    levels = [*(("pos", axis) for axis in "xyz"), *(("quat", axis) for axis in "xyzw"), ("time", "")]
+    table = pyarrow.table(dict(zip(map(str, levels), [*POSE.T, T], strict=True)))
+    feather.write_feather(table, path := tmp_path / "a.feather")
+    assert_read(path)

@@ -308,6 +308,8 @@ _UNIT: Final = re.compile(
     rf"|(?:(?<=\w)\s*[/:]\s*|\s+in\s+)({_WORDS}|m|s)$|(?:\s|(?<=(?<![^\W_])[xyz]))({_WORDS})$"
 )
 """A unit in brackets (which do not contain the number of an element), or after a mark: ``x_mm``, ``x/mm``."""
+_LEVELS: Final = re.compile(r"^\('|', '|'\)$")
+"""What is around the levels of a name of pandas, as in ``('pos', 'x')``."""
 _CAMEL: Final = re.compile(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z]{2})|(?<=[A-Z]{2})(?=[xyzw]$)")
 """Places at which a name in capitals and small letters is divided: ``posX``, ``HMDPosition``, ``POSx``."""
 _TIME: Final = re.compile(r"(?:.*[./ ])?(?:rosbag)?_*(?:t|time|times|time_?stamp|stamp)")
@@ -394,7 +396,8 @@ class Columns:
 
     def __init__(self, names: Sequence[str], units: Sequence[str] = ()) -> None:
         self.names = [name.strip()[:_LONGEST_NAME] for name in names]
-        self.plain = [_CAMEL.sub("_", name.lstrip("#").strip()).lower() for name in self.names]
+        whole = (_LEVELS.sub(lambda mark: "." * (len(mark[0]) > 2), name) for name in self.names)
+        self.plain = [_CAMEL.sub("_", name.lstrip("#").strip().rstrip(".")).lower() for name in whole]
         self.units = [*units, *[""] * len(names)][: len(names)]
         for place, plain in enumerate(self.plain):
             if (unit := _UNIT.search(plain)) is not None:

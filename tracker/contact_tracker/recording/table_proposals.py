@@ -2,6 +2,7 @@
 proposed from known systems, numbers of columns and values."""
 
 import re
+from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -251,9 +252,12 @@ class _Proposal:
         if has_frames:
             return None, "its times are numbers of frames"
         taken = {place for places in columns.find(self._stated).values() for place in places.values()}
-        is_index = len(columns.numbered(UNNAMED)) == 1  # of a DataFrame
+        numbered = {
+            i: match[1] for i, name in enumerate(columns.names) if (match := NUMBERED.fullmatch(name))
+        }
+        sizes = Counter(numbered.values())  # one of a single number may be an index, or an array
         for place, name in enumerate(columns.names):
-            if (NUMBERED.fullmatch(name) and not is_index) or not CAN_BE_GIVEN(name):
+            if sizes[numbered.get(place, "")] > 1 or not CAN_BE_GIVEN(name):
                 taken.add(place)
         width = min([len(columns.names), *map(len, self._rows())])
         clock, is_frame = _clock(self._values(range(width)), taken)
