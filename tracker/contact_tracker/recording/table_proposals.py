@@ -257,7 +257,7 @@ class _Proposal:
         }
         sizes = Counter(numbered.values())  # one of a single number may be an index, or an array
         for place, name in enumerate(columns.names):
-            if sizes[numbered.get(place, "")] > 1 or not CAN_BE_GIVEN(name):
+            if (place in numbered and sizes[numbered[place]] > 1) or not CAN_BE_GIVEN(name):
                 taken.add(place)
         width = min([len(columns.names), *map(len, self._rows())])
         clock, is_frame = _clock(self._values(range(width)), taken)
