@@ -113,12 +113,19 @@ def number(value: str) -> float:
     return float(plain)
 
 
+def _number_or_nan(value: str) -> float:
+    try:
+        return number(value)
+    except ValueError:
+        return np.nan
+
+
 def numbers(cells: Sequence[str]) -> Array:
     """The numbers in cells; NaN for other text."""
     with suppress(ValueError):
         if "_" not in "".join(cells):
             return np.array(list(map(float, cells)), np.float64)
-    return np.array([number(cell) if are_numbers([cell]) else np.nan for cell in cells], np.float64)
+    return np.array(list(map(_number_or_nan, cells)), np.float64)
 
 
 def are_numbers(values: Sequence[str]) -> bool:

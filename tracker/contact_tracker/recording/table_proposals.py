@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import cache
 from itertools import chain, islice, product
 from typing import Any, Final
 
@@ -233,7 +234,7 @@ class _Proposal:
     """
 
     def __init__(self, columns: Columns, reading: TableReading, path: str, rows: Rows) -> None:
-        self._columns, self._path, self._rows, self._stated = columns, path, rows, reading
+        self._columns, self._path, self._rows, self._stated = columns, path, cache(rows), reading
         self._reading, self._about_time, self._lacks_time = reading, "", False
         if columns.time(reading, columns.find(reading)[TIME])[0] is None:
             clock, self._about_time = self._time()
@@ -245,7 +246,7 @@ class _Proposal:
         """The name of the column that seems to be the time, if any, and its description."""
         columns, has_frames = self._columns, any(map(FRAME.fullmatch, self._columns.plain))
         likes = [name for name in columns.names if _LIKE_TIME.match(name) and CAN_BE_GIVEN(name)]
-        rising = chain(filter(self._rises, likes), self._dates())
+        rising = chain(filter(self._rises, likes[:FIRST_ROWS]), self._dates())
         like = next(rising, next(iter(likes if not has_frames else ()), None))
         if like is not None:
             return like, f"if {self._shown(like)} is the time"
@@ -364,8 +365,10 @@ class _Proposal:
         matches = [pattern.fullmatch(name) for name in columns.names for pattern in (NUMBERED, BY_ROW)]
         found = (match[1] for match in matches if match is not None and CAN_BE_GIVEN(match[1]))
         bases = dict.fromkeys(sorted(found, key=_is_commanded))
-        matrices = [base for base in bases if len(columns.numbered(base)) in MATRIX_SHAPES]
-        bases = {base: None for base in bases if base.rpartition("[")[0] not in matrices}
+        sizes = Counter(match[1] for match in map(BY_ROW.fullmatch, columns.names) if match is not None)
+        inner = ((base, NUMBERED.fullmatch(base)) for base in bases)
+        of_rows = {base for base, row in inner if row is not None and sizes[row[1]] in MATRIX_SHAPES}
+        bases = {base: None for base in bases if base not in of_rows}
         of_joints = {_OF_JOINTS.sub("", base) for base in bases if "effort" in base}
         bases = {base: None for base in bases if _OF_JOINTS.sub("", base) not in of_joints}
         bases = {base: None for base in bases if base not in columns.names}  # a name that occurs twice
