@@ -497,6 +497,12 @@ def test_json_row_by_row_by_times_and_with_matrices(tmp_path: Path, content: Any
     assert_read(path, *proposed(path))
 
 
+def test_a_name_that_occurs_again_is_no_time(tmp_path: Path) -> None:
+    """As the parts of a quaternion, which may rise, below names of groups."""
+    path = write(tmp_path / "a.csv", ["pos,pos,pos,rot,rot,rot,rot", "x,y,z,x,y,z,w"], rows(POSE))
+    assert_read(path, *(word.replace("100Hz", "200Hz") for word in proposed(path)))
+
+
 def test_matrices_as_numpy_prints_them(tmp_path: Path) -> None:
     cells = [str(matrix).replace("\n", "") for matrix in np.dstack([MATRICES, P])]
     path = write(tmp_path / "a.csv", ["time,T"], rows(T, [f'"{cell}"' for cell in cells]))

@@ -256,7 +256,7 @@ class _Proposal:
         numbered = {
             i: match[1] for i, name in enumerate(columns.names) if (match := NUMBERED.fullmatch(name))
         }
-        sizes = Counter(numbered.values())  # one of a single number may be an index, or an array
+        sizes = Counter([*numbered.values(), *columns.names])  # single ones may be an index, or an array
         for place, name in enumerate(columns.names):
             if (place in numbered and sizes[numbered[place]] > 1) or not CAN_BE_GIVEN(name):
                 taken.add(place)
