@@ -145,6 +145,18 @@ def test_what_has_not_changed_so_far_is_said_after_a_while(rest: int, tmp_path: 
     assert len(lines) == (rest > 1500)
 
 
+@pytest.mark.long
+def test_info_says_of_which_part_it_says_that_nothing_changes(tmp_path: Path, capsys: Any) -> None:
+    """It looks at the first 30 s; the orientation changes later."""
+    poses = smooth_poses(700, 20.0)
+    turned = np.where(np.arange(700)[:, None] < 650, poses.quat_xyzw[:1], poses.quat_xyzw)
+    log = write_log(tmp_path / "a.mcap", [poses_topic(Poses(poses.stamp_ns, poses.position_m, turned))])
+    assert run(["info", str(log)]) == 0
+    shown = capsys.readouterr().out
+    assert "the orientation does not change in the first " in shown
+    assert "never changes" not in shown
+
+
 def test_few_poses_in_a_tick_are_counted_by_their_stamps(tmp_path: Path, capsys: Any) -> None:
     """The rate falls from 30 to 10 Hz, too little for longer ticks."""
     fast, slow = smooth_poses(60, 30.0), smooth_poses(60, 10.0)

@@ -24,6 +24,7 @@ from contact_tracker.motion.pose_validation import PoseGate
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.recording import WRENCH_TYPE, write_recording
 from mcap_logs import START_NS, Topic, header, poses_topic, smooth_poses, tf_topic, wrench_stamped, write_log
+from pose_tables import NAMES
 from short_recordings import FACE_TO_EDGE, recorded
 
 WXYZ = [3, 0, 1, 2]
@@ -101,6 +102,25 @@ def test_dates_and_durations_are_stamps_and_quaternions_may_start_with_w() -> No
     np.testing.assert_array_equal(trajectory.stamp_ns, utc_ns)
     with pytest.raises(UsageError, match=r"convert text, as by pandas\.to_datetime"):
         Trajectory.from_arrays(of_numpy.astype(str), few.position_m, few.quat_xyzw)
+
+
+def test_frames_with_times_as_an_index_or_with_several_levels_of_names() -> None:
+    few = smooth_poses(30)
+    times = (few.stamp_ns - few.stamp_ns[0]) / 1e9
+    table = pandas.DataFrame(
+        np.hstack([few.position_m, few.quat_xyzw]), columns=NAMES.split(","), index=times
+    )
+    with pytest.raises(UsageError, match=r"columns=\{'time': 'c0'\}"):
+        Trajectory.from_dataframe(table)
+    levels = table.set_axis([*(("p", axis) for axis in "xyz"), *(("q", axis) for axis in "xyzw")], axis=1)
+    both = table.assign(sec=times, msec=1e3 * times)  # which are one time twice
+    for found in (
+        Trajectory.from_dataframe(table, columns={"time": "c0"}),
+        Trajectory.from_dataframe(levels.assign(time=times)),
+        Trajectory.from_dataframe(both),
+    ):
+        np.testing.assert_allclose(found.stamp_ns - found.stamp_ns[0], 1e9 * times, atol=1)
+        np.testing.assert_allclose(found.position_m, few.position_m)
 
 
 def test_masked_poses_are_not_finite(poses) -> None:

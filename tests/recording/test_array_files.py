@@ -165,3 +165,42 @@ def test_without_h5py_hdf5_is_refused_with_what_reads_it(
     monkeypatch.setitem(sys.modules, "h5py", None)
     assert run(["info", str(tmp_path / name)]) == 1
     assert "it is HDF5: pip install h5py, with which it is read" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("ending", "kind"), [("npy", "f8"), ("npz", "f8"), ("h5", "f8"), ("npy", "M8[ns]"), ("npz", "M8[ns]")]
+)
+def test_fields_of_a_structured_array_are_columns(tmp_path: Path, ending: str, kind: str) -> None:
+    """Also dates, which only NumPy stores."""
+    pose = [(axis, "f8") for axis in "xyz"]
+    table = np.zeros(len(T), [("time", kind), ("pose", pose), ("wxyz", "f8", 4)])
+    table["time"] = np.rint(1e9 * T).astype("M8[ns]") if kind != "f8" else T
+    table["pose"] = np.rec.fromarrays(P.T, dtype=table.dtype["pose"])
+    table["wxyz"] = REAL_FIRST
+    path = tmp_path / f"a.{ending}"
+    if ending == "h5":
+        write_hdf5(path, {"log": table})
+    elif ending == "npz":
+        np.savez(path, log=table)
+    else:
+        np.save(path, table)
+    assert_read(path, "--columns", f"wxyz={'' if ending == 'npy' else 'log.'}wxyz")
+
+
+def test_objects_have_a_remedy(tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", {"p": P}, allow_pickle=True)
+    with pytest.raises(UnreadableRecording, match=r"Trajectory.from_arrays\(t, p, q\) takes times"):
+        open_log(str(tmp_path / "a.npy"))
+
+
+def test_arrays_without_names_may_begin_with_the_time(tmp_path: Path) -> None:
+    np.savez(path := tmp_path / "a.npz", T, P, Q)
+    assert proposed(path) == ["--columns", "quaternion=arr_2,position=arr_1,time=arr_0"]
+    assert_read(path, *proposed(path))
+
+
+def test_names_of_pandas_with_several_levels(tmp_path: Path) -> None:
+    levels = [*(("pos", axis) for axis in "xyz"), *(("quat", axis) for axis in "xyzw"), ("time", "")]
+    table = pyarrow.table(dict(zip(map(str, levels), [*POSE.T, T], strict=True)))
+    feather.write_feather(table, path := tmp_path / "a.feather")
+    assert_read(path)

@@ -388,6 +388,30 @@ def test_foxglove_json(tmp_path: Path, kind: str) -> None:
     assert_foxglove(path, kind)
 
 
+@pytest.mark.parametrize("kind", ["text", "seconds", "microseconds"])
+def test_stamps_in_json_may_be_dates(tmp_path: Path, kind: str) -> None:
+    """As text, which protobuf's JSON has, or as numbers; others leave the log time."""
+    stamps = {
+        "text": lambda ns: f"2023-11-14T22:13:{20 + (ns - START_NS) / 1e9:012.9f}Z",
+        "seconds": lambda ns: ns / 1e9,
+        "microseconds": lambda ns: ns // 1000,
+    }
+    rows = [
+        (
+            7,
+            json.dumps(
+                {"timestamp": stamps[kind](pose.stamp_ns), "frame_id": "w", "pose": named(pose)}
+            ).encode(),
+        )
+        for pose in POSES
+    ]
+    path = write_raw(tmp_path / "a.mcap", "foxglove.PoseInFrame", "json", "jsonschema", b"{}", rows)
+    log = open_log(str(path))
+    read = Poses.collect(log).stamp_ns
+    np.testing.assert_allclose(read - START_NS, POSES.stamp_ns - START_NS, atol=1000)
+    assert not log.counts
+
+
 @pytest.mark.parametrize(
     "message",
     [

@@ -5,6 +5,7 @@ import re
 import shlex
 import zipfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,12 +18,15 @@ from contact_tracker.recording import list_sources, open_log
 from contact_tracker.recording.annotations import read_labels
 from contact_tracker.recording.table_times import unit_of
 from pose_tables import (
+    DEGREES,
     MATRICES,
+    NAMES,
     P_MM,
     POSE,
     REAL_FIRST,
     SINCE_NS,
     TURN,
+    WHOLE,
     P,
     Q,
     T,
@@ -187,7 +191,7 @@ def test_names_of_devices_and_dates_before_unnamed_values(tmp_path: Path) -> Non
     )
     path = write(tmp_path / "a.csv", [], [row for pair in zip(tracker, other, strict=True) for row in pair])
     words = proposed(path)
-    assert words == ["--matrix", "rows", "--columns", "time=c1,position=c[2:5],matrix=c[5:14]"]
+    assert words == ["--matrix", "rows", "--columns", "position=c[2:5],matrix=c[5:14],time=c1"]
     assert_read(path, *words, frame="tracker_1")
 
 
@@ -395,3 +399,208 @@ def test_markers_in_the_numbers_of_another_machine_are_called_markers(tmp_path: 
     assert "its numbers are not those of a PC" in refusal(path)
     path.write_bytes(content.replace(b"ROTATION", b"ROTATIOX"))
     assert "it is C3D with markers (tip), not bodies" in refusal(path)
+
+
+TIME = np.round(1e3 * T)
+
+
+def beside(form: str, *bodies: str) -> str:
+    return ",".join(form.replace("{}", "{0}").format(body) for body in bodies)
+
+
+GIVEN_KUKA = np.hstack([P_MM + 5.0, KUKA])
+OTHER_REAL_FIRST = np.hstack([P_MM + 5.0, REAL_FIRST])
+DATES = [f"2024-05-14 10:22:{31 + ns / 1e9:.9f}" for ns in SINCE_NS.tolist()]
+ONE_DATE = ["2024-05-14 10:22:31"] * COUNT
+
+
+@pytest.mark.parametrize(
+    ("head", "columns"),
+    [
+        (f"time,{beside('X_{},Y_{},Z_{},A_{},B_{},C_{}', 'RSol', 'RIst')}", [T, GIVEN_KUKA, P_MM, KUKA]),
+        (f"time,{beside('{0}_X,{0}_Y,{0}_Z,{0}_A,{0}_B,{0}_C', 'cmd', 'act')}", [T, GIVEN_KUKA, P_MM, KUKA]),
+        (f"time,{beside('{0}X,{0}Y,{0}Z,{0}A,{0}B,{0}C', 'RSol.', 'RIst.')}", [T, GIVEN_KUKA, P_MM, KUKA]),
+        (f"seqno,tm,{beside('{0}x,{0}y,{0}z,{0}u0,{0}u1,{0}u2,{0}u3', 'planned.', 'feedback.')}",
+         [np.arange(COUNT), TIME, OTHER_REAL_FIRST, P_MM, REAL_FIRST]),
+        (f"t,{beside('{0}[0],{0}[1],{0}[2],{0}[3],{0}[4],{0}[5]', 'target_TCP_pose', 'actual_TCP_pose')}",
+         [T, P + 1.0, ZEROS[:, :3], P, TURN.as_rotvec()]),
+        ("frame,capture_time,x,y,z,roll,pitch,yaw", [np.arange(COUNT), T, P, DEGREES]),
+        ("frame,when,x,y,z,qx,qy,qz,qw", [np.arange(COUNT), DATES, POSE]),
+        ("frame,created,x,y,z,qx,qy,qz,qw", [np.arange(COUNT), ONE_DATE, POSE]),
+        (",x,y,z,qx,qy,qz,qw", [DATES, POSE]),
+        ("Frame#,X(in),Y(in),Z(in),Az,El,Roll", [np.arange(COUNT), P / 0.0254, KUKA]),
+        ("time,x,y,z,q1,q2,q3,q4", [T, P, REAL_FIRST]),
+        ("t,tx,ty,tz,rx,ry,rz,rw", [T, POSE]),
+        (f"sim_time,{named('/World/Cube:translate:', 'x,y,z')},{named('/World/Cube:orient:', 'w,x,y,z')}",
+         [T, P, REAL_FIRST]),
+        ("frame,translateX [cm],translateY [cm],translateZ [cm],rotateX,rotateY,rotateZ",
+         [np.arange(COUNT), 1e2 * P, DEGREES]),
+    ],
+)  # fmt: skip
+def test_what_is_proposed_for_names_of_programs_is_right(
+    tmp_path: Path, head: str, columns: list[Any]
+) -> None:
+    """Measured poses, not those commanded; a time that rises, not numbers of frames; units of the names."""
+    path = write(tmp_path / "a.csv", [head], rows(*columns))
+    assert_read(path, *(word.replace("100Hz", "200Hz") for word in proposed(path)))
+
+
+@pytest.mark.parametrize(
+    ("head", "columns"),
+    [
+        ("time," + named("xpos_", "x,y,z") + "," + named("xquat_", "w,x,y,z"), [T, P, REAL_FIRST]),
+        (f"step,time,{named('base_pos_', 'x,y,z')},{named('base_orn_', 'x,y,z,w')}",
+         [np.arange(COUNT), T, POSE]),
+        *((f"time,x{mm},y{mm},z{mm},qx,qy,qz,qw", [T, P_MM, Q])
+          for mm in ("/mm", " / mm", " in mm", ": mm", " {mm}", " <mm>", " mm", "mm", "_millimeters")),
+        ("sec,msec,x,y,z,qx,qy,qz,qw", [["0"] * COUNT, 1e3 * T, POSE]),
+        ("sec,msec,x,y,z,qx,qy,qz,qw", [T, 1e3 * T, POSE]),
+        ("time,x,y,z,qx,qy,qz,qw", [[f"20240514_1022{31 + t:09.6f}" for t in T], POSE]),
+    ],
+)  # fmt: skip
+def test_names_and_times_of_programs_are_read(tmp_path: Path, head: str, columns: list[Any]) -> None:
+    assert_read(write(tmp_path / "a.csv", [head], rows(*columns)))
+
+
+def test_stated_columns_go_with_the_position_of_their_body(tmp_path: Path) -> None:
+    head = "t," + ",".join(named(body, "x,y,z,q0,q1,q2,q3") for body in ("ref.", "act."))
+    path = write(tmp_path / "a.csv", [head], rows(T, P + 1.0, REAL_FIRST, P, REAL_FIRST))
+    assert_read(path, "--columns", "qw=act.q0,qx=act.q1,qy=act.q2,qz=act.q3")
+
+
+def test_a_position_beside_w_may_have_angles(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.csv", ["t,x,y,z,w,h"], rows(T, P, ZEROS[:, :2]))
+    assert "or, with angles beside the position x, y, z, as in --columns rx=a,ry=b,rz=c" in refusal(path)
+
+
+@pytest.mark.parametrize("head", ["Frame\t", ""])
+@pytest.mark.parametrize("options", [[], ["--matrix", "columns"], ["--time-unit", "200Hz"]])
+def test_qualisys_without_times_has_its_rate(tmp_path: Path, head: str, options: list[str]) -> None:
+    above = ABOVE.format("NO_OF_BODIES\t1") + "DATA_INCLUDED\t6D\nBODY_NAMES\tWand"
+    columns = [np.arange(COUNT)] * bool(head) + [P_MM, ZEROS[:, :4], MATRICES.transpose(0, 2, 1)]
+    assert_read(write(tmp_path / "a.tsv", [above, head + NAMES_6D], rows(*columns), "\t"), *options)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        {"time": T.tolist(), "position": P.T.tolist(), "quaternion": Q.T.tolist()},
+        {f"{t:.9f}": {"position": p.tolist(), "quaternion": q.tolist()}
+         for t, p, q in zip(T, P, Q, strict=True)},
+        [{"time": t, "position": p.tolist(), "rotation": m.tolist()}
+         for t, p, m in zip(T, P, MATRICES, strict=True)],
+    ],
+)  # fmt: skip
+def test_json_row_by_row_by_times_and_with_matrices(tmp_path: Path, content: Any) -> None:
+    path = tmp_path / "a.json"
+    path.write_text(json.dumps(content))
+    assert_read(path, *proposed(path))
+
+
+def test_a_name_that_occurs_again_is_no_time(tmp_path: Path) -> None:
+    """As the parts of a quaternion, which may rise, below names of groups."""
+    path = write(tmp_path / "a.csv", ["pos,pos,pos,rot,rot,rot,rot", "x,y,z,x,y,z,w"], rows(POSE))
+    assert_read(path, *(word.replace("100Hz", "200Hz") for word in proposed(path)))
+
+
+def test_matrices_as_numpy_prints_them(tmp_path: Path) -> None:
+    cells = [str(matrix).replace("\n", "") for matrix in np.dstack([MATRICES, P])]
+    path = write(tmp_path / "a.csv", ["time,T"], rows(T, [f'"{cell}"' for cell in cells]))
+    assert proposed(path) == ["--matrix", "rows", "--columns", "matrix=T"]
+
+
+def test_lost_poses_with_angles_are_counted(tmp_path: Path) -> None:
+    """As marked by one large number in all columns."""
+    lines = rows(T, P, TURN.as_euler("xyz", degrees=True))
+    lines[5][1:] = ["9999"] * 6
+    path = write(tmp_path / "a.csv", ["time,x,y,z,roll,pitch,yaw"], lines)
+    log = open_log(
+        str(path), table=build_parser().parse_args(["segment", str(path), "--euler", "xyz:deg"]).table
+    )
+    assert Poses.collect(log).position_m.max() < 1.0
+    assert dict(log.counts) == {"nonfinite": 1}
+
+
+@pytest.mark.parametrize(
+    ("column", "bodies", "is_grouped"),
+    [
+        ("hand", ["left", "right"], False),
+        ("hand", ["left", "right"], True),
+        ("what", ["cup", "lid"], False),
+        ("marker_id", ["7", "8"], True),
+    ],
+)
+def test_rows_of_several_bodies_are_sources(
+    tmp_path: Path, column: str, bodies: list[str], is_grouped: bool
+) -> None:
+    """Row by row, or one body after the other."""
+    both = [rows(T, [body] * COUNT, P + i, Q) for i, body in enumerate(bodies)]
+    lines = [*both[0], *both[1]] if is_grouped else [row for pair in zip(*both, strict=True) for row in pair]
+    path = write(tmp_path / "a.csv", [f"time,{column},x,y,z,qx,qy,qz,qw"], lines)
+    assert sorted(source.child_frame_id for source in list_sources(str(path))) == bodies
+    assert_read(path, frame=bodies[0])
+
+
+def test_the_names_of_parent_frames_and_steps_are_no_bodies(tmp_path: Path) -> None:
+    steps = ["grasp"] * 60 + ["place"] * 60
+    head = "time,header.frame_id,step,x,y,z,qx,qy,qz,qw"
+    path = write(tmp_path / "a.csv", [head], rows(T, ["world"] * COUNT, steps, POSE))
+    assert [source.child_frame_id for source in list_sources(str(path))] == [""]
+
+
+@pytest.mark.parametrize("is_document", [False, True])
+def test_objects_in_a_list_are_known_by_their_names(tmp_path: Path, is_document: bool) -> None:
+    """Their places change, and each may be missing."""
+    entries = []
+    for i, (t, p, q) in enumerate(zip(T.tolist(), P.tolist(), Q.tolist(), strict=True)):
+        place, turn = dict(zip("xyz", p, strict=True)), dict(zip("xyzw", q, strict=True))
+        cup = {"name": "cup", "position": place, "orientation": turn}
+        lid = cup | {"name": "lid", "position": dict(zip("xyz", [1.0, i, 1.0], strict=True))}
+        entries.append({"t": t, "objects": [cup, lid] if i % 3 else [lid, cup] if i % 2 else [cup]})
+    path = tmp_path / "a.jsonl"
+    path.write_text(json.dumps(entries) if is_document else "\n".join(map(json.dumps, entries)) + "\n")
+    assert sorted(source.child_frame_id for source in list_sources(str(path))) == ["cup", "lid"]
+    assert_read(path, frame="cup")
+
+
+QUOTED = [", ".join(map(repr, row)) for row in np.hstack([P, TURN.as_rotvec()]).tolist()]
+LINES = {
+    "a date before pairs": [
+        f"{date} INFO "
+        + " ".join(f"{name}={value}" for name, value in zip(NAMES.split(","), row, strict=True))
+        for date, row in zip(DATES, POSE.tolist(), strict=True)
+    ],
+    "lists": [json.dumps(row) for row in np.c_[T, POSE].tolist()],
+    "lists in lists": [json.dumps([t, p, q]) for t, p, q in zip(T, P.tolist(), Q.tolist(), strict=True)],
+    "poses of UR": ["time,tcp", *(f"{t},p[{pose}]" for t, pose in zip(T.tolist(), QUOTED, strict=True))],
+    "a split DataFrame": [
+        json.dumps({"columns": NAMES.split(","), "index": T.tolist(), "data": POSE.tolist()})
+    ],
+}
+
+
+def test_contacts_in_a_list_beside_a_pose_are_no_bodies(tmp_path: Path) -> None:
+    contacts = [{"name": name, "point": [1, 2, 3], "normal": [0, 0, 1]} for name in ("left", "right")]
+    poses = [dict(zip(["t", *NAMES.split(",")], row, strict=True)) for row in np.c_[T, POSE].tolist()]
+    path = tmp_path / "a.jsonl"
+    path.write_text("\n".join(json.dumps(pose | {"contacts": contacts}) for pose in poses) + "\n")
+    assert_read(path)
+
+
+@pytest.mark.parametrize("lines", LINES.values(), ids=LINES)
+def test_what_is_proposed_for_lines_of_programs_is_right(tmp_path: Path, lines: list[str]) -> None:
+    path = tmp_path / "a.log.csv"
+    path.write_text("\n".join([*lines, ""]))
+    assert_read(path, *proposed(path))
+
+
+def test_matrices_below_numbers_have_a_remedy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As trajectories of Open3D."""
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "a.log"
+    blocks = ("\n".join(" ".join(map(repr, row)) for row in pose.tolist()) for pose in WHOLE)
+    path.write_text("".join(f"{i} {i} {i + 1}\n{block}\n" for i, block in enumerate(blocks)))
+    call = re.search(r"(numpy\.save\(.*\)) makes a file that is read", refusal(path))
+    assert call is not None
+    exec(call[1], {"numpy": np})
+    assert_read(tmp_path / "poses.npy", "--matrix", "rows", "--time-unit", "200Hz", "--columns", "matrix=c")

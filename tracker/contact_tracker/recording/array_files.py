@@ -14,7 +14,7 @@ import zipfile
 import zlib
 from collections.abc import Callable, Iterator, Set
 from contextlib import closing
-from functools import partial
+from functools import cache, partial
 from tokenize import TokenError
 from typing import IO, Any, Final
 
@@ -101,7 +101,7 @@ def _numpy_array(name: str, file: IO[bytes], packed: int, size: int, budget: Wor
     read_header = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
     shape, by_columns, kind = read_header(file)
     count = math.prod(shape)
-    if not shape or not count or kind.kind not in "iuf":
+    if not shape or not count or kind.hasobject:
         return
     if min(shape) < 0 or count * kind.itemsize > size:
         raise ValueError("an array is longer than its file")
@@ -111,7 +111,20 @@ def _numpy_array(name: str, file: IO[bytes], packed: int, size: int, budget: Wor
         flat = np.frombuffer(file.read(count * kind.itemsize), kind)
         return flat.reshape(shape, order="F" if by_columns else "C")
 
-    yield name, shape, read
+    yield from _numbers_in(name, shape, kind, read)
+
+
+def _numbers_in(name: str, shape: Shape, kind: np.dtype[Any], read: Callable[[], NDArray[Any]]) -> Arrays:
+    """The array if it has numbers, dates as nanoseconds, or those of its fields."""
+    if kind.kind in "iuf":
+        yield name, shape, read
+    elif kind.kind in "mM":
+        yield name, shape, lambda: read().astype(f"{kind.kind}8[ns]").astype(np.int64)
+    whole = cache(read)
+    for field in kind.names or ():
+        part = kind[field]
+        of_field = partial(lambda field: whole()[field], field)
+        yield from _numbers_in(f"{name}.{field}".lstrip("."), shape + part.shape, part.base, of_field)
 
 
 _COMPRESSED, _MATRIX, _STRUCT = 15, 14, 2
@@ -202,6 +215,7 @@ def _of_hdf5(path: str, budget: WorkBudget) -> Arrays:
 
         for name, stored in ((name, file[name]) for name in names if not name.startswith("#")):
             is_inside = isinstance(stored, h5py.Dataset) and not (stored.is_virtual or stored.external)
-            if is_inside and stored.shape and stored.size and stored.dtype.kind in "iuf":
+            if is_inside and stored.shape and stored.size:
                 shape = stored.shape[::-1] if is_matlab else stored.shape
-                yield name.replace("/", ".") if is_matlab else name, shape, partial(read, stored)
+                name = name.replace("/", ".") if is_matlab else name
+                yield from _numbers_in(name, shape, stored.dtype, partial(read, stored))

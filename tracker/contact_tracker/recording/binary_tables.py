@@ -406,7 +406,7 @@ def _of_arrays(path: str, reading: TableReading, budget: WorkBudget, kind: str) 
     beyond = beyond if left_out else ""
     try:
         if not names:
-            raise UnreadableRecording(_NO_ARRAY + _OBJECTS * (kind == "MATLAB"))
+            raise UnreadableRecording(f"{_NO_ARRAY}{_OBJECTS * (kind == 'MATLAB')}; {_FROM_ARRAYS}")
         first = np.array([values[:FIRST_ROWS] for values in columns]).T.astype(str).tolist()
         if list(arrays) == [""]:
             layout = layout_without_names(first, reading, path)
@@ -421,6 +421,7 @@ def _of_arrays(path: str, reading: TableReading, budget: WorkBudget, kind: str) 
     return ArrayTable(replace(layout, kind=kind, note="" if stated else beyond), columns)
 
 
+_FROM_ARRAYS: Final = "contact_tracker.Trajectory.from_arrays(t, p, q) takes times, positions and rotations"
 _NO_ARRAY: Final = "it has no array of numbers with a row for each pose"
 _OBJECTS: Final = "; tables, timetables and cells are not read: save table2struct(T, 'ToScalar', true)"
 
@@ -450,7 +451,7 @@ _SUFFIX: Final = "_4x4"
 _NO_BODIES: Final = (
     "it is C3D with markers ({names}), not bodies: export bodies (6D) as text; or points = "
     "ezc3d.c3d({name!r})['data']['points'] (4, markers, N), of which scipy's Rotation.align_vectors finds "
-    "rotations; contact_tracker.Trajectory.from_arrays(t, p, q) takes times, positions and rotations"
+    f"rotations; {_FROM_ARRAYS}"
 )
 
 

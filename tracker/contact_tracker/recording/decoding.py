@@ -46,6 +46,7 @@ from contact_tracker.recording.definitions import (
 )
 from contact_tracker.recording.items import ROWS, Channel, Item, PoseSource, RawMessage, Rows
 from contact_tracker.recording.mcap_file import PARSE_ERRORS, inflate_zstd
+from contact_tracker.recording.table_times import ns_of_date, stamp_of_date
 
 SECOND_NS: Final = 1_000_000_000
 _MOST_NS: Final = 2**63 - 1
@@ -138,8 +139,7 @@ def poses_at(path: str, message: Any) -> Iterator[tuple[str, str, Pose] | None]:
         place = next((name for name in _PARTS if hasattr(pose, name)), "position")
         px, py, pz = map(float, _XYZ(getattr(pose, place)))
         x, y, z, w = map(float, _XYZW(getattr(pose, _PARTS[place])))
-        stamps = (stamp for stamp in _nearest(inside, _STAMPS) if not isinstance(stamp, int | float | str))
-        stamp_ns = next(filter(None, map(_stamp_ns, stamps)), 0)
+        stamp_ns = next(filter(None, map(_stamp_ns, _nearest(inside, _STAMPS))), 0)
         frame = next(filter(None, _nearest(inside, _FRAMES)), "")
         if not isinstance(frame, str):
             raise TypeError("the name of a frame is no text")
@@ -194,7 +194,11 @@ def _child(inside: tuple[Any, ...], number: str) -> str:
 
 
 def _stamp_ns(stamp: Any) -> int:
-    """Nanoseconds of a time of ROS, protobuf or JSON."""
+    """Nanoseconds of a time of ROS, protobuf or JSON; zero for text and numbers that are no dates."""
+    if isinstance(stamp, str):
+        return stamp_of_date(stamp) or 0
+    if isinstance(stamp, int | float):
+        return ns_of_date(stamp)
     seconds, fraction = (
         [getattr(stamp, name) for name in names if hasattr(stamp, name)] for names in (_SECONDS, _FRACTIONS)
     )
@@ -203,7 +207,8 @@ def _stamp_ns(stamp: Any) -> int:
 
 USUAL: Final = (
     "PoseStamped, PoseWithCovarianceStamped, TransformStamped, Odometry, TFMessage, PoseArray, "
-    "foxglove.PoseInFrame and foxglove.FrameTransform"
+    "foxglove.PoseInFrame and foxglove.FrameTransform; --field NAME reads the pose in a field of other "
+    "messages, and contact_tracker.Trajectory.from_arrays(t, p, q) takes times, positions and rotations"
 )
 READ: Final = "ROS 2 (cdr), ROS 1 (ros1), protobuf and json"
 _READABLE: Final = (("cdr", "ros2msg"), ("cdr", ""), ("ros1", "ros1msg"), ("protobuf", "protobuf"))

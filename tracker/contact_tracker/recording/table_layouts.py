@@ -1,7 +1,8 @@
 """Layouts of poses in tables: roles, units and rotations of columns, from their names or stated by users."""
 
 import re
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import chain, groupby, pairwise
 from typing import Any, Final
@@ -21,7 +22,6 @@ from contact_tracker.config.table_reading import (
     REST,
     TIME,
     TableReading,
-    reading_of,
 )
 from contact_tracker.errors import ChoiceError, UnreadableRecording
 from contact_tracker.geometry.linalg import from_rotation_vectors
@@ -31,16 +31,8 @@ Rows = Callable[[], Sequence[Sequence[str]]]
 """Gives the first rows of a table."""
 _PLAUSIBLE: Final = 0.1
 """Largest deviation from 1 of a rotation's determinant and of an axis's length."""
-_FARTHEST_M: Final = 10.0
-"""Median distance (m) from which a proposed command has millimetres, and says that the unit is the user's."""
-_LOST_DEG: Final = 999.0
+LOST_DEG: Final = 999.0
 """Least number in columns of angles that stands for a lost pose."""
-_OUTLIER_SHARE: Final = 0.01
-"""Largest share of rows with angles beyond a turn that are outliers, not in another unit."""
-_LEAST_DEG: Final = 0.5
-_MOST_DEG: Final = round(np.pi, 4)
-"""A largest angle between these is also one in radians of an object that is handled; in degrees it hardly
-turns. Of 74 recordings none has such angles in degrees, and all in radians, also from 0.25 or 1 on."""
 
 
 def _from_euler(angles: Array, how: str) -> Array:
@@ -82,8 +74,10 @@ convention (order and unit) to quaternions ``xyzw``."""
 
 
 def quaternions(kind: str, values: Array, how: str) -> Array:
-    """Quaternions (N, 4) ``xyzw`` of rotations of a kind; NaN if a value is not finite."""
-    is_finite = np.isfinite(values).all(axis=1)
+    """Quaternions (N, 4) ``xyzw`` of rotations of a kind; NaN if a value is not finite, or all stand for a
+    lost pose."""
+    are_alike = (values == values[:, :1]).all(axis=1)
+    is_finite = np.isfinite(values).all(axis=1) & ~(are_alike & (np.abs(values[:, 0]) >= LOST_DEG))
     quats = np.full((len(values), 4), np.nan)
     if is_finite.any():
         quats[is_finite] = ROTATIONS[kind][1](values[is_finite], how)
@@ -113,15 +107,25 @@ def plain_number(value: str) -> str:
 
 def number(value: str) -> float:
     """The number in a cell; raises ValueError."""
-    return float(plain_number(value))
+    plain = plain_number(value)
+    if "_" in plain:  # which Python reads, as in 20260301_100000
+        raise ValueError(f"{value} is no number")
+    return float(plain)
+
+
+def _number_or_nan(value: str) -> float:
+    try:
+        return number(value)
+    except ValueError:
+        return np.nan
 
 
 def numbers(cells: Sequence[str]) -> Array:
     """The numbers in cells; NaN for other text."""
-    try:
-        return np.array(list(map(float, cells)), np.float64)
-    except ValueError:
-        return np.array([number(cell) if are_numbers([cell]) else np.nan for cell in cells], np.float64)
+    with suppress(ValueError):
+        if "_" not in "".join(cells):
+            return np.array(list(map(float, cells)), np.float64)
+    return np.array(list(map(_number_or_nan, cells)), np.float64)
 
 
 def are_numbers(values: Sequence[str]) -> bool:
@@ -165,59 +169,6 @@ class Body:
     def poses(self, values: Array) -> Array:
         """Positions (m) and quaternions ``xyzw`` (N, 7) of the values of its columns (N, k)."""
         return np.hstack([values[:, :3] * self.metres, quaternions(self.kind, values[:, 3:], self.how)])
-
-
-def are_no_radians(numbers: Array) -> bool:
-    """Whether angles, or components of rotation vectors, of the rows (N, 3) exceed one turn in radians: in
-    more rows than are outliers."""
-    sizes = np.abs(numbers)
-    rows = ((sizes > 2.0 * np.pi) & (sizes < _LOST_DEG)).any(axis=1).sum()
-    return bool(rows > _OUTLIER_SHARE * len(numbers))
-
-
-def in_unit(reading: TableReading, body: Body, values: Array) -> tuple[TableReading, str]:
-    """The reading to be proposed for a body's ``values`` (N, k): with millimetres if its positions have no
-    unit and are too far for metres; then, in words, what the user has to replace."""
-    sizes = np.abs(values[:, :3]).max(axis=1)
-    reach = 0.0 if body.has_unit or not np.isfinite(sizes).any() else float(np.nanmedian(sizes))
-    if reach <= _FARTHEST_M:
-        return reading, ""
-    return replace(reading, unit="mm"), f"your unit instead of mm (positions are about {reach:.4g})"
-
-
-def doubt_angles(values: Array, body: Body, reading: TableReading, path: str) -> str:
-    """What to do if angles among the ``values`` (N, k) of a body's columns exceed a turn in radians, without
-    names of columns that state radians; empty if they do not."""
-    order, _, unit = body.how.rpartition(":")
-    has_angles = body.kind in ("euler", "rotation_vector") and unit == "rad" and not body.has_angle_unit
-    if not has_angles or not are_no_radians(values[:, 3:]):
-        return ""
-    way, about = in_unit(reading.with_(reading_of(euler=f"{order or 'xyz'}:deg")), body, values)
-    command = f"{way.command(path)}{', with ' * bool(about)}{about}"
-    return (
-        f"its angles as radians are larger than a turn: if they are degrees, read them by {command}; if "
-        "not, write the unit into the names of their columns, as in 'rx [rad]'"
-    )
-
-
-def largest_deg(values: Array, body: Body) -> float:
-    """Largest angle (deg) among the ``values`` (N, k) of a body's columns whose names do not state the unit;
-    NaN without any."""
-    has_angles = body.kind in ("euler", "rotation_vector") and body.how.endswith("deg")
-    if not has_angles or body.has_angle_unit or not np.isfinite(values[:, 3:]).any():
-        return np.nan
-    return float(np.nanmax(np.abs(values[:, 3:])))
-
-
-def doubt_degrees(largest: float, reading: TableReading, path: str) -> str:
-    """What to do if the largest angle (deg) of a table is one that radians have; empty if it is not."""
-    if not _LEAST_DEG < largest <= _MOST_DEG or reading.euler is None:
-        return ""
-    way = reading.with_(reading_of(euler=reading.euler.replace(":deg", ":rad")))
-    return (
-        f"its angles are within {largest:.2f} deg: if they are radians, read them by {way.command(path)}; if "
-        "not, write the unit into the names of their columns, as in 'rx [deg]'"
-    )
 
 
 @dataclass(frozen=True)
@@ -355,14 +306,24 @@ def _unknown_unit(unit: str, name: str, choices: str) -> str:
     return f"the unit '{unit}' of column '{name.strip()}' is not known: {choices}"
 
 
-_UNIT: Final = re.compile(r"[\s_]*[\[(](?!\d+\])([^\])]*)[\])]\s*$|_(mm|cm|um|m|s|ms|us|ns|deg|rad)$")
-"""A unit in brackets (which do not contain the number of an element) or after an underscore."""
+_WORDS: Final = (
+    "mm|cm|[u\u00b5\u03bc]m|ms|us|ns|deg|rad|\u00b0"
+    "|(?:milli|centi|micro)?met(?:er|re)s?|inch(?:es)?|degrees?|radians?"
+)
+_UNIT: Final = re.compile(
+    rf"[\s_]*(?:[\[(](?!\d+\])([^\])]*)[\])]|[{{<]([^}}>]*)[}}>])\s*$|_({_WORDS}|m|s)$"
+    rf"|(?:(?<=\w)\s*[/:]\s*|\s+in\s+)({_WORDS}|m|s)$|(?:\s|(?<=(?<![^\W_])[xyz]))({_WORDS})$"
+)
+"""A unit in brackets (which do not contain the number of an element), or after a mark: ``x_mm``, ``x/mm``."""
+_LEVELS: Final = re.compile(r"^\('|', '|'\)$")
+"""What is around the levels of a name of pandas, as in ``('pos', 'x')``."""
 _CAMEL: Final = re.compile(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z]{2})|(?<=[A-Z]{2})(?=[xyzw]$)")
 """Places at which a name in capitals and small letters is divided: ``posX``, ``HMDPosition``, ``POSx``."""
 _TIME: Final = re.compile(r"(?:.*[./ ])?(?:rosbag)?_*(?:t|time|times|time_?stamp|stamp)")
 _ELAPSED: Final = re.compile(r"(?:.*[./ _])?(?:elapsed|elapsed_?time|secs?|seconds)")
 """Names of a time if no other column is one."""
-_REST: Final = re.compile(r"(?:.*[./ _])?(nano_?|n|micro_?|u)sec(?:s|onds)?")
+_REST: Final = re.compile(r"(?:.*[./ _])?(nano_?|n|micro_?|u|milli_?|m)sec(?:s|onds)?")
+_REST_NS: Final = {"n": 1.0, "nano": 1.0, "u": 1e3, "micro": 1e3, "m": 1e6, "milli": 1e6}
 FRAME: Final = re.compile(r"(?:.*[./ ])?(?:frame|frame_?(?:number|no|nr|index|idx|#)|sample)")
 _CLOCKS: Final = frozenset({"", "unix", "utc", "epoch", "posix"})
 """Texts in brackets after a time that leave its unit open."""
@@ -384,20 +345,20 @@ _ROLES: Final[Sequence[tuple[re.Pattern[str], str]]] = tuple(
     (re.compile(_BODY + pattern), role)
     for pattern, role in (
         (
-            rf"{_OF_ROTATION}(?:q|quat|quaternion|orientation|ori|rotation|rot|q_\w+)"
+            rf"{_OF_ROTATION}(?:q|x?quat|quaternion|orientation|orient|ori|orn|rotation|rot|q_\w+)"
             r"[._/: -]*([xyzwijk]|r|real)",
             "q{0}",
         ),
         (r"(?<![a-z])[pt]([xyz])", "{0}"),
         (
-            r"(?:(?<![a-z])(?:p|t|pos|position|trans|translation|tvec|loc|location|p_\w+)[._/: -]*)?"
+            r"(?:(?<![a-z])(?:p|t|x?pos|position|trans(?:l|late|lation)?|tvec|loc|location|p_\w+)[._/: -]*)?"
             r"(?<![a-z])([xyz])",
             "{0}",
         ),
         (r"(?<![a-z])(?:q|quat)[._/: -]*0", "qw"),
         (rf"{_OF_ROTATION}({'|'.join(_TURNS)})", "r{0}"),
         (
-            rf"{_OF_ROTATION}(?:r|rot|rotation|euler|(?:euler_?)?angles?|theta|rotvec|rvec|axis_?angle|(?:rot_?)?axis|o)"
+            rf"{_OF_ROTATION}(?:r|rot|rotat(?:e|ion)|euler|(?:euler_?)?angles?|theta|rotvec|rvec|axis_?angle|(?:rot_?)?axis|o)"
             r"[._/: -]*([xyz])",
             "r{0}",
         ),
@@ -411,10 +372,13 @@ NUMBERED: Final = re.compile(r"(.*?)[\[_.]?(\d{1,4})\]?")
 BY_ROW: Final = re.compile(r"(.*?)[\[_.](\d{1,2})\]?[\[_.](\d{1,2})\]?")
 """Numbers of the elements of a list, and of the rows and columns of a matrix, as in ``T_0_3``."""
 _SLICE: Final = re.compile(r"(.*)\[(\d{1,4})(?::(\d{1,4}))?\]")
-_OF_BODY: Final = re.compile(r"(?:.*[._ ])?(?:u?id|name|body|object|tracker|device|child_frame_id)")
-"""Names of columns of the names of bodies."""
+OF_BODY: Final = re.compile(
+    r"(?:.*[._ ])?(?:u?id|name|body|obj|object|tracker|device|marker|tag|hand|sensor|controller|track|target)"
+)
+"""Names of columns of the names of bodies, which may be numbers; columns of text may have any name."""
+_OF_PARENT: Final = re.compile(r"(?:.*[._ ])?(?<!child_)frame_id")
 _GENERIC: Final = {"", "pose", "field", "transform", "data", "msg", "message", "state"}
-_MATRIX_SHAPES: Final = {9: (3, 3), 12: (3, 4), 16: (4, 4)}
+MATRIX_SHAPES: Final = {9: (3, 3), 12: (3, 4), 16: (4, 4)}
 NEEDED: Final = "a time, x, y, z in metres, and qx, qy, qz, qw"
 _EXAMPLE: Final = "time [s],x [{0}],y [{0}],z [{0}],qx,qy,qz,qw"
 _SHOWN: Final = 12
@@ -439,12 +403,13 @@ class Columns:
 
     def __init__(self, names: Sequence[str], units: Sequence[str] = ()) -> None:
         self.names = [name.strip()[:_LONGEST_NAME] for name in names]
-        self.plain = [_CAMEL.sub("_", name.lstrip("#").strip()).lower() for name in self.names]
+        whole = (_LEVELS.sub(lambda mark: "." * (len(mark[0]) > 2), name) for name in self.names)
+        self.plain = [_CAMEL.sub("_", name.lstrip("#").strip().rstrip(".")).lower() for name in whole]
         self.units = [*units, *[""] * len(names)][: len(names)]
         for place, plain in enumerate(self.plain):
             if (unit := _UNIT.search(plain)) is not None:
                 self.plain[place] = plain[: unit.start()]
-                self.units[place] = (unit[1] or unit[2] or "").strip() or self.units[place]
+                self.units[place] = next(filter(None, unit.groups()), "").strip() or self.units[place]
 
     def numbered(self, base: str) -> dict[int, int]:
         """Indices of the columns ``base[0]``, ``base_1``, ... by their number, and of ``base[0][0]``, ... row
@@ -493,10 +458,20 @@ class Columns:
             self._add_with_frames(by_body)
         times = {role: stated.pop(role) for role in (TIME, REST) if role in stated}
         if stated:  # for the body without a name, or else the one with most columns
-            is_nameless = "" in by_body or _is_pose(stated) or not by_body
-            main = "" if is_nameless else max(by_body, key=lambda body: len(by_body[body]))
+            main = "" if _is_pose(stated) else self._main(by_body, stated.values())
             by_body = {main: {**by_body.get(main, {}), **stated}}
         return {**by_body, TIME: times}
+
+    def _main(self, by_body: Mapping[str, Mapping[str, int]], stated: Iterable[int]) -> str:
+        """The body to which stated columns belong: one with a position whose name most of them begin with,
+        else that without a name, or the one with most columns."""
+        names = [_body(f"{self.plain[place]} ") for place in stated]
+
+        def rank(body: str) -> tuple[int, bool, int]:
+            shared = sum(bool(body) and name.startswith(body) for name in names)
+            return shared * (by_body[body].keys() >= {*POSITION}), not body, len(by_body[body])
+
+        return max(by_body, key=rank, default="")
 
     def _add_with_frames(self, by_body: dict[str, dict[str, int]]) -> None:
         """Add the columns with frames in their names: after the parts if no body has a position so far
@@ -521,9 +496,9 @@ class Columns:
             if len(places) != size:
                 raise ChoiceError(f"{role} is {size} columns, as {part}, and {name} has {len(places)}")
             return list(zip(GROUPS[role], places, strict=True))
-        if len(places) not in _MATRIX_SHAPES:
+        if len(places) not in MATRIX_SHAPES:
             raise ChoiceError(f"a matrix has 9, 12 or 16 values, and {name} {len(places)}")
-        shape = _MATRIX_SHAPES[len(places)]
+        shape = MATRIX_SHAPES[len(places)]
         order: Any = "F" if reading.matrix == "columns" else "C"
         values = np.reshape(places, shape, order=order)[:3].tolist()
         rotation = [(f"r{i + 1}{j + 1}", row[j]) for i, row in enumerate(values) for j in range(3)]
@@ -580,27 +555,36 @@ def layout(columns: Columns, reading: TableReading) -> TableLayout:
         quaternion = ()
     time_ns = 1e9 if rest is not None else time_ns
     rest_unit = _REST.fullmatch(columns.plain[rest]) if rest is not None else None
-    rest_ns = 1e3 if rest_unit is not None and rest_unit[1][0] in "mu" else 1.0
+    rest_ns = 1.0 if rest_unit is None else _REST_NS[rest_unit[1].strip("_")]
     return TableLayout(
         time, time_ns, bodies, rest=rest, rest_ns=rest_ns, quaternion=quaternion, has_angles=has_angles
     )
 
 
 def with_body(layout: TableLayout, columns: Columns, rows: Rows) -> TableLayout:
-    """The layout with the column of the names of bodies, if the first rows are of several ones."""
-    for place, name in enumerate(columns.plain if len(layout.bodies) == 1 else ()):
-        is_nameless = name == f"{UNNAMED}{place}"
-        if (is_nameless or _OF_BODY.fullmatch(name)) and place not in layout.places:
-            position, last = layout.bodies[0].columns[:3], max(place, *layout.places)
-            first = [row for row in rows() if len(row) > last]
+    """The layout with the column of the names of bodies, if the first rows are of several ones, or of one of
+    which others may follow."""
+    one, read = None, layout.places
+    first_rows = rows() if len(layout.bodies) == 1 else ()
+    for place, name in enumerate(columns.plain if first_rows else ()):
+        if place not in read:
+            position, last = layout.bodies[0].columns[:3], max(place, *read)
+            first = [row for row in first_rows if len(row) > last]
             names = [row[place].strip(BLANKS) for row in first]
-            if is_nameless and not np.isnan(numbers(names)).all():
+            is_named, has_several = OF_BODY.fullmatch(name) is not None, len({*names}) > 1
+            if not is_named and (not has_several or are_numbers(names[:1])):
                 continue
+            is_text = bool(np.isnan(numbers(names)).all())
+            if not (is_named or is_text):
+                continue
+            may_be_one = is_text or (name.endswith("id") and "".join(names[:1]).isdigit())
+            if may_be_one and names and not has_several and one is None and not _OF_PARENT.fullmatch(name):
+                one = place
             times = [row[layout.time] if layout.time >= 0 else str(i) for i, row in enumerate(first)]
             positions = np.array([numbers([row[i] for i in position]) for row in first]).reshape(-1, 3)
             if _are_bodies(names, times, positions):
                 return replace(layout, body=place)
-    return layout
+    return layout if one is None else replace(layout, body=one)
 
 
 def _are_bodies(names: Sequence[str], times: Sequence[str], positions: Array) -> bool:
@@ -654,9 +638,14 @@ def _lacking(
         x, y, z, w = (names[columns.plain.index(axis)] for axis in (*POSITION, "w"))
         return UnreadableRecording(
             f"its {w}, {x}, {y}, {z} look like a quaternion without a position: contacts need both; if both "
-            f"are there, say so, as in --columns x=a,y=b,z=c,qx={x},qy={y},qz={z},qw={w}"
+            f"are there, say so, as in --columns x=a,y=b,z=c,qx={x},qy={y},qz={z},qw={w} or, with angles "
+            f"beside the position {x}, {y}, {z}, as in --columns rx=a,ry=b,rz=c --euler xyz:deg"
         )
-    angles = ", or --columns rx=a,ry=b,rz=c --euler xyz:deg" if missing == [*QUATERNION] and has_time else ""
+    angles = (
+        ", or --columns rx=a,ry=b,rz=c --euler xyz:deg (or --rotation-vector)"
+        if missing == [*QUATERNION]
+        else ""
+    )
     missing = missing if has_time else ["a time", *missing]
     unit = reading.unit or next(filter(LENGTHS_M.__contains__, columns.units), "m")
     return UnreadableRecording(

@@ -2,9 +2,11 @@
 proposed from known systems, numbers of columns and values."""
 
 import re
+from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import cache
 from itertools import chain, islice, product
 from typing import Any, Final
 
@@ -12,7 +14,7 @@ import numpy as np
 
 from contact_tracker.arrays import Array
 from contact_tracker.config.quantities import ANGLE_UNITS
-from contact_tracker.config.table_reading import POSITION, REST, TIME, TableReading, reading_of
+from contact_tracker.config.table_reading import POSITION, QUATERNION, REST, TIME, TableReading, reading_of
 from contact_tracker.errors import ChoiceError, UnreadableRecording
 from contact_tracker.motion.pose_validation import NORM_TOLERANCE
 from contact_tracker.recording.table_layouts import (
@@ -20,6 +22,7 @@ from contact_tracker.recording.table_layouts import (
     BY_ROW,
     CAN_BE_GIVEN,
     FRAME,
+    MATRIX_SHAPES,
     MOST_COLUMNS,
     NAMED_VECTOR,
     NEEDED,
@@ -32,14 +35,13 @@ from contact_tracker.recording.table_layouts import (
     Rows,
     TableLayout,
     are_named_angles,
-    are_no_radians,
     are_numbers,
-    in_unit,
     layout,
     numbers,
     with_body,
 )
 from contact_tracker.recording.table_times import stamp_of_date, unit_of_dates
+from contact_tracker.recording.table_units import FARTHEST_M, are_no_radians, in_unit, reach_of
 
 _LIKE_TIME: Final = re.compile(
     r".*(?:time|stamp|date|zeit|temps|tiempo|clock|ticks)|(?:.*[_ .])?(?:ts|epoch|utc)", re.IGNORECASE
@@ -49,6 +51,8 @@ _PREFIX: Final = re.compile(r".+[._/: -]")
 """Prefix of the names of a system's columns, as ``rist_`` or ``tool.``."""
 _SUFFIX: Final = re.compile(r"[^._/: -]+([._/: -].+)")
 """Suffix of the names of a system's columns, as ``_rist``."""
+_COMMANDED: Final = re.compile(r"(?<![^\W_])(?:r?sol|ref|cmd|des|set|target|goal|command|nominal|plan)")
+"""Names of poses that a robot was to have, which are proposed after those that it had."""
 _MOST_GROUPS: Final = 12
 """Largest number of groups of numbered columns that are tried, alone and in pairs."""
 _OF_JOINTS: Final = re.compile("position|velocity|effort")
@@ -72,6 +76,7 @@ _AXIS_ANGLE: Final = "an axis and an angle (in degrees if the name ends with _de
 _OPENSIM: Final = re.compile(r".*_o[xyz]\b", re.IGNORECASE)
 KNOWN: Final[Sequence[tuple[str, tuple[str, ...], TableReading]]] = (
     ("UR's RTDE", (f"{_UR}_0".lower(), f"{_UR}_5".lower()), reading_of(_UR_POSE, rotation_vector=True)),
+    ("UR's RTDE", (f"{_UR}[0]".lower(), f"{_UR}[5]".lower()), reading_of(_UR_POSE, rotation_vector=True)),
     ("libfranka", ("o_t_ee[0]", "o_t_ee[15]"), reading_of("matrix=O_T_EE", matrix="columns")),
     ("libfranka", ("o_t_ee_0", "o_t_ee_15"), reading_of("matrix=O_T_EE", matrix="columns")),
     ("Qualisys", ("x", "rot[0]", "rot[8]"), reading_of("matrix=Rot", matrix="columns", unit="mm")),
@@ -95,15 +100,17 @@ KNOWN: Final[Sequence[tuple[str, tuple[str, ...], TableReading]]] = (
     (_AXIS_ANGLE, ("ux", "uy", "uz", "theta"), reading_of("rx=ux,ry=uy,rz=uz", rotation_vector=True)),
     (_TWICE, ("x", "x.1", "w"), reading_of("qx=x.1,qy=y.1,qz=z.1,qw=w")),
     (_TWICE, ("x", "x_1", "w"), reading_of("qx=x_1,qy=y_1,qz=z_1,qw=w")),
+    ("a quaternion", ("rx", "ry", "rz", "rw"), reading_of("qx=rx,qy=ry,qz=rz,qw=rw")),
     ("ZED", ("tx", "ox", "oy", "oz", "ow"), reading_of("qx=ox,qy=oy,qz=oz,qw=ow")),
     ("ABB", ("x", "q1", "q2", "q3", "q4"), reading_of("qw=Q1,qx=Q2,qy=Q3,qz=Q4", unit="mm")),
+    ("ABB's EGM", ("x", "u0", "u1", "u2", "u3"), reading_of("qw=u0,qx=u1,qy=u2,qz=u3", unit="mm")),
     ("quaternions with the real part first", ("q0", "q3"), reading_of("qw=q0,qx=q1,qy=q2,qz=q3")),
     ("matrices by row and column", ("r11", "r33"), reading_of(matrix="rows")),
 )
 """Known systems: name; lower-case names of columns by which the system is recognised; the reading."""
 _SIZES: Final = (3, 4, 6, 7)
 """Numbers of columns in groups that may be a position, a quaternion, or both; larger groups may be more."""
-_TURNING: Final = re.compile("rot|rvec|axis|rpy|euler|angle", re.IGNORECASE)
+_TURNING: Final = re.compile("rot|rvec|axis|rpy|euler|angle|orient|rodrigues", re.IGNORECASE)
 """Names of groups of three columns that are a rotation."""
 
 
@@ -146,6 +153,10 @@ def layout_without_names(rows: Sequence[Sequence[str]], reading: TableReading, p
         raise ProposedReading(f"{fault}: {text}")
     how = f"say which they are, by number from 0 on, as in --columns time={UNNAMED}0,x={UNNAMED}1"
     raise UnreadableRecording(f"{fault}: {how}")
+
+
+def _is_commanded(name: str) -> bool:
+    return _COMMANDED.search(name) is not None
 
 
 def _clock(values: Array, taken: Collection[int]) -> tuple[int | None, bool]:
@@ -223,7 +234,7 @@ class _Proposal:
     """
 
     def __init__(self, columns: Columns, reading: TableReading, path: str, rows: Rows) -> None:
-        self._columns, self._path, self._rows, self._stated = columns, path, rows, reading
+        self._columns, self._path, self._rows, self._stated = columns, path, cache(rows), reading
         self._reading, self._about_time, self._lacks_time = reading, "", False
         if columns.time(reading, columns.find(reading)[TIME])[0] is None:
             clock, self._about_time = self._time()
@@ -234,23 +245,29 @@ class _Proposal:
     def _time(self) -> tuple[str | None, str]:
         """The name of the column that seems to be the time, if any, and its description."""
         columns, has_frames = self._columns, any(map(FRAME.fullmatch, self._columns.plain))
-        like = next(filter(_LIKE_TIME.match, filter(CAN_BE_GIVEN, columns.names)), None)
+        likes = [name for name in columns.names if _LIKE_TIME.match(name) and CAN_BE_GIVEN(name)]
+        rising = chain(filter(self._rises, likes[:FIRST_ROWS]), self._dates())
+        like = next(rising, next(iter(likes if not has_frames else ()), None))
+        if like is not None:
+            return like, f"if {self._shown(like)} is the time"
         if has_frames:
             return None, "its times are numbers of frames"
-        if like is not None:
-            return like, f"if {like} is the time"
         taken = {place for places in columns.find(self._stated).values() for place in places.values()}
-        is_index = len(columns.numbered(UNNAMED)) == 1  # of a DataFrame
+        numbered = {
+            i: match[1] for i, name in enumerate(columns.names) if (match := NUMBERED.fullmatch(name))
+        }
+        sizes = Counter([*numbered.values(), *columns.names])  # single ones may be an index, or an array
         for place, name in enumerate(columns.names):
-            if (NUMBERED.fullmatch(name) and not is_index) or not CAN_BE_GIVEN(name):
+            if (place in numbered and sizes[numbered[place]] > 1) or not CAN_BE_GIVEN(name):
                 taken.add(place)
         width = min([len(columns.names), *map(len, self._rows())])
         clock, is_frame = _clock(self._values(range(width)), taken)
         if clock is None or is_frame:
             return None, "it has no times"
-        is_first = columns.names[clock] == f"{UNNAMED}0"
-        what = "its first column, which has no name," if is_first else columns.names[clock]
-        return columns.names[clock], f"if {what} is the time"
+        return columns.names[clock], f"if {self._shown(columns.names[clock])} is the time"
+
+    def _shown(self, name: str) -> str:
+        return "its first column, which has no name," if name == f"{UNNAMED}0" else name
 
     def _values(self, places: Sequence[int]) -> Array:
         """The numbers (N, k) of the first rows in columns."""
@@ -261,10 +278,16 @@ class _Proposal:
         """The cells of the first rows in a column, without blank ones."""
         return [row[place] for row in self._rows() if len(row) > place and row[place].strip(BLANKS)]
 
+    def _rises(self, name: str) -> bool:
+        """Whether the first values of a column rise as times do."""
+        place = self._columns.names.index(name)
+        return _clock(self._values([place]), ())[0] is not None
+
     def _dates(self) -> list[str]:
-        """The name of the first column of dates or times of a day, if there is one."""
+        """The name of the first column of dates or times of a day that change, if there is one."""
         columns = ((name, self._cells(place)) for place, name in enumerate(self._columns.names))
-        return [name for name, cells in columns if cells and stamp_of_date(cells[0]) is not None][:1]
+        changing = ((name, cells) for name, cells in columns if len({*cells}) > 1 or len(cells) == 1)
+        return [name for name, cells in changing if stamp_of_date(cells[0]) is not None][:1]
 
     def _group(self, base: str) -> dict[int, int]:
         """Indices of a group of numbered columns by their number, without those of text at its ends."""
@@ -297,6 +320,12 @@ class _Proposal:
                 real_first = replace(reading, columns=(*columns.items(), ("wxyz", group))).command(self._path)
                 is_named = "wxyz" in group.lower()
                 text = real_first if is_named else f"{text} or, with the real part first, {real_first}"
+            parts = [str(columns.get(role, "")) for role in ("qw", *QUATERNION[:3])]
+            if all(name[-1:].isdigit() for name in parts):
+                last = replace(reading, columns=()).with_(
+                    reading_of({**columns, **dict(zip(QUATERNION, parts, strict=True))})
+                )
+                text += f" or, with the real part last, {last.command(self._path)}"
             texts.append(text)
         orders = f". {_ORDERS}" if any(reading.euler for reading in readings) else ""
         return f"{' or '.join(texts)}{', with ' * bool(about)}{' and '.join(about)}{orders}"
@@ -321,7 +350,8 @@ class _Proposal:
         prefixes = dict.fromkeys(match[0] for match in prefixed)
         suffixed = islice(filter(None, map(_SUFFIX.fullmatch, map(str.lower, columns.names))), _MOST_GROUPS)
         suffixes = dict.fromkeys(match[1] for match in suffixed)
-        affixes = ("", ""), *((prefix, "") for prefix in prefixes), *(("", suffix) for suffix in suffixes)
+        affixes = [("", ""), *((prefix, "") for prefix in prefixes), *(("", suffix) for suffix in suffixes)]
+        affixes.sort(key=lambda affix: _is_commanded("".join(affix)))
         written = {name.lower(): name for name in reversed(columns.names)}
         for (system, names, meaning), (prefix, suffix) in product(KNOWN, affixes):
             if lower.issuperset(prefix + name + suffix for name in names):
@@ -329,10 +359,16 @@ class _Proposal:
                 roles = ((role, prefix + name + suffix) for role, name in (*place, *meaning.columns))
                 spelled = tuple((role, written.get(name.lower(), name)) for role, name in roles)
                 candidate = replace(meaning, columns=spelled).with_(self._reading)
-                yield f"if its columns are those of {system},", candidate, False
+                for way in self._with_units(candidate):
+                    yield f"if its columns are those of {system},", way, False
         yield f"{self._about_time}:", self._reading, False
         matches = [pattern.fullmatch(name) for name in columns.names for pattern in (NUMBERED, BY_ROW)]
-        bases = dict.fromkeys(match[1] for match in matches if match is not None and CAN_BE_GIVEN(match[1]))
+        found = (match[1] for match in matches if match is not None and CAN_BE_GIVEN(match[1]))
+        bases = dict.fromkeys(sorted(found, key=_is_commanded))
+        sizes = Counter(match[1] for match in map(BY_ROW.fullmatch, columns.names) if match is not None)
+        inner = ((base, NUMBERED.fullmatch(base)) for base in bases)
+        of_rows = {base for base, row in inner if row is not None and sizes[row[1]] in MATRIX_SHAPES}
+        bases = {base: None for base in bases if base not in of_rows}
         of_joints = {_OF_JOINTS.sub("", base) for base in bases if "effort" in base}
         bases = {base: None for base in bases if _OF_JOINTS.sub("", base) not in of_joints}
         bases = {base: None for base in bases if base not in columns.names}  # a name that occurs twice
@@ -355,6 +391,17 @@ class _Proposal:
             ]
             yield "if its columns are meant so,", candidate, is_square
 
+    def _with_units(self, known: TableReading) -> list[TableReading]:
+        """The reading of a known system, and without its units, which comes first if positions would be near
+        zero: names of columns may state others."""
+        order = (known.euler or "").partition(":")[0] or None
+        ways = [known, replace(known, unit=self._stated.unit, euler=self._stated.euler or order)]
+        with suppress(UnreadableRecording, ChoiceError):
+            position = layout(self._columns, known).bodies[0].columns[:3]
+            is_near = 0.0 < reach_of(self._values(position)) <= FARTHEST_M and known.unit != "cm"
+            ways = ways[::-1] if is_near and not self._stated.unit else ways
+        return ways
+
     def _meant(self, base: str) -> TableReading:
         """The reading of numbered columns by their first values: of a matrix, or of a position with a unit
         quaternion, as in KITTI and TUM, and of the time beside them; else by their number."""
@@ -373,8 +420,6 @@ class _Proposal:
             clock = begin - 1 if len(values) == 1 and begin else clock
             times = [] if clock is None else [self._columns.names[list(group.values())[clock]]]
             texts = self._rows()[0][: begin and 2]
-            if not times and base == UNNAMED:
-                times, is_frame = self._dates(), False
             if "".join(texts).isdigit() and len(texts[0]) == _NANOSECONDS > len(texts[1]):
                 times, is_frame = [f"{UNNAMED}0", f"{UNNAMED}1"], False
             how = {**how, "time_unit": _A_RATE} if is_frame and times and len(values) > 1 else how

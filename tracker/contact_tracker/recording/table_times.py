@@ -38,8 +38,8 @@ NEVER: Final = np.iinfo(np.int64).min
 _DATE: Final = re.compile(
     r"\s*(?:(?P<days>\d{1,5}) days?,? )?"
     r"(?:(?:(?P<year>\d{4})(?P<mark>[-/.]?)(?P<month>\d\d?)(?P=mark)(?P<day>\d\d?)"
-    r"|(?P<first>\d\d?)(?P<dots>[-/.])(?P<second>\d\d?)(?P=dots)(?P<last>\d{4}))(?:T|,? ))?"
-    r"(?P<hour>\d\d?)(?P<colon>:|(?<=T\d\d))(?P<minute>\d\d)"
+    r"|(?P<first>\d\d?)(?P<dots>[-/.])(?P<second>\d\d?)(?P=dots)(?P<last>\d{4}))(?:[T_]|,? ))?"
+    r"(?P<hour>\d\d?)(?P<colon>:|(?<=[T_]\d\d))(?P<minute>\d\d)"
     r"(?:(?P=colon)(?P<second_>\d\d)(?:(?:[.,]|:(?=\d{3}))(?P<fraction>\d{1,18}))?)?"
     r"(?: ?(?P<half>[AP])M)?(?: ?(?:Z|UTC)| ?(?P<sign>[+-])(?P<zone>\d\d)(?::?(?P<zone_minutes>\d\d))?)?\s*",
     re.IGNORECASE,
@@ -136,6 +136,12 @@ def _first_within(bounds_s: tuple[float, float], value: float | None) -> str | N
     return next(units, None)
 
 
+def ns_of_date(time: float) -> int:
+    """Nanoseconds since 1970 of a date that is a number, in seconds to nanoseconds; zero for others."""
+    unit = _first_within(_DATE_S, time)
+    return 0 if unit is None else round(time * TIMES_NS[unit])
+
+
 class TableTimes:
     """Stamps of the times in a table, batch by batch; the majority of the first times decides their kind.
 
@@ -161,6 +167,7 @@ class TableTimes:
         self._scale = layout.time_ns if layout.rest is not None else reading.time_ns or layout.time_ns
         self._is_certain = reading.time_unit is not None or layout.has_own_unit or layout.rest is not None
         self._are_dates: bool | None = None
+        self._are_whole = True  # seconds beside their fractions in a column
         self._last_date_ns: int | None = None
         self._days = 0  # midnights so far, if times have no date
         self._epoch_ns = 0
@@ -181,6 +188,7 @@ class TableTimes:
             self._are_dates = dates > is_number.sum()
             if not self._are_dates:
                 self._find_unit(floats[is_number])
+                self._are_whole = not (floats[is_number] % 1.0).any()
             elif self._reading.time_unit is not None:
                 raise ChoiceError(
                     f"{self._path}: its times are dates: leave out --time-unit, which is for tables whose "
@@ -192,7 +200,7 @@ class TableTimes:
         is_number &= np.abs(floats * self._scale - self._epoch_ns) < RANGE_NS
         written = compress(times, is_number)  # exact to the nanosecond
         stamps[is_number] = [exact_ns(time, self._scale) - self._epoch_ns for time in written]
-        if rests is not None:
+        if rests is not None and self._are_whole:
             more_ns = numbers(rests) * self._rest_ns
             has_rest = (more_ns >= 0) & (more_ns < 1e9)
             stamps[has_rest & is_number] += more_ns[has_rest & is_number].astype(np.int64)

@@ -31,12 +31,10 @@ from contact_tracker.recording.table_layouts import (
     ProposedReading,
     TableLayout,
     are_numbers,
-    doubt_angles,
-    doubt_degrees,
-    largest_deg,
     numbers,
 )
 from contact_tracker.recording.table_times import NEVER, TableTimes
+from contact_tracker.recording.table_units import doubt_angles, doubt_degrees, largest_deg
 from contact_tracker.recording.text_tables import TextTable
 
 if TYPE_CHECKING:
@@ -239,7 +237,9 @@ def _without_time(text: str, columns: Columns, row: int, layout: TableLayout) ->
     cell = f" ({printable(text[:_LONGEST_TIME])!r})" if text else ""
     if are_numbers([text]) and text:
         fault = f"a time more than {RANGE_NS / _YEAR_NS:.0f} years from 1970{cell}"
-        return f"{fault}: give its unit by --time-unit s, ms, us or ns"
+        return (
+            f"{fault}: give its unit by --time-unit s, ms, us or ns, or write dates as 2026-03-01T10:00:00.25"
+        )
     return f"{lacks}{cell}: give each a number, or a date as 2026-03-01T10:00:00.25"
 
 

@@ -7,11 +7,10 @@ angles or a helical vector, which most exports do not distinguish. Names are rea
 """
 
 import csv
-import json
 import os
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -25,6 +24,16 @@ from contact_tracker.config.table_reading import REST, TIME, TableReading, readi
 from contact_tracker.errors import ChoiceError, UnreadableRecording
 from contact_tracker.recording.bytestream import encoding_of
 from contact_tracker.recording.items import ROWS_AT_ONCE
+from contact_tracker.recording.json_entries import (
+    LEAST_OF_POSE,
+    OF_OBJECTS,
+    by_object,
+    entries_in,
+    flattened,
+    is_document,
+    loads,
+    named,
+)
 from contact_tracker.recording.table_layouts import (
     BLANKS,
     MOST_COLUMNS,
@@ -39,6 +48,7 @@ from contact_tracker.recording.table_layouts import (
     listed_briefly,
     number,
     numbers,
+    plain_number,
 )
 from contact_tracker.recording.table_proposals import (
     layout_of_names,
@@ -46,7 +56,6 @@ from contact_tracker.recording.table_proposals import (
     may_be_trajectory,
 )
 
-_LEAST_OF_POSE: Final = 6
 _LINE: Final = 2**18
 """Longest line (characters); the rest of a longer one is a line of its own."""
 _HEAD_LINES: Final = 64
@@ -73,8 +82,13 @@ _PAIR: Final = re.compile(
     r"([\[(][^\])]{0,500}[\])]|[^\s,;})]+)"
 )
 """A value with its name, as ``x=1.0`` or ``q: [0, 0, 0, 1]``."""
-_IN_LEAD: Final = re.compile(r"(?<![\w:/.,-])\d+(?:\.\d+)?(?![\w/-]|[:.,]\d)")
-"""A number before the pairs, as the time of a message in a log; not part of a date or a word."""
+_IN_LEAD: Final = re.compile(
+    r"(?<![\w:/.,-])(?:(?:\d{4}[-/.]\d\d?[-/.]\d\d?[T_ ])?\d\d?:\d\d:\d\d(?:[.,]\d+)?Z?"
+    r"|\d+(?:\.\d+)?(?![\w/-]|[:.,]\d))"
+)
+"""A date or a number before the pairs, as the time of a message in a log; not part of a word."""
+_JSON: Final = re.compile(r"\s*(?:\{|\[[-+\d.,\s\[\]eEaNulInfity]*\]\s*$)")
+"""A line of JSON: an object, or a list of numbers."""
 _BETWEEN_PAIRS: Final = f"|,;()[]{{}}{BLANKS}"
 _OF_NEXT: Final = re.compile(r"(?:[A-Za-z_]\w*:)?")
 """Text that may be between pairs: nothing, or a label of the next ones, as in ``rot: qx=0``."""
@@ -91,12 +105,12 @@ _TUM: Final = tuple(range(1, 8))
 _MARKS: Final = (";", "\t", "|", ",")
 """Separators of values; a comma may also be the decimal point."""
 _SEPARATOR_LINE: Final = re.compile(r'"?sep=(.)"?\s*', re.IGNORECASE)
-_DOCUMENT: Final = 2**26
-"""Longest JSON document (characters), as it is in memory as a whole."""
-_GROUP: Final = re.compile(r"(?:(?<=^)|(?<=[,;\t|])) *([(\[{][^()\[\]{}]*[)\]}])(?= *(?:[,;\t|\r\n]|$))")
+_GROUP: Final = re.compile(r"(?:(?<=^)|(?<=[,;\t|])) *(\w*[(\[{][^()\[\]{}]*[)\]}])(?= *(?:[,;\t|\r\n]|$))")
 """A cell with several values in brackets, which the separator of cells may separate as well."""
+_BRACKETS: Final = re.compile(r"[()\[\]{}]")
+_CALL: Final = re.compile(r"[A-Za-z]\w*(?=[(\[])")
+"""The name before values in brackets, as in ``p[0.1, 0.2, 0.3, 0, 0, 0]`` of UR."""
 _BETWEEN: Final = re.compile(r"\s*;\s*|,\s+|\s+")
-_BEGIN_DOCUMENT: Final = re.compile(r"\s*(?:\{|\[\s*(?:$|[\[{]))")
 _QUALISYS: Final = "NO_OF_FRAMES"
 _OF_MATRIX: Final = re.compile(r"Rot\[([0-8])\]")
 _NUMBER: Final = re.compile(
@@ -104,8 +118,6 @@ _NUMBER: Final = re.compile(
 )
 _QUALISYS_WAY: Final = reading_of(matrix="rows", unit="mm")
 """How the columns of a body are read after they are renamed; Qualisys numbers a matrix along its columns."""
-_loads: Final = partial(json.loads, parse_float=str, parse_int=str, parse_constant=str)
-"""JSON, with numbers and NaN as text."""
 _UNITS: Final = frozenset({*LENGTHS_M, *ANGLE_UNITS, *NAMED_NS, "-", "1"})
 
 
@@ -120,10 +132,10 @@ class TextTable:
         self._path, self._encoding = path, encoding_of(begin)
         with self._opened() as file:
             lines = head = _head(_lines(file))
-        self._is_document = _is_document(head)
-        if self._is_document:
+        self._is_document = is_document(head)
+        if self._is_document or any(map(OF_OBJECTS.match, head)):
             with self._opened() as file:
-                head = list(islice(_entries_in(file), _HEAD_LINES))
+                head = list(islice(self._lines(file), _HEAD_LINES))
         self.layout = _layout_in_unit(lines, head, reading, path)
         self.damage: tuple[str, ...] = ()
 
@@ -135,20 +147,23 @@ class TextTable:
     def _opened(self) -> IO[str]:
         return open(self._path, encoding=self._encoding, errors="replace")
 
+    def _lines(self, file: IO[str]) -> Iterator[str]:
+        lines = entries_in(file) if self._is_document else _lines(file)
+        return chain.from_iterable(map(by_object, lines))
+
     def _rows(self) -> Iterator[list[str]]:
         layout, separator, previous = self.layout, self.layout.separator, list[str]()
         places, width = layout.places, max(layout.places) + 1
-        named = partial(_named_cells, names=layout.names, heads=layout.heads, separator=separator)
+        cells_in = partial(_named_cells, names=layout.names, heads=layout.heads, separator=separator)
         with self._opened() as file:
-            lines = _entries_in(file) if self._is_document else _lines(file)
-            for line in islice(lines, layout.skip, None):
+            for line in islice(self._lines(file), layout.skip, None):
                 if _COMMENT.match(line):
                     continue
                 if not line.strip(_EMPTY):
                     if layout.kind == "Vicon":
                         return  # the end of a section
                     continue
-                cells = named(line) if layout.names else _cells_of(line, separator)
+                cells = cells_in(line) if layout.names else _cells_of(line, separator)
                 if line[-1] != "\n" and len(line) < _LINE and previous and _is_cut(previous, cells):
                     self.damage = (_CUT_OFF,)
                     return
@@ -211,7 +226,7 @@ def _table_of(lines: Sequence[str], separator: str | None) -> list[list[str]]:
 def _fields_of(line: str) -> dict[str, str]:
     """The numbers and texts by name (``pose.position.x``, ``state[0]``) in a line with a JSON object or with
     ``name=value`` pairs; raises ValueError."""
-    if not line.lstrip().startswith("{"):
+    if not _JSON.match(line):
         lead, *between = _PAIR.split(line)[::3]
         before = {f"{UNNAMED}{i}": value for i, value in enumerate(_IN_LEAD.findall(lead))}
         between = [text.strip(_BETWEEN_PAIRS) for text in between]
@@ -220,106 +235,27 @@ def _fields_of(line: str) -> dict[str, str]:
                 f"beside its values with names there is {unread[:_LONGEST_CELL]!r}: leave it out, and write "
                 "a unit in the name, as in x_cm=29"
             )
-        return _flattened(before | {name: _values_in(value) for name, value in _PAIR.findall(line)})
+        return flattened(before | {name: _values_in(value) for name, value in _PAIR.findall(line)})
     try:
-        entry = _loads(line)
+        entry = loads(line)
     except RecursionError as error:
         raise ValueError("it is too deep") from error
-    return _flattened(entry)  # as it begins with a brace
-
-
-def _flattened(entry: Mapping[str, Any]) -> dict[str, str]:
-    """The numbers and texts in an object and its parts, by their paths."""
-    fields, waiting = dict[str, str](), list(entry.items())[::-1]
-    while waiting:
-        name, value = waiting.pop()
-        if isinstance(value, dict):
-            waiting += [(f"{name}.{key}", part) for key, part in value.items()][::-1]
-        elif isinstance(value, list):
-            waiting += [(f"{name}[{i}]", part) for i, part in enumerate(value)][::-1]
-        elif isinstance(value, str) or value is None:
-            fields[name] = value or ""
-    return fields
-
-
-def _is_document(lines: Sequence[str]) -> bool:
-    """Whether the text is one JSON document, not one object per line."""
-    first, second = ([line for line in lines if line.strip()] + ["", ""])[:2]
-    if not second or not first.lstrip().startswith("{"):
-        return _BEGIN_DOCUMENT.match(first) is not None
-    try:
-        json.loads(first)
-    except (ValueError, RecursionError):
-        return True
-    return False
-
-
-def _entries_in(file: IO[str]) -> Iterator[str]:
-    """The entries of a JSON document, one per line: the elements of its list, of the only list of objects in
-    it, or of equally long lists by name; raises UnreadableRecording."""
-    text = file.read(_DOCUMENT + 1)
-    if len(text) > _DOCUMENT:
-        raise UnreadableRecording(
-            "it is JSON of more than 64 MB: write one object a line, as jq -c '.[]' does"
-        )
-    try:
-        content = _loads(text)
-    except (ValueError, RecursionError) as error:
-        raise UnreadableRecording(f"it begins like JSON, but is none: {error}") from error
-    if isinstance(content, dict) and content and all(map(str.isdigit, content)):  # by the number of a frame
-        parts = ((name, value if _has_objects(value) else [value]) for name, value in content.items())
-        content = [{"frame": name, **_named(entry)} for name, value in parts for entry in value]
-    elif isinstance(content, dict):
-        lists = {name: value for name, value in content.items() if isinstance(value, list)}
-        if not lists and content and all(map(_has_rows, content.values())):  # as pandas writes columns
-            index = list(next(iter(content.values())))
-            if all(value.keys() == {*index} for value in content.values()):
-                columns = {name: [value[row] for row in index] for name, value in content.items()}
-                lists = {"index": index} | columns
-        names = next((value for value in lists.values() if all(isinstance(name, str) for name in value)), [])
-        rows_of = [v for v in lists.values() if v and isinstance(v[0], list) and len(v[0]) == len(names)]
-        if len(rows_of) == 1 and names:  # names of the columns, and rows
-            cells = (row if isinstance(row, list) else [] for row in rows_of[0])
-            lists = {"data": [dict(zip(names, row, strict=False)) for row in cells]}
-        objects = [value for value in lists.values() if _has_objects(value)]
-        longest = max(map(len, lists.values()), default=0)
-        rows = {name: value for name, value in lists.items() if len(value) == longest}
-        by_row = [dict(zip(rows, row, strict=True)) for row in zip(*rows.values(), strict=True)]
-        content = objects[0] if len(objects) == 1 and len(objects[0]) == longest else by_row
-    if content == []:
-        raise UnreadableRecording(
-            "it is JSON without entries in a list, or lists of one length by name: write these alone, as by "
-            "jq .data"
-        )
-    for entry in content if isinstance(content, list) else [content]:
-        yield json.dumps(_named(entry)) + "\n"
-
-
-def _has_objects(value: Any) -> bool:
-    return isinstance(value, list) and bool(value) and isinstance(value[0], dict)
-
-
-def _has_rows(value: Any) -> bool:
-    return isinstance(value, dict) and bool(value) and all(map(str.isdigit, value))
-
-
-def _named(entry: Any) -> dict[str, Any]:
-    return entry if isinstance(entry, dict) else {UNNAMED: entry}
+    return flattened(named(entry))
 
 
 def _values_in(cell: str) -> Any:
     """The values in a cell with several numbers, as JSON, ``(1.0, 2.0)``, ``[1 2]``, or three or more between
     blanks; the text of any other cell."""
-    text = cell.strip(BLANKS)
+    text = _CALL.sub("", cell.strip(BLANKS))
     if text[:1] not in ("(", "[", "{"):
         parts = text.split()
         return parts if len(parts) > 2 and all(are_numbers([part]) for part in parts) else cell
-    inner = text.strip("()[]{} ")
+    inner = _BRACKETS.sub(" ", text).strip()
     values: Any = parts if len(parts := _BETWEEN.split(inner)) > 1 else inner.split(",")
     for plain in (text, text.replace("'", '"')):
         with suppress(ValueError, RecursionError):
-            values = _loads(plain)
-    counted = sum(are_numbers([value]) for value in _flattened({"": values}).values())
+            values = loads(plain)
+    counted = sum(are_numbers([value]) for value in flattened({"": values}).values())
     return values if counted > 1 else cell
 
 
@@ -329,7 +265,7 @@ def _named_cells(line: str, names: Sequence[str], heads: Sequence[str], separato
     try:
         if heads:
             cells = map(_values_in, _cells_of(line, separator))
-            fields = _flattened(dict(zip(heads, cells, strict=False)))
+            fields = flattened(dict(zip(heads, cells, strict=False)))
         else:
             fields = _fields_of(line)
     except ValueError:
@@ -473,16 +409,22 @@ def _qualisys_layout(lines: Sequence[str], reading: TableReading, path: str) -> 
     if any(role not in (TIME, REST) for role, _ in reading.columns):
         return _layout_of_rows(lines, reading, path)
     reading = reading if reading.matrix is None else replace(reading, matrix="rows")  # as renamed below
-    head = next((i for i, line in enumerate(lines) if "Rot[0]" in line), 0)
+    head = next((i for i, line in enumerate(lines) if "Rot[0]" in line), None)
+    if head is None:
+        return _layout_of_rows(lines, reading, path, reading_of(unit=_QUALISYS_WAY.unit))
     bodies, body, named = map("_".join, map(str.split, about.get("BODY_NAMES", []))), "", list[str]()
     for cell in _table_of([lines[head]], "\t")[0]:
         word = "".join(cell.split()[-1:])
         body = next(bodies, "") if word == "X" else body
-        if (number := _OF_MATRIX.fullmatch(word)) is not None:  # along columns
-            word = f"r{int(number[1]) % 3 + 1}{int(number[1]) // 3 + 1}"
+        if (element := _OF_MATRIX.fullmatch(word)) is not None:  # along columns
+            word = f"r{int(element[1]) % 3 + 1}{int(element[1]) // 3 + 1}"
         named.append(f"{body} {word}".strip())
     renamed = [*lines[:head], "\t".join(named) + "\n", *lines[head + 1 :]]
-    return _layout_of_rows(renamed, reading, path, _QUALISYS_WAY)
+    way = _QUALISYS_WAY
+    if not ("Time" in named or reading.time_unit or reading.columns):
+        with suppress(ValueError):
+            way = way.with_(reading_of(rate=plain_number("".join(about.get("FREQUENCY", ())))))
+    return replace(_layout_of_rows(renamed, reading, path, way), has_own_unit=way is not _QUALISYS_WAY)
 
 
 def _short(name: str) -> str:
@@ -500,8 +442,8 @@ def _separator_after(word: str, line: str) -> str:
 
 def _has_names(line: str) -> bool:
     """Whether a line has at least as many ``name=number`` pairs as a pose has values."""
-    values = _flattened({name: _values_in(value) for name, value in _PAIR.findall(line)}).values()
-    return sum(are_numbers([value]) for value in values) >= _LEAST_OF_POSE
+    values = flattened({name: _values_in(value) for name, value in _PAIR.findall(line)}).values()
+    return sum(are_numbers([value]) for value in values) >= LEAST_OF_POSE
 
 
 def _json_layout(lines: Sequence[str], reading: TableReading, path: str) -> TableLayout:
@@ -512,7 +454,7 @@ def _json_layout(lines: Sequence[str], reading: TableReading, path: str) -> Tabl
             rows.append(_fields_of(line) if not _COMMENT.match(line) else {})
             names.update(dict.fromkeys(rows[-1]))
         except ValueError as error:
-            if not line.lstrip().startswith("{"):
+            if not _JSON.match(line):
                 raise UnreadableRecording(str(error)) from None
             if not names:
                 raise UnreadableRecording(
@@ -529,7 +471,7 @@ def _layout_of_rows(
     """The layout by the first line with names of columns of poses, which may be a comment, else by the first
     row of numbers; ``usual`` is how a known format is read, unless the user's ``reading`` states it."""
     if usual is not None:
-        reading = (usual if reading.kind is None else reading_of(unit=usual.unit)).with_(reading)
+        reading = (usual if reading.kind is None else replace(usual, matrix=None)).with_(reading)
     first = next((line for line in lines if line.strip()), "")
     stated = _SEPARATOR_LINE.fullmatch(first)
     rows = [i for i, line in enumerate(lines) if line.strip() and not _COMMENT.match(line)]
@@ -594,6 +536,12 @@ def _layout_of_rows(
             f"a pose is in several lines: numpy.save('poses.npy', numpy.loadtxt({os.path.basename(path)!r})"
             f".reshape({shape})) makes a file that is read"
         )
+    if len(values) in (1, 3) and not errors and len(table[1]) == 4 and _is_rotation(table[1:4]):
+        raise UnreadableRecording(
+            "a pose is in several lines, below one that numbers it: numpy.save('poses.npy', numpy.array("
+            f"[line.split() for line in open({os.path.basename(path)!r}) if len(line.split()) == 4], float)"
+            ".reshape(-1, 4, 4)) makes a file that is read"
+        )
     is_tum = separator is None and len(values) == 1 + len(_TUM) and may_be_trajectory(table)
     if is_tum and not (reading.kind or reading.columns):
         body = Body("", _TUM, LENGTHS_M[reading.unit or "m"])
@@ -606,7 +554,7 @@ def _layout_of_rows(
 
 def _may_be_row(line: str) -> bool:
     """Whether a line of text has mostly numbers, or as many as a pose."""
-    return _are_values(_cells_of(line, _separator(line))) or len(_NUMBER.findall(line)) >= _LEAST_OF_POSE
+    return _are_values(_cells_of(line, _separator(line))) or len(_NUMBER.findall(line)) >= LEAST_OF_POSE
 
 
 def _is_rotation(rows: Sequence[Sequence[str]]) -> bool:
@@ -620,7 +568,7 @@ def _names_in_groups(names: Sequence[str], rows: Sequence[str], separator: str |
     cells = list(map(_values_in, _cells_of(rows[0], separator))) if rows else []
     if all(isinstance(cell, str) for cell in cells) or len(cells) - len(names) not in (0, 1):
         return []
-    return list(_flattened(dict(zip(names, cells, strict=False))))
+    return list(flattened(dict(zip(names, cells, strict=False))))
 
 
 def _units(following: Sequence[str], separator: str | None) -> list[str]:
@@ -660,7 +608,7 @@ _Layout = Callable[[Sequence[str], TableReading, str], TableLayout]
 _FORMATS: Final[Sequence[tuple[Callable[[str], bool], _Layout]]] = (
     (lambda line: line.lstrip('\ufeff"').lower().startswith("format version"), _motive_layout),
     (lambda line: line.strip(f",;{BLANKS}").lower() in (*_SECTIONS, *_OTHER_SECTIONS), _vicon_layout),
-    (lambda line: line.lstrip().startswith("{") or _has_names(line), _json_layout),
+    (lambda line: bool(_JSON.match(line)) or _has_names(line), _json_layout),
     (lambda line: line.startswith(_QUALISYS), _qualisys_layout),
 )
 """Known formats: a test of the first line, and the layout; other files have rows with or without names."""

@@ -22,14 +22,9 @@ from contact_tracker.config.table_reading import (
 from contact_tracker.errors import ChoiceError, UnreadableRecording, UsageError, shown
 from contact_tracker.geometry.elements import Array
 from contact_tracker.motion.poses import Poses, real_number, real_numbers
-from contact_tracker.recording.table_layouts import (
-    are_no_radians,
-    doubt_angles,
-    doubt_degrees,
-    largest_deg,
-    quaternions,
-)
+from contact_tracker.recording.table_layouts import UNNAMED, quaternions
 from contact_tracker.recording.table_proposals import FIRST_ROWS, layout_of_names
+from contact_tracker.recording.table_units import are_no_radians, doubt_angles, doubt_degrees, largest_deg
 from contact_tracker.trajectory.arguments import python_words, warn_of
 
 _NO_TIMES: Final = "stamps are no real numbers or dates: convert text, as by pandas.to_datetime"
@@ -165,12 +160,13 @@ def is_table(value: Any) -> bool:
 
 
 def with_index(table: Any) -> Any:
-    """A DataFrame with its index as a column, if the index has a name or times; other tables unchanged."""
+    """A DataFrame with its index as a column, if the index has a name, times or fractions; other tables
+    unchanged."""
     index = getattr(table, "index", None)
     name, kind = getattr(index, "name", None), getattr(getattr(index, "dtype", None), "kind", "")
-    if not hasattr(table, "rename_axis") or (name is None and kind not in ("m", "M")):
+    if not hasattr(table, "rename_axis") or (name is None and kind not in ("m", "M", "f")):
         return table
-    named = table.rename_axis("time") if name is None else table
+    named = table.rename_axis(f"{UNNAMED}0" if kind == "f" else "time") if name is None else table
     return table if str(named.index.name) in names_in(table) else named.reset_index()
 
 
@@ -178,7 +174,8 @@ def names_in(table: Any) -> list[str]:
     """Names of the columns of a table (a DataFrame, a table of Arrow or a mapping) as text."""
     if not is_table(table):
         raise UsageError(f"a table is a DataFrame or a mapping of columns, not {type(table).__name__}")
-    return [str(key) for key in _keys(table)]
+    keys = [key if isinstance(key, tuple) else (key,) for key in _keys(table)]  # of several levels
+    return [".".join(filter(None, map(str, key))) for key in keys]
 
 
 def _keys(table: Any) -> list[Any]:
@@ -227,7 +224,10 @@ def columns_of(table: Any, reading: TableReading) -> tuple[NDArray[Any], float |
         raise UsageError("the table has no columns")
 
     def first_rows() -> list[tuple[str, ...]]:
-        columns = (_column(table, key)[:FIRST_ROWS].astype(str).tolist() for key in keys)
+        try:
+            columns = [_column(table, key)[:FIRST_ROWS].astype(str).tolist() for key in keys]
+        except (TypeError, ValueError):  # refused below, if they are of the pose
+            return []
         return list(zip(*columns, strict=False))
 
     try:
@@ -237,7 +237,7 @@ def columns_of(table: Any, reading: TableReading) -> tuple[NDArray[Any], float |
     if len(layout.bodies) > 1:
         bodies = ", ".join(body.name for body in layout.bodies)
         raise UsageError(f"several bodies, {bodies}: name the columns of one, as columns={{'x': ...}}")
-    if layout.body is not None:
+    if layout.body is not None and len({*map(str, _column(table, keys[layout.body]))}) > 1:
         raise UsageError(
             f"its rows are of several bodies, by the column {keys[layout.body]}: give the rows of one"
         )
@@ -265,6 +265,8 @@ def columns_of(table: Any, reading: TableReading) -> tuple[NDArray[Any], float |
                 raise ValueError
         except (TypeError, ValueError, OverflowError) as error:
             raise UsageError(_NO_TIMES) from error
+        if (numbers[0] % 1.0).any():  # both are times
+            return time, layout.time_ns, poses
         seconds, subseconds = numbers.astype(np.int64)
         return seconds * 10**9 + subseconds * round(layout.rest_ns), 1.0, poses
     return time, layout.time_ns, poses
