@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from contact_tracker.motion.pose_validation import LONGEST_WAIT_NS, PoseGate, gate, remark_on_excursions
+from contact_tracker.motion.losses import remark_on_excursions
+from contact_tracker.motion.pose_validation import LONGEST_WAIT_NS, PoseGate, gate
 from contact_tracker.motion.poses import Poses
 from distortions import turned
 from smooth_motion import moving
