@@ -155,7 +155,7 @@ class JumpFilter:
             self._arrivals.append(pose[1:])
             is_motion = _apart_m(last, pose) <= max(NEAR_M, FAR_M_PER_S2 * (1e-9 * elapsed_ns) ** 2)
             self._until_ns = last.stamp_ns + (SHORT_NS if is_motion else LONGEST_NS)
-        elif is_jump and self._has_returned(last, pose, longest):
+        elif self._has_returned(last, pose, longest, is_jump):
             return self._come_back(last, pose, longest, period_ns)
         self._held.append(pose)
         self._note(pose)
@@ -177,13 +177,13 @@ class JumpFilter:
             return step_between(self._last, pose).distance_m > longest.distance_m
         return pose[1:] in self._arrivals and is_longer(step_between(self._last, pose), longest)
 
-    def _has_returned(self, last: Pose, pose: Pose, longest: Step) -> bool:
+    def _has_returned(self, last: Pose, pose: Pose, longest: Step, is_jump: bool) -> bool:
         """Whether the jumps away and back cancel, or usual motion leads to this pose from the last one, to
         which it is nearer than to the pose before it."""
         away, back = (last, self._held[0]), (self._held[-1], pose)
         shift_m = np.add(_shift_m(*away), _shift_m(*back))
         turn = 2.0 * np.linalg.norm(product(_turn(*away), _turn(*back))[:3])
-        if not is_longer(Step(float(np.linalg.norm(shift_m)), float(turn)), longest):
+        if is_jump and not is_longer(Step(float(np.linalg.norm(shift_m)), float(turn)), longest):
             return True
         is_usual = not is_longer(step_between(last, pose), longest, (1 + len(self._held)) / JUMP)
         return is_usual and _apart_m(last, pose) < _apart_m(*back)
