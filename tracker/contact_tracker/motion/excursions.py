@@ -8,7 +8,8 @@ jumps cancel, as with swapped markers, or if usual motion leads there from the l
 in the place of this one.
 
 The origin, and any pose that comes by a jump again, bit for bit, are what trackers report of an object that
-they do not see: they are dropped at once. At the start and after a gap the origin waits for the motion.
+they do not see: they are dropped at once. Where a stream starts at the origin, also after a gap, it waits
+until the motion is known.
 
 If poses jump to one place and back all the time, two bodies take turns: all are passed on, and ``inspection``
 reports it.
@@ -97,7 +98,7 @@ class JumpFilter:
         if not continues and not self._waiting:  # those that wait do so on either side of a gap
             released, self._last = self.finish(), None
             self._steps.clear()
-        if self._waiting or (pose.position_m == _ORIGIN and len(self._steps) < KNOWN_POSES):
+        if self._waiting or (pose.position_m == _ORIGIN and self._last is None):
             return (*released, *self._wait(pose))
         return (*released, *self._judge(pose, period_ns))
 
@@ -174,7 +175,7 @@ class JumpFilter:
         """Whether a pose is a default pose away from the motion; an object may turn at the origin."""
         assert self._last is not None
         if pose.position_m == _ORIGIN:
-            return step_between(self._last, pose).distance_m > longest.distance_m
+            return step_between(self._last, pose).distance_m > longest_of(self._steps).distance_m
         return pose[1:] in self._arrivals and is_longer(step_between(self._last, pose), longest)
 
     def _has_returned(self, last: Pose, pose: Pose, longest: Step, is_jump: bool) -> bool:

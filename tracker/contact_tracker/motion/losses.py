@@ -15,12 +15,6 @@ MANY_BACKWARD: Final = 0.2
 """Share of poses out of order that single wrong stamps do not explain."""
 MOST_REPEATED: Final = 0.6
 """Largest share of poses with the time of another pose where each is published twice."""
-_BACKWARD: Final = 0.2
-"""Share of poses out of order that single wrong stamps do not explain."""
-MOST_REPEATED: Final = 0.6
-"""Largest share of poses with the time of another pose where each is published twice."""
-
-
 _BACKWARD: Final = "sort them by time; if they are of several bodies, record each on a topic of its own"
 
 

@@ -16,7 +16,7 @@ kind                fate    meaning
 ``backward_stamp``  dropped a stamp before that of the last pose
 ``leading_stamp``   dropped a stamp more than 5 median periods after that of the last pose, which those that
                             follow contradict. Such a pose is held until enough follow it: one, and one
-                            more for each 0.1 s it leads, at most 20; or two, and 0.1 s
+                            more for each 0.1 s it leads; or two, and 0.1 s
 ``clock_reset``     kept    20 backward stamps in a row that run forward among themselves: the
                             clock was set back. From here on stamps are shifted so that time
                             goes on where it stood when the first of those 20 came
@@ -56,7 +56,7 @@ GAP_NS: Final = 500_000_000
 GAP_PERIODS: Final = 10
 LEAD_PERIODS: Final = 5
 MOST_HELD: Final = 64
-"""Largest number of held poses; random stamps never form a long run."""
+"""Largest number of poses held for their stamps; random stamps never form a long run."""
 RESET_RUN: Final = 20
 OTHER_NS: Final = 1
 """Delay with which a pose of another body is passed on, so that stamps increase."""
@@ -235,24 +235,19 @@ class PoseGate:
     Parameters
     ----------
     counts : dropped and repaired poses are counted here by kind; kinds that do not occur stay absent.
+
+    Attributes
+    ----------
+    counts : counts by kind so far; callers may add to them.
+    refused_xyzw : the first quaternion of a wrong norm.
     """
 
     def __init__(self, counts: Counter[str] | None = None) -> None:
-        self._counts: Counter[str] = Counter() if counts is None else counts
-        self._order = StampOrder(self._counts)
-        self._jumps = JumpFilter(self._counts)
+        self.counts: Counter[str] = Counter() if counts is None else counts
+        self._order = StampOrder(self.counts)
+        self._jumps = JumpFilter(self.counts)
         self._last: Pose | None = None
-        self._refused_xyzw: tuple[float, float, float, float] | None = None
-
-    @property
-    def refused_xyzw(self) -> tuple[float, float, float, float] | None:
-        """The first quaternion of a wrong norm."""
-        return self._refused_xyzw
-
-    @property
-    def counts(self) -> Counter[str]:
-        """Counts by kind so far; callers may add to them."""
-        return self._counts
+        self.refused_xyzw: tuple[float, float, float, float] | None = None
 
     @property
     def shift_ns(self) -> int:
@@ -305,19 +300,19 @@ class PoseGate:
         (px, py, pz), (x, y, z, w) = pose.position_m, pose.quat_xyzw
         # A sum is finite only if its terms are; it may overflow, which is out of range anyway.
         if not isfinite(px + py + pz + x + y + z + w) and not all(map(isfinite, (px, py, pz, x, y, z, w))):
-            self._counts["nonfinite"] += 1
+            self.counts["nonfinite"] += 1
             return None
         if max(abs(px), abs(py), abs(pz)) > RANGE_M:
-            self._counts["out_of_range"] += 1
+            self.counts["out_of_range"] += 1
             return None
         norm = sqrt(x * x + y * y + z * z + w * w)
         deviation = abs(norm - 1.0)
         if deviation > NORM_TOLERANCE:
-            self._counts["bad_quaternion"] += 1
-            self._refused_xyzw = self._refused_xyzw or pose.quat_xyzw
+            self.counts["bad_quaternion"] += 1
+            self.refused_xyzw = self.refused_xyzw or pose.quat_xyzw
             return None
         if deviation > ROUNDING:
-            self._counts["renormalised"] += 1
+            self.counts["renormalised"] += 1
         return (x / norm, y / norm, z / norm, w / norm)
 
     def _pass_on(self, ordered: Iterable[Ordered]) -> Sequence[Pose]:
@@ -335,7 +330,7 @@ class PoseGate:
             if a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3] < 0.0:
                 pose = pose._replace(quat_xyzw=(-a[0], -a[1], -a[2], -a[3]))
             if pose[1:] == last[1:]:
-                self._counts["held"] += 1
+                self.counts["held"] += 1
         self._last = pose
         return pose
 
