@@ -180,14 +180,16 @@ class JumpFilter:
 
     def _has_returned(self, last: Pose, pose: Pose, longest: Step, is_jump: bool) -> bool:
         """Whether the jumps away and back cancel, or usual motion leads to this pose from the last one, to
-        which it is nearer than to the pose before it."""
-        away, back = (last, self._held[0]), (self._held[-1], pose)
-        shift_m = np.add(_shift_m(*away), _shift_m(*back))
-        turn = 2.0 * np.linalg.norm(product(_turn(*away), _turn(*back))[:3])
+        which it is nearer than to the pose before it, relative to the jump."""
+        first, before = self._held[0], self._held[-1]
+        shift_m = np.add(_shift_m(last, first), _shift_m(before, pose))
+        turn = 2.0 * np.linalg.norm(product(_turn(last, first), _turn(before, pose))[:3])
         if is_jump and not is_longer(Step(float(np.linalg.norm(shift_m)), float(turn)), longest):
             return True
-        is_usual = not is_longer(step_between(last, pose), longest, (1 + len(self._held)) / JUMP)
-        return is_usual and _apart_m(last, pose) < _apart_m(*back)
+        jump, step, back = step_between(last, first), step_between(last, pose), step_between(before, pose)
+        parts = zip(step, back, jump, longest, strict=True)
+        is_nearer = sum((a**2 - b**2) / away**2 for a, b, away, most in parts if away > most) < 0.0
+        return is_nearer and not is_longer(step, longest, (1 + len(self._held)) / JUMP)
 
     def _come_back(self, last: Pose, pose: Pose, longest: Step, period_ns: int) -> Sequence[Pose]:
         """Pass on the pose that continues the motion, and the held ones only if they are of another body.
