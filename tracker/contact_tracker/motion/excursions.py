@@ -144,7 +144,7 @@ class JumpFilter:
         if step.distance_m <= NEAR_M and step.turn <= NEAR_TURN and not self._held:  # as usual: no jump
             return self._pass_on(pose, step)
         longest = self._longest()
-        if pose[1:] != newest[1:] and self._is_default(pose, longest):
+        if self._is_default(pose, step, longest):
             self._arrivals.append(pose[1:])
             self._counts["default_pose"] += 1
             return ()
@@ -171,21 +171,21 @@ class JumpFilter:
         usual, last = longest_of(self._steps), self._steps[-1]
         return Step(max(usual.distance_m, JUMP * last.distance_m), max(usual.turn, JUMP * last.turn))
 
-    def _is_default(self, pose: Pose, longest: Step) -> bool:
+    def _is_default(self, pose: Pose, step: Step, longest: Step) -> bool:
         """Whether a pose is a default pose away from the motion; an object may turn at the origin."""
-        assert self._last is not None
         if pose.position_m == _ORIGIN:
-            return step_between(self._last, pose).distance_m > longest_of(self._steps).distance_m
-        return pose[1:] in self._arrivals and is_longer(step_between(self._last, pose), longest)
+            return step.distance_m > longest_of(self._steps).distance_m
+        return pose[1:] in self._arrivals and is_longer(step, longest)
 
     def _has_returned(self, last: Pose, pose: Pose, longest: Step, is_jump: bool) -> bool:
         """Whether the jumps away and back cancel, or usual motion leads to this pose from the last one, to
         which it is nearer than to the pose before it, relative to the jump."""
         first, before = self._held[0], self._held[-1]
-        shift_m = np.add(_shift_m(last, first), _shift_m(before, pose))
-        turn = 2.0 * np.linalg.norm(product(_turn(last, first), _turn(before, pose))[:3])
-        if is_jump and not is_longer(Step(float(np.linalg.norm(shift_m)), float(turn)), longest):
-            return True
+        if is_jump:
+            shift_m = np.add(_shift_m(last, first), _shift_m(before, pose))
+            turn = 2.0 * np.linalg.norm(product(_turn(last, first), _turn(before, pose))[:3])
+            if not is_longer(Step(float(np.linalg.norm(shift_m)), float(turn)), longest):
+                return True
         jump, step, back = step_between(last, first), step_between(last, pose), step_between(before, pose)
         parts = zip(step, back, jump, longest, strict=True)
         is_nearer = sum((a**2 - b**2) / away**2 for a, b, away, most in parts if away > most) < 0.0
