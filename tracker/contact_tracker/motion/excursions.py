@@ -111,7 +111,7 @@ class JumpFilter:
         return released
 
     def _pass_on(self, pose: Pose, step: Step | None = None) -> Sequence[Pose]:
-        if self._last is not None:
+        if self._last is not None and pose[1:] != self._last[1:]:
             self._steps.append(step or step_between(self._last, pose))
         self._last = pose
         self._note(pose)
