@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from contact_tracker.motion.excursions import MOST_HELD, NEIGHBOURS
+from contact_tracker.motion.excursions import KNOWN_POSES, MOST_WAITING
 from contact_tracker.motion.pose_validation import PoseGate
 from contact_tracker.motion.poses import Pose, Poses
 from mcap_logs import smooth_poses
@@ -187,14 +187,14 @@ def test_only_possible_default_poses_are_held() -> None:
     assert [len(gate.admit(p)) for p in POSES] == [0, 1, 2] + [1] * 997
     gate, rows = PoseGate(), hidden(POSES, range(100), IDENTITY)
     passed = [len(gate.admit(p)) for p in rows]
-    assert passed == [0] * (100 + NEIGHBOURS - 1) + [NEIGHBOURS] + [1] * (900 - NEIGHBOURS)
+    assert passed == [0] * (100 + KNOWN_POSES - 1) + [KNOWN_POSES] + [1] * (900 - KNOWN_POSES)
 
 
 def test_the_wait_is_bounded() -> None:
     gate = PoseGate()
-    passed = np.cumsum([len(gate.admit(p)) for p in motion(np.zeros((MOST_HELD + 100, 3)))])
-    assert passed[MOST_HELD - 2] == 0
-    assert passed[MOST_HELD:].tolist() == list(range(MOST_HELD + 1, MOST_HELD + 101))
+    passed = np.cumsum([len(gate.admit(p)) for p in motion(np.zeros((MOST_WAITING + 100, 3)))])
+    assert passed[MOST_WAITING - 2] == 0
+    assert passed[MOST_WAITING:].tolist() == list(range(MOST_WAITING + 1, MOST_WAITING + 101))
 
 
 def test_after_a_gap_the_motion_may_be_anywhere() -> None:

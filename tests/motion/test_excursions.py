@@ -9,7 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from contact_tracker.motion.pose_validation import LONGEST_WAIT_NS, PoseGate, gate, remark_on_excursions
+from contact_tracker.motion.excursions import MOST_WAITING
+from contact_tracker.motion.losses import remark_on_excursions
+from contact_tracker.motion.pose_validation import LONGEST_WAIT_NS, PoseGate, gate
 from contact_tracker.motion.poses import Poses
 from distortions import turned
 from smooth_motion import moving
@@ -137,3 +139,34 @@ def test_single_poses_that_jump_anywhere_are_dropped_however_many() -> None:
     kept, counts = gated(shifted(clean, away, shift_m, 0.0))
     np.testing.assert_array_equal(kept.stamp_ns, clean.stamp_ns[~away])
     assert counts == {"excursion": 200}
+
+
+@pytest.mark.parametrize("frames", [2, 3, 4])
+def test_wrong_poses_in_a_row_at_different_places_are_dropped(frames: int) -> None:
+    clean, away = hand(6, 4.0, 30.0), np.zeros(120, np.bool_)
+    away[60 : 60 + frames] = True
+    shift_m = np.zeros((120, 3))
+    shift_m[60:64] = [(0.05, 0.0, 0.0), (0.0, 0.06, 0.0), (0.0, 0.0, -0.06), (-0.05, 0.0, 0.0)]
+    kept, counts = gated(shifted(clean, away, shift_m, 0.0))
+    np.testing.assert_array_equal(kept.stamp_ns, clean.stamp_ns[~away])
+    assert counts == {"excursion": frames}
+
+
+def test_one_pose_that_stays_bit_for_bit_is_dropped_until_the_motion_is_seen_again() -> None:
+    """Though the step back is no longer than the time without new poses allows."""
+    clean, away = hand(9), (np.arange(800) >= 400) & (np.arange(800) < 600)
+    position, quat = clean.position_m.copy(), clean.quat_xyzw.copy()
+    position[away], quat[away] = (0.9, -0.5, 0.4), (0.5, -0.5, 0.5, 0.5)
+    kept, counts = gated(replace(clean, position_m=position, quat_xyzw=quat))
+    np.testing.assert_array_equal(kept.stamp_ns, clean.stamp_ns[~away])
+    assert counts == {"excursion": 200, "long_excursion": 1}
+
+
+def test_the_number_of_held_poses_is_bounded() -> None:
+    """Also where stamps hardly go on, as those that are numbers of frames."""
+    clean = hand(10, 20.0)
+    poses = shifted(clean, np.arange(4000) >= 400, np.array([0.0, 0.5, 0.0]), 0.0)
+    poses, gate = replace(poses, stamp_ns=np.arange(4000)), PoseGate()
+    passed = np.cumsum([len(gate.admit(pose)) for pose in poses])
+    assert passed[400 + MOST_WAITING - 2] == 400
+    assert passed[400 + MOST_WAITING - 1] == 400 + MOST_WAITING

@@ -10,7 +10,7 @@ import contact_tracker
 from contact_tracker import Tracker, Trajectory
 from contact_tracker.cli.main import run
 from contact_tracker.errors import DAMAGED, DONE
-from contact_tracker.motion.pose_validation import remark_on_loss
+from contact_tracker.motion.losses import remark_on_loss
 from mcap_logs import Topic, pose_stamped, smooth_poses, write_log
 
 POSES = smooth_poses(400)

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from contact_tracker.motion.pose_validation import FOLLOWERS, MOST_HELD, NORM_TOLERANCE, RESET_RUN, PoseGate
+from contact_tracker.motion.pose_validation import MOST_HELD, NORM_TOLERANCE, RESET_RUN, PoseGate
 from contact_tracker.motion.poses import Pose
 from smooth_motion import pass_through
 
@@ -126,7 +126,7 @@ def test_poses_are_held_no_longer_than_needed() -> None:
     assert [len(gate.admit(p)) for p in regular(6)] == [0, 1, 2, 1, 1, 1]
     assert [len(gate.admit(p)) for p in regular(3, 26)] == [0, 0, 3]  # 0.1 s: two have to follow
     after_a_gap = [len(gate.admit(p)) for p in regular(30, 10_000)]
-    assert after_a_gap == [0] * FOLLOWERS + [FOLLOWERS + 1] + [1] * (29 - FOLLOWERS)
+    assert after_a_gap == [0] * 20 + [21] + [1] * 9  # 0.1 s
     gate = PoseGate()
     slow = [pose(400 * MS * i, 0.001 * i) for i in (0, 1, 2, 3, 4, 100, 101, 102, 103)]
     assert [len(gate.admit(p)) for p in slow] == [0, 1, 0, 3, 1, 0, 0, 3, 1]

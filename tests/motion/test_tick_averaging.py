@@ -15,7 +15,7 @@ from contact_tracker.geometry.elements import Origins
 from contact_tracker.geometry.lifted_pose import ONE, R, T, lift
 from contact_tracker.motion import tick_averaging
 from contact_tracker.motion.free_motion import NO_EXCESS
-from contact_tracker.motion.pose_validation import counts_text
+from contact_tracker.motion.losses import counts_text
 from contact_tracker.motion.poses import Outliers, Poses
 from contact_tracker.motion.tick_averaging import TickGrid, tick_variances, with_excess
 from smooth_motion import START_NS, exact_transfers, moving

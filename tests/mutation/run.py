@@ -37,8 +37,9 @@ TESTS: dict[str, list[str]] = {
     ],
     "hypotheses/evidence.py": ["hypotheses", "tracking/test_ambiguity.py"],
     "hmm": ["hmm"],
+    "motion/losses.py": ["motion/test_losses.py", "motion/test_tick_averaging.py"],
     "motion/pose_validation.py": [
-        f"motion/test_{name}.py" for name in ("pose_validation", "gate_limits", "losses", "excursions")
+        f"motion/test_{name}.py" for name in ("pose_validation", "gate_limits", "excursions", "default_poses")
     ],
     "motion/tick_averaging.py": ["motion"],
     "motion/window.py": ["motion", "hypotheses"],

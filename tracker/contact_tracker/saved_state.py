@@ -22,7 +22,7 @@ from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.errors import ContactTrackerError, StateError
 from contact_tracker.files import read_regular, whole_file
 from contact_tracker.hypotheses.bank import Bank, Onsets, layout
-from contact_tracker.motion.excursions import DefaultPoseFilter, ExcursionFilter
+from contact_tracker.motion.excursions import JumpFilter
 from contact_tracker.motion.pose_validation import Ordered, PoseGate, StampOrder
 from contact_tracker.motion.poses import Step
 from contact_tracker.tracker import Tracker
@@ -42,7 +42,7 @@ _LAYOUTS: Final = {
     for table in (Bank, Onsets)
     for model in CONTACT_MODELS
 }
-_GATES: Final = (PoseGate, StampOrder, DefaultPoseFilter, ExcursionFilter)
+_GATES: Final = (PoseGate, StampOrder, JumpFilter)
 """Mutable classes: an empty object is made, then its fields are restored."""
 
 

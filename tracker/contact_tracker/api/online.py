@@ -9,7 +9,8 @@ from typing import Final, Self, SupportsIndex
 import contact_tracker.tracker as tracker
 from contact_tracker.api.learned_map import Known, Map, map_of
 from contact_tracker.errors import InvalidPose, OutputError, StateError, shown
-from contact_tracker.motion.pose_validation import PoseGate, remark_on_loss, remarks_on
+from contact_tracker.motion.losses import remark_on_loss, remarks_on
+from contact_tracker.motion.pose_validation import PoseGate
 from contact_tracker.motion.poses import Pose, real_number
 from contact_tracker.outputs.adaptation import not_given, warnings
 from contact_tracker.saved_state import continued, load, save

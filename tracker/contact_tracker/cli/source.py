@@ -16,7 +16,8 @@ from contact_tracker.errors import DAMAGED, DONE, StateError, UsageError
 from contact_tracker.files import why_not_writable
 from contact_tracker.inspection.stream_checks import ORIENTATION, STILL
 from contact_tracker.interrupts import SIGNALS, repeat_unless
-from contact_tracker.motion.pose_validation import Arrival, counts_text
+from contact_tracker.motion.losses import counts_text
+from contact_tracker.motion.pose_validation import Arrival
 from contact_tracker.motion.poses import Outliers, Poses
 from contact_tracker.outputs.adaptation import noise_text, not_given, warnings
 from contact_tracker.outputs.text import Changes

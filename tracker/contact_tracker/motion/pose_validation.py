@@ -16,7 +16,7 @@ kind                fate    meaning
 ``backward_stamp``  dropped a stamp before that of the last pose
 ``leading_stamp``   dropped a stamp more than 5 median periods after that of the last pose, which those that
                             follow contradict. Such a pose is held until enough follow it: one, and one
-                            more for each 0.1 s it leads, at most 20; or two, and 0.1 s
+                            more for each 0.1 s it leads; or two, and 0.1 s
 ``clock_reset``     kept    20 backward stamps in a row that run forward among themselves: the
                             clock was set back. From here on stamps are shifted so that time
                             goes on where it stood when the first of those 20 came
@@ -34,46 +34,33 @@ order than that of their fields (wxyz in xyzw, or xyzw in wxyz) are not detected
 components keeps all scalar products, hence all angles between poses.
 """
 
-from bisect import bisect_left, insort
 from collections import Counter, deque
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from itertools import pairwise
 from math import isfinite, sqrt
-from statistics import median
-from types import MappingProxyType
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from contact_tracker.config.quantities import RANGE_NS
 from contact_tracker.errors import InvalidPose
-from contact_tracker.motion.excursions import DefaultPoseFilter, ExcursionFilter
-from contact_tracker.motion.poses import NO_OUTLIERS, Outliers, Pose, Poses, Step, step_between
+from contact_tracker.motion.excursions import JUMP, KNOWN_POSES, JumpFilter, is_longer
+from contact_tracker.motion.poses import STEPS_KEPT, Pose, Poses, reach, step_between
 
+ROUNDING: Final = 1e-3
+NORM_TOLERANCE: Final = 0.05
+RANGE_M: Final = 1e6
 LONGEST_WAIT_NS: Final = 100_000_000
 """Longest time for which held poses delay the ticks."""
 GAP_NS: Final = 500_000_000
 GAP_PERIODS: Final = 10
 LEAD_PERIODS: Final = 5
-LEAD_PER_FOLLOWER_NS: Final = 100_000_000
-FOLLOWERS: Final = 20
-SLOW_RUN_NS: Final = LONGEST_WAIT_NS
-SLOW_FOLLOWERS: Final = 2
 MOST_HELD: Final = 64
-"""Largest number of held poses; random stamps never form a long run."""
+"""Largest number of poses held for their stamps; random stamps never form a long run."""
 RESET_RUN: Final = 20
-PERIODS_KEPT: Final = 25
-AWAY_STEPS: Final = 4.0
-"""A pose at the same stamp is away if it is farther than this many usual steps between stamps, and than
-calibration and noise explain."""
-AWAY_M: Final = 0.002
-AWAY_TURN: Final = 0.01
-LATEST_POSES: Final = 6
-LEAST_POSES: Final = 3
-"""Least number of poses with distinct stamps for the usual step, the median between the latest."""
 OTHER_NS: Final = 1
 """Delay with which a pose of another body is passed on, so that stamps increase."""
+_ADVICE: Final = "take PoseGate, or gate, of contact_tracker.motion.pose_validation first"
 
 
 class Ordered(NamedTuple):
@@ -101,39 +88,34 @@ class StampOrder:
     ----------
     last_ns : stamp of the last pose in order; None before the first.
     period_ns : the usual time between poses, the median of the latest; zero while it is unknown.
+    shift_ns : shift that is added to stamps since the last reset of the clock.
     """
 
     def __init__(self, counts: Counter[str]) -> None:
         self._counts = counts
         self.last_ns: int | None = None
         self.period_ns = 0
-        self._offset_ns = 0
-        self._backward: tuple[int, int, int] | None = None
+        self.shift_ns = 0
+        self._periods: deque[int] = deque(maxlen=STEPS_KEPT)
+        self._latest: deque[Pose] = deque(maxlen=KNOWN_POSES)
         self._held: list[Pose] = []
-        self._latest: deque[Pose] = deque(maxlen=LATEST_POSES)
+        self._backward: list[int] = []
         self._follows_other = False
-        self._periods: deque[int] = deque(maxlen=PERIODS_KEPT)
-        self._in_order: list[int] = []
-
-    @property
-    def shift_ns(self) -> int:
-        """Shift (ns) that is added to stamps since the last reset of the clock."""
-        return self._offset_ns
 
     def admit(self, pose: Pose) -> Sequence[Ordered]:
         """The poses to pass on now: this one, none, or several that were held."""
-        stamp_ns = pose.stamp_ns + self._offset_ns
+        stamp_ns = pose.stamp_ns + self.shift_ns
         if abs(pose.stamp_ns) > RANGE_NS or abs(stamp_ns) > RANGE_NS:
             self._counts["out_of_range"] += 1
             return ()
-        if self._offset_ns:
+        if self.shift_ns:
             pose = pose._replace(stamp_ns=stamp_ns)
         if self.last_ns is not None:
             step_ns = stamp_ns - self.last_ns
             if step_ns == 0 or (self._follows_other and step_ns == -OTHER_NS):
-                return self._consider_other(pose)
+                return self._consider_other(pose, self.last_ns)
             if step_ns < 0:
-                return self._consider_reset(pose)
+                return self._consider_reset(stamp_ns, pose)
             if not self._held and step_ns <= LEAD_PERIODS * self.period_ns:
                 return (self._accept(pose),)
         self._held.append(pose)
@@ -153,23 +135,20 @@ class StampOrder:
                 if not ended:
                     break
                 # one stamp contradicts all before it; at the start there is nothing to contradict
-                if len(run) == 1 and self.last_ns is not None and self._periods:
+                if len(run) == 1 and self.period_ns:
                     self._counts["leading_stamp"] += len(self._held)
                     self._held = []
                     break
-            first = run[0]
-            accepted_ns = stamps_ns[first]
-            released.append(self._accept(self._held[first]))
-            # poses before it that are not in the run lead it
-            if first:
+            first, accepted_ns = run[0], stamps_ns[run[0]]
+            if first:  # poses before it that are not in the run lead it
                 self._counts["leading_stamp"] += first
-            self._held = self._held[first + 1 :]
-            for pose in self._held:
-                if pose.stamp_ns == accepted_ns:
+            released.append(self._accept(self._held[first]))
+            for stamp_ns in stamps_ns[first + 1 :]:
+                if stamp_ns == accepted_ns:
                     self._counts["repeated_stamp"] += 1
-                elif pose.stamp_ns < accepted_ns:
+                elif stamp_ns < accepted_ns:
                     self._counts["backward_stamp"] += 1
-            self._held = [pose for pose in self._held if pose.stamp_ns > accepted_ns]
+            self._held = [pose for pose in self._held[first + 1 :] if pose.stamp_ns > accepted_ns]
         return released
 
     def _is_confirmed(self, run_ns: Sequence[int]) -> bool:
@@ -178,106 +157,182 @@ class StampOrder:
         if self.last_ns is None:
             return followers > 0
         lead_ns = run_ns[0] - self.last_ns
-        if lead_ns <= LEAD_PERIODS * self.period_ns:
+        if lead_ns <= LEAD_PERIODS * self.period_ns or followers > lead_ns // LONGEST_WAIT_NS:
             return True
-        slow = followers >= SLOW_FOLLOWERS and run_ns[-1] - run_ns[0] >= SLOW_RUN_NS
-        return slow or followers >= min(1 + lead_ns // LEAD_PER_FOLLOWER_NS, FOLLOWERS)
+        return followers > 1 and run_ns[-1] - run_ns[0] >= LONGEST_WAIT_NS
 
-    def _consider_other(self, pose: Pose) -> Sequence[Ordered]:
+    def _consider_other(self, pose: Pose, last_ns: int) -> Sequence[Ordered]:
         """Drop a pose at the stamp of the last one, unless it is of another body: then one is enough."""
-        assert self.last_ns is not None
-        if self._held or self._follows_other or not self._is_away(pose):
+        steps = [step_between(a, b) for a, b in pairwise(self._latest)]
+        # the median, as some of them lead from one body to the other
+        is_away = is_longer(step_between(self._latest[-1], pose), reach(steps, JUMP, 0.5))
+        if self._held or self._follows_other or not is_away:
             self._counts["repeated_stamp"] += 1
             return ()
         self._counts["simultaneous"] += 1
-        self.last_ns, self._follows_other = self.last_ns + OTHER_NS, True
+        self.last_ns, self._follows_other = last_ns + OTHER_NS, True
         return (Ordered(pose._replace(stamp_ns=self.last_ns), True),)
 
-    def _is_away(self, pose: Pose) -> bool:
-        """Whether this pose is farther from the last one than calibration, noise and usual steps explain."""
-        if len(self._latest) < LEAST_POSES:
-            return False
-        steps = [step_between(a, b) for a, b in pairwise(self._latest)]
-        usual = Step(median(step.distance_m for step in steps), median(step.turn for step in steps))
-        step = step_between(self._latest[-1], pose)
-        return step.distance_m > max(AWAY_M, AWAY_STEPS * usual.distance_m) or step.turn > max(
-            AWAY_TURN, AWAY_STEPS * usual.turn
-        )
-
-    def _consider_reset(self, pose: Pose) -> Sequence[Ordered]:
+    def _consider_reset(self, stamp_ns: int, pose: Pose) -> Sequence[Ordered]:
         """Drop a pose with an earlier stamp, or detect a reset of the clock by ``RESET_RUN`` in order."""
-        stamp_ns = pose.stamp_ns
-        first_ns, last_ns, length = self._backward or (stamp_ns, stamp_ns - 1, 0)
-        if stamp_ns <= last_ns:
-            first_ns, length = stamp_ns, 0
-        if length < RESET_RUN:
-            self._backward = (first_ns, stamp_ns, length + 1)
+        if self._backward and stamp_ns <= self._backward[-1]:
+            self._backward = []
+        self._backward.append(stamp_ns)
+        if len(self._backward) <= RESET_RUN:
             self._counts["backward_stamp"] += 1
             return ()
-        released = self.finish()
+        first_ns, released = self._backward[0], self.finish()
         assert self.last_ns is not None
         shift_ns = self.last_ns + max(self.period_ns, 1) - first_ns
-        self._offset_ns += shift_ns
+        self.shift_ns += shift_ns
         self._counts["clock_reset"] += 1
-        return (
-            *released,
-            self._accept(pose._replace(stamp_ns=stamp_ns + shift_ns))._replace(continues=False),
-        )
+        accepted = self._accept(pose._replace(stamp_ns=stamp_ns + shift_ns))
+        return (*released, accepted._replace(continues=False))
 
     def _accept(self, pose: Pose) -> Ordered:
         continues = self.last_ns is not None
         if self.last_ns is not None:
             step_ns = pose.stamp_ns - self.last_ns
-            if step_ns > GAP_NS and self._periods and step_ns > GAP_PERIODS * self.period_ns:
+            if step_ns > GAP_NS and step_ns > GAP_PERIODS * self.period_ns > 0:
                 self._counts["gap"] += 1
                 continues = False
             else:
-                if len(self._periods) == PERIODS_KEPT:
-                    del self._in_order[bisect_left(self._in_order, self._periods[0])]
                 self._periods.append(step_ns)
-                insort(self._in_order, step_ns)
-                self.period_ns = self._in_order[len(self._in_order) // 2]
-        self._backward = None
+                self.period_ns = sorted(self._periods)[len(self._periods) // 2]
+        self._backward = []
         self._latest.append(pose)
         self.last_ns, self._follows_other = pose.stamp_ns, False
         return Ordered(pose, continues)
 
 
 def longest_run(stamps: Sequence[int], after: int | None) -> list[int]:
-    """Indices of the longest run of increasing stamps; of equally long ones the shortest in time.
+    """Indices of the longest run of increasing stamps; of equally long ones the one that ends soonest
+    ``after`` a stamp, or after its own first."""
+    if all(a < b for a, b in pairwise(stamps)):
+        return list(range(len(stamps)))
+    runs = list[list[int]]()  # the longest one that ends with each
+    for i, stamp in enumerate(stamps):
+        runs.append([*max((run for run in runs if stamps[run[-1]] < stamp), key=len, default=[]), i])
+    return max(runs, key=lambda r: (len(r), (stamps[r[0]] if after is None else after) - stamps[r[-1]]))
+
+
+class Arrival(NamedTuple):
+    """The effect of a measured pose: the ``poses`` to pass on now, possibly none, or poses held until then.
+
+    ``time_ns`` is the latest stamp of the stream, None before the first pose in order. No pose before
+    ``next_ns`` is awaited any more: ticks that end by then are complete. It is later than ``time_ns`` by the
+    usual period if no pose is held, and otherwise earlier by ``LONGEST_WAIT_NS`` at most.
+    """
+
+    poses: Sequence[Pose]
+    time_ns: int | None
+    next_ns: int | None
+
+
+class PoseGate:
+    """Validates a stream of poses one by one.
 
     Parameters
     ----------
-    after : the stamp that a run has to follow; None if there is none.
+    counts : dropped and repaired poses are counted here by kind; kinds that do not occur stay absent.
+
+    Attributes
+    ----------
+    counts : counts by kind so far; callers may add to them.
+    refused_xyzw : the first quaternion of a wrong norm.
     """
-    if all(a < b for a, b in pairwise(stamps)):
-        return list(range(len(stamps)))
-    runs = list[tuple[int, int, int]]()  # best run ending with each: length, first stamp, predecessor
-    for i, stamp in enumerate(stamps):
-        predecessors = [j for j in range(i) if stamps[j] < stamp]
-        j = max(predecessors, key=lambda j: runs[j][:2], default=-1)
-        runs.append((runs[j][0] + 1, runs[j][1], j) if predecessors else (1, stamp, -1))
-    end = max(
-        range(len(stamps)),
-        key=lambda i: (runs[i][0], (runs[i][1] if after is None else after) - stamps[i]),
-    )
-    indices = [end]
-    while (end := runs[end][2]) >= 0:
-        indices.append(end)
-    return indices[::-1]
 
+    def __init__(self, counts: Counter[str] | None = None) -> None:
+        self.counts: Counter[str] = Counter() if counts is None else counts
+        self._order = StampOrder(self.counts)
+        self._jumps = JumpFilter(self.counts)
+        self._last: Pose | None = None
+        self.refused_xyzw: tuple[float, float, float, float] | None = None
 
-ROUNDING: Final = 1e-3
-NORM_TOLERANCE: Final = 0.05
-RANGE_M: Final = 1e6
-MANY_BACKWARD: Final = 0.2
-"""Share of poses out of order that single wrong stamps do not explain."""
-MOST_REPEATED: Final = 0.6
-"""Largest share of poses with the time of another pose where each is published twice."""
+    @property
+    def shift_ns(self) -> int:
+        """Shift (ns) that is added to stamps since the last reset of the clock."""
+        return self._order.shift_ns
 
+    def admit(self, pose: Pose) -> Sequence[Pose]:
+        """The poses to pass on now: this one, none, or several that were held until it came.
 
-_BACKWARD: Final = "sort them by time; if they are of several bodies, record each on a topic of its own"
-_ADVICE: Final = "take PoseGate, or gate, of contact_tracker.motion.pose_validation first"
+        Parameters
+        ----------
+        pose : as measured; any floats, any integer stamp.
+
+        Returns
+        -------
+        Poses with unit quaternions continuous in sign, and stamps after that of the last one returned.
+        """
+        quat_xyzw = self._unit_quaternion(pose)
+        if quat_xyzw is None:
+            return ()
+        return self._pass_on(self._order.admit(Pose(pose.stamp_ns, pose.position_m, quat_xyzw)))
+
+    def arrive(self, pose: Pose) -> Arrival:
+        """``admit`` online, where time goes on while poses are held or dropped."""
+        poses, time_ns = self.admit(pose), self._order.last_ns
+        if time_ns is None:
+            return Arrival(poses, None, None)
+        if poses and poses[-1].stamp_ns == time_ns:
+            return Arrival(poses, time_ns, time_ns + self._order.period_ns)
+        held_ns = self._jumps.held_since_ns
+        next_ns = time_ns if held_ns is None else max(held_ns, time_ns - LONGEST_WAIT_NS)
+        return Arrival(poses, time_ns, next_ns)
+
+    def end(self) -> Arrival:
+        """``finish`` online."""
+        time_ns = self._order.last_ns
+        return Arrival(self.finish(), time_ns, time_ns)
+
+    def finish(self) -> Sequence[Pose]:
+        """The poses still held, at the end of the stream."""
+        passed = self._pass_on(self._order.finish())
+        return (*passed, *map(self._continuous, self._jumps.finish()))
+
+    def admit_all(self, poses: Iterable[Pose]) -> Poses:
+        """``admit`` for several, in columns."""
+        return Poses.collect([kept for pose in poses for kept in self.admit(pose)])
+
+    def _unit_quaternion(self, pose: Pose) -> tuple[float, float, float, float] | None:
+        """The unit quaternion of a pose with valid numbers; None otherwise."""
+        (px, py, pz), (x, y, z, w) = pose.position_m, pose.quat_xyzw
+        # A sum is finite only if its terms are; it may overflow, which is out of range anyway.
+        if not isfinite(px + py + pz + x + y + z + w) and not all(map(isfinite, (px, py, pz, x, y, z, w))):
+            self.counts["nonfinite"] += 1
+            return None
+        if max(abs(px), abs(py), abs(pz)) > RANGE_M:
+            self.counts["out_of_range"] += 1
+            return None
+        norm = sqrt(x * x + y * y + z * z + w * w)
+        deviation = abs(norm - 1.0)
+        if deviation > NORM_TOLERANCE:
+            self.counts["bad_quaternion"] += 1
+            self.refused_xyzw = self.refused_xyzw or pose.quat_xyzw
+            return None
+        if deviation > ROUNDING:
+            self.counts["renormalised"] += 1
+        return (x / norm, y / norm, z / norm, w / norm)
+
+    def _pass_on(self, ordered: Iterable[Ordered]) -> Sequence[Pose]:
+        passed = list[Pose]()
+        for arrived, continues in ordered:
+            kept = self._jumps.admit(arrived, continues, self._order.period_ns)
+            passed += map(self._continuous, kept)
+        return passed
+
+    def _continuous(self, pose: Pose) -> Pose:
+        """The pose with the sign of its quaternion that is nearer to the last."""
+        last = self._last
+        if last is not None:
+            a, b = pose.quat_xyzw, last.quat_xyzw
+            if a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3] < 0.0:
+                pose = pose._replace(quat_xyzw=(-a[0], -a[1], -a[2], -a[3]))
+            if pose[1:] == last[1:]:
+                self.counts["held"] += 1
+        self._last = pose
+        return pose
 
 
 def gate(poses: Iterable[Pose], counts: Counter[str] | None = None) -> Poses:
@@ -285,110 +340,6 @@ def gate(poses: Iterable[Pose], counts: Counter[str] | None = None) -> Poses:
     passed = PoseGate(counts)
     parts = [passed.admit_all(batch) for batch in (poses.batches() if isinstance(poses, Poses) else [poses])]
     return Poses.join([*parts, Poses.collect(passed.finish())])
-
-
-def counts_text(counts: Mapping[str, int], outliers: Outliers = NO_OUTLIERS, origin_ns: int = 0) -> str:
-    """``gap 1, outlier 9 (at 1.25, 3.10, 7.00 s, ...)``: numbers by kind, and the times of the first
-    ``outliers`` in seconds after ``origin_ns``."""
-    at_s = ", ".join(f"{1e-9 * (stamp_ns - origin_ns):.2f}" for stamp_ns in outliers.first_stamps_ns)
-    dots = ", ..." if outliers.total > len(outliers.first_stamps_ns) else ""
-    places = {"outlier": f" (at {at_s} s{dots})"} if at_s else {}
-    return ", ".join(f"{kind} {count}{places.get(kind, '')}" for kind, count in counts.items() if count)
-
-
-def remarks_on(counts: Mapping[str, int], total: int) -> tuple[str, ...]:
-    """Warnings, one line for each reason for which many of ``total`` poses were dropped; none if most were,
-    see ``remark_on_loss``."""
-    if remark_on_loss(counts, total) is not None:
-        return ()
-    return tuple(filter(None, (_remark_on_times(counts, total), remark_on_excursions(counts))))
-
-
-def _remark_on_times(counts: Mapping[str, int], total: int) -> str | None:
-    """One line if many of ``total`` poses were dropped since they are not in order of time."""
-    backward = counts.get("backward_stamp", 0) - RESET_RUN * counts.get("clock_reset", 0)
-    if backward <= MANY_BACKWARD * total:
-        return None
-    return f"{backward} of {total} poses are earlier than one before them and are left out: {_BACKWARD}"
-
-
-_CAUSES: Final[Mapping[str, str]] = MappingProxyType(
-    {
-        "nonfinite": "they are no numbers, as where the object is hidden",
-        "out_of_range": "they are beyond 1000 km or 146 years: is the unit of the stamps or positions right? "
-        "Subtract a constant from coordinates of a map (UTM)",
-        "repeated_stamp": "they have the time of the one before: write more digits, if times are rounded; if "
-        "they are of several bodies, read those of one",
-        "backward_stamp": f"they are earlier than one before them: {_BACKWARD}",
-        "leading_stamp": "their times jump ahead, and back",
-        "default_pose": "one pose comes back bit for bit, as where the object is hidden",
-        "excursion": "they jump away and back, as those of another body",
-        "undecodable": "the messages do not match their definition",
-        "no_parent": "they are before or after the poses of the frame that they are relative to",
-        "parent_gap": "the frame that they are relative to was not known for more than a second",
-    }
-)
-"""Why poses are dropped, by kind; of quaternions see ``_cause_of_norm``."""
-_BEFORE_THE_GATE: Final = "undecodable", "no_parent", "parent_gap"
-"""Kinds of poses that do not reach the gate, which counts the others."""
-
-
-def remark_on_loss(
-    counts: Mapping[str, int], total: int, refused_xyzw: Sequence[float] | None = None
-) -> str | None:
-    """One line with the likely cause if more than half of ``total`` poses were dropped.
-
-    Poses that are published twice are no loss. ``refused_xyzw`` is the first quaternion of a wrong norm.
-    """
-    lost = {kind: counts.get(kind, 0) for kind in (*_CAUSES, "bad_quaternion")}
-    lost["backward_stamp"] -= RESET_RUN * counts.get("clock_reset", 0)
-    total += sum(lost[kind] for kind in _BEFORE_THE_GATE)
-    if lost["repeated_stamp"] <= MOST_REPEATED * total:
-        total -= lost.pop("repeated_stamp")
-    dropped = sum(lost.values())
-    if 2 * dropped <= total:
-        return None
-    kind = max(lost, key=lambda kind: lost[kind])
-    cause = _CAUSES[kind] if kind in _CAUSES else _cause_of_norm(refused_xyzw)
-    return f"{dropped} of {total} poses are left out, {lost[kind]} of them as {kind}: {cause}"
-
-
-def _cause_of_norm(quat_xyzw: Sequence[float] | None) -> str:
-    """The likely cause of quaternions that have another norm than 1, by one of them."""
-    if quat_xyzw is None:
-        return "the norm of quaternions is 1"
-    norm = sqrt(sum(part * part for part in quat_xyzw))
-    norm_text = f"the norm of ({' '.join(f'{part:.6g}' for part in quat_xyzw)}) is {norm:.6g}, not 1"
-    w = quat_xyzw[3]
-    twice = next((name for name, part in zip("xyz", quat_xyzw, strict=False) if part == w != 0.0), None)
-    if norm == 0.0:
-        return (
-            "the quaternions are zero, or matrices are no rotations: is the orientation recorded, unscaled?"
-        )
-    if twice is not None:
-        return f"{norm_text}, and w equals {twice}: is one column taken for both?"
-    if norm > 2.0 and all(map(float.is_integer, map(float, quat_xyzw))):
-        return f"{norm_text}: if these are integers that stand for fractions, divide them by their scale"
-    return f"{norm_text}: are they the four parts of one quaternion?"
-
-
-def first_refused(quat_xyzw: NDArray[np.float64]) -> Sequence[float] | None:
-    """The first of some quaternions (n, 4) with a wrong norm."""
-    with np.errstate(all="ignore"):
-        is_wrong = np.abs(np.linalg.norm(quat_xyzw, axis=1) - 1.0) > NORM_TOLERANCE
-    return quat_xyzw[is_wrong.argmax()].tolist() if is_wrong.any() else None
-
-
-def remark_on_excursions(counts: Mapping[str, int]) -> str | None:
-    """One line if there are long excursions."""
-    count = counts.get("long_excursion", 0)
-    if not count:
-        return None
-    return (
-        "the poses jump to another place, for half a second or more, and back as no motion does "
-        f"(stretches: {count}, poses left out: {counts.get('excursion', 0)}): another body or marker in the "
-        "place of this one? give each a topic, frame or name of its own"
-    )
 
 
 def is_valid(pose: Pose, after_ns: int | None) -> bool:
@@ -441,132 +392,3 @@ def require_valid(poses: Poses, after_ns: int | None) -> None:
         if wrong.any():
             first = int(wrong.argmax())
             raise InvalidPose(f"pose {first} of {count} has {text} (stamp {stamp_ns[first]} ns): {_ADVICE}")
-
-
-class Arrival(NamedTuple):
-    """The effect of a measured pose: the ``poses`` to pass on now, possibly none, or poses held until then.
-
-    ``time_ns`` is the latest stamp of the stream, None before the first pose in order. No pose before
-    ``next_ns`` is awaited any more: ticks that end by then are complete. It is later than ``time_ns`` by the
-    usual period if no pose is held, and otherwise earlier by ``LONGEST_WAIT_NS`` at most.
-    """
-
-    poses: Sequence[Pose]
-    time_ns: int | None
-    next_ns: int | None
-
-
-class PoseGate:
-    """Validates a stream of poses one by one.
-
-    Parameters
-    ----------
-    counts : dropped and repaired poses are counted here by kind; kinds that do not occur stay absent.
-    """
-
-    def __init__(self, counts: Counter[str] | None = None) -> None:
-        self._counts: Counter[str] = Counter() if counts is None else counts
-        self._order = StampOrder(self._counts)
-        self._defaults = DefaultPoseFilter(self._counts)
-        self._excursions = ExcursionFilter(self._counts)
-        self._last: Pose | None = None
-        self._refused_xyzw: tuple[float, float, float, float] | None = None
-
-    @property
-    def refused_xyzw(self) -> tuple[float, float, float, float] | None:
-        """The first quaternion of a wrong norm."""
-        return self._refused_xyzw
-
-    @property
-    def counts(self) -> Counter[str]:
-        """Counts by kind so far; callers may add to them."""
-        return self._counts
-
-    @property
-    def shift_ns(self) -> int:
-        """Shift (ns) that is added to stamps since the last reset of the clock."""
-        return self._order.shift_ns
-
-    def admit(self, pose: Pose) -> Sequence[Pose]:
-        """The poses to pass on now: this one, none, or several that were held until it came.
-
-        Parameters
-        ----------
-        pose : as measured; any floats, any integer stamp.
-
-        Returns
-        -------
-        Poses with unit quaternions continuous in sign, and stamps after that of the last one returned.
-        """
-        quat_xyzw = self._unit_quaternion(pose)
-        if quat_xyzw is None:
-            return ()
-        return self._pass_on(self._order.admit(Pose(pose.stamp_ns, pose.position_m, quat_xyzw)))
-
-    def arrive(self, pose: Pose) -> Arrival:
-        """``admit`` online, where time goes on while poses are held or dropped."""
-        poses, time_ns = self.admit(pose), self._order.last_ns
-        if time_ns is None:
-            return Arrival(poses, None, None)
-        if poses and poses[-1].stamp_ns == time_ns:
-            return Arrival(poses, time_ns, time_ns + self._order.period_ns)
-        held = [filter_.held_since_ns for filter_ in (self._defaults, self._excursions)]
-        since_ns = min((stamp_ns for stamp_ns in held if stamp_ns is not None), default=time_ns)
-        return Arrival(poses, time_ns, max(since_ns, time_ns - LONGEST_WAIT_NS))
-
-    def end(self) -> Arrival:
-        """``finish`` online."""
-        time_ns = self._order.last_ns
-        return Arrival(self.finish(), time_ns, time_ns)
-
-    def finish(self) -> Sequence[Pose]:
-        """The poses still held, at the end of the stream."""
-        passed = self._pass_on(self._order.finish())
-        period_ns = self._order.period_ns
-        defaults = self._defaults.finish()
-        waiting = [kept for pose in defaults for kept in self._excursions.admit(pose, True, period_ns)]
-        return (*passed, *map(self._continuous, (*waiting, *self._excursions.finish())))
-
-    def admit_all(self, poses: Iterable[Pose]) -> Poses:
-        """``admit`` for several, in columns."""
-        return Poses.collect([kept for pose in poses for kept in self.admit(pose)])
-
-    def _unit_quaternion(self, pose: Pose) -> tuple[float, float, float, float] | None:
-        """The unit quaternion of a pose with valid numbers; None otherwise."""
-        (px, py, pz), (x, y, z, w) = pose.position_m, pose.quat_xyzw
-        # A sum is finite only if its terms are; it may overflow, which is out of range anyway.
-        if not isfinite(px + py + pz + x + y + z + w) and not all(map(isfinite, (px, py, pz, x, y, z, w))):
-            self._counts["nonfinite"] += 1
-            return None
-        if max(abs(px), abs(py), abs(pz)) > RANGE_M:
-            self._counts["out_of_range"] += 1
-            return None
-        norm = sqrt(x * x + y * y + z * z + w * w)
-        deviation = abs(norm - 1.0)
-        if deviation > NORM_TOLERANCE:
-            self._counts["bad_quaternion"] += 1
-            self._refused_xyzw = self._refused_xyzw or pose.quat_xyzw
-            return None
-        if deviation > ROUNDING:
-            self._counts["renormalised"] += 1
-        return (x / norm, y / norm, z / norm, w / norm)
-
-    def _pass_on(self, ordered: Iterable[Ordered]) -> Sequence[Pose]:
-        passed = list[Pose]()
-        for arrived, continues in ordered:
-            for pose in self._defaults.admit(arrived, continues):
-                kept = self._excursions.admit(pose, continues, self._order.period_ns)
-                passed += map(self._continuous, kept)
-        return passed
-
-    def _continuous(self, pose: Pose) -> Pose:
-        """The pose with the sign of its quaternion that is nearer to the last."""
-        last = self._last
-        if last is not None:
-            a, b = pose.quat_xyzw, last.quat_xyzw
-            if a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3] < 0.0:
-                pose = pose._replace(quat_xyzw=(-a[0], -a[1], -a[2], -a[3]))
-            if pose[1:] == last[1:]:
-                self._counts["held"] += 1
-        self._last = pose
-        return pose

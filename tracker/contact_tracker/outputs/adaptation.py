@@ -7,7 +7,7 @@ from itertools import islice
 from typing import Any, Final
 
 from contact_tracker.errors import printable
-from contact_tracker.motion.pose_validation import remarks_on
+from contact_tracker.motion.losses import remarks_on
 from contact_tracker.motion.sensor_noise import estimate_noise
 from contact_tracker.outputs.text import LEAST_DEVIATION
 from contact_tracker.recording import WRENCH_TYPE, PoseSource, RecordingSummary, SourceSummary

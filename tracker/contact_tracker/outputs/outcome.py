@@ -9,7 +9,7 @@ from contact_tracker.errors import NoTruth, UnreadableRecording
 from contact_tracker.ground_truth import Truth
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.map.world_map import GrowingMap
-from contact_tracker.motion.pose_validation import counts_text
+from contact_tracker.motion.losses import counts_text
 from contact_tracker.outputs.adaptation import noise_text, warnings
 from contact_tracker.recording import read_truth
 from contact_tracker.tracking.belief import Segment

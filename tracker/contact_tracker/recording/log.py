@@ -16,14 +16,8 @@ from numpy.typing import NDArray
 from contact_tracker.config.quantities import RANGE_NS
 from contact_tracker.config.table_reading import AS_NAMED, TableReading
 from contact_tracker.errors import ChoiceError, MissingExtra, NoPoses, UnreadableRecording
-from contact_tracker.motion.pose_validation import (
-    Arrival,
-    PoseGate,
-    counts_text,
-    remark_on_excursions,
-    remark_on_loss,
-    remarks_on,
-)
+from contact_tracker.motion.losses import counts_text, remark_on_excursions, remark_on_loss, remarks_on
+from contact_tracker.motion.pose_validation import Arrival, PoseGate
 from contact_tracker.motion.poses import BATCH, NO_POSES, Pose, Poses
 from contact_tracker.recording.bytestream import Follow
 from contact_tracker.recording.decoding import LoggedPose, assumption_text

@@ -26,7 +26,7 @@ from contact_tracker.errors import (
     printable,
     shown,
 )
-from contact_tracker.motion.pose_validation import counts_text
+from contact_tracker.motion.losses import counts_text
 from contact_tracker.motion.poses import NO_OUTLIERS, Outliers, real_number
 from contact_tracker.suggestions import closest, near_file
 

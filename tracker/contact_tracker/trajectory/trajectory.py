@@ -15,13 +15,8 @@ from contact_tracker.config.quantities import LENGTHS, TIMES_NS
 from contact_tracker.config.table_reading import AS_NAMED, PYTHON, TableReading
 from contact_tracker.errors import NoPoses, UnreadableRecording, UsageError, shown
 from contact_tracker.geometry.elements import Array
-from contact_tracker.motion.pose_validation import (
-    counts_text,
-    first_refused,
-    gate,
-    remark_on_loss,
-    remarks_on,
-)
+from contact_tracker.motion.losses import counts_text, first_refused, remark_on_loss, remarks_on
+from contact_tracker.motion.pose_validation import gate
 from contact_tracker.motion.poses import AS_GIVEN, Pose, Poses, ReadAs
 from contact_tracker.recording import PoseLog, PoseSource, open_log, read_metadata
 from contact_tracker.recording.table_times import doubt_of_unit
