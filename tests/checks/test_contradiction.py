@@ -180,7 +180,7 @@ def test_before_the_noise_is_chosen_filtered_poses_refute_nothing_until_the_end(
     noise = replace(
         MODEL.noise, floor_position_m=(2.0 if is_filtered else 1.0) * MODEL.noise.floor_position_m
     )
-    stream = stream_of(up([0.6, 0.0, 0.8]), is_chosen=False, first=replace(MODEL, noise=noise))
+    stream = stream_of(up([0.6, 0.0, 0.8]), is_chosen=False, best=replace(MODEL, noise=noise))
     known = updated(Contradiction(), box.batches(), stream)
     assert known.is_likely(stream)
     assert known.is_found is not is_filtered

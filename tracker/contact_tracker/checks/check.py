@@ -43,10 +43,10 @@ class Stream(NamedTuple):
 
     @property
     def is_filtered(self) -> bool:
-        """Whether the poses look filtered: the evidence has excluded the least noise of a tick, that of
-        errors which average out."""
+        """Whether the poses look filtered: by the evidence, a tick has more noise than errors that average
+        out would leave."""
         least_m = self.model.noise.floor_position_m
-        return self.first is not None and self.first.noise.floor_position_m > least_m
+        return self.best is not None and self.best.noise.floor_position_m > least_m
 
 
 class Check:
