@@ -120,7 +120,7 @@ def test_fast_motion_is_not_taken_for_outliers(rate_hz, most):
     ("rate_hz", "sigma_m", "most"),
     [
         *((30.0, 0.0, 0.01), (50.0, 0.0, 0.003), (50.0, 1e-4, 0.01)),
-        *((125.0, 0.0, 0.001), (125.0, 3e-4, 0.01), (500.0, 0.0, 0.001)),
+        *((125.0, 0.0, 0.001), (125.0, 3e-4, 0.03), (500.0, 0.0, 0.001)),
     ],
 )
 def test_poses_of_a_robot_that_speeds_up_are_no_outliers(rate_hz, sigma_m, most):
