@@ -8,6 +8,7 @@ from itertools import chain, groupby, pairwise
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from contact_tracker.arrays import Array
@@ -189,6 +190,7 @@ class TableLayout:
     has_angles : whether the names of columns say that rotations are angles.
     note : one line on what is not read, or empty.
     body : index of the column with the name of the body of each row; None if all are of one.
+    are_successive : whether the first rows name one body, which others may follow (``begin_body``).
     """
 
     time: int
@@ -206,6 +208,7 @@ class TableLayout:
     has_angles: bool = False
     note: str = ""
     body: int | None = None
+    are_successive: bool = False
 
     @property
     def places(self) -> list[int]:
@@ -376,7 +379,8 @@ OF_BODY: Final = re.compile(
     r"(?:.*[._ ])?(?:u?id|name|body|obj|object|tracker|device|marker|tag|hand|sensor|controller|track|target)"
 )
 """Names of columns of the names of bodies, which may be numbers; columns of text may have any name."""
-_OF_PARENT: Final = re.compile(r"(?:.*[._ ])?(?<!child_)frame_id")
+_OF_OTHERS: Final = re.compile(r"(?:.*[._ ])?(?<!child_)frame_id|.*\[.*")
+"""Names of columns of the names of parent frames, and of elements of lists, as of joints."""
 _GENERIC: Final = {"", "pose", "field", "transform", "data", "msg", "message", "state"}
 MATRIX_SHAPES: Final = {9: (3, 3), 12: (3, 4), 16: (4, 4)}
 NEEDED: Final = "a time, x, y, z in metres, and qx, qy, qz, qw"
@@ -578,13 +582,19 @@ def with_body(layout: TableLayout, columns: Columns, rows: Rows) -> TableLayout:
             if not (is_named or is_text):
                 continue
             may_be_one = is_text or (name.endswith("id") and "".join(names[:1]).isdigit())
-            if may_be_one and names and not has_several and one is None and not _OF_PARENT.fullmatch(name):
+            if may_be_one and names and not has_several and one is None and not _OF_OTHERS.fullmatch(name):
                 one = place
             times = [row[layout.time] if layout.time >= 0 else str(i) for i, row in enumerate(first)]
             positions = np.array([numbers([row[i] for i in position]) for row in first]).reshape(-1, 3)
             if _are_bodies(names, times, positions):
                 return replace(layout, body=place)
-    return layout if one is None else replace(layout, body=one)
+    return layout if one is None else replace(layout, body=one, are_successive=True)
+
+
+def begin_body(texts: Sequence[str], times: NDArray[Any]) -> NDArray[np.bool_]:
+    """Which of the rows after the first (N - 1,) begin another of successive bodies: with other text, while
+    the time goes back. Where it goes on, the text tells something else, as the step of a task."""
+    return np.not_equal(texts[1:], texts[:-1]) & (times[1:] < times[:-1])
 
 
 def _are_bodies(names: Sequence[str], times: Sequence[str], positions: Array) -> bool:
