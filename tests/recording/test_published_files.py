@@ -457,6 +457,8 @@ def test_what_is_proposed_for_names_of_programs_is_right(
           for mm in ("/mm", " / mm", " in mm", ": mm", " {mm}", " <mm>", " mm", "mm", "_millimeters")),
         ("sec,msec,x,y,z,qx,qy,qz,qw", [["0"] * COUNT, 1e3 * T, POSE]),
         ("sec,msec,x,y,z,qx,qy,qz,qw", [T, 1e3 * T, POSE]),
+        ("wait time ms,time ms,x,y,z,qx,qy,qz,qw", [ZEROS[:, 0], 1e3 * T, POSE]),
+        ("sec,frame_msec,nsec,x,y,z,qx,qy,qz,qw", [["0"] * COUNT, np.ones(COUNT), NS, POSE]),
         ("time,x,y,z,qx,qy,qz,qw", [[f"20240514_1022{31 + t:09.6f}" for t in T], POSE]),
     ],
 )  # fmt: skip

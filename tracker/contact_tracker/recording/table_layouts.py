@@ -323,9 +323,9 @@ _LEVELS: Final = re.compile(r"^\('|', '|'\)$")
 _CAMEL: Final = re.compile(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z]{2})|(?<=[A-Z]{2})(?=[xyzw]$)")
 """Places at which a name in capitals and small letters is divided: ``posX``, ``HMDPosition``, ``POSx``."""
 _TIME: Final = re.compile(r"(?:.*[./ ])?(?:rosbag)?_*(?:t|time|times|time_?stamp|stamp)")
-_ELAPSED: Final = re.compile(r"(?:.*[./ _])?(?:elapsed|elapsed_?time|secs?|seconds)")
+_ELAPSED: Final = re.compile(r"(.*[./ _])?(?:elapsed|elapsed_?time|secs?|seconds)")
 """Names of a time if no other column is one."""
-_REST: Final = re.compile(r"(?:.*[./ _])?(nano_?|n|micro_?|u|milli_?|m)sec(?:s|onds)?")
+_REST: Final = re.compile(r"(.*[./ _])?(nano|n|micro|u|milli|m)_?sec(?:s|onds)?")
 _REST_NS: Final = {"n": 1.0, "nano": 1.0, "u": 1e3, "micro": 1e3, "m": 1e6, "milli": 1e6}
 FRAME: Final = re.compile(r"(?:.*[./ ])?(?:frame|frame_?(?:number|no|nr|index|idx|#)|sample)")
 _CLOCKS: Final = frozenset({"", "unix", "utc", "epoch", "posix"})
@@ -514,11 +514,18 @@ class Columns:
             return times[TIME], times.get(REST)
         patterns = (FRAME, _TIME, _ELAPSED) if reading.has_frame_numbers else (_TIME, _ELAPSED)
         for pattern in patterns:
-            place = next((i for i, name in enumerate(self.plain) if pattern.fullmatch(name)), None)
-            if place is not None:
-                rests = [i for i, name in enumerate(self.plain) if _REST.fullmatch(name)]
-                return place, rests[0] if pattern is _ELAPSED and rests else None
+            places = [(i, match) for i, name in enumerate(self.plain) if (match := pattern.fullmatch(name))]
+            for place, match in sorted(places, key=lambda part: " " in part[1][0]):  # not ``wait time``
+                return place, self._rest(match[1]) if pattern is _ELAPSED else None
         return (-1 if reading.has_frame_numbers else None), None
+
+    def _rest(self, prefix: str | None) -> int | None:
+        """Index of the column with the fraction of seconds whose name has this prefix: the finest one. As
+        milliseconds may be of a duration (``latency_msec``), they need the same prefix."""
+        matches = [(i, match) for i, name in enumerate(self.plain) if (match := _REST.fullmatch(name))]
+        units = ((_REST_NS[match[2]], match[1], i) for i, match in matches)
+        rests = ((ns, i) for ns, of_rest, i in units if ns < 1e6 or of_rest == prefix)
+        return min(rests, default=(0.0, None))[1]
 
 
 def _roles(plain: str, by_columns: bool) -> Iterator[tuple[str, str]]:
@@ -559,7 +566,7 @@ def layout(columns: Columns, reading: TableReading) -> TableLayout:
         quaternion = ()
     time_ns = 1e9 if rest is not None else time_ns
     rest_unit = _REST.fullmatch(columns.plain[rest]) if rest is not None else None
-    rest_ns = 1.0 if rest_unit is None else _REST_NS[rest_unit[1].strip("_")]
+    rest_ns = 1.0 if rest_unit is None else _REST_NS[rest_unit[2]]
     return TableLayout(
         time, time_ns, bodies, rest=rest, rest_ns=rest_ns, quaternion=quaternion, has_angles=has_angles
     )
