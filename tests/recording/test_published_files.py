@@ -426,6 +426,8 @@ ONE_DATE = ["2024-05-14 10:22:31"] * COUNT
          [np.arange(COUNT), TIME, OTHER_REAL_FIRST, P_MM, REAL_FIRST]),
         (f"t,{beside('{0}[0],{0}[1],{0}[2],{0}[3],{0}[4],{0}[5]', 'target_TCP_pose', 'actual_TCP_pose')}",
          [T, P + 1.0, ZEROS[:, :3], P, TURN.as_rotvec()]),
+        (f"t,{beside('{0}[0],{0}[1],{0}[2],{0}[3],{0}[4],{0}[5]', 'CMD', 'plane')}",
+         [T, P + 1.0, ZEROS[:, :3], P, TURN.as_rotvec()]),
         ("frame,capture_time,x,y,z,roll,pitch,yaw", [np.arange(COUNT), T, P, DEGREES]),
         ("frame,when,x,y,z,qx,qy,qz,qw", [np.arange(COUNT), DATES, POSE]),
         ("frame,created,x,y,z,qx,qy,qz,qw", [np.arange(COUNT), ONE_DATE, POSE]),
