@@ -11,11 +11,13 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
+from contact_tracker import Trajectory
 from contact_tracker.cli.main import build_parser
-from contact_tracker.errors import NoTruth, UnreadableRecording
+from contact_tracker.errors import NoTruth, UnreadableRecording, UsageError
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import list_sources, open_log
 from contact_tracker.recording.annotations import read_labels
+from contact_tracker.recording.table_proposals import FIRST_ROWS
 from contact_tracker.recording.table_times import unit_of
 from pose_tables import (
     DEGREES,
@@ -424,6 +426,8 @@ ONE_DATE = ["2024-05-14 10:22:31"] * COUNT
          [np.arange(COUNT), TIME, OTHER_REAL_FIRST, P_MM, REAL_FIRST]),
         (f"t,{beside('{0}[0],{0}[1],{0}[2],{0}[3],{0}[4],{0}[5]', 'target_TCP_pose', 'actual_TCP_pose')}",
          [T, P + 1.0, ZEROS[:, :3], P, TURN.as_rotvec()]),
+        (f"t,{beside('{0}[0],{0}[1],{0}[2],{0}[3],{0}[4],{0}[5]', 'CMD', 'plane')}",
+         [T, P + 1.0, ZEROS[:, :3], P, TURN.as_rotvec()]),
         ("frame,capture_time,x,y,z,roll,pitch,yaw", [np.arange(COUNT), T, P, DEGREES]),
         ("frame,when,x,y,z,qx,qy,qz,qw", [np.arange(COUNT), DATES, POSE]),
         ("frame,created,x,y,z,qx,qy,qz,qw", [np.arange(COUNT), ONE_DATE, POSE]),
@@ -455,6 +459,8 @@ def test_what_is_proposed_for_names_of_programs_is_right(
           for mm in ("/mm", " / mm", " in mm", ": mm", " {mm}", " <mm>", " mm", "mm", "_millimeters")),
         ("sec,msec,x,y,z,qx,qy,qz,qw", [["0"] * COUNT, 1e3 * T, POSE]),
         ("sec,msec,x,y,z,qx,qy,qz,qw", [T, 1e3 * T, POSE]),
+        ("wait time ms,time ms,x,y,z,qx,qy,qz,qw", [ZEROS[:, 0], 1e3 * T, POSE]),
+        ("sec,frame_msec,nsec,x,y,z,qx,qy,qz,qw", [["0"] * COUNT, np.ones(COUNT), NS, POSE]),
         ("time,x,y,z,qx,qy,qz,qw", [[f"20240514_1022{31 + t:09.6f}" for t in T], POSE]),
     ],
 )  # fmt: skip
@@ -539,6 +545,29 @@ def test_rows_of_several_bodies_are_sources(
     path = write(tmp_path / "a.csv", [f"time,{column},x,y,z,qx,qy,qz,qw"], lines)
     assert sorted(source.child_frame_id for source in list_sources(str(path))) == bodies
     assert_read(path, frame=bodies[0])
+
+
+@pytest.mark.parametrize(
+    ("column", "texts"),
+    [
+        ("object", ["none", "cup"]),
+        ("hand", ["open", "closed"]),
+        ("phase_id", ["0", "1"]),
+        ("target", ["none", "slot"]),
+    ],
+)
+def test_text_that_changes_while_time_goes_on_names_no_other_body(
+    tmp_path: Path, column: str, texts: list[str]
+) -> None:
+    """As the object in a hand, or the step of a task."""
+    first = FIRST_ROWS + 10
+    cells = np.repeat(texts, [first, COUNT - first]).tolist()
+    assert_read(write(tmp_path / "a.csv", [f"time,{column},x,y,z,qx,qy,qz,qw"], rows(T, cells, POSE)))
+    table = dict(zip(NAMES.split(","), POSE.T, strict=True)) | {"time": T, column: cells}
+    assert len(Trajectory.from_dataframe(table)) == COUNT
+    restarting = table | {"time": np.r_[T[:first], T[: COUNT - first]]}
+    with pytest.raises(UsageError, match="several bodies"):
+        Trajectory.from_dataframe(restarting)
 
 
 def test_the_names_of_parent_frames_and_steps_are_no_bodies(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ from itertools import chain, groupby, pairwise
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from contact_tracker.arrays import Array
@@ -189,6 +190,7 @@ class TableLayout:
     has_angles : whether the names of columns say that rotations are angles.
     note : one line on what is not read, or empty.
     body : index of the column with the name of the body of each row; None if all are of one.
+    are_successive : whether the first rows name one body, which others may follow (``begin_body``).
     """
 
     time: int
@@ -206,6 +208,7 @@ class TableLayout:
     has_angles: bool = False
     note: str = ""
     body: int | None = None
+    are_successive: bool = False
 
     @property
     def places(self) -> list[int]:
@@ -320,9 +323,9 @@ _LEVELS: Final = re.compile(r"^\('|', '|'\)$")
 _CAMEL: Final = re.compile(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z]{2})|(?<=[A-Z]{2})(?=[xyzw]$)")
 """Places at which a name in capitals and small letters is divided: ``posX``, ``HMDPosition``, ``POSx``."""
 _TIME: Final = re.compile(r"(?:.*[./ ])?(?:rosbag)?_*(?:t|time|times|time_?stamp|stamp)")
-_ELAPSED: Final = re.compile(r"(?:.*[./ _])?(?:elapsed|elapsed_?time|secs?|seconds)")
+_ELAPSED: Final = re.compile(r"(.*[./ _])?(?:elapsed|elapsed_?time|secs?|seconds)")
 """Names of a time if no other column is one."""
-_REST: Final = re.compile(r"(?:.*[./ _])?(nano_?|n|micro_?|u|milli_?|m)sec(?:s|onds)?")
+_REST: Final = re.compile(r"(.*[./ _])?(nano|n|micro|u|milli|m)_?sec(?:s|onds)?")
 _REST_NS: Final = {"n": 1.0, "nano": 1.0, "u": 1e3, "micro": 1e3, "m": 1e6, "milli": 1e6}
 FRAME: Final = re.compile(r"(?:.*[./ ])?(?:frame|frame_?(?:number|no|nr|index|idx|#)|sample)")
 _CLOCKS: Final = frozenset({"", "unix", "utc", "epoch", "posix"})
@@ -376,7 +379,8 @@ OF_BODY: Final = re.compile(
     r"(?:.*[._ ])?(?:u?id|name|body|obj|object|tracker|device|marker|tag|hand|sensor|controller|track|target)"
 )
 """Names of columns of the names of bodies, which may be numbers; columns of text may have any name."""
-_OF_PARENT: Final = re.compile(r"(?:.*[._ ])?(?<!child_)frame_id")
+_OF_OTHERS: Final = re.compile(r"(?:.*[._ ])?(?<!child_)frame_id|.*\[.*")
+"""Names of columns of the names of parent frames, and of elements of lists, as of joints."""
 _GENERIC: Final = {"", "pose", "field", "transform", "data", "msg", "message", "state"}
 MATRIX_SHAPES: Final = {9: (3, 3), 12: (3, 4), 16: (4, 4)}
 NEEDED: Final = "a time, x, y, z in metres, and qx, qy, qz, qw"
@@ -510,11 +514,18 @@ class Columns:
             return times[TIME], times.get(REST)
         patterns = (FRAME, _TIME, _ELAPSED) if reading.has_frame_numbers else (_TIME, _ELAPSED)
         for pattern in patterns:
-            place = next((i for i, name in enumerate(self.plain) if pattern.fullmatch(name)), None)
-            if place is not None:
-                rests = [i for i, name in enumerate(self.plain) if _REST.fullmatch(name)]
-                return place, rests[0] if pattern is _ELAPSED and rests else None
+            places = [(i, match) for i, name in enumerate(self.plain) if (match := pattern.fullmatch(name))]
+            for place, match in sorted(places, key=lambda part: " " in part[1][0]):  # not ``wait time``
+                return place, self._rest(match[1]) if pattern is _ELAPSED else None
         return (-1 if reading.has_frame_numbers else None), None
+
+    def _rest(self, prefix: str | None) -> int | None:
+        """Index of the column with the fraction of seconds whose name has this prefix: the finest one. As
+        milliseconds may be of a duration (``latency_msec``), they need the same prefix."""
+        matches = [(i, match) for i, name in enumerate(self.plain) if (match := _REST.fullmatch(name))]
+        units = ((_REST_NS[match[2]], match[1], i) for i, match in matches)
+        rests = ((ns, i) for ns, of_rest, i in units if ns < 1e6 or of_rest == prefix)
+        return min(rests, default=(0.0, None))[1]
 
 
 def _roles(plain: str, by_columns: bool) -> Iterator[tuple[str, str]]:
@@ -555,7 +566,7 @@ def layout(columns: Columns, reading: TableReading) -> TableLayout:
         quaternion = ()
     time_ns = 1e9 if rest is not None else time_ns
     rest_unit = _REST.fullmatch(columns.plain[rest]) if rest is not None else None
-    rest_ns = 1.0 if rest_unit is None else _REST_NS[rest_unit[1].strip("_")]
+    rest_ns = 1.0 if rest_unit is None else _REST_NS[rest_unit[2]]
     return TableLayout(
         time, time_ns, bodies, rest=rest, rest_ns=rest_ns, quaternion=quaternion, has_angles=has_angles
     )
@@ -578,13 +589,19 @@ def with_body(layout: TableLayout, columns: Columns, rows: Rows) -> TableLayout:
             if not (is_named or is_text):
                 continue
             may_be_one = is_text or (name.endswith("id") and "".join(names[:1]).isdigit())
-            if may_be_one and names and not has_several and one is None and not _OF_PARENT.fullmatch(name):
+            if may_be_one and names and not has_several and one is None and not _OF_OTHERS.fullmatch(name):
                 one = place
             times = [row[layout.time] if layout.time >= 0 else str(i) for i, row in enumerate(first)]
             positions = np.array([numbers([row[i] for i in position]) for row in first]).reshape(-1, 3)
             if _are_bodies(names, times, positions):
                 return replace(layout, body=place)
-    return layout if one is None else replace(layout, body=one)
+    return layout if one is None else replace(layout, body=one, are_successive=True)
+
+
+def begin_body(texts: Sequence[str], times: NDArray[Any]) -> NDArray[np.bool_]:
+    """Which of the rows after the first (N - 1,) begin another of successive bodies: with other text, while
+    the time goes back. Where it goes on, the text tells something else, as the step of a task."""
+    return np.not_equal(texts[1:], texts[:-1]) & (times[1:] < times[:-1])
 
 
 def _are_bodies(names: Sequence[str], times: Sequence[str], positions: Array) -> bool:

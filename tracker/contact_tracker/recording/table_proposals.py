@@ -51,7 +51,10 @@ _PREFIX: Final = re.compile(r".+[._/: -]")
 """Prefix of the names of a system's columns, as ``rist_`` or ``tool.``."""
 _SUFFIX: Final = re.compile(r"[^._/: -]+([._/: -].+)")
 """Suffix of the names of a system's columns, as ``_rist``."""
-_COMMANDED: Final = re.compile(r"(?<![^\W_])(?:r?sol|ref|cmd|des|set|target|goal|command|nominal|plan)")
+_COMMANDED: Final = re.compile(
+    r"(?<![^\W_])(?i:r?sol|ref(?:erence)?|cmd|command(?:ed)?|des(?:ired)?|set(?:_?points?)?|target|goal|nominal"
+    r"|plan(?:ned)?)(?![a-z])"
+)
 """Names of poses that a robot was to have, which are proposed after those that it had."""
 _MOST_GROUPS: Final = 12
 """Largest number of groups of numbered columns that are tried, alone and in pairs."""

@@ -31,6 +31,7 @@ from contact_tracker.recording.table_layouts import (
     ProposedReading,
     TableLayout,
     are_numbers,
+    begin_body,
     numbers,
 )
 from contact_tracker.recording.table_times import NEVER, TableTimes
@@ -171,6 +172,7 @@ def read_table(
     sources = tuple(PoseSource(topic, layout.kind, "", body.name, None, read_as) for body in layout.bodies)
     is_read = is_wanted(Channel(topic, ROWS, layout.kind, "", b""))
     times, count, lost, why, doubt = TableTimes(path, layout, reading, notes.assume), 0, 0, "", ""
+    bodies = _Bodies(layout.are_successive)
     largest = np.nan
     for columns in table if is_read else ():
         rows_read = len(next(iter(columns.values())))
@@ -195,14 +197,37 @@ def read_table(
         if layout.body is None:
             yield Rows(sources, by_body)
         else:
-            names = compress(columns[layout.body], good)
-            yield from _of_bodies(sources[0], [str(name).strip(BLANKS) for name in names], by_body[0])
+            texts = [str(text).strip(BLANKS) for text in compress(columns[layout.body], good)]
+            yield from _of_bodies(sources[0], bodies.names(texts, by_body[0].stamp_ns), by_body[0])
     if lost:
         notes.report(f"{lost} {'row has' if lost == 1 else 'rows have'} {why}")
     if doubt := doubt_degrees(largest, reading, path):
         notes.assume(doubt)
     for damage in table.damage:
         notes.report(damage)
+
+
+class _Bodies:
+    """The names of the bodies of rows, batch by batch; of successive ones, that of the first until the time
+    goes back, and then those in the column."""
+
+    def __init__(self, are_successive: bool) -> None:
+        self._are_successive = are_successive
+        self._first = ""
+        self._last: tuple[str, int] | None = None
+
+    def names(self, texts: Sequence[str], stamp_ns: NDArray[np.int64]) -> Sequence[str]:
+        """The names of the bodies of rows with these texts and stamps."""
+        if not self._are_successive or not texts:
+            return texts
+        if self._last is None:
+            self._first, self._last = texts[0], (texts[0], int(stamp_ns[0]))
+        text, last_ns = self._last
+        begins = begin_body([text, *texts], np.r_[last_ns, stamp_ns])
+        self._last = texts[-1], int(stamp_ns[-1])
+        self._are_successive = not begins.any()
+        count = len(texts) if self._are_successive else int(begins.argmax())
+        return [*[self._first] * count, *texts[count:]]
 
 
 def _of_bodies(source: PoseSource, names: Sequence[str], poses: Poses) -> Iterator[Rows]:

@@ -22,7 +22,7 @@ from contact_tracker.config.table_reading import (
 from contact_tracker.errors import ChoiceError, UnreadableRecording, UsageError, shown
 from contact_tracker.geometry.elements import Array
 from contact_tracker.motion.poses import Poses, real_number, real_numbers
-from contact_tracker.recording.table_layouts import UNNAMED, quaternions
+from contact_tracker.recording.table_layouts import UNNAMED, TableLayout, begin_body, quaternions
 from contact_tracker.recording.table_proposals import FIRST_ROWS, layout_of_names
 from contact_tracker.recording.table_units import are_no_radians, doubt_angles, doubt_degrees, largest_deg
 from contact_tracker.trajectory.arguments import python_words, warn_of
@@ -237,7 +237,7 @@ def columns_of(table: Any, reading: TableReading) -> tuple[NDArray[Any], float |
     if len(layout.bodies) > 1:
         bodies = ", ".join(body.name for body in layout.bodies)
         raise UsageError(f"several bodies, {bodies}: name the columns of one, as columns={{'x': ...}}")
-    if layout.body is not None and len({*map(str, _column(table, keys[layout.body]))}) > 1:
+    if layout.body is not None and _has_bodies(table, keys, layout):
         raise UsageError(
             f"its rows are of several bodies, by the column {keys[layout.body]}: give the rows of one"
         )
@@ -270,6 +270,17 @@ def columns_of(table: Any, reading: TableReading) -> tuple[NDArray[Any], float |
         seconds, subseconds = numbers.astype(np.int64)
         return seconds * 10**9 + subseconds * round(layout.rest_ns), 1.0, poses
     return time, layout.time_ns, poses
+
+
+def _has_bodies(table: Any, keys: Sequence[Any], layout: TableLayout) -> bool:
+    """Whether rows are of several bodies, by the column of their names."""
+    names = [*map(str, _column(table, keys[layout.body or 0]))]
+    if not layout.are_successive or layout.time < 0:
+        return not layout.are_successive and len({*names}) > 1
+    try:
+        return bool(begin_body(names, _column(table, keys[layout.time])).any())
+    except (TypeError, ValueError):  # refused below, if these are no times
+        return False
 
 
 def _column(table: Any, key: Any) -> NDArray[Any]:
