@@ -316,6 +316,15 @@ def test_rotations_that_are_no_quaternions_are_refused(tmp_path: Path) -> None:
         open_log(str(path))
 
 
+@pytest.mark.parametrize("angles", ["orient", "rot", "orientation"])
+def test_angles_before_a_quaternion_are_no_part_of_it(angles: str, tmp_path: Path) -> None:
+    """Columns ``rot_x`` may be those of a quaternion, but not beside ``qx``."""
+    names = "t", "x", "y", "z", *(f"{angles}_{axis}" for axis in "xyz"), *NAMES[3:]
+    values = np.insert(columns(POSES), [4, 4, 4], [10.0, -20.0, 30.0], axis=1)
+    np.savetxt(tmp_path / "a.csv", values, "%.9f", ",", header=",".join(names), comments="")
+    assert_read(tmp_path / "a.csv", time_ns=1000)
+
+
 def test_rows_that_are_cut_off_or_garbage_are_counted(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     path.write_text("t,x,y,z,qx,qy,qz,qw\n0,1,2,3,0,0,0,1\n0.1,1,2,3,0,0,0,1\nx,1,2,3,0,0,0,1\n0.3,1,2\n")

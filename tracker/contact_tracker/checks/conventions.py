@@ -223,8 +223,8 @@ BETTER_NATS: Final = 60.0
 ODD_NATS: Final = 120.0
 """Lead (nats) from which positions and orientations do not fit together, even if no reading fits. In the 166
 files and in 15 right recordings leads are at most 79 (free motion), but 110 to 120 in one of 12 more of a
-hand in the air; mistakes lead by up to 40 in each window. Readings this far behind the best are no longer
-compared, which saves 0.7 of the time."""
+hand in the air; mistakes lead by up to 40 in each window. Readings this far behind the best are not compared,
+which saves 0.7 of the time."""
 STANDS_OUT: Final = 4.5
 """Least lead of the best reading over the median one, in distances from that to the upper quartile. In free
 motion that is smooth for 2 s, a vertex on a face fits some readings by chance in each window: the best of 88

@@ -454,7 +454,8 @@ class Columns:
         """Indices of columns by body and role, as the reading states or by their names."""
         stated = dict(chain.from_iterable(self._stated(*column, reading) for column in reading.columns))
         by_body: dict[str, dict[str, int]] = {}
-        for place, name in enumerate(self.plain):
+        # angles may have the names of a quaternion's parts, ``orient_x``, but not ``qx`` or ``quat_x``
+        for place, name in sorted(enumerate(self.plain), key=lambda column: "q" not in column[1]):
             if place not in stated.values():
                 for body, role in _roles(name, reading.matrix == "columns"):
                     by_body.setdefault(body, {}).setdefault(role, place)
