@@ -174,13 +174,15 @@ def _refutes(lead: float, lost: float, known_map: Map) -> bool:
 
 
 def _is_undecided(with_map: Belief, without_map: Belief, state: FilterState) -> bool:
-    """Whether motion in few directions does not decide between the contacts of the two trackers: the second,
-    in this ``state``, has more evidence because something else, such as the hand, adds a constraint (T24). It
+    """Whether the motion does not decide between the contacts of the two trackers: they are one contact that
+    fits as well with the map, or one that the motion in few directions does not distinguish: the second, in
+    this ``state``, has more evidence because something else, such as the hand, adds a constraint (T24). It
     may be one contact on other elements, as of a hinge, on which faces fit across its axis."""
     label = without_map.contact
-    if with_map.contact not in (label, *without_map.inseparable):
-        return False
-    if not freedom_of(label, state.window, state.onset_of(label)).underused:
+    if with_map.contact is not label and (
+        with_map.contact not in without_map.inseparable
+        or not freedom_of(label, state.window, state.onset_of(label)).underused
+    ):
         return False
     residual, rival = (
         1.0 if belief.contact is Contact.FREE else float(belief.residual[belief.contact.column])
