@@ -129,6 +129,16 @@ def turning_about_its_origin(rate_hz):
     return Poses(stamp_ns, 5e-5 * rng.normal(size=(len(time_s), 3)), Rotation.from_rotvec(turns).as_quat())
 
 
+def swinging_arm():
+    """Its tool, 0.7 m from the world's origin, turns about the first axis, as inverse poses turn about a
+    point."""
+    rng, time_s = np.random.default_rng(0), np.arange(0.0, 12.0, 0.01)
+    angle = 0.8 * np.sin(1.1 * time_s)
+    turn = Rotation.from_rotvec(angle[:, None] * [0.0, 0.0, 1.0] + 1e-3 * rng.normal(size=(1200, 3)))
+    place_m = turn.apply([0.7, 0.0, 0.3]) + 1e-4 * rng.normal(size=(1200, 3))
+    return Poses(np.arange(1200) * 10_000_000, place_m, turn.as_quat())
+
+
 def with_outliers(poses):
     rng = np.random.default_rng(0)
     off = rng.random(len(poses)) < 0.1
@@ -175,6 +185,7 @@ OTHERS = {
     "a robot at 5 Hz": lambda _: odometry(5, 0.003, 1e-4),
     "a robot at 30 Hz": lambda _: odometry(30, 0.005, 1e-5),
     "a robot at 200 Hz": lambda _: odometry(200, 0.003, 2e-3),
+    "an arm": lambda _: swinging_arm(),
     "a robot without noise": lambda _: odometry(30, 0.0, 0.0),
     # with any share of motion in the third differences
     "motion without noise at 10 Hz": by_hand(3, 60.0, 10, 0.0, 0.0),
