@@ -118,10 +118,7 @@ def test_fast_motion_is_not_taken_for_outliers(rate_hz, most):
 
 @pytest.mark.parametrize(
     ("rate_hz", "sigma_m", "most"),
-    [
-        *((30.0, 0.0, 0.01), (50.0, 0.0, 0.003), (50.0, 1e-4, 0.01)),
-        *((125.0, 0.0, 0.001), (125.0, 3e-4, 0.03), (500.0, 0.0, 0.001)),
-    ],
+    [(30.0, 0.0, 0.01), (50.0, 0.0, 0.003), (50.0, 1e-4, 0.01), (125.0, 0.0, 0.001), (500.0, 0.0, 0.001)],
 )
 def test_poses_of_a_robot_that_speeds_up_are_no_outliers(rate_hz, sigma_m, most):
     """Also the first and last frames of a tick, which have neighbours on one side; most jumps of 3 cm are."""

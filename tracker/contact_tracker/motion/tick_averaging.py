@@ -11,7 +11,7 @@ from contact_tracker.arrays import Array
 from contact_tracker.config.parameters import Model
 from contact_tracker.geometry.elements import Origins
 from contact_tracker.geometry.lifted_pose import R, T, mean_lift
-from contact_tracker.geometry.linalg import between, median, rotation_vectors
+from contact_tracker.geometry.linalg import between, rotation_vectors
 from contact_tracker.motion import free_motion, sensor_noise
 from contact_tracker.motion.free_motion import NO_EXCESS, FreeMotion, InnovationExcess
 from contact_tracker.motion.poses import NO_OUTLIERS, NO_POSES, Outliers, Poses
@@ -214,7 +214,7 @@ def _plausible(
             beside = _lacks_neighbours(count, width) if is_predicted else everything
             step_sq = _step_sq(deviation) + (1.0 - STEP_NOISE) * sigma_sq
             allowed_sq = np.where(beside[:, None], np.maximum(allowed_sq, step_sq), allowed_sq)
-        deviation = _from_local_median(deviation, width)
+        deviation = deviation - _local_median(deviation, width)
     distance_sq = (deviation * deviation).reshape(-1, 2, 3).sum(axis=2)
     plausible = (distance_sq < model.noise.outlier_sigmas**2 * allowed_sq).all(axis=1)
     return np.asarray(plausible if plausible.any() else everything)
@@ -239,18 +239,6 @@ def _lacks_neighbours(count: int, width: int) -> NDArray[np.bool_]:
     one side, a step or two away."""
     at, half = np.arange(count), width // 2
     return np.asarray((at < half) | (at >= count - half))
-
-
-def _from_local_median(rows: Array, width: int) -> Array:
-    """Differences of rows from the median over the ``width`` rows around each row. At the ends, where that is
-    the median of the last rows, up to two steps away, these are first moved by their median step."""
-    apart, half = rows - _local_median(rows, width), width // 2
-    if width < NEIGHBOURS:
-        return apart
-    for last in (slice(None, width), slice(None, -width - 1, -1)):
-        ends = rows[last] - median(np.diff(rows[last], axis=0)) * np.arange(width)[:, None]
-        apart[last][:half] = (ends - median(ends))[:half]
-    return apart
 
 
 def _local_median(rows: Array, width: int) -> Array:
