@@ -12,6 +12,7 @@ from contact_tracker.recording.table_layouts import OF_BODY, UNNAMED, are_number
 from contact_tracker.recording.table_times import stamp_of_date
 
 LEAST_OF_POSE: Final = 6
+"""Number of values of the smallest pose: a position and three angles."""
 _DIGITS_OF_STAMP: Final = 10
 """Least number of digits of a time since 1970."""
 _DOCUMENT: Final = 2**26
