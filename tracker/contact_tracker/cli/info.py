@@ -106,12 +106,6 @@ def _reports(sources: "Sequence[SourceSummary]") -> "dict[PoseSource, Report | N
                 break
         remaining -= used
         tracker.inspect_added()
-        is_cut_short = start + BATCH_POSES < len(source.beginning)
-        report = tracker.report_so_far if is_cut_short else tracker.report
-        if report is not None:
-            is_part = is_cut_short or len(source.beginning) < source.poses
-            text = "does not change in the first" if is_part else "never changes in"
-            findings = (f._replace(text=f.text.replace("never changes in", text)) for f in report.findings)
-            report = report._replace(is_cut_short=is_cut_short, findings=tuple(findings))
-        reports[source.source] = report
+        is_part = min(start + BATCH_POSES, len(source.beginning)) < source.poses
+        reports[source.source] = tracker.report_of_part if is_part else tracker.report
     return reports
