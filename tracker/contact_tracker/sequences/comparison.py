@@ -149,7 +149,7 @@ def compare_outcomes(first: Outcome, second: Outcome, tolerance: float = TOLERAN
         raise UsageError(
             f"takes of more than {MOST_STEPS} segments are not compared: cut them with --start and --duration"
         )
-    likelihoods = [np.log(len(STATES) * np.array([step.probability for step in steps])) for steps in takes]
+    likelihoods = [np.log(len(STATES)) + np.array([step.log_probability for step in take]) for take in takes]
     first_map, second_map = first.learned_world, second.learned_world
     evidence = np.full((len(takes[0]), len(takes[1]), 2, 2), np.nan)
     pairs, notes = np.zeros((*evidence.shape[:2], len(STATES))), list[str]()
