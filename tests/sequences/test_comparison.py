@@ -252,7 +252,7 @@ def test_what_python_makes_of_it(first, tmp_path) -> None:
 def test_the_command(first, simulated, tmp_path, monkeypatch) -> None:
     """Its exit code says whether the takes differ; the segmentations are those of above."""
     takes = iter([first, with_segments(first, first.segments[:2]), first, first])
-    monkeypatch.setattr("contact_tracker.cli.compare.segmented", lambda *_, **__: next(takes))
+    monkeypatch.setattr("contact_tracker.cli.source.segmented", lambda *_, **__: next(takes))
     for name in "ab":
         write_recording(str(tmp_path / f"{name}.mcap"), simulated.poses, None, {})
     done = run("compare", "a.mcap", "b.mcap", "--json", cwd=tmp_path)

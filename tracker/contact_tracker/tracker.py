@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
-from typing import Final, Self
+from typing import Any, Final, Self
 
 from contact_tracker.checks.check import Stream
 from contact_tracker.checks.checks import INSPECTED, Checks
@@ -255,6 +255,6 @@ class Tracker:
         report = self._report(is_cut_short=True)
         return None if report is None else report._replace(is_cut_short=True)
 
-    def _report(self, **how: bool) -> Report | None:
+    def _report(self, **how: Any) -> Report | None:
         findings = self.checks.findings(self.stream._replace(**how))
         return report_of(self.filters, self.is_decided, findings)

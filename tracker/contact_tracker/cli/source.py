@@ -9,26 +9,28 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
-from contact_tracker.cli.terminal import detail, say, warn
+from contact_tracker.cli.terminal import detail, progress, say, warn
+from contact_tracker.config.parameters import Model
 from contact_tracker.errors import DAMAGED, DONE, StateError, UsageError
 from contact_tracker.files import why_not_writable
 from contact_tracker.inspection.stream_checks import ORIENTATION, STILL
 from contact_tracker.interrupts import SIGNALS, repeat_unless
+from contact_tracker.map.map import Map
 from contact_tracker.motion.losses import counts_text
 from contact_tracker.motion.pose_validation import Arrival
 from contact_tracker.motion.poses import Outliers, Poses
 from contact_tracker.outputs.adaptation import noise_text, not_given, warnings
+from contact_tracker.outputs.outcome import Outcome
 from contact_tracker.outputs.text import Changes
 from contact_tracker.recording import Follow, PoseLog, PoseSource
 from contact_tracker.recording.sources import Stamping
 from contact_tracker.saved_state import fingerprint, load, save
+from contact_tracker.segmenting import segmented
 from contact_tracker.tracker import Tracker
+from contact_tracker.tracking.filter_bank import Report
 from contact_tracker.trajectory import Trajectory
-
-if TYPE_CHECKING:
-    from contact_tracker.tracking.filter_bank import Report
 
 _LONGEST_SLEEP_S: Final = 0.1
 """Longest sleep in seconds between checks whether the stream has to end."""
@@ -111,7 +113,14 @@ class Source:
         is_rereadable = not self.is_stdin and os.path.exists(self.name) and self._is_as_named
         return Trajectory.from_log(self.log, self.name, poses, is_rereadable)
 
-    def finish(self, adapted: "Report | None", outliers: Outliers, late: int = 0) -> int:
+    def segment(
+        self, trajectory: Trajectory, model: Model, known_map: Map, label: str = "segment"
+    ) -> Outcome:
+        """The segmentation of all poses, with a bar of progress."""
+        with progress(label, "poses", len(trajectory)) as set_done:
+            return segmented(trajectory, model, known_map, progress=set_done)
+
+    def finish(self, adapted: Report | None, outliers: Outliers, late: int = 0) -> int:
         """Print the numbers of read and unused poses and the tracker's adaptation; returns the exit code."""
         self.warn_of_damage()
         log, took_s = self.log, time.monotonic() - self._begin_s
@@ -136,7 +145,7 @@ class Source:
         for line in not_given(filter(None, [damage]), self._warned):
             warn(f"{self.name}: {line}")
 
-    def warn_of_problems(self, adapted: "Report | None", stamp_ns: int | None = None) -> None:
+    def warn_of_problems(self, adapted: Report | None, stamp_ns: int | None = None) -> None:
         """Warn of the problems of the stream, each once. In a stream that goes on at ``stamp_ns``, poses that
         have not changed so far are warned of once that has lasted for ``_SUSPECTED_NS``: an object may rest
         at first."""
