@@ -25,7 +25,7 @@ def run(args: argparse.Namespace) -> int:
     for source, trajectory in zip(sources, trajectories, strict=True):
         takes.append(source.segment(trajectory, model, known_map, f"{source.name}: segment"))
         codes.append(source.finish(takes[-1].report, takes[-1].segmentation.outliers))
-    result = compare_outcomes(*takes, TOLERANCE if args.tolerance is None else args.tolerance)
+    result = compare_outcomes(takes[0], takes[1], TOLERANCE if args.tolerance is None else args.tolerance)
     for note in result.notes:
         warn(note)
     if args.json:

@@ -126,39 +126,30 @@ def _transform(
 def _scene(outcome: Outcome, frames: tuple[str, ...], extent: Extent) -> Iterator[RawMessage]:
     """The drawn contacts at each change; each message replaces the previous one."""
     channel, poses = _channel(recording.SCENE_TOPIC, fox.SceneUpdate), outcome.trajectory.poses
-    up = Upward.of(outcome.segments, poses, extent).direction
+    up, size_m = Upward.of(outcome.segments, poses, extent).direction, _TEXT_SIZE * extent.radius_m
+    world, body = frames
     for segment in outcome.segments:
+        labels = {"contact": segment.contact.value, "probability": f"{segment.probability:.3f}"}
+        metadata = [fox.KeyValuePair(key=key, value=value) for key, value in labels.items()]
         for part in segment.parts:
-            deletion = fox.SceneEntityDeletion(
-                timestamp=_timestamp(part.start_ns), type=fox.SceneEntityDeletionType.All
-            )
-            drawing = draw_all(part.geometries, poses_within(poses, part.start_ns, part.end_ns), extent, up)
-            entities = []
+            stamp_ns, colour, entities = part.start_ns, COLOUR[segment.contact], list[fox.SceneEntity]()
+            drawing = draw_all(part.geometries, poses_within(poses, stamp_ns, part.end_ns), extent, up)
             if drawing is not None:
-                colour = COLOUR[segment.contact]
                 styles = (OBJECT, _OPAQUE), (OBJECT, _PALE), (colour, _OPAQUE), (colour, _PALE)
                 shapes = [_triangles(m, *style) for m, style in zip(drawing.meshes, styles, strict=True)]
                 kinds = " + ".join((segment.contact, *(further.contact for further in part.further)))
                 named = " on ".join(name for name in segment.touching if name) or kinds
-                text = _text(drawing.label_m, _TEXT_SIZE * extent.radius_m, colour, named)
-                labels = {"contact": segment.contact.value, "probability": f"{segment.probability:.3f}"}
+                texts = [_text(drawing.label_m, size_m, colour, named)]
+                on_body = {"metadata": metadata, "triangles": shapes[0] + shapes[1]}
+                on_world = {"metadata": metadata, "triangles": shapes[2] + shapes[3], "texts": texts}
                 entities = [
-                    fox.SceneEntity(
-                        timestamp=_timestamp(part.start_ns),
-                        frame_id=frame,
-                        id=name,
-                        frame_locked=True,
-                        metadata=[fox.KeyValuePair(key=key, value=value) for key, value in labels.items()],
-                        triangles=triangles,
-                        texts=texts,
-                    )
-                    for name, frame, triangles, texts in (
-                        ("object element", frames[1], shapes[0] + shapes[1], []),
-                        ("environment element", frames[0], shapes[2] + shapes[3], [text]),
-                    )
+                    _entity(stamp_ns, body, "object element", on_body),
+                    _entity(stamp_ns, world, "environment element", on_world),
                 ]
+            everything = fox.SceneEntityDeletionType.All
+            deletion = fox.SceneEntityDeletion(timestamp=_timestamp(stamp_ns), type=everything)
             update = fox.SceneUpdate(deletions=[deletion], entities=entities)
-            yield RawMessage(channel, part.start_ns, update.encode())
+            yield RawMessage(channel, stamp_ns, update.encode())
 
 
 def _known_scene(
@@ -166,34 +157,38 @@ def _known_scene(
 ) -> Iterator[RawMessage]:
     """The known parts, from the first pose on, on their own topic, as each message of the scene replaces the
     previous one."""
-    world, body = frames
     if not parts or not len(outcome.trajectory):
         return
-    stamp_ns, size_m = int(outcome.trajectory.stamp_ns[0]), _TEXT_SIZE * extent.radius_m
-    entities = [
-        fox.SceneEntity(
-            timestamp=_timestamp(stamp_ns),
-            frame_id=world if part.side else body,
-            id=f"{number} {SIDES[part.side]} {part.name}",
-            frame_locked=True,
-            triangles=_triangles(part.mesh, _KNOWN[part.side], _PALE),
-            lines=[
-                fox.LinePrimitive(
-                    pose=_ORIGIN,
-                    type=fox.LinePrimitiveLineType.LineStrip,
-                    thickness=_LINE_PX,
-                    scale_invariant=True,
-                    points=[_xyz(fox.Point3, place_m) for place_m in strip],
-                    color=_rgba(_KNOWN[part.side], 1.0),
-                )
-                for strip in part.outline
-            ],
-            texts=[_text(part.label_m, size_m, _KNOWN[part.side], part.name)],
-        )
-        for number, part in enumerate(parts)
-    ]
+    stamp_ns, entities = int(outcome.trajectory.stamp_ns[0]), list[fox.SceneEntity]()
+    for number, part in enumerate(parts):
+        colour = _KNOWN[part.side]
+        shapes = {
+            "triangles": _triangles(part.mesh, colour, _PALE),
+            "lines": [_line(strip, colour) for strip in part.outline],
+            "texts": [_text(part.label_m, _TEXT_SIZE * extent.radius_m, colour, part.name)],
+        }
+        name = f"{number} {SIDES[part.side]} {part.name}"
+        entities.append(_entity(stamp_ns, frames[1 - part.side], name, shapes))
     channel = _channel(recording.MAP_TOPIC, fox.SceneUpdate)
     yield RawMessage(channel, stamp_ns, fox.SceneUpdate(entities=entities).encode())
+
+
+def _entity(stamp_ns: int, frame: str, name: str, shapes: dict[str, Any]) -> fox.SceneEntity:
+    """Shapes that move with a frame."""
+    return fox.SceneEntity(
+        timestamp=_timestamp(stamp_ns), frame_id=frame, id=name, frame_locked=True, **shapes
+    )
+
+
+def _line(strip: Array, colour: Colour) -> fox.LinePrimitive:
+    return fox.LinePrimitive(
+        pose=_ORIGIN,
+        type=fox.LinePrimitiveLineType.LineStrip,
+        thickness=_LINE_PX,
+        scale_invariant=True,
+        points=[_xyz(fox.Point3, place_m) for place_m in strip],
+        color=_rgba(colour, 1.0),
+    )
 
 
 def _triangles(mesh: Mesh, colour: Colour, opacity: float) -> list[fox.TriangleListPrimitive]:
