@@ -5,9 +5,9 @@ edge, or a vertex. If the touching element is extended, as a face on a face, thi
 object.
 """
 
-from collections.abc import Hashable, Iterable, Iterator, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Final, NamedTuple, Self
+from typing import Any, Final, NamedTuple, Self
 
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
@@ -91,7 +91,7 @@ class Touch(NamedTuple):
     start_ns: int
     end_ns: int
     geometry: ContactGeometry
-    keys: tuple[Hashable, Hashable]
+    keys: tuple[Any, Any]
 
 
 class KnownParts:
@@ -186,11 +186,7 @@ class KnownParts:
             key: (side, name, _located(element, about[side]))
             for key, (side, name, element) in (self._listed | self._map_elements(world)).items()
         }
-        touches += [
-            Touch(start_ns, end_ns, ContactGeometry(*(touched[key] for key in pair)), pair)
-            for start_ns, end_ns, pair in (() if world is None else world.touches)
-            if touched.keys() >= {*pair}
-        ]
+        touches += _touches_of(world, touched)
         places, spans = dict[Hashable, list[Array]](), dict[Hashable, list[tuple[int, int]]]()
         if world is not None:
             places |= {key: [points_m] for key, points_m in world.learned.extents.items()}
@@ -215,13 +211,10 @@ class KnownParts:
         elements, directions = learned.known, {key: e.direction for key, e in learned.elements.items()}
         places = {key: [points_m] for key, points_m in learned.extents.items()}
         sides = {key: {float(np.sign(way @ directions[key]))} for key, way in learned.outward.items()}
-        for start_ns, end_ns, keys in world.touches:
-            if not elements.keys() >= {*keys}:
-                continue
-            touch = Touch(start_ns, end_ns, ContactGeometry(*(elements[key] for key in keys)), keys)
+        for touch in _touches_of(world, elements):
             points = _touched_points(touch, poses, extent)
             free_sides = _free_sides(touch, poses, points, world.touches)
-            for key, points_m, side in zip(keys, points, free_sides, strict=True):
+            for key, points_m, side in zip(touch.keys, points, free_sides, strict=True):
                 places.setdefault(key, []).append(points_m)
                 sides.setdefault(key, set()).update(side)
         return replace(
@@ -263,6 +256,14 @@ class KnownParts:
 def known_parts(outcome: Outcome) -> tuple[Part, ...]:
     """The known parts after a recording."""
     return KnownParts.of(outcome).parts(outcome.touched)
+
+
+def _touches_of(world: GrowingMap | None, elements: Mapping[Key, Element]) -> Iterator[Touch]:
+    """The touches of a map between two of these elements."""
+    for start_ns, end_ns, keys in () if world is None else world.touches:
+        if elements.keys() >= {*keys}:
+            body, environment = (elements[key] for key in keys)
+            yield Touch(start_ns, end_ns, ContactGeometry(body, environment), keys)
 
 
 def _known_bodies(known_map: Map) -> Iterator[tuple[int, str, Array]]:
