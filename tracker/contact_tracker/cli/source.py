@@ -61,6 +61,7 @@ class Source:
             warn(f"{self.name}: {log.note}")
         self._warned = set[str]()
         self._suspected_since_ns: int | None = None
+        self._late = 0
 
     def batches(self) -> Iterator[Poses]:
         """The poses of the interval in batches of columns.
@@ -76,14 +77,13 @@ class Source:
 
     def arrivals(self) -> Iterator[Arrival]:
         """The arrivals of measured poses in the interval, with less delay; raises as ``batches``."""
-        late = 0
         for count, arrival in enumerate(self.log.arrivals(), 1):
             if count % _POSES_PER_CHECK == 0:
-                self._warn_of_loss(self.log.loss)
-            late = self._warn_of_late_sources(late)
+                self._warn_once(self.log.loss)
+            self._warn_of_late_sources()
             if self.log.valid:
                 yield arrival
-        self._warn_of_late_sources(late)
+        self._warn_of_late_sources()
         if not self.log.valid:
             raise self.log.no_poses(self.name)
 
@@ -92,14 +92,14 @@ class Source:
         """Whether the input is standard input, which cannot be read again."""
         return self.name == "-"
 
-    def _warn_of_late_sources(self, reported: int) -> int:
-        """Warn of late sources beyond the first ``reported``; returns the number of late sources."""
-        for source in self.log.late_sources[reported:]:
+    def _warn_of_late_sources(self) -> None:
+        """Warn of sources that show up late, each once."""
+        for source in self.log.late_sources[self._late :]:
+            self._late += 1
             warn(
                 f"{self.name}: another source of poses shows up: {source}; going on with {self.log.source}: "
                 "choose with --topic or --frame"
             )
-        return len(self.log.late_sources)
 
     @property
     def expected(self) -> int | None:
@@ -139,9 +139,9 @@ class Source:
 
     def warn_of_damage(self) -> None:
         """Warn once that most poses were dropped or the recording is damaged, before the results."""
-        self._warn_of_loss(self.log.damage)
+        self._warn_once(self.log.damage)
 
-    def _warn_of_loss(self, damage: str | None) -> None:
+    def _warn_once(self, damage: str | None) -> None:
         for line in not_given(filter(None, [damage]), self._warned):
             warn(f"{self.name}: {line}")
 

@@ -6,7 +6,7 @@ object.
 """
 
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, Final, NamedTuple, Self
 
 import numpy as np
@@ -36,7 +36,7 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.outputs import scene
 from contact_tracker.outputs.joint_runs import is_same_joint, joint_runs
 from contact_tracker.outputs.outcome import Outcome
-from contact_tracker.outputs.scene import UNKNOWN_EXTENT, Extent, Mesh, poses_within
+from contact_tracker.outputs.scene import UNKNOWN_EXTENT, Drawing, Extent, Mesh, Upward, draw, poses_within
 from contact_tracker.outputs.text import joint_name
 from contact_tracker.tracking.belief import Segment
 
@@ -256,6 +256,44 @@ class KnownParts:
 def known_parts(outcome: Outcome) -> tuple[Part, ...]:
     """The known parts after a recording."""
     return KnownParts.of(outcome).parts(outcome.touched)
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnRecording:
+    """What the viewer, reports and Foxglove draw of a recording.
+
+    Parameters
+    ----------
+    poses : of the object.
+    parts : the known parts.
+    extent, full_extent : size of the object, as its known body shows it, and as its touched elements do, too.
+    upward : the estimate of upward.
+    """
+
+    poses: Poses
+    parts: tuple[Part, ...]
+    extent: Extent
+    full_extent: Extent
+    upward: Upward
+
+    @classmethod
+    def of(cls, outcome: Outcome) -> Self:
+        known, poses, world = KnownParts.of(outcome), outcome.trajectory.poses, outcome.touched
+        extent = known.object_extent
+        upward = Upward.of(outcome.segments, poses, extent)
+        return cls(poses, known.parts(world), extent, known.extent(world), upward)
+
+    def pairs(
+        self, geometries: Iterable[ContactGeometry | None], start_ns: int, end_ns: int
+    ) -> Drawing | None:
+        """Simultaneous touching pairs during a time, with label and ``is_open`` of the first; None without
+        pairs."""
+        within, up = poses_within(self.poses, start_ns, end_ns), self.upward.direction
+        drawings = [draw(pair, within, self.extent, up) for pair in geometries if pair is not None]
+        if not drawings:
+            return None
+        meshes = zip(*(drawing.meshes for drawing in drawings), strict=True)
+        return drawings[0]._replace(meshes=tuple(map(scene.join, meshes)))
 
 
 def _touches_of(world: GrowingMap | None, elements: Mapping[Key, Element]) -> Iterator[Touch]:

@@ -246,17 +246,6 @@ def poses_within(poses: Poses, start_ns: int, end_ns: int) -> Poses:
     return poses[first : max(int(last), first + 1)]
 
 
-def draw_all(
-    geometries: Sequence[ContactGeometry], poses: Poses, extent: Extent, up: Array = UP
-) -> Drawing | None:
-    """Draw simultaneous pairs by ``draw``, with label and ``is_open`` of the first; None without pairs."""
-    if not geometries:
-        return None
-    drawings = [draw(geometry, poses, extent, up) for geometry in geometries]
-    meshes = zip(*(drawing.meshes for drawing in drawings), strict=True)
-    return drawings[0]._replace(meshes=tuple(map(join, meshes)))
-
-
 def draw(geometry: ContactGeometry, poses: Poses, extent: Extent, up: Array = UP) -> Drawing:
     """Draw the pair where it touches during ``poses``: of the object's size, along the whole sliding path.
 
