@@ -9,8 +9,9 @@ import os
 import re
 import sys
 import threading
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from importlib import import_module
+from itertools import chain
 from typing import Any, Final, NoReturn
 
 import contact_tracker.viewer as viewer
@@ -115,20 +116,12 @@ class PrintCompletion(argparse.Action):
         with extra("completion", "completion"):
             import shtab
 
-        for action in _actions(parser):
+        (commands,) = (a for a in parser._actions if isinstance(a, argparse._SubParsersAction))
+        for action in chain.from_iterable(command._actions for command in commands.choices.values()):
             if action.metavar in _FILES:
                 action.complete = shtab.FILE  # type: ignore[attr-defined]
         show(shtab.complete(parser, shell=shell))
         parser.exit()
-
-
-def _actions(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:
-    """Actions of the parser and of its commands' parsers."""
-    for action in parser._actions:
-        yield action
-        if isinstance(action, argparse._SubParsersAction):
-            for command in action.choices.values():
-                yield from _actions(command)
 
 
 def option_suggestion(
@@ -153,7 +146,7 @@ def _options(parser: argparse.ArgumentParser) -> list[str]:
 
 
 def build_parser() -> argparse.ArgumentParser:
-    """The parser of all commands; the module of each command configures its own part."""
+    """The parser of all commands."""
     parser = Parser(prog="contact-tracker", description=DESCRIPTION, epilog=EPILOG)
     about_version = "show the version, and whether it runs compiled"
     parser.add_argument("--version", action=Version, nargs=0, help=about_version)
