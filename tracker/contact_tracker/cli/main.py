@@ -119,7 +119,7 @@ class PrintCompletion(argparse.Action):
         (commands,) = (a for a in parser._actions if isinstance(a, argparse._SubParsersAction))
         for action in chain.from_iterable(command._actions for command in commands.choices.values()):
             if action.metavar in _FILES:
-                action.complete = shtab.FILE  # type: ignore[attr-defined]
+                action.complete = shtab.FILE
         show(shtab.complete(parser, shell=shell))
         parser.exit()
 
