@@ -14,7 +14,7 @@ from contact_tracker.errors import DONE, UsageError
 from contact_tracker.exports.formats import check_output, write_outcome
 from contact_tracker.map.map import Map
 from contact_tracker.recording import read_truth
-from contact_tracker.viewer.sinks import to_viewer, web_viewer
+from contact_tracker.viewer import sinks
 from contact_tracker.viewer.views import Draw, begin
 
 
@@ -26,7 +26,7 @@ def run(args: argparse.Namespace) -> int:
         )
     check = check_output(args.save, args.overwrite, inputs.files_read(logs, args.model, args.known))
     if args.save is None and not args.web:
-        to_viewer()  # raises an error without a screen, before recordings are read
+        sinks.to_viewer()  # raises an error without a screen, before recordings are read
     model, known_map = inputs.load_model(args), inputs.load_map(args)
     with _opener(args, check, len(logs) > 1) as open_view:
         works = (partial(_view, log, args, model, known_map, open_view) for log in logs)
@@ -42,12 +42,12 @@ def _opener(
     if args.save is not None:
         yield lambda _: lambda outcome: write_outcome(outcome, args.save, check=check)
     elif args.web:
-        with web_viewer() as (url, sink, wait):
+        with sinks.web_viewer() as (url, sink, wait):
             say(f"open {url} in a browser on this machine; Ctrl-C ends it")
             yield lambda name: begin(sink, name, are_several)
             wait()
     else:
-        sink = to_viewer()
+        sink = sinks.to_viewer()
         yield lambda name: begin(sink, name, are_several)
 
 
