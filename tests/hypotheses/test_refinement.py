@@ -108,7 +108,8 @@ def test_size_and_correlation_of_errors_are_estimated_from_residuals(seed, corre
     left_over = errors - (shapes @ np.linalg.lstsq(shapes, errors.T, rcond=None)[0]).T
     start = Ar1Noise(np.ones(1), np.full(1, FIRST_CORRELATION))
     for residuals, fitted in ((errors, 0.0 * shapes), (left_over, shapes)):
-        found = estimate_ar1(start, 2.0 * residuals, fitted[None], np.zeros((4, 4)), index)
+        rows = np.concatenate([fitted[None], 2.0 * residuals[..., None]], axis=2)
+        found = estimate_ar1(start, rows, np.zeros((4, 4)), index)
         assert abs(found.correlation - correlation) < 0.3
         assert 0.5 < 4.0 * found.weight < 2.0
 

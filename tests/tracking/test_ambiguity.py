@@ -120,7 +120,7 @@ def test_the_information_of_noise_is_as_predicted(contact):
     bank = fit_window(model, window, SCALES)
     anchors = model.anchors(bank.weighted_position_sum / bank.weight[:, None])
     tangent = model.family.tangent(bank.x, anchors)[0]
-    information = refit.information(bank, model, SCALES)[0]
+    information = refit.information(bank, model, SCALES.reach_m)[0]
     of_noise = observability.noise_information(bank, model, tangent, window.variance[0])
     ridge = 1e-6 * np.trace(of_noise) * np.eye(len(of_noise))
     eigenvalues = eigh(information, of_noise + ridge, eigvals_only=True)

@@ -33,8 +33,6 @@ SIZE, PARAMETERS, SPREAD = FORM.size, FORM.parameters, FORM.spread
 place, normalise, tangent = FORM.place, FORM.normalise, FORM.tangent
 scale_sq, log_scale_sq_derivative = constant_scale_sq, constant_log_scale_sq_derivative
 RANDOM_STARTS: Final = 24
-RIDGE: Final = 1e-7
-"""Ridge of the relaxed problem, relative to the moments' trace, against unobserved directions."""
 
 
 def rows(x: Array) -> Array:
@@ -53,7 +51,7 @@ def rows_derivative(x: Array) -> Array:
 
 
 def starts(moments: Array) -> Array:
-    c = np.swapaxes(smallest_directions(moments, slice(9, 12), RIDGE), -1, -2)
+    c = np.swapaxes(smallest_directions(moments, slice(9, 12)), -1, -2)
     n = unit(c)
     return np.concatenate([np.zeros_like(n), n, np.zeros_like(n[..., :1])], axis=-1)
 

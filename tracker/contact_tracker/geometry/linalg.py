@@ -16,6 +16,10 @@ Array = NDArray[np.float64]
 
 EYE: Final = np.eye(3)
 ONE: Final = np.eye(1)
+PARALLEL: Final = 1e-6
+"""Sine of the angle below which two directions are parallel, and their common normal is not defined."""
+STEP: Final = 1e-6
+"""Step of finite differences, in radians and metres."""
 
 
 def dot(a: Array, b: Array) -> Array:

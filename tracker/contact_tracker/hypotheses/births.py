@@ -33,6 +33,7 @@ from contact_tracker.hypotheses.evidence import (
     gain_and_misfit,
     residual_noise,
 )
+from contact_tracker.hypotheses.gauss_newton import LEAST_SHARE
 from contact_tracker.hypotheses.schedule import burn_in_ticks
 from contact_tracker.map.association import MapView
 from contact_tracker.map.map import Map, NamedElement, Up
@@ -340,8 +341,6 @@ ANY_DIRECTION: Final = 1.0 / 3.0
 """Variance of the cosine of the angle between independent, uniform directions."""
 _IMPOSSIBLE: Final = -1e3
 _HOPELESS: Final = -50.0
-_ROUNDING: Final = 1e-14
-"""Eigenvalues below this share of the largest are rounding errors."""
 MOST_BIRTHS: Final = 100
 """Largest number of known pairs of one contact, the most probable, that begin in a tick. Two boxes of known
 size have some 70 at most; without a limit hundreds of known edges, any two of which nearly cross, take
@@ -545,10 +544,12 @@ def _deviations(information: Array) -> Array:
     """Independent changes (m, P, P), a row each, by one standard deviation of parameters with this
     information (m, P, P)."""
     diagonal = information.diagonal(axis1=1, axis2=2)
-    scale = 1.0 / np.sqrt(np.maximum(diagonal, _ROUNDING * diagonal.max(axis=1, keepdims=True, initial=0.0)))
+    scale = 1.0 / np.sqrt(
+        np.maximum(diagonal, LEAST_SHARE * diagonal.max(axis=1, keepdims=True, initial=0.0))
+    )
     even = scale[:, :, None] * information * scale[:, None]
     values, axes = np.linalg.eigh(0.5 * (even + even.swapaxes(1, 2)))
-    values = np.maximum(values, _ROUNDING * values[:, -1:])
+    values = np.maximum(values, LEAST_SHARE * values[:, -1:])
     return np.asarray((axes / np.sqrt(values)[:, None]).swapaxes(1, 2) * scale[:, None])
 
 

@@ -64,6 +64,7 @@ FIRST_DAMPING: Final = 10.0
 """Damping of turns in nats per squared radian; it limits first steps to about a third of a radian."""
 LEAST_CURVATURE: Final = 1e-12
 LEAST_SHARE: Final = 1e-12
+"""Curvature, or information, below this share of the largest is rounding errors."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -28,7 +28,7 @@ from contact_tracker.geometry.elements import (
 )
 from contact_tracker.geometry.lifted_pose import R, T
 from contact_tracker.geometry.linalg import cross
-from contact_tracker.hypotheses import compiled, gauss_newton, refit
+from contact_tracker.hypotheses import gauss_newton, refit
 from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.births import name_elements
 from contact_tracker.hypotheses.evidence import EvidenceParameters, weak_prior
@@ -129,38 +129,13 @@ def information_spectrum(
     noise_margin = NOISE_MARGIN
     if information is None:  # with correlated errors the moments hold innovations, in which most of a
         noise_margin, variance = 1.0, variance / (1.0 - scales.correlation) ** 2  # constant pose cancels
-    tangent, observed, prior, noise = information_terms(hypothesis, model, scales, variance)
-    observed = observed if information is None else information
+    tangent = model.family.tangent(hypothesis.x[0], anchors_of(hypothesis, model)[0])
+    observed = refit.information(hypothesis, model, scales.reach_m)[0] if information is None else information
+    prior = prior_along(hypothesis, model, tangent, scales.reach_m)
+    noise = noise_information(hypothesis, model, tangent, variance)
     eigenvalues, eigenvectors = linalg.eigenvectors(observed, prior + noise)
     covariance = tangent @ posterior_covariance(eigenvalues, eigenvectors, prior, noise_margin) @ tangent.T
     return InformationSpectrum(covariance, tangent, prior, eigenvalues, eigenvectors)
-
-
-def information_terms(
-    hypothesis: Bank, model: ContactModel, scales: EvidenceParameters, variance: Array
-) -> tuple[Array, Array, Array, Array]:
-    """Tangent (S, P) of a single hypothesis, and information (P, P) along it: of the ticks by the moments, of
-    the prior, and of noise alone. ``variance`` (2,) as in ``observed_geometry``."""
-    if not compiled.in_use():
-        return information_terms_reference(hypothesis, model, scales, variance)
-    from contact_tracker.hypotheses.compiled import calls
-
-    return calls.information_terms(
-        calls.model_of(model, scales.reach_m), hypothesis.words, hypothesis.onsets.words, variance
-    )
-
-
-def information_terms_reference(
-    hypothesis: Bank, model: ContactModel, scales: EvidenceParameters, variance: Array
-) -> tuple[Array, Array, Array, Array]:
-    """``information_terms`` in numpy: the reference of the compiled kernel."""
-    tangent = model.family.tangent(hypothesis.x[0], anchors_of(hypothesis, model)[0])
-    return (
-        tangent,
-        refit.information(hypothesis, model, scales)[0],
-        prior_along(hypothesis, model, tangent, scales.reach_m),
-        noise_information(hypothesis, model, tangent, variance),
-    )
 
 
 def prior_along(hypothesis: Bank, model: ContactModel, tangent: Array, reach_m: float) -> Array:
@@ -266,8 +241,6 @@ MOST_TICKS: Final = 300
 """Number of ticks that represent a longer window."""
 SHARE_OF_REST: Final = 0.05
 """Weight of a tick at rest, relative to a tick in motion, in their choice."""
-LEAST_SHARE: Final = 1e-14
-"""Information below this share of the largest is rounding errors."""
 
 
 def systematic_covariance(
@@ -320,7 +293,7 @@ def added_covariance(
     spread = (by_error @ np.repeat([turn, shift], 3, axis=0) @ by_error.swapaxes(1, 2)).sum(axis=0)
     # in units of the prior, which is far above the rounding errors of the information then, however large
     ratio, axes = linalg.eigenvectors(information, prior)
-    ratio[ratio < LEAST_SHARE * ratio[-1]] = 0.0
+    ratio[ratio < gauss_newton.LEAST_SHARE * ratio[-1]] = 0.0
     by_noise = axes * np.divide(1.0, np.sqrt(ratio), out=np.zeros_like(ratio), where=ratio > 0.0)
     squared, turned = linalg.eigenvectors(by_noise.T @ spread @ by_noise)
     squared = np.maximum(squared, 0.0)

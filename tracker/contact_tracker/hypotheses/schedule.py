@@ -4,10 +4,10 @@ from typing import Final
 
 import numpy as np
 
-REFINE_STEPS: Final = 1
 FIRST_TICKS: Final = 6.0
 FIRST_STEPS: Final = 3
-"""Gauss-Newton steps in each of the ``FIRST_TICKS`` with motion, in which the estimate changes most. With one
+"""Gauss-Newton steps in each of the ``FIRST_TICKS`` with motion, in which the estimate changes most, and one
+later. With one
 step a change of contact within 0.15 s is not seen; without ``RECOVERY_STEPS`` either, labels of 15 everyday
 recordings are right for 0.013 less of the time."""
 REST_WEIGHT: Final = 1e-7
@@ -38,21 +38,13 @@ IS_SEARCH_AGE: Final = np.any(
     axis=0,
 )
 """By age in ticks, whether one of ``SEARCH_AGES`` was reached since the last batch."""
-RELAXATION_RIDGE: Final = 1e-12
-"""Regularisation of relaxed problems: this share of the moments' trace is added to their diagonal."""
 FOLLOWED_STARTS: Final = 7
 """How many starts of a search are followed: those with the lowest cost before the first step."""
 ROUNDS: Final = ((2, 3), (3, 2))
 """Rounds of a search: (steps, number of the best starts that go on)."""
-SEARCH_REFITS: Final = 1
-"""How often a search repeats its fit with row weights estimated from the geometry found."""
-FITTING_RMS: Final = 1.2
-"""Whitened residual up to which a hypothesis fits: it does not search, although that might gain some nats."""
 UNTHINNED_TICKS: Final = 24
-"""Up to this age in ticks every onset keeps a hypothesis; older onsets are thinned."""
-
-RESIDUAL_TICKS: Final = 25.0
-"""Ticks with motion over which a belief's residuals are taken. Hypotheses of that age are not thinned yet."""
+"""Up to this age in ticks every onset keeps a hypothesis; older onsets are thinned. A belief's residuals are
+taken over as many ticks with motion."""
 
 
 def burn_in_ticks(needed: float) -> float:

@@ -14,6 +14,7 @@ from contact_tracker.geometry import linalg
 from contact_tracker.geometry.lifted_pose import R, T, lift_of_inverse
 from contact_tracker.geometry.linalg import EYE, TINY
 from contact_tracker.motion.free_motion import NOW_TICKS, REST_VARIANCE_RATIO
+from contact_tracker.motion.poses import ARM_M
 from contact_tracker.motion.tick_averaging import Tick, tick_anisotropy, tick_variances
 
 REST_S: Final = 1.0
@@ -297,9 +298,9 @@ DIRECTIONS: Final = 6
 """Degrees of freedom of a rigid object."""
 STRIDE_TICKS: Final = 5
 """Steps in ticks between which twists are taken, long enough for slow motion to exceed the noise."""
+LEVER_M: Final = ARM_M
 USED: Final = 10.0
 """A direction is used if its mean squared motion is this many times the variance of the noise."""
-LEVER_M: Final = 0.1
 ONE_AXIS: Final = 0.14
 """Motion has one degree of freedom if its second largest component is below this share of the largest (turns
 scaled by the lever above): hinges, sliders and screws with their errors."""

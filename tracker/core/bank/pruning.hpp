@@ -68,7 +68,7 @@ inline double residual_of(const Kind& kind, const Bank& bank) {
     double least = std::numeric_limits<double>::infinity(), rms = std::numeric_limits<double>::quiet_NaN();
     for (int b = 0; b < bank.count(); ++b) {
         const double ticks = bank.since(b)[kind.since.effective_ticks];
-        if (!(ticks >= settings.residual_ticks && ticks < least)) continue;
+        if (!(ticks >= settings.unthinned_ticks && ticks < least)) continue;
         least = ticks;
         rms = bank[b].own[kind.where.rms];
     }

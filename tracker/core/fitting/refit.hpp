@@ -120,8 +120,7 @@ void marginalise_expired_ticks(const Kind& kind, const Bank& bank, int count, co
 
 // Gauss-Newton steps of a hypothesis per tick.
 inline int steps_of(const Kind& kind, const Hypothesis& one) {
-    return one.since[kind.since.effective_ticks] < settings.first_ticks ? settings.first_steps
-                                                                        : settings.refine_steps;
+    return one.since[kind.since.effective_ticks] < settings.first_ticks ? settings.first_steps : 1;
 }
 
 // Reference: `refit.is_deferred`.

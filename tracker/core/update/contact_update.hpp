@@ -131,4 +131,18 @@ void advance(const Kind& kind, const Bank& bank, int old, const Ticks& ticks, co
     for (int b : select_for_search(kind, bank)) search<F>(kind, bank, b, *directions, ticks, weights, work);
 }
 
+// Reference: `bank_update.fit_window`, of hypotheses whose ticks are accumulated.
+template <class F>
+void fit(const Kind& kind, const Bank& bank, const Ticks& ticks, const Directions& directions,
+         const EvidenceParameters& weights) {
+    Work<F> work;
+    RefitQueue queue;
+    for (int b = 0; b < bank.count(); ++b) queue.add(kind, bank[b], steps_of(kind, bank[b]));
+    queue.refit<F>(kind, ticks, weights, work);
+    for (int b = 0; b < bank.count(); ++b) {
+        if (whole(bank[b].own, kind.where.needs_search) != 0)
+            search<F>(kind, bank, b, directions, ticks, weights, work);
+    }
+}
+
 }  // namespace kernels
