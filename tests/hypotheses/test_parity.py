@@ -27,7 +27,7 @@ from contact_tracker.hypotheses.births import propose_births, weigh_births
 from contact_tracker.hypotheses.evidence import EvidenceParameters, weak_prior
 from contact_tracker.hypotheses.gauss_newton import Prior
 from contact_tracker.hypotheses.global_search import prune, residual
-from contact_tracker.hypotheses.schedule import FAR_NATS, burn_in_ticks
+from contact_tracker.hypotheses.schedule import NEAR_NATS, burn_in_ticks
 from contact_tracker.map.file import map_from
 from contact_tracker.map.pairs import Frame
 from contact_tracker.motion.poses import batches
@@ -198,7 +198,7 @@ def test_updates_by_a_tick_agree(name, k):
         columns = ["effective_ticks", "second_moment", "onset_row", "log_birth_weight", "log_prior"]
         columns += ["prior_mean", "prior_information", "lag_history"]
         assert_same_columns(reference, compiled_, columns, 1e-6)
-        exact = ("protected_until", "llr_before_window", "gain_before_window")
+        exact = ("llr_before_window", "gain_before_window")
         assert_same_columns(reference, compiled_, exact, 1e-9)
         # farther behind, e-e of few ticks is at one of many minima, chosen by rounding (theory.md)
         near = reference.log_weight > -20.0
@@ -220,7 +220,7 @@ def test_the_same_hypotheses_search(seed, model):
     )
     found = global_search.select_for_search(bank, model)
     assert set(kernels.select_for_search(bank, model)) == set(found)
-    negligible = (bank.log_weight < -FAR_NATS) & (bank.effective_ticks > burn_in_ticks(model.needed))
+    negligible = (bank.log_weight < -NEAR_NATS) & (bank.effective_ticks > burn_in_ticks(model.needed))
     assert not negligible[found].any()
 
 
@@ -231,7 +231,7 @@ def test_pruning_agrees(seed, margin, model):
     count, now = int(rng.integers(0, 60)), 800
     bank = blank(model, count).replace_columns(
         onset=now - np.sort((800 * rng.random(count) ** 3).astype(np.int64))[::-1],
-        protected_until=np.where(rng.random(count) < 0.3, rng.integers(0, 40, count), 0.0),
+        needs_search=rng.random(count) < 0.3,
         log_likelihood=np.round(-40.0 * rng.random(count)),  # some are equally good
         log_birth_weight=-1.0,
         number=np.arange(count),
@@ -239,7 +239,7 @@ def test_pruning_agrees(seed, margin, model):
     )
     onsets = blank(model, now + 1).onsets.replace_columns(effective_ticks=rng.integers(0, 40, now + 1))
     bank = replace(bank, onsets=onsets)
-    numpy = prune(bank, now, -2.5, margin)
+    numpy = prune(bank, model, now, -2.5, margin)
     rows, words, onset_words, log_weight, residual_, best_row = kernels.prune(bank, model, now, -2.5, margin)
     np.testing.assert_array_equal(words, numpy.words)
     np.testing.assert_array_equal(onset_words, numpy.onsets.words)
@@ -368,7 +368,7 @@ def test_kernels_refuse_unknown_arguments():
         with pytest.raises(ValueError, match="without its onset"):
             kernels.prune(bank, model, 1, 0.0, 10.0)
         with pytest.raises(ValueError, match="without its onset"):
-            prune(bank, 1, 0.0, 10.0)
+            prune(bank, model, 1, 0.0, 10.0)
     with pytest.raises(ValueError, match="not in order"):
         kernels.prune(blank(model, 2).replace_columns(onset=[1, 0]), model, 1, 0.0, 10.0)
     sizes, tables = (1, 2, 3, 4), ((9, {}), (7, {}))

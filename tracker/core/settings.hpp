@@ -24,8 +24,8 @@ struct Settings {
     double used, lever_m, one_axis, no_motion;  // motion/window.py
     int stride_ticks;
     // hypotheses/schedule.py, as all below
-    double first_ticks, rest_weight, defer_nats, far_nats, drop_nats, protection_nats, protection_ticks;
-    int first_steps, recovery_steps, followed_starts, unthinned_ticks;
+    double first_ticks, rest_weight, near_nats;
+    int first_steps, followed_starts, unthinned_ticks;
     std::vector<double> search_ages;
     std::vector<bool> is_search_age;
     std::vector<Round> rounds;

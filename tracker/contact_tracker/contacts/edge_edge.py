@@ -23,6 +23,7 @@ from contact_tracker.contacts.family import (
 from contact_tracker.geometry import lifted_pose
 from contact_tracker.geometry.elements import Element, Line
 from contact_tracker.geometry.linalg import PARALLEL, TINY, cross, dot
+from contact_tracker.states import Contact
 
 D1: Final = slice(0, 3)
 Q1: Final = slice(3, 6)
@@ -30,7 +31,7 @@ D2: Final = slice(6, 9)
 Q2: Final = slice(9, 12)
 LINE1: Final = slice(0, 6)
 LINE2: Final = slice(6, 12)
-ROWS: Final = 1
+ROWS: Final = Contact.EE.codimension
 COLUMNS: Final = np.concatenate([lifted_pose.R, lifted_pose.TXR, lifted_pose.ONE])
 FORM: Final = Form(d1=0, q1=3, d2=6, q2=9)
 SIZE, PARAMETERS, SPREAD = FORM.size, FORM.parameters, FORM.spread

@@ -22,11 +22,12 @@ from contact_tracker.contacts.family import (
 from contact_tracker.geometry import lifted_pose
 from contact_tracker.geometry.elements import Element, Plane, Point
 from contact_tracker.geometry.linalg import EYE, dot, unit
+from contact_tracker.states import Contact
 
 Q: Final = slice(0, 3)
 N: Final = slice(3, 6)
 H: Final = slice(6, 7)
-ROWS: Final = 1
+ROWS: Final = Contact.VF.codimension
 COLUMNS: Final = np.concatenate([lifted_pose.R, lifted_pose.T, lifted_pose.ONE])
 FORM: Final = Form(q1=0, d2=3, h=6)
 SIZE, PARAMETERS, SPREAD = FORM.size, FORM.parameters, FORM.spread

@@ -35,8 +35,7 @@ from contact_tracker.hypotheses.global_search import (
 from contact_tracker.hypotheses.refit import (
     accumulate,
     accumulate_window,
-    is_deferred,
-    recover_fallen,
+    are_near,
     refit,
 )
 from contact_tracker.hypotheses.schedule import REST_WEIGHT
@@ -152,7 +151,7 @@ def update_reference(
     free = float(tick_input.log_birth_weight[-1])
     best = max(free, *(bank.best for bank in updated))
     kept = [
-        prune(bank, tick, best, parameters.search.margin_nats if is_due(model, tick) else np.inf)
+        prune(bank, model, tick, best, parameters.search.margin_nats if is_due(model, tick) else np.inf)
         for bank, model in zip(updated, CONTACT_MODELS, strict=True)
     ]
     weights = TickWeights(
@@ -177,9 +176,8 @@ def _update_contact(
         return bank
     due = is_due(model, birth.onset)
     bank = add(bank, model, birth)
-    rows, old_weight = np.flatnonzero(~is_deferred(bank) | due), bank.log_weight
+    rows = np.flatnonzero(are_near(bank) | due)
     bank = refit(accumulate(bank, model, window, scales, log_stay), model, window, scales, rows)
-    bank = recover_fallen(bank, old_weight, model, window, scales)
     if not due or window.latest_motion_ratio <= REST_WEIGHT:
         return bank
     return search(bank, select_for_search(bank, model), model, window, scales)

@@ -25,6 +25,7 @@ from contact_tracker.geometry.elements import (
     canonical,
 )
 from contact_tracker.geometry.lifted_pose import R
+from contact_tracker.geometry.linalg import LEAST_SHARE
 from contact_tracker.hypotheses import compiled
 from contact_tracker.hypotheses.bank import Bank, blank
 from contact_tracker.hypotheses.evidence import (
@@ -33,8 +34,6 @@ from contact_tracker.hypotheses.evidence import (
     gain_and_misfit,
     residual_noise,
 )
-from contact_tracker.hypotheses.gauss_newton import LEAST_SHARE
-from contact_tracker.hypotheses.schedule import burn_in_ticks
 from contact_tracker.map.association import MapView
 from contact_tracker.map.map import Map, NamedElement, Up
 from contact_tracker.map.pairs import (
@@ -129,7 +128,6 @@ def with_prior(
         known_pair_index=known_pair_index,
         elements_known=np.array(elements_known, np.int64),
         needs_search=needs_search,
-        protected_until=np.where(needs_search, burn_in_ticks(model.needed), 0.0),
         prior_mean=prior.mean,
         prior_information=prior.information,
         line_anchor=prior.line_points_m,

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.arrays import Array, Ints
 from contact_tracker.contacts.family import Family, directions, shifts, turns
-from contact_tracker.geometry.linalg import adapted, dot
+from contact_tracker.geometry.linalg import LEAST_SHARE, adapted, dot
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,8 +63,6 @@ TOLERANCE: Final = 1e-3
 FIRST_DAMPING: Final = 10.0
 """Damping of turns in nats per squared radian; it limits first steps to about a third of a radian."""
 LEAST_CURVATURE: Final = 1e-12
-LEAST_SHARE: Final = 1e-12
-"""Curvature, or information, below this share of the largest is rounding errors."""
 
 
 @dataclass(frozen=True, eq=False)

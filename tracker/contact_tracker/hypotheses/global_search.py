@@ -9,13 +9,12 @@ import numpy as np
 from contact_tracker.arrays import Array, Bools, Ints
 from contact_tracker.contacts import ContactModel
 from contact_tracker.geometry.lifted_pose import R
+from contact_tracker.geometry.linalg import LEAST_SHARE
 from contact_tracker.hypotheses import gauss_newton
 from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.evidence import SAME_FIT_RATIO, EvidenceParameters
-from contact_tracker.hypotheses.gauss_newton import LEAST_SHARE
-from contact_tracker.hypotheses.refit import prior_at_anchors, refit
+from contact_tracker.hypotheses.refit import are_near, prior_at_anchors, refit
 from contact_tracker.hypotheses.schedule import (
-    FAR_NATS,
     FOLLOWED_STARTS,
     IS_SEARCH_AGE,
     ROUNDS,
@@ -28,19 +27,22 @@ from contact_tracker.map.pairs import known_entries
 from contact_tracker.motion.window import Window
 
 
-def within_far_margin(bank: Bank) -> Bools:
-    """Which hypotheses (H,) are within ``FAR_NATS`` of the best before this tick."""
-    return bank.log_weight >= -FAR_NATS
+def in_burn_in(bank: Bank, model: ContactModel) -> Bools:
+    """Which hypotheses (H,) with open directions may not have converged yet: too few ticks determine them.
+
+    They search, and pruning by weight spares them.
+    """
+    return bank.needs_search & (bank.effective_ticks <= burn_in_ticks(model.needed))
 
 
-def prune(bank: Bank, tick: int, best: float, margin: float) -> Bank:
+def prune(bank: Bank, model: ContactModel, tick: int, best: float, margin: float) -> Bank:
     """Drop hypotheses more than ``margin`` nats behind ``best``, and thin onsets, the more the older they
     are.
 
     The log weights of the result are relative to ``best``.
     """
     joint = bank.log_weight
-    keep = (joint > best - margin) | (bank.effective_ticks <= bank.protected_until)
+    keep = (joint > best - margin) | in_burn_in(bank, model)
     old = bank.onset.searchsorted(tick + 1 - UNTHINNED_TICKS)  # they are in order
     if old > 1:
         age = tick + 1 - bank.onset[:old]
@@ -94,8 +96,8 @@ def search(bank: Bank, rows: Ints, model: ContactModel, window: Window, scales: 
 def select_for_search(bank: Bank, model: ContactModel) -> Ints:
     """Rows that search: for each age, the best hypothesis without a prior and the best with one."""
     age = np.minimum(bank.effective_ticks.astype(np.int64), len(IS_SEARCH_AGE) - 1)
-    searches = within_far_margin(bank) | (bank.effective_ticks <= burn_in_ticks(model.needed))
-    rows = (searches & IS_SEARCH_AGE[age] & (bank.rms > SAME_FIT_RATIO) & bank.needs_search).nonzero()[0]
+    searches = (are_near(bank) & bank.needs_search) | in_burn_in(bank, model)
+    rows = (searches & IS_SEARCH_AGE[age] & (bank.rms > SAME_FIT_RATIO)).nonzero()[0]
     kind = 2 * SEARCH_AGES.searchsorted(bank.effective_ticks[rows], side="right") + (
         bank.prior_index[rows] > 0
     )

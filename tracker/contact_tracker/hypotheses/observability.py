@@ -293,7 +293,7 @@ def added_covariance(
     spread = (by_error @ np.repeat([turn, shift], 3, axis=0) @ by_error.swapaxes(1, 2)).sum(axis=0)
     # in units of the prior, which is far above the rounding errors of the information then, however large
     ratio, axes = linalg.eigenvectors(information, prior)
-    ratio[ratio < gauss_newton.LEAST_SHARE * ratio[-1]] = 0.0
+    ratio[ratio < linalg.LEAST_SHARE * ratio[-1]] = 0.0
     by_noise = axes * np.divide(1.0, np.sqrt(ratio), out=np.zeros_like(ratio), where=ratio > 0.0)
     squared, turned = linalg.eigenvectors(by_noise.T @ spread @ by_noise)
     squared = np.maximum(squared, 0.0)

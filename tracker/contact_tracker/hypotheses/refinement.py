@@ -13,10 +13,10 @@ import numpy as np
 from contact_tracker.arrays import Array, Bools, Ints
 from contact_tracker.contacts import ContactModel
 from contact_tracker.geometry import linalg
-from contact_tracker.geometry.linalg import STEP, adapted
+from contact_tracker.geometry.linalg import LEAST_SHARE, STEP, adapted
 from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.evidence import EvidenceParameters, residual_noise
-from contact_tracker.hypotheses.gauss_newton import LEAST_CURVATURE, LEAST_SHARE, TOLERANCE, Prior
+from contact_tracker.hypotheses.gauss_newton import LEAST_CURVATURE, TOLERANCE, Prior
 from contact_tracker.hypotheses.refit import prior_at_anchors
 from contact_tracker.motion.window import Window
 
@@ -87,7 +87,6 @@ def _products(a: Array, b: Array) -> Array:
 
 ROUNDS: Final = 3
 """Alternations of fitting the geometry and estimating the noise from the residuals."""
-FIRST_CORRELATION: Final = 0.5
 FEW_TICKS: Final = 15
 END_TICK_SIGMAS: Final = 2.5
 """The first and the last tick are left out if they are this far off, unless there are fewer than
@@ -124,7 +123,7 @@ def _refine_once(
     """A fit to all ticks of a window, and whether the first and the last tick are inliers."""
     family = model.family
     prior, anchors = prior_at_anchors(bank, model, scales.reach_m)
-    x, errors = bank.x, Ar1Noise(np.ones(family.ROWS), np.full(family.ROWS, FIRST_CORRELATION))
+    x, errors = bank.x, Ar1Noise(np.ones(family.ROWS), np.zeros(family.ROWS))
     for _ in range(ROUNDS):
         x = _maximise(model, x, errors, anchors, window, prior)
         rows, tangent = _linearised(model, x, anchors, window)

@@ -9,7 +9,6 @@ from contact_tracker.contacts import ContactModel
 from contact_tracker.hypotheses import gauss_newton
 from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.evidence import (
-    SAME_FIT_RATIO,
     EvidenceParameters,
     EvidenceSums,
     complexity,
@@ -17,16 +16,7 @@ from contact_tracker.hypotheses.evidence import (
     weak_prior,
 )
 from contact_tracker.hypotheses.gauss_newton import Prior
-from contact_tracker.hypotheses.schedule import (
-    DEFER_NATS,
-    DROP_NATS,
-    FIRST_STEPS,
-    FIRST_TICKS,
-    PROTECTION_NATS,
-    PROTECTION_TICKS,
-    RECOVERY_STEPS,
-    REST_WEIGHT,
-)
+from contact_tracker.hypotheses.schedule import FIRST_STEPS, FIRST_TICKS, NEAR_NATS, REST_WEIGHT
 from contact_tracker.motion.window import Window
 
 
@@ -100,33 +90,9 @@ def accumulate_window(bank: Bank, model: ContactModel, window: Window, scales: E
     return bank.replace_columns(x=model.family.normalise(bank.x, anchors_of(bank, model)))
 
 
-def is_deferred(bank: Bank) -> Bools:
-    """Which hypotheses (H,) are refitted only when a search is due."""
-    return ~(bank.log_weight >= -DEFER_NATS)
-
-
-def recover_fallen(
-    bank: Bank, old_weight: Array, model: ContactModel, window: Window, scales: EvidenceParameters
-) -> Bank:
-    """Refit hypotheses whose likelihood has dropped in this tick.
-
-    Hypotheses that were near the best (log weight ``old_weight`` (H,)) take ``RECOVERY_STEPS`` more steps. If
-    they still do not fit, and were within ``PROTECTION_NATS``, they are protected from pruning
-    (``Bank.protected_until``).
-    """
-    fallen = _fallen(bank, old_weight, DEFER_NATS)
-    if fallen.any():
-        bank = refit(bank, model, window, scales, np.flatnonzero(fallen), RECOVERY_STEPS)
-    fallen = _fallen(bank, old_weight, PROTECTION_NATS)
-    if not fallen.any():
-        return bank
-    until = np.maximum(bank.protected_until, bank.effective_ticks + PROTECTION_TICKS)
-    return bank.replace_columns(protected_until=np.where(fallen, until, bank.protected_until))
-
-
-def _fallen(bank: Bank, old_weight: Array, nats: float) -> Bools:
-    """Which hypotheses (H,) were within ``nats`` of the best, lost ``DROP_NATS`` and do not fit any more."""
-    return (old_weight >= -nats) & (bank.log_weight < old_weight - DROP_NATS) & (bank.rms > SAME_FIT_RATIO)
+def are_near(bank: Bank) -> Bools:
+    """Which hypotheses (H,) are within ``NEAR_NATS`` of the best before this tick."""
+    return bank.log_weight >= -NEAR_NATS
 
 
 def refit(

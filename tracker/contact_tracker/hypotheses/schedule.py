@@ -7,24 +7,12 @@ import numpy as np
 FIRST_TICKS: Final = 6.0
 FIRST_STEPS: Final = 3
 """Gauss-Newton steps in each of the ``FIRST_TICKS`` with motion, in which the estimate changes most, and one
-later. With one
-step a change of contact within 0.15 s is not seen; without ``RECOVERY_STEPS`` either, labels of 15 everyday
-recordings are right for 0.013 less of the time."""
+later. With one step a change of contact within 0.15 s is not seen."""
 REST_WEIGHT: Final = 1e-7
 """Weight of a tick without motion. It keeps the position determined and carries almost no information."""
-DEFER_NATS: Final = 10.0
-"""A hypothesis further behind the best only accumulates moments; it is refitted when a search is due."""
-FAR_NATS: Final = 14.0
-"""Hypotheses further behind the best do not search after burn-in, and do not count as evidence for their
-contact."""
-DROP_NATS: Final = 3.0
-RECOVERY_STEPS: Final = 12
-"""A hypothesis that is refitted in every tick, loses more nats than this in one and does not fit its window
-takes this many extra steps: a direction that was open before may be far off."""
-PROTECTION_NATS: Final = 20.0
-PROTECTION_TICKS: Final = 6.0
-"""A hypothesis that was within this many nats of the best and drops in spite of the extra steps is protected
-from pruning for this many ticks with motion. Thinning of old onsets applies all the same."""
+NEAR_NATS: Final = 10.0
+"""A hypothesis further behind the best only accumulates moments, is refitted when a search is due, does not
+search after burn-in, and is no evidence for its contact."""
 SEARCH_AGES: Final = np.array([3.0, 4, 5, 6, 8, 10, 13, 16, 20, 25, 30, 36, 44, 54, 66, 80, 100])
 """Ages in ticks with motion at which a hypothesis searches: a minimum of a short window need not remain
 one."""

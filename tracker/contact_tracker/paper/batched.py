@@ -15,7 +15,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from contact_tracker.arrays import Array, Bools, Ints
-from contact_tracker.geometry.linalg import MOST_DAMPING, adapted, sphere_tangent
+from contact_tracker.geometry.linalg import LEAST_SHARE, MOST_DAMPING, adapted, sphere_tangent
 from contact_tracker.paper.objectives import motion
 from contact_tracker.states import Contact
 
@@ -141,7 +141,6 @@ def _cross_rows(rotation: Array) -> Array:
 
 _LEVI_CIVITA: Final = np.cross(np.eye(3)[:, None], np.eye(3))
 FIRST_DAMPING: Final = 1e-3
-LEAST_SHARE: Final = 1e-11
 LEAST_CURVATURE: Final = np.finfo(float).tiny
 """Minimal curvature: a share of the largest one, and a constant for windows without curvature."""
 

@@ -58,7 +58,7 @@ inline std::vector<std::int64_t> rows_to_keep(const Kind& kind, const Bank& bank
     const std::vector<Rival> rivals = rivals_of(kind.where, bank.own, now);
     for (int b = 0; b < bank.count(); ++b) {
         const bool near = rivals[b].joint > best - margin;
-        if ((near || is_protected(kind, bank[b])) && is_best(rivals, b)) rows.push_back(b);
+        if ((near || in_burn_in(kind, bank[b])) && is_best(rivals, b)) rows.push_back(b);
     }
     return rows;
 }

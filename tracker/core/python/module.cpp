@@ -20,10 +20,9 @@ using Words = std::pair<int, pybind11::dict>;
 BankLayout bank_layout(const Words& bank) {
     BankLayout to;
     read_fields(bank.second, FIELD(onset), FIELD(number), FIELD(prior_index), FIELD(known_pair_index),
-                FIELD(elements_known), FIELD(needs_search), FIELD(log_birth_weight), FIELD(protected_until),
-                FIELD(log_prior), FIELD(llr_before_window), FIELD(gain_before_window), FIELD(log_likelihood),
-                FIELD(rms), FIELD(prior_mean), FIELD(prior_information), FIELD(line_anchor), FIELD(x),
-                FIELD(row_weight));
+                FIELD(elements_known), FIELD(needs_search), FIELD(log_birth_weight), FIELD(log_prior),
+                FIELD(llr_before_window), FIELD(gain_before_window), FIELD(log_likelihood), FIELD(rms),
+                FIELD(prior_mean), FIELD(prior_information), FIELD(line_anchor), FIELD(x), FIELD(row_weight));
     return to;
 }
 

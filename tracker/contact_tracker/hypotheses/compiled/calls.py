@@ -95,13 +95,12 @@ def birth_limits(any_direction: float, reach_m: float, hopeless: float, most: in
 def _settings() -> dict[str, object]:
     """Constants of the algorithm by their names in C++ (``tracker/core/settings.hpp``)."""
     names = (
-        *("FIRST_TICKS", "FIRST_STEPS", "REST_WEIGHT", "DEFER_NATS", "FAR_NATS", "DROP_NATS"),
-        *("PROTECTION_NATS", "PROTECTION_TICKS", "RECOVERY_STEPS"),
+        *("FIRST_TICKS", "FIRST_STEPS", "REST_WEIGHT", "NEAR_NATS"),
         *("FOLLOWED_STARTS", "UNTHINNED_TICKS", "ROUNDS"),
     )
-    fits = ("FIRST_DAMPING", "LEAST_SHARE", "LEAST_CURVATURE", "TOLERANCE")
+    fits = ("FIRST_DAMPING", "LEAST_CURVATURE", "TOLERANCE")
     moving = ("USED", "LEVER_M", "ONE_AXIS", "NO_MOTION", "STRIDE_TICKS")
-    shared = ("LEAST_DAMPING", "MOST_DAMPING", "DAMPING_DECREASE", "DAMPING_INCREASE")
+    shared = ("LEAST_SHARE", "LEAST_DAMPING", "MOST_DAMPING", "DAMPING_DECREASE", "DAMPING_INCREASE")
     return {
         **{name.lower(): getattr(schedule, name) for name in names},
         **{name.lower(): getattr(gauss_newton, name) for name in fits},
