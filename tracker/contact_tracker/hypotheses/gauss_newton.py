@@ -148,17 +148,6 @@ def minimise(
             )
 
 
-def data_information(
-    family: Family, moments: Array, row_weight: Array, prior: Prior, anchors: Array, x: Array
-) -> Array:
-    """Hessian (B, P, P) of the data alone, at x (B, S) with its linear coordinates at their optimum.
-
-    Arguments as of ``minimise``.
-    """
-    x, _ = complete(family, moments, row_weight, prior, anchors, x)
-    return np.asarray(_normal_equations(family, moments, row_weight, prior, anchors, x)[2].sum(axis=1))
-
-
 def _step(family: Family, gradient: Array, hessian: Array, prior_precision: Array, damping: Array) -> Array:
     """Gauss-Newton step (B, P) with damped turns; ``complete`` then solves for the shifts."""
     curvature = hessian.sum(axis=1) + prior_precision

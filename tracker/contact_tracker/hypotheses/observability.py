@@ -28,7 +28,7 @@ from contact_tracker.geometry.elements import (
 )
 from contact_tracker.geometry.lifted_pose import R, T
 from contact_tracker.geometry.linalg import cross
-from contact_tracker.hypotheses import gauss_newton, refit
+from contact_tracker.hypotheses import gauss_newton
 from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.births import name_elements
 from contact_tracker.hypotheses.evidence import EvidenceParameters, weak_prior
@@ -130,9 +130,9 @@ def information_spectrum(
     if information is None:  # with correlated errors the moments hold innovations, in which most of a
         noise_margin, variance = 1.0, variance / (1.0 - scales.correlation) ** 2  # constant pose cancels
     tangent = model.family.tangent(hypothesis.x[0], anchors_of(hypothesis, model)[0])
-    observed = refit.information(hypothesis, model, scales.reach_m)[0] if information is None else information
+    observed, noise = information_of_ticks(hypothesis, model, tangent, variance)
+    observed = observed if information is None else information
     prior = prior_along(hypothesis, model, tangent, scales.reach_m)
-    noise = noise_information(hypothesis, model, tangent, variance)
     eigenvalues, eigenvectors = linalg.eigenvectors(observed, prior + noise)
     covariance = tangent @ posterior_covariance(eigenvalues, eigenvectors, prior, noise_margin) @ tangent.T
     return InformationSpectrum(covariance, tangent, prior, eigenvalues, eigenvectors)
@@ -171,18 +171,19 @@ def posterior_covariance(values: Array, directions: Array, prior: Array, noise_m
     return np.asarray(scaled @ linalg.solve(precision * (scale[:, None] * scale), scaled.T))
 
 
-def noise_information(hypothesis: Bank, model: ContactModel, tangent: Array, variance: Array) -> Array:
-    """Information (P, P) along ``tangent`` (S, P) that the noise of the poses alone would add in the
-    window."""
-    family, moments, x = model.family, hypothesis.second_moment[0], hypothesis.x[0]
-    size, rows, columns, free = family.SIZE, family.ROWS, len(family.COLUMNS), tangent.shape[1]
-    precision = gauss_newton.per_metre(family, moments, hypothesis.row_weight[0], x)
-    slopes = tangent.T @ family.rows_derivative(x).swapaxes(0, 1).reshape(size, -1)
+def information_of_ticks(
+    hypothesis: Bank, model: ContactModel, tangent: Array, variance: Array
+) -> tuple[Array, Array]:
+    """Information (P, P) along ``tangent`` (S, P) of the ticks by their moments, and that which the noise of
+    the poses alone would add to it."""
+    moments, x = hypothesis.second_moment[0], hypothesis.x[0]
+    precision = gauss_newton.per_metre(model.family, moments, hypothesis.row_weight[0], x)
+    slopes = np.sqrt(precision)[:, None, None] * (tangent.T @ model.family.rows_derivative(x))
     # change of each row when a pose is perturbed by one sigma in each direction
-    off = (slopes.reshape(free * rows, columns) @ model.moves).swapaxes(0, 1).reshape(free, rows, 6, columns)
-    off *= np.sqrt(precision[:, None] * variance[lifted_pose.NOISE_OF_PERTURBATION])[..., None]
-    jitter = off.reshape(-1, columns) @ moments
-    return np.asarray(jitter.reshape(free, -1) @ off.reshape(free, -1).T)
+    sigma = np.sqrt(variance[lifted_pose.NOISE_OF_PERTURBATION])[:, None, None]
+    off = (slopes[:, None] @ (sigma * model.moves)).reshape(-1, *slopes.shape[1:])
+    observed, noise = ((rows @ moments @ rows.swapaxes(1, 2)).sum(axis=0) for rows in (slopes, off))
+    return observed, noise
 
 
 def perturbed_rows(hypothesis: Bank, model: ContactModel) -> Array:

@@ -117,15 +117,6 @@ def refit(
     return _with_evidence(bank.replace_columns(x=fit.x), model, window, scales, priors, fit)
 
 
-def information(bank: Bank, model: ContactModel, reach_m: float) -> Array:
-    """Information (H, P, P) of the data on each geometry, along the tangent at x.
-
-    The linear coordinates are taken at their optimum.
-    """
-    priors = prior_at_anchors(bank, model, reach_m)
-    return gauss_newton.data_information(model.family, bank.second_moment, bank.row_weight, *priors, bank.x)
-
-
 def _with_evidence(
     bank: Bank,
     model: ContactModel,
