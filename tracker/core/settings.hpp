@@ -20,12 +20,12 @@ struct Settings {
     double tolerance;                           // gauss_newton.py
     double sine_sq_floor, tiny;                 // contacts.edge_edge
     double ridge;                               // contacts.family
-    double fitting_rms;                         // evidence.SAME_FIT_RATIO
+    double decisive, fitting_rms;               // evidence.DECISIVE, SAME_FIT_RATIO
     double used, lever_m, one_axis, no_motion;  // motion/window.py
     int stride_ticks;
     // hypotheses/schedule.py, as all below
     double first_ticks, rest_weight, near_nats;
-    int first_steps, followed_starts, unthinned_ticks;
+    int first_steps, recovery_steps, followed_starts, unthinned_ticks;
     std::vector<double> search_ages;
     std::vector<bool> is_search_age;
     std::vector<Round> rounds;

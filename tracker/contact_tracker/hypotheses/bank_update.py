@@ -36,6 +36,7 @@ from contact_tracker.hypotheses.refit import (
     accumulate,
     accumulate_window,
     are_near,
+    recover_fallen,
     refit,
 )
 from contact_tracker.hypotheses.schedule import REST_WEIGHT
@@ -176,8 +177,9 @@ def _update_contact(
         return bank
     due = is_due(model, birth.onset)
     bank = add(bank, model, birth)
-    rows = np.flatnonzero(are_near(bank) | due)
+    rows, old_weight = np.flatnonzero(are_near(bank) | due), bank.log_weight
     bank = refit(accumulate(bank, model, window, scales, log_stay), model, window, scales, rows)
+    bank = recover_fallen(bank, old_weight, model, window, scales)
     if not due or window.latest_motion_ratio <= REST_WEIGHT:
         return bank
     return search(bank, select_for_search(bank, model), model, window, scales)

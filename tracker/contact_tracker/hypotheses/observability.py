@@ -240,8 +240,6 @@ def _unobserved(how: Literal["turns_about", "shifts_along"], axes: Array) -> tup
 
 MOST_TICKS: Final = 300
 """Number of ticks that represent a longer window."""
-SHARE_OF_REST: Final = 0.05
-"""Weight of a tick at rest, relative to a tick in motion, in their choice."""
 
 
 def systematic_covariance(
@@ -309,12 +307,12 @@ def added_covariance(
 
 
 def representatives(window: Window) -> tuple[Window, Array]:
-    """All ticks of a window, or a part of them if it is long, more of those in motion; and the number (N,) of
-    ticks that each stands for."""
+    """All ticks of a window, or a part if it is long, half of it by their motion, the rest evenly; and
+    the number (N,) of ticks that each stands for."""
     length = len(window)
     if length <= MOST_TICKS:
         return window, np.ones(length)
-    passed = np.cumsum(window.motion_ratio + SHARE_OF_REST)
+    passed = np.cumsum(window.motion_ratio + max(window.motion_ratio.mean(), REST_WEIGHT))
     cuts = np.unique(np.searchsorted(passed, np.linspace(0.0, passed[-1], MOST_TICKS + 1)[1:-1]))
     first, end = np.append(0, cuts), np.append(cuts, length)
     filled = end > first

@@ -9,6 +9,8 @@ from contact_tracker.contacts import ContactModel
 from contact_tracker.hypotheses import gauss_newton
 from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.evidence import (
+    DECISIVE,
+    SAME_FIT_RATIO,
     EvidenceParameters,
     EvidenceSums,
     complexity,
@@ -16,7 +18,13 @@ from contact_tracker.hypotheses.evidence import (
     weak_prior,
 )
 from contact_tracker.hypotheses.gauss_newton import Prior
-from contact_tracker.hypotheses.schedule import FIRST_STEPS, FIRST_TICKS, NEAR_NATS, REST_WEIGHT
+from contact_tracker.hypotheses.schedule import (
+    FIRST_STEPS,
+    FIRST_TICKS,
+    NEAR_NATS,
+    RECOVERY_STEPS,
+    REST_WEIGHT,
+)
 from contact_tracker.motion.window import Window
 
 
@@ -93,6 +101,16 @@ def accumulate_window(bank: Bank, model: ContactModel, window: Window, scales: E
 def are_near(bank: Bank) -> Bools:
     """Which hypotheses (H,) are within ``NEAR_NATS`` of the best before this tick."""
     return bank.log_weight >= -NEAR_NATS
+
+
+def recover_fallen(
+    bank: Bank, old_weight: Array, model: ContactModel, window: Window, scales: EvidenceParameters
+) -> Bank:
+    """Take more steps of hypotheses that were near the best (log weight ``old_weight`` (H,) before the tick),
+    lost decisive evidence in this tick and do not fit any more: an open direction may be far off."""
+    fallen = (old_weight >= -NEAR_NATS) & (bank.log_weight < old_weight - DECISIVE)
+    rows = np.flatnonzero(fallen & (bank.rms > SAME_FIT_RATIO))
+    return refit(bank, model, window, scales, rows, RECOVERY_STEPS) if len(rows) else bank
 
 
 def refit(

@@ -30,8 +30,9 @@ inline void configure(const pybind11::dict& values) {
                 "least_share", damping.least_share, "least_curvature", damping.least_curvature);
     read_fields(values, FIELD(tolerance), FIELD(sine_sq_floor), FIELD(tiny), FIELD(ridge), FIELD(used),
                 FIELD(lever_m), FIELD(one_axis), FIELD(no_motion), FIELD(stride_ticks), FIELD(first_ticks),
-                FIELD(rest_weight), FIELD(near_nats), FIELD(fitting_rms), FIELD(first_steps),
-                FIELD(followed_starts), FIELD(unthinned_ticks), FIELD(search_ages), FIELD(is_search_age));
+                FIELD(rest_weight), FIELD(near_nats), FIELD(decisive), FIELD(fitting_rms),
+                FIELD(recovery_steps), FIELD(first_steps), FIELD(followed_starts), FIELD(unthinned_ticks),
+                FIELD(search_ages), FIELD(is_search_age));
     to.rounds.clear();
     for (const auto& [steps, kept] : values["rounds"].cast<std::vector<std::pair<int, int>>>())
         to.rounds.push_back({steps, kept});

@@ -105,8 +105,17 @@ void advance(const Kind& kind, const Bank& bank, int old, const Ticks& ticks, co
     const double motion_ratio = ticks.motion_ratio();
     marginalise_expired_ticks<F>(kind, bank, old, expired, weights.lengths);
     accumulate<F>(kind, bank, ticks, weights.lengths, motion_ratio, log_stay);
+    std::vector<double> was(bank.count());
     for (int b = 0; b < bank.count(); ++b) {
+        was[b] = log_weight_of(kind.where, bank[b].own);
         if (is_near(kind.where, bank[b].own) || directions) queue.add(kind, bank[b], steps_of(kind, bank[b]));
+    }
+    queue.refit<F>(kind, ticks, weights, work);
+    for (int b = 0; b < bank.count(); ++b) {  // reference: `refit.recover_fallen`
+        const double* row = bank[b].own;
+        const bool falls = log_weight_of(kind.where, row) < was[b] - settings.decisive;
+        if (was[b] >= -settings.near_nats && falls && row[kind.where.rms] > settings.fitting_rms)
+            queue.add(kind, bank[b], settings.recovery_steps);
     }
     queue.refit<F>(kind, ticks, weights, work);
     if (!directions || motion_ratio <= settings.rest_weight) return;

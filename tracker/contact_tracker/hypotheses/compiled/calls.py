@@ -95,7 +95,7 @@ def birth_limits(any_direction: float, reach_m: float, hopeless: float, most: in
 def _settings() -> dict[str, object]:
     """Constants of the algorithm by their names in C++ (``tracker/core/settings.hpp``)."""
     names = (
-        *("FIRST_TICKS", "FIRST_STEPS", "REST_WEIGHT", "NEAR_NATS"),
+        *("FIRST_TICKS", "FIRST_STEPS", "REST_WEIGHT", "NEAR_NATS", "RECOVERY_STEPS"),
         *("FOLLOWED_STARTS", "UNTHINNED_TICKS", "ROUNDS"),
     )
     fits = ("FIRST_DAMPING", "LEAST_CURVATURE", "TOLERANCE")
@@ -109,6 +109,7 @@ def _settings() -> dict[str, object]:
         "sine_sq_floor": edge_edge.SINE_SQ_FLOOR,
         "tiny": linalg.TINY,
         "ridge": family.RIDGE,
+        "decisive": evidence.DECISIVE,
         "fitting_rms": evidence.SAME_FIT_RATIO,
         "search_ages": schedule.SEARCH_AGES.tolist(),
         "is_search_age": schedule.IS_SEARCH_AGE.tolist(),
