@@ -13,8 +13,8 @@ import numpy as np
 
 from contact_tracker.arrays import Array, Bools
 from contact_tracker.geometry.linalg import between, rotation_vectors
-from contact_tracker.motion.excursions import ARM_M, FAR_M_PER_S2
-from contact_tracker.motion.poses import AS_GIVEN, NO_POSES, Poses, ReadAs
+from contact_tracker.motion.excursions import FAR_M_PER_S2
+from contact_tracker.motion.poses import ARM_M, AS_GIVEN, NO_POSES, Poses, ReadAs
 from contact_tracker.motion.sensor_noise import MEDIAN_OF_CHI_SQ, SCALE, independent_point
 
 PIECE: Final = 10

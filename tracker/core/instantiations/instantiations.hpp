@@ -2,7 +2,6 @@
 // compile in parallel; it defines HERE as the family's name.
 #pragma once
 
-#include "evidence/likelihood.hpp"
 #include "explanations/descent.hpp"
 #include "update/contact_update.hpp"
 
@@ -20,9 +19,7 @@ namespace kernels {
                                               double);                                                    \
     PREFIX template void refit<F>(const Kind&, const Rows&, const Ticks&, int, const EvidenceParameters&, \
                                   Work<F>&);                                                              \
-    PREFIX template void descend<F>(const FormationProblem<F>&, int, Lanes*);                             \
-    PREFIX template void equations_of<F>(const Kind&, const double*, const double*, const Ticks&,         \
-                                         const double*, const double*, double, Equations<F>&);
+    PREFIX template void descend<F>(const FormationProblem<F>&, int, Lanes*);
 
 #ifndef HERE
 #define DECLARE(F) HEAVY(extern, Family<F>)
