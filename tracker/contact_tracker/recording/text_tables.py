@@ -10,7 +10,7 @@ import csv
 import os
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -26,13 +26,11 @@ from contact_tracker.recording.bytestream import encoding_of
 from contact_tracker.recording.items import ROWS_AT_ONCE
 from contact_tracker.recording.json_entries import (
     LEAST_OF_POSE,
-    OF_OBJECTS,
-    by_object,
     entries_in,
     flattened,
     is_document,
     loads,
-    named,
+    rows_of,
 )
 from contact_tracker.recording.table_layouts import (
     BLANKS,
@@ -130,14 +128,18 @@ class TextTable:
 
     def __init__(self, path: str, begin: bytes, reading: TableReading) -> None:
         self._path, self._encoding = path, encoding_of(begin)
-        with self._opened() as file:
-            lines = head = _head(_lines(file))
-        self._is_document = is_document(head)
-        if self._is_document or any(map(OF_OBJECTS.match, head)):
-            with self._opened() as file:
-                head = list(islice(self._lines(file), _HEAD_LINES))
-        self.layout = _layout_in_unit(lines, head, reading, path)
         self.damage: tuple[str, ...] = ()
+        with self._opened() as file:
+            head = _head(_lines(file))
+        self._is_document = is_document(head)
+        if self._is_document:
+            with self._opened() as file:
+                rows = list(islice(chain.from_iterable(map(rows_of, entries_in(file))), _HEAD_LINES))
+            layout = _layout_of_fields(rows, reading, path)
+        else:
+            layout = _layout_of(head, reading, path)
+        _check_unit(head, layout, reading, path)
+        self.layout = layout
 
     def __iter__(self) -> Iterator[dict[int, Sequence[str]]]:
         rows = self._rows()
@@ -147,34 +149,43 @@ class TextTable:
     def _opened(self) -> IO[str]:
         return open(self._path, encoding=self._encoding, errors="replace")
 
-    def _lines(self, file: IO[str]) -> Iterator[str]:
-        lines = entries_in(file) if self._is_document else _lines(file)
-        return chain.from_iterable(map(by_object, lines))
-
-    def _rows(self) -> Iterator[list[str]]:
-        layout, separator, previous = self.layout, self.layout.separator, list[str]()
-        places, width = layout.places, max(layout.places) + 1
-        cells_in = partial(_named_cells, names=layout.names, heads=layout.heads, separator=separator)
+    def _lines_and_cells(self) -> Iterator[tuple[str, list[str]]]:
+        """Lines with the cells of each row in them; without these if there are none."""
+        layout = self.layout
         with self._opened() as file:
-            for line in islice(self._lines(file), layout.skip, None):
+            if self._is_document:
+                for fields in chain.from_iterable(map(rows_of, entries_in(file))):
+                    yield "\n", [fields.get(name, "") for name in layout.names]
+                return
+            for line in islice(_lines(file), layout.skip, None):
                 if _COMMENT.match(line):
                     continue
                 if not line.strip(_EMPTY):
-                    if layout.kind == "Vicon":
-                        return  # the end of a section
-                    continue
-                cells = cells_in(line) if layout.names else _cells_of(line, separator)
-                if line[-1] != "\n" and len(line) < _LINE and previous and _is_cut(previous, cells):
-                    self.damage = (_CUT_OFF,)
-                    return
-                previous = cells
-                if len(cells) < width:
-                    cells = cells + [""] * (width - len(cells))
-                row = [cells[place] for place in places]
-                if len(line) > _LONGEST_CELL * width:
-                    row = [cell[:_LONGEST_CELL] for cell in row]
-                if any(map(str.strip, row)):
-                    yield row
+                    yield line, []
+                elif layout.names:
+                    yield from ((line, cells) for cells in _named_cells(line, layout))
+                else:
+                    yield line, _cells_of(line, layout.separator)
+
+    def _rows(self) -> Iterator[list[str]]:
+        layout, previous = self.layout, list[str]()
+        places, width = layout.places, max(layout.places) + 1
+        for line, cells in self._lines_and_cells():
+            if not cells:
+                if layout.kind == "Vicon":
+                    return  # the end of a section
+                continue
+            if line[-1] != "\n" and len(line) < _LINE and previous and _is_cut(previous, cells):
+                self.damage = (_CUT_OFF,)
+                return
+            previous = cells
+            if len(cells) < width:
+                cells = cells + [""] * (width - len(cells))
+            row = [cells[place] for place in places]
+            if len(line) > _LONGEST_CELL * width:
+                row = [cell[:_LONGEST_CELL] for cell in row]
+            if any(map(str.strip, row)):
+                yield row
 
 
 def _lines(file: IO[str]) -> Iterator[str]:
@@ -223,24 +234,25 @@ def _table_of(lines: Sequence[str], separator: str | None) -> list[list[str]]:
     return [[cell.strip() for cell in row] for row in rows]
 
 
-def _fields_of(line: str) -> dict[str, str]:
-    """The numbers and texts by name (``pose.position.x``, ``state[0]``) in a line with a JSON object or with
-    ``name=value`` pairs; raises ValueError."""
-    if not _JSON.match(line):
-        lead, *between = _PAIR.split(line)[::3]
-        before = {f"{UNNAMED}{i}": value for i, value in enumerate(_IN_LEAD.findall(lead))}
-        between = [text.strip(_BETWEEN_PAIRS) for text in between]
-        if unread := next((text for text in between if not _OF_NEXT.fullmatch(text)), ""):
-            raise ValueError(
-                f"beside its values with names there is {unread[:_LONGEST_CELL]!r}: leave it out, and write "
-                "a unit in the name, as in x_cm=29"
-            )
-        return flattened(before | {name: _values_in(value) for name, value in _PAIR.findall(line)})
-    try:
-        entry = loads(line)
-    except RecursionError as error:
-        raise ValueError("it is too deep") from error
-    return flattened(named(entry))
+def _fields_in(line: str, heads: Sequence[str] = (), separator: str | None = None) -> list[dict[str, str]]:
+    """The numbers and texts by name (``pose.position.x``, ``state[0]``) of each row in a line: of cells with
+    several values below ``heads``, of JSON, or of ``name=value`` pairs; raises ValueError."""
+    if heads:
+        return [flattened(dict(zip(heads, map(_values_in, _cells_of(line, separator)), strict=False)))]
+    if _JSON.match(line):
+        try:
+            return rows_of(loads(line))
+        except RecursionError as error:
+            raise ValueError("it is too deep") from error
+    lead, *between = _PAIR.split(line)[::3]
+    before = {f"{UNNAMED}{i}": value for i, value in enumerate(_IN_LEAD.findall(lead))}
+    between = [text.strip(_BETWEEN_PAIRS) for text in between]
+    if unread := next((text for text in between if not _OF_NEXT.fullmatch(text)), ""):
+        raise ValueError(
+            f"beside its values with names there is {unread[:_LONGEST_CELL]!r}: leave it out, and write "
+            "a unit in the name, as in x_cm=29"
+        )
+    return [flattened(before | {name: _values_in(value) for name, value in _PAIR.findall(line)})]
 
 
 def _values_in(cell: str) -> Any:
@@ -259,32 +271,30 @@ def _values_in(cell: str) -> Any:
     return values if counted > 1 else cell
 
 
-def _named_cells(line: str, names: Sequence[str], heads: Sequence[str], separator: str | None) -> list[str]:
-    """The values of a row in the order of ``names``, if cells, whose columns are ``heads``, have several
-    values, or, without these, rows are JSON."""
+def _named_cells(line: str, layout: TableLayout) -> list[list[str]]:
+    """The values of each row in a line in the order of the layout's names."""
     try:
-        if heads:
-            cells = map(_values_in, _cells_of(line, separator))
-            fields = flattened(dict(zip(heads, cells, strict=False)))
-        else:
-            fields = _fields_of(line)
+        rows = _fields_in(line, layout.heads, layout.separator)
     except ValueError:
-        return [line] * len(names)  # none of them is a number
-    return [fields.get(name, "") for name in names]
+        return [[line] * len(layout.names)]  # none of them is a number
+    return [[fields.get(name, "") for name in layout.names] for fields in rows]
 
 
-def _layout_in_unit(
-    lines: Sequence[str], head: Sequence[str], reading: TableReading, path: str
-) -> TableLayout:
-    """The layout of the rows ``head``; also raises if the first ``lines`` of the file name a unit of length
-    and the layout would assume metres."""
-    if any(line.count(mark) >= MOST_COLUMNS for line in head for mark in ",;\t "):
-        raise UnreadableRecording(f"its rows have {MOST_COLUMNS} values or more: leave out those of no body")
+def _layout_of(head: Sequence[str], reading: TableReading, path: str) -> TableLayout:
+    """The layout of the rows that begin with the lines ``head``."""
     begin = next((i for i, line in enumerate(head) if line.strip() and not _COMMENT.match(line)), 0)
     kinds = [layout_of for is_known, layout_of in _FORMATS if is_known(head[begin] if head else "")]
+    if kinds[:1] != [_json_layout] and any(line.count(c) >= MOST_COLUMNS for line in head for c in ",;\t "):
+        raise UnreadableRecording(f"its rows have {MOST_COLUMNS} values or more: leave out those of no body")
     rows = ["\n"] * begin + list(head[begin:]) if kinds else head
-    layout, about, is_above = (kinds or [_layout_of_rows])[0](rows, reading, path), list[str](), True
-    for i, line in enumerate(lines):  # comments, and lines above the rows except the names of columns
+    return (kinds or [_layout_of_rows])[0](rows, reading, path)
+
+
+def _check_unit(head: Sequence[str], layout: TableLayout, reading: TableReading, path: str) -> None:
+    """Raise UnreadableRecording if the first lines name a unit of length and the layout would assume
+    metres."""
+    about, is_above = list[str](), True
+    for i, line in enumerate(head):  # comments, and lines above the rows except the names of columns
         cells = _cells_of(line, layout.separator)
         is_above &= layout.kind == "JSON" or not _are_values(cells)
         is_head = layout.skip - 2 <= i < layout.skip and len(cells) > max(layout.places)
@@ -292,7 +302,7 @@ def _layout_in_unit(
             about.append(line[:_SENTENCE])
     stated = _LENGTH.search("\n".join(about))
     if stated is None or all(body.has_unit for body in layout.bodies):
-        return layout
+        return
     factor = LENGTHS_M.get(stated[1].lower())
     unit = next((unit for unit in LENGTHS if LENGTHS[unit] == factor), None)
     remedy = "convert them to metres"
@@ -447,21 +457,26 @@ def _has_names(line: str) -> bool:
 
 
 def _json_layout(lines: Sequence[str], reading: TableReading, path: str) -> TableLayout:
-    """The layout of lines with one JSON object each, by all names in these first lines."""
-    names, rows = dict[str, None](), list[dict[str, str]]()
+    """The layout of lines with JSON objects or pairs."""
+    rows = list[dict[str, str]]()
     for line in lines:
         try:
-            rows.append(_fields_of(line) if not _COMMENT.match(line) else {})
-            names.update(dict.fromkeys(rows[-1]))
+            rows += _fields_in(line) if line.strip() and not _COMMENT.match(line) else []
         except ValueError as error:
             if not _JSON.match(line):
                 raise UnreadableRecording(str(error)) from None
-            if not names:
+            if not rows:
                 raise UnreadableRecording(
                     "its first line is no JSON object: one a line is read, as jq -c '.[]' writes an array"
                 ) from None
+    return _layout_of_fields(rows[:_HEAD_LINES], reading, path)
+
+
+def _layout_of_fields(rows: Sequence[Mapping[str, str]], reading: TableReading, path: str) -> TableLayout:
+    """The layout of rows of named values, by all names in these first rows."""
+    names = list(dict.fromkeys(chain.from_iterable(rows)))
     cells = [[row.get(name, "") for name in names] for row in rows if row]
-    layout = layout_of_names(list(names), reading, path, rows=lambda: cells)
+    layout = layout_of_names(names, reading, path, rows=lambda: cells)
     return replace(layout, kind="JSON", names=tuple(names))
 
 
@@ -509,7 +524,8 @@ def _layout_of_rows(
         inner = _names_in_groups(named, values, separator)
         cells_of = partial(_table_of, values, separator)
         if inner:
-            cells_of = partial(list, [_named_cells(line, inner, named, separator) for line in values])
+            of_groups = TableLayout(0, None, (), separator=separator, names=tuple(inner), heads=tuple(named))
+            cells_of = partial(list, [cells for line in values for cells in _named_cells(line, of_groups)])
         try:
             layout = layout_of_names(inner or named, reading, path, [] if inner else units, cells_of)
         except (UnreadableRecording, ChoiceError) as error:
