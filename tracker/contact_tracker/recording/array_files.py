@@ -115,8 +115,8 @@ def _numpy_array(name: str, file: IO[bytes], packed: int, size: int, budget: Wor
 
 
 def _numbers_in(name: str, shape: Shape, kind: np.dtype[Any], read: Callable[[], NDArray[Any]]) -> Arrays:
-    """The array if it has numbers, dates as nanoseconds, or those of its fields."""
-    if kind.kind in "iuf":
+    """The array if it has numbers or texts, dates as nanoseconds, or those of its fields."""
+    if kind.kind in "iufSU":
         yield name, shape, read
     elif kind.kind in "mM":
         yield name, shape, lambda: read().astype(f"{kind.kind}8[ns]").astype(np.int64)

@@ -376,8 +376,16 @@ class ArrayTable:
         for begin in range(0, len(self._values[0]), ROWS_AT_ONCE):
             rows = slice(begin, begin + ROWS_AT_ONCE)
             batch = {place: self._values[place][rows] for place in self.layout.places}
-            texts = {place: list(map(str, batch.pop(place).tolist())) for place in self.layout.texts}
-            yield texts | {place: values.astype(np.float64) for place, values in batch.items()}
+            texts = {place: _texts_of(batch.pop(place)) for place in self.layout.texts}
+            yield texts | {
+                place: numbers(_texts_of(values)) if values.dtype.kind in "SU" else values.astype(np.float64)
+                for place, values in batch.items()
+            }
+
+
+def _texts_of(values: NDArray[Any]) -> list[str]:
+    """The values (N,) as text, which may be stored in bytes."""
+    return [v.decode(errors="replace") if isinstance(v, bytes) else str(v) for v in values.tolist()]
 
 
 def _of_arrays(path: str, reading: TableReading, budget: WorkBudget, kind: str) -> ArrayTable:
@@ -407,7 +415,7 @@ def _of_arrays(path: str, reading: TableReading, budget: WorkBudget, kind: str) 
     try:
         if not names:
             raise UnreadableRecording(f"{_NO_ARRAY}{_OBJECTS * (kind == 'MATLAB')}; {_FROM_ARRAYS}")
-        first = np.array([values[:FIRST_ROWS] for values in columns]).T.astype(str).tolist()
+        first = [*zip(*(_texts_of(values[:FIRST_ROWS]) for values in columns), strict=True)]
         if list(arrays) == [""]:
             layout = layout_without_names(first, reading, path)
         else:

@@ -117,7 +117,9 @@ def _under_names(document: _Document) -> list[Any]:
         return []
     rows = [dict(zip(names, row, strict=False)) if isinstance(row, list) else {} for row in tables[0]]
     index = lists.get("index", [])
-    return [{"index": i, **row} for i, row in zip(index, rows, strict=True)] if len(index) == len(rows) else rows
+    if len(index) != len(rows):
+        return rows
+    return [{"index": i, **row} for i, row in zip(index, rows, strict=True)]
 
 
 def _in_a_list(document: _Document) -> list[Any]:

@@ -190,7 +190,8 @@ class TableLayout:
     has_angles : whether the names of columns say that rotations are angles.
     note : one line on what is not read, or empty.
     body : index of the column with the name of the body of each row; None if all are of one.
-    are_successive : whether the first rows name one body, which others may follow (``begin_body``).
+    first_body : name of the body of the first rows, which others may follow (``begin_body``), or empty if
+        the column may tell something else of them; None if the first rows are of several bodies.
     """
 
     time: int
@@ -208,7 +209,7 @@ class TableLayout:
     has_angles: bool = False
     note: str = ""
     body: int | None = None
-    are_successive: bool = False
+    first_body: str | None = None
 
     @property
     def places(self) -> list[int]:
@@ -375,10 +376,13 @@ NUMBERED: Final = re.compile(r"(.*?)[\[_.]?(\d{1,4})\]?")
 BY_ROW: Final = re.compile(r"(.*?)[\[_.](\d{1,2})\]?[\[_.](\d{1,2})\]?")
 """Numbers of the elements of a list, and of the rows and columns of a matrix, as in ``T_0_3``."""
 _SLICE: Final = re.compile(r"(.*)\[(\d{1,4})(?::(\d{1,4}))?\]")
-OF_BODY: Final = re.compile(
-    r"(?:.*[._ ])?(?:u?id|name|body|obj|object|tracker|device|marker|tag|hand|sensor|controller|track|target)"
+_BODIES: Final = (
+    "body|obj|object|tracker|device|marker|tag|hand|sensor|controller|track|target|child_frame"
 )
+OF_BODY: Final = re.compile(rf"(?:.*[._ ])?(?:u?id|name|{_BODIES})")
 """Names of columns of the names of bodies, which may be numbers; columns of text may have any name."""
+_NAMES_ONE: Final = re.compile(rf"(?:.*[._ ])?(?:{_BODIES})(?:[._ ]?(?:u?id|name))?|(?:.*\.)?(?:u?id|name)")
+"""Names of columns that name a body also where they do not change; others may be of a phase or a person."""
 _OF_OTHERS: Final = re.compile(r"(?:.*[._ ])?(?<!child_)frame_id|.*\[.*")
 """Names of columns of the names of parent frames, and of elements of lists, as of joints."""
 _GENERIC: Final = {"", "pose", "field", "transform", "data", "msg", "message", "state"}
@@ -576,27 +580,27 @@ def layout(columns: Columns, reading: TableReading) -> TableLayout:
 def with_body(layout: TableLayout, columns: Columns, rows: Rows) -> TableLayout:
     """The layout with the column of the names of bodies, if the first rows are of several ones, or of one of
     which others may follow."""
-    one, read = None, layout.places
-    first_rows = rows() if len(layout.bodies) == 1 else ()
+    read, first_rows, constant = layout.places, rows() if len(layout.bodies) == 1 else (), list[int]()
     for place, name in enumerate(columns.plain if first_rows else ()):
-        if place not in read:
-            position, last = layout.bodies[0].columns[:3], max(place, *read)
-            first = [row for row in first_rows if len(row) > last]
-            names = [row[place].strip(BLANKS) for row in first]
-            is_named, has_several = OF_BODY.fullmatch(name) is not None, len({*names}) > 1
-            if not is_named and (not has_several or are_numbers(names[:1])):
-                continue
-            is_text = bool(np.isnan(numbers(names)).all())
-            if not (is_named or is_text):
-                continue
-            may_be_one = is_text or (name.endswith("id") and "".join(names[:1]).isdigit())
-            if may_be_one and names and not has_several and one is None and not _OF_OTHERS.fullmatch(name):
-                one = place
-            times = [row[layout.time] if layout.time >= 0 else str(i) for i, row in enumerate(first)]
-            positions = np.array([numbers([row[i] for i in position]) for row in first]).reshape(-1, 3)
-            if _are_bodies(names, times, positions):
-                return replace(layout, body=place)
-    return layout if one is None else replace(layout, body=one, are_successive=True)
+        first = [row for row in first_rows if len(row) > max(place, *read)]
+        names, is_named = [row[place].strip(BLANKS) for row in first], OF_BODY.fullmatch(name) is not None
+        is_text = bool(np.isnan(numbers(names)).all())
+        if place in read or not names or not (is_named or is_text):
+            continue
+        if len({*names}) == 1:
+            is_body = is_text or (name.endswith("id") and names[0].isdigit())
+            constant += [place] * (is_body and not _OF_OTHERS.fullmatch(name))
+            continue
+        times = [row[layout.time] if layout.time >= 0 else str(i) for i, row in enumerate(first)]
+        positions = np.array([numbers([row[i] for i in layout.bodies[0].columns[:3]]) for row in first])
+        if _are_bodies(names, times, positions):
+            return replace(layout, body=place)
+    if not constant:
+        return layout
+    naming = [place for place in constant if _NAMES_ONE.fullmatch(columns.plain[place])]
+    place = (naming or constant)[0]
+    first_body = next(row[place].strip(BLANKS) for row in first_rows if len(row) > place)
+    return replace(layout, body=place, first_body=first_body if naming else "")
 
 
 def begin_body(texts: Sequence[str], times: NDArray[Any]) -> NDArray[np.bool_]:

@@ -172,7 +172,7 @@ def read_table(
     sources = tuple(PoseSource(topic, layout.kind, "", body.name, None, read_as) for body in layout.bodies)
     is_read = is_wanted(Channel(topic, ROWS, layout.kind, "", b""))
     times, count, lost, why, doubt = TableTimes(path, layout, reading, notes.assume), 0, 0, "", ""
-    bodies = _Bodies(layout.are_successive)
+    bodies = _Bodies(layout.first_body)
     largest = np.nan
     for columns in table if is_read else ():
         rows_read = len(next(iter(columns.values())))
@@ -211,23 +211,21 @@ class _Bodies:
     """The names of the bodies of rows, batch by batch; of successive ones, that of the first until the time
     goes back, and then those in the column."""
 
-    def __init__(self, are_successive: bool) -> None:
-        self._are_successive = are_successive
-        self._first = ""
+    def __init__(self, first: str | None) -> None:
+        self._first = first
         self._last: tuple[str, int] | None = None
 
     def names(self, texts: Sequence[str], stamp_ns: NDArray[np.int64]) -> Sequence[str]:
         """The names of the bodies of rows with these texts and stamps."""
-        if not self._are_successive or not texts:
+        if self._first is None or not texts:
             return texts
-        if self._last is None:
-            self._first, self._last = texts[0], (texts[0], int(stamp_ns[0]))
-        text, last_ns = self._last
-        begins = begin_body([text, *texts], np.r_[last_ns, stamp_ns])
+        text, last_ns = self._last or (texts[0], int(stamp_ns[0]))
         self._last = texts[-1], int(stamp_ns[-1])
-        self._are_successive = not begins.any()
-        count = len(texts) if self._are_successive else int(begins.argmax())
-        return [*[self._first] * count, *texts[count:]]
+        begins = begin_body([text, *texts], np.r_[last_ns, stamp_ns])
+        count = int(begins.argmax()) if begins.any() else len(texts)
+        names = [*[self._first] * count, *texts[count:]]
+        self._first = None if begins.any() else self._first
+        return names
 
 
 def _of_bodies(source: PoseSource, names: Sequence[str], poses: Poses) -> Iterator[Rows]:

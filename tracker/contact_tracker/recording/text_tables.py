@@ -416,12 +416,10 @@ def _qualisys_layout(lines: Sequence[str], reading: TableReading, path: str) -> 
     if "BODY_NAMES" not in about and "MARKER_NAMES" in about:
         markers = listed_briefly(about["MARKER_NAMES"])
         raise UnreadableRecording(f"it has markers ({markers}), not bodies: export 6D data from QTM")
-    if any(role not in (TIME, REST) for role, _ in reading.columns):
-        return _layout_of_rows(lines, reading, path)
-    reading = reading if reading.matrix is None else replace(reading, matrix="rows")  # as renamed below
     head = next((i for i, line in enumerate(lines) if "Rot[0]" in line), None)
-    if head is None:
+    if head is None or any(role not in (TIME, REST) for role, _ in reading.columns):
         return _layout_of_rows(lines, reading, path, reading_of(unit=_QUALISYS_WAY.unit))
+    reading = reading if reading.matrix is None else replace(reading, matrix="rows")  # as renamed below
     bodies, body, named = map("_".join, map(str.split, about.get("BODY_NAMES", []))), "", list[str]()
     for cell in _table_of([lines[head]], "\t")[0]:
         word = "".join(cell.split()[-1:])

@@ -275,8 +275,8 @@ def columns_of(table: Any, reading: TableReading) -> tuple[NDArray[Any], float |
 def _has_bodies(table: Any, keys: Sequence[Any], layout: TableLayout) -> bool:
     """Whether rows are of several bodies, by the column of their names."""
     names = [*map(str, _column(table, keys[layout.body or 0]))]
-    if not layout.are_successive or layout.time < 0:
-        return not layout.are_successive and len({*names}) > 1
+    if layout.first_body is None or layout.time < 0:
+        return layout.first_body is None and len({*names}) > 1
     try:
         return bool(begin_body(names, _column(table, keys[layout.time])).any())
     except (TypeError, ValueError):  # refused below, if these are no times
