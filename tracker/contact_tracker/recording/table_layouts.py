@@ -332,9 +332,9 @@ FRAME: Final = re.compile(r"(?:.*[./ ])?(?:frame|frame_?(?:number|no|nr|index|id
 _CLOCKS: Final = frozenset({"", "unix", "utc", "epoch", "posix"})
 """Texts in brackets after a time that leave its unit open."""
 _BODY: Final = r"(.*?)[._/: -]*"
-_AFTER: Final = re.compile(r"([pqt]?[xyz]|qw)[._/: -]+(.+)")
+_AFTER: Final = re.compile(r"(?:(?P<turn>q)|[pt]?)(?P<axis>(?(turn)[xyzw]|[xyz]))[._/: -]+(?P<body>.+)")
 """A role before the name of the body, as in ``qx_world_device``."""
-_FRAMED: Final = re.compile(r"([tq])_(\w+)_([wxyz])")
+_FRAMED: Final = re.compile(r"(?:(?P<turn>q)|t)_(?P<body>\w+)_(?P<axis>[wxyz])")
 """The frames of a transform between the parts of a role, as in ``t_wo_x`` and ``q_wo_x``."""
 _NO_POSE: Final = re.compile(
     r"(?:.*[._/: -])?(?:std|stdev|sd|sigma|var|cov|err|error|vel|dot|acc|ref|cmd|des)"
@@ -376,9 +376,7 @@ NUMBERED: Final = re.compile(r"(.*?)[\[_.]?(\d{1,4})\]?")
 BY_ROW: Final = re.compile(r"(.*?)[\[_.](\d{1,2})\]?[\[_.](\d{1,2})\]?")
 """Numbers of the elements of a list, and of the rows and columns of a matrix, as in ``T_0_3``."""
 _SLICE: Final = re.compile(r"(.*)\[(\d{1,4})(?::(\d{1,4}))?\]")
-_BODIES: Final = (
-    "body|obj|object|tracker|device|marker|tag|hand|sensor|controller|track|target|child_frame"
-)
+_BODIES: Final = "body|obj|object|tracker|device|marker|tag|hand|sensor|controller|track|target|child_frame"
 OF_BODY: Final = re.compile(rf"(?:.*[._ ])?(?:u?id|name|{_BODIES})")
 """Names of columns of the names of bodies, which may be numbers; columns of text may have any name."""
 _NAMES_ONE: Final = re.compile(rf"(?:.*[._ ])?(?:{_BODIES})(?:[._ ]?(?:u?id|name))?|(?:.*\.)?(?:u?id|name)")
@@ -485,16 +483,11 @@ class Columns:
     def _add_with_frames(self, by_body: dict[str, dict[str, int]]) -> None:
         """Add the columns with frames in their names: after the parts if no body has a position so far
         (``tx_world_device``), and between them if none has a pose (``t_wo_x``)."""
-        if not any(roles.keys() >= {*POSITION} for roles in by_body.values()):
-            for place, name in enumerate(self.plain):
-                if (match := _AFTER.fullmatch(name)) is not None and not _NO_POSE.fullmatch(match[2]):
-                    role = match[1] if match[1][0] == "q" else match[1][-1]
-                    by_body.setdefault(_body(match[2]), {}).setdefault(role, place)
-        if not any(map(_is_pose, by_body.values())):
-            for place, name in enumerate(self.plain):
-                if (match := _FRAMED.fullmatch(name)) is not None:
-                    role = match[3] if match[1] == "t" else f"q{match[3]}"
-                    by_body.setdefault(match[2], {}).setdefault(role, place)
+        for pattern, is_enough in ((_AFTER, lambda roles: roles.keys() >= {*POSITION}), (_FRAMED, _is_pose)):
+            for place, name in enumerate(() if any(map(is_enough, by_body.values())) else self.plain):
+                if (match := pattern.fullmatch(name)) is not None and not _NO_POSE.fullmatch(match["body"]):
+                    role = (match["turn"] or "") + match["axis"]
+                    by_body.setdefault(_body(match["body"]), {}).setdefault(role, place)
 
     def _stated(self, role: str, name: str, reading: TableReading) -> list[tuple[str, int]]:
         places = self.places(name, role in GROUPS)
@@ -581,11 +574,12 @@ def with_body(layout: TableLayout, columns: Columns, rows: Rows) -> TableLayout:
     """The layout with the column of the names of bodies, if the first rows are of several ones, or of one of
     which others may follow."""
     read, first_rows, constant = layout.places, rows() if len(layout.bodies) == 1 else (), list[int]()
-    for place, name in enumerate(columns.plain if first_rows else ()):
+    others = [(i, name) for i, name in enumerate(columns.plain) if i not in read]
+    for place, name in others if first_rows else ():
         first = [row for row in first_rows if len(row) > max(place, *read)]
-        names, is_named = [row[place].strip(BLANKS) for row in first], OF_BODY.fullmatch(name) is not None
+        names = [row[place].strip(BLANKS) for row in first]
         is_text = bool(np.isnan(numbers(names)).all())
-        if place in read or not names or not (is_named or is_text):
+        if not names or not (is_text or OF_BODY.fullmatch(name)):
             continue
         if len({*names}) == 1:
             is_body = is_text or (name.endswith("id") and names[0].isdigit())
