@@ -32,10 +32,11 @@ from pyarrow.parquet import ColumnChunkMetaData, ParquetFile
 from contact_tracker.config.quantities import LENGTHS_M
 from contact_tracker.config.table_reading import TableReading, reading_of
 from contact_tracker.errors import ChoiceError, UnreadableRecording, first_line, printable
-from contact_tracker.recording.array_files import MOST_ARRAYS, WIDEST, arrays_in, widest_of
+from contact_tracker.recording.array_files import DEEPEST, MOST_ARRAYS, WIDEST, arrays_in, widest_of
 from contact_tracker.recording.bytestream import SHARE_OF_RECORD, TooMuchWork, WorkBudget
 from contact_tracker.recording.items import ROWS_AT_ONCE
 from contact_tracker.recording.table_layouts import (
+    LONGEST_CELL,
     MOST_COLUMNS,
     UNNAMED,
     Body,
@@ -50,8 +51,6 @@ _BROKEN: Final = (ValueError, LookupError, TypeError, AttributeError, RecursionE
 _BUFFER_BYTES: Final = 2**16
 _LONGEST_LINE: Final = 120
 """Longest text (characters) of an error of pyarrow, which may list all columns."""
-_LONGEST_NAME: Final = 40
-_DEEPEST: Final = 5
 
 
 class ParquetTable:
@@ -77,7 +76,7 @@ class ParquetTable:
             type_ = leaves[place][2].type
             is_time = place == self.layout.time and types.is_temporal(type_)
             if not (is_time or _is_number(type_)):
-                named = f"its column {printable(name[:_LONGEST_NAME])} is of the type {type_}"
+                named = f"its column {printable(name[:LONGEST_CELL])} is of the type {type_}"
                 raise UnreadableRecording(f"{named}: columns of numbers are read")
             if is_time:
                 self.layout = replace(self.layout, time_ns=1, has_own_unit=types.is_duration(type_))
@@ -132,7 +131,7 @@ def _leaves(name: str, column: Any, depth: int = 0) -> Iterator[tuple[str, Any]]
     """The columns of single values in a column, by name: values in structs, and in lists, null where one is
     shorter."""
     kind = column.type
-    if depth > _DEEPEST:
+    if depth > DEEPEST:
         return
     if types.is_struct(kind):
         for field, values in islice(zip(kind, column.flatten(), strict=True), WIDEST):
@@ -363,9 +362,6 @@ def _varint(data: bytes, at: int) -> tuple[int, int]:
     return number | data[at] << shift, at + 1
 
 
-_SHOWN: Final = 8
-
-
 class ArrayTable:
     """Columns in memory, of one length, batch by batch; ``damage`` says what is missing."""
 
@@ -423,8 +419,7 @@ def _of_arrays(path: str, reading: TableReading, budget: WorkBudget, kind: str) 
     except (UnreadableRecording, ChoiceError) as error:
         text = "; ".join(filter(None, (str(error), beyond)))
         for why, entries in not_read.items():
-            listing = ", ".join(entries[:_SHOWN]) + ", ..." * (len(entries) > _SHOWN)
-            text += f"; not read: {listing}, which {'have' if entries[1:] else 'has'} {why}"
+            text += f"; not read: {listed_briefly(entries)}, which {'have' if entries[1:] else 'has'} {why}"
         raise type(error)(text) from error
     return ArrayTable(replace(layout, kind=kind, note="" if stated else beyond), columns)
 

@@ -87,6 +87,8 @@ def quaternions(kind: str, values: Array, how: str) -> Array:
 
 BLANKS: Final = '" \t\r\n'
 """Characters that may surround a value in its cell."""
+LONGEST_CELL: Final = 64
+"""Length (characters) to which texts are cut: of cells in long lines, and in messages."""
 SEPARATORS: Final = {";": "semicolons", "\t": "tabs", ",": "commas", "|": "bars", " ": "blanks"}
 """Characters that separate values, and their names in messages."""
 
@@ -394,7 +396,6 @@ NAMED_VECTOR: Final = re.compile("rvec|rot_?vec|axis_?angle", re.IGNORECASE)
 """Names of columns of angles, and of a rotation vector."""
 CAN_BE_GIVEN: Final = re.compile(r"[^,=]+").fullmatch
 """Whether ``--columns`` can state a name."""
-_LONGEST_NAME: Final = 200
 NO_FRAMES: Final = (
     "not numbers of frames: leave out the rate, or name the frames' column by --columns time=frame"
 )
@@ -408,7 +409,7 @@ class Columns:
     units."""
 
     def __init__(self, names: Sequence[str], units: Sequence[str] = ()) -> None:
-        self.names = [name.strip()[:_LONGEST_NAME] for name in names]
+        self.names = [name.strip()[: 4 * LONGEST_CELL] for name in names]
         whole = (_LEVELS.sub(lambda mark: "." * (len(mark[0]) > 2), name) for name in self.names)
         self.plain = [_CAMEL.sub("_", name.lstrip("#").strip().rstrip(".")).lower() for name in whole]
         self.units = [*units, *[""] * len(names)][: len(names)]

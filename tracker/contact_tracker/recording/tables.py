@@ -26,6 +26,7 @@ from contact_tracker.recording.bytestream import (
 from contact_tracker.recording.items import ROWS, Channel, PoseSource, Rows
 from contact_tracker.recording.table_layouts import (
     BLANKS,
+    LONGEST_CELL,
     SEPARATORS,
     Body,
     ProposedReading,
@@ -53,7 +54,6 @@ _BINARY: Final[Sequence[tuple[str, re.Pattern[bytes], str]]] = (
 )
 """Kinds of tables, by first bytes and suffix; files of MATLAB 4 begin with a number."""
 _YEAR_NS: Final = 365.25 * 86_400e9
-_LONGEST_TIME: Final = 40
 _RECORDINGS: Final = (".mcap", ".mcap.zst", ".mcap.zstd")
 Columns = Mapping[int, Sequence[str] | NDArray[np.float64]]
 """Values by the index of their column; numbers may be text."""
@@ -257,7 +257,7 @@ def _without_time(text: str, columns: Columns, row: int, layout: TableLayout) ->
     is_alone = text and not any(isinstance(value, str) and value for value in cells)
     if is_alone and layout.kind not in ("Parquet", "Feather", "JSON"):
         return f"{lacks}: separate their values by {SEPARATORS[layout.separator or ' ']}, as in the first row"
-    cell = f" ({printable(text[:_LONGEST_TIME])!r})" if text else ""
+    cell = f" ({printable(text[:LONGEST_CELL])!r})" if text else ""
     if are_numbers([text]) and text:
         fault = f"a time more than {RANGE_NS / _YEAR_NS:.0f} years from 1970{cell}"
         return (

@@ -34,6 +34,7 @@ from contact_tracker.recording.json_entries import (
 )
 from contact_tracker.recording.table_layouts import (
     BLANKS,
+    LONGEST_CELL,
     MOST_COLUMNS,
     SEPARATORS,
     UNNAMED,
@@ -49,6 +50,7 @@ from contact_tracker.recording.table_layouts import (
     plain_number,
 )
 from contact_tracker.recording.table_proposals import (
+    FIRST_ROWS,
     layout_of_names,
     layout_without_names,
     may_be_trajectory,
@@ -56,14 +58,11 @@ from contact_tracker.recording.table_proposals import (
 
 _LINE: Final = 2**18
 """Longest line (characters); the rest of a longer one is a line of its own."""
-_HEAD_LINES: Final = 64
 _LONGEST_PREAMBLE: Final = 1000
 _LONGEST_HEAD: Final = 2**20
 """Largest number of lines, and of characters, in which the first row of numbers is looked for."""
 _MOST_TRIED: Final = 4 * MOST_COLUMNS
 """Largest number of words that are tried as names of columns, at 20 000 a second."""
-_LONGEST_CELL: Final = 64
-"""Length (characters) to which texts of numbers and times in long lines are cut."""
 _EMPTY: Final = f",;{BLANKS}"
 _COMMENT: Final = re.compile(r"#|%|//|;(?!(?:[^;]*;){2})")
 """Beginnings of comments; a row with an empty first cell also begins with a semicolon, but has several."""
@@ -134,8 +133,8 @@ class TextTable:
         self._is_document = is_document(head)
         if self._is_document:
             with self._opened() as file:
-                rows = list(islice(chain.from_iterable(map(rows_of, entries_in(file))), _HEAD_LINES))
-            layout = _layout_of_fields(rows, reading, path)
+                rows = list(islice(chain.from_iterable(map(rows_of, entries_in(file))), FIRST_ROWS))
+            layout = replace(_layout_of_fields(rows, reading, path), kind="JSON")
         else:
             layout = _layout_of(head, reading, path)
         _check_unit(head, layout, reading, path)
@@ -182,8 +181,8 @@ class TextTable:
             if len(cells) < width:
                 cells = cells + [""] * (width - len(cells))
             row = [cells[place] for place in places]
-            if len(line) > _LONGEST_CELL * width:
-                row = [cell[:_LONGEST_CELL] for cell in row]
+            if len(line) > LONGEST_CELL * width:
+                row = [cell[:LONGEST_CELL] for cell in row]
             if any(map(str.strip, row)):
                 yield row
 
@@ -193,17 +192,17 @@ def _lines(file: IO[str]) -> Iterator[str]:
 
 
 def _head(lines: Iterator[str]) -> list[str]:
-    """The first lines: ``_HEAD_LINES`` in all and from the first row of numbers on, if it is among the first
+    """The first lines: ``FIRST_ROWS`` in all and from the first row of numbers on, if it is among the first
     ``_LONGEST_PREAMBLE``."""
     head, end, size = list[str](), _LONGEST_PREAMBLE, 0
     for line in islice(lines, _LONGEST_PREAMBLE):
         head.append(line)
         if end == _LONGEST_PREAMBLE and _are_values(_cells_of(line, _separator(line))):
-            end = min(len(head) + _HEAD_LINES, _LONGEST_PREAMBLE)
+            end = min(len(head) + FIRST_ROWS, _LONGEST_PREAMBLE)
         size += len(line)
-        if len(head) == end or (len(head) >= _HEAD_LINES and size > _LONGEST_HEAD):
+        if len(head) == end or (len(head) >= FIRST_ROWS and size > _LONGEST_HEAD):
             break
-    return head if end < _LONGEST_PREAMBLE else head[:_HEAD_LINES]
+    return head if end < _LONGEST_PREAMBLE else head[:FIRST_ROWS]
 
 
 def _is_cut(before: Sequence[str], last: Sequence[str]) -> bool:
@@ -225,7 +224,7 @@ def _cells_of(line: str, separator: str | None) -> list[str]:
     try:
         return [cell.strip(BLANKS) for cell in next(csv.reader([line], delimiter=separator), [])]
     except csv.Error:
-        return [line[:_LONGEST_CELL]]
+        return [line[:LONGEST_CELL]]
 
 
 def _table_of(lines: Sequence[str], separator: str | None) -> list[list[str]]:
@@ -249,7 +248,7 @@ def _fields_in(line: str, heads: Sequence[str] = (), separator: str | None = Non
     between = [text.strip(_BETWEEN_PAIRS) for text in between]
     if unread := next((text for text in between if not _OF_NEXT.fullmatch(text)), ""):
         raise ValueError(
-            f"beside its values with names there is {unread[:_LONGEST_CELL]!r}: leave it out, and write "
+            f"beside its values with names there is {unread[:LONGEST_CELL]!r}: leave it out, and write "
             "a unit in the name, as in x_cm=29"
         )
     return [flattened(before | {name: _values_in(value) for name, value in _PAIR.findall(line)})]
@@ -467,15 +466,14 @@ def _json_layout(lines: Sequence[str], reading: TableReading, path: str) -> Tabl
                 raise UnreadableRecording(
                     "its first line is no JSON object: one a line is read, as jq -c '.[]' writes an array"
                 ) from None
-    return _layout_of_fields(rows[:_HEAD_LINES], reading, path)
+    return replace(_layout_of_fields(rows[:FIRST_ROWS], reading, path), kind="JSON")
 
 
 def _layout_of_fields(rows: Sequence[Mapping[str, str]], reading: TableReading, path: str) -> TableLayout:
     """The layout of rows of named values, by all names in these first rows."""
     names = list(dict.fromkeys(chain.from_iterable(rows)))
     cells = [[row.get(name, "") for name in names] for row in rows if row]
-    layout = layout_of_names(names, reading, path, rows=lambda: cells)
-    return replace(layout, kind="JSON", names=tuple(names))
+    return replace(layout_of_names(names, reading, path, rows=lambda: cells), names=tuple(names))
 
 
 def _layout_of_rows(
@@ -519,24 +517,22 @@ def _layout_of_rows(
         for name in (name or f"{UNNAMED}{place}" for place, name in enumerate(names)):
             named.append(f"{name}.{times[name]}" if times[name] else name)  # x, x.1, as by pandas
             times[name] += 1
-        inner = _names_in_groups(named, values, separator)
-        cells_of = partial(_table_of, values, separator)
-        if inner:
-            of_groups = TableLayout(0, None, (), separator=separator, names=tuple(inner), heads=tuple(named))
-            cells_of = partial(list, [cells for line in values for cells in _named_cells(line, of_groups)])
         try:
-            layout = layout_of_names(inner or named, reading, path, [] if inner else units, cells_of)
+            if _has_groups(values[:1], len(named), separator):
+                fields = [row for line in values for row in _fields_in(line, named, separator)]
+                layout = replace(_layout_of_fields(fields, reading, path), heads=tuple(named))
+            else:
+                cells_of = partial(_table_of, values, separator)
+                layout = layout_of_names(named, reading, path, units, cells_of)
         except (UnreadableRecording, ChoiceError) as error:
             count = -1 if i in comments else len(names)
             errors.setdefault((isinstance(error, ProposedReading), count), error)
             continue
-        layout = replace(layout, separator=separator, skip=skip)
-        if inner:
-            return replace(layout, names=tuple(inner), heads=tuple(named))
-        _check_widths(values, layout, len(names))
-        if len(lines) < _HEAD_LINES and not values:
+        if values and not layout.heads:
+            _check_widths(values, layout, separator, len(names))
+        elif not values and len(lines) < FIRST_ROWS:
             raise UnreadableRecording("it has a header but no rows")
-        return layout
+        return replace(layout, separator=separator, skip=skip)
     if errors and max(errors)[1] >= 0:
         if not max(errors)[0] and not any(map(_may_be_row, lines)):
             raise UnreadableRecording("it is text without rows of numbers, not a table of poses")
@@ -544,18 +540,8 @@ def _layout_of_rows(
     separator = _separator(lines[rows[0]])
     table = [[value.strip(BLANKS) for value in _cells_of(lines[i], separator)] for i in rows]
     values = table[0]
-    if len(values) in (3, 4) and len(rows) > 3 and not errors and _is_rotation(table[:3]):
-        shape = f"-1, {4 if numbers(table[3])[-1:] == 1.0 else 3}, {len(values)}"
-        raise UnreadableRecording(
-            f"a pose is in several lines: numpy.save('poses.npy', numpy.loadtxt({os.path.basename(path)!r})"
-            f".reshape({shape})) makes a file that is read"
-        )
-    if len(values) in (1, 3) and not errors and len(table[1]) == 4 and _is_rotation(table[1:4]):
-        raise UnreadableRecording(
-            "a pose is in several lines, below one that numbers it: numpy.save('poses.npy', numpy.array("
-            f"[line.split() for line in open({os.path.basename(path)!r}) if len(line.split()) == 4], float)"
-            ".reshape(-1, 4, 4)) makes a file that is read"
-        )
+    if not errors:
+        _refuse_blocks(table, os.path.basename(path))
     is_tum = separator is None and len(values) == 1 + len(_TUM) and may_be_trajectory(table)
     if is_tum and not (reading.kind or reading.columns):
         body = Body("", _TUM, LENGTHS_M[reading.unit or "m"])
@@ -571,18 +557,30 @@ def _may_be_row(line: str) -> bool:
     return _are_values(_cells_of(line, _separator(line))) or len(_NUMBER.findall(line)) >= LEAST_OF_POSE
 
 
-def _is_rotation(rows: Sequence[Sequence[str]]) -> bool:
-    """Whether the first three values of three rows are a rotation matrix, possibly rounded."""
-    matrix = np.array([numbers(row[:3]) for row in rows])
-    return matrix.shape == (3, 3) and bool(np.allclose(matrix @ matrix.T, np.eye(3), rtol=0, atol=0.01))
+def _refuse_blocks(table: Sequence[Sequence[str]], name: str) -> None:
+    """Raise UnreadableRecording if a pose is in several lines, possibly below one that numbers it."""
+    first, *others = table
+    for rows, widths in ((table, (3, 4)), (others, (1, 3))):
+        matrix = np.array([numbers(row[:3]) for row in rows[:3] if len(row) in (3, 4)])
+        is_rotation = matrix.shape == (3, 3) and np.allclose(matrix @ matrix.T, np.eye(3), rtol=0, atol=0.01)
+        if not is_rotation or len(first) not in widths or len(table) < 4:
+            continue
+        about, load = "", f"numpy.loadtxt({name!r})"
+        shape = f"-1, {4 if numbers(table[3])[-1:] == 1.0 else 3}, {len(first)}"
+        if rows is others:
+            about, shape = ", below one that numbers it", "-1, 4, 4"
+            of_lines = f"line.split() for line in open({name!r}) if len(line.split()) == 4"
+            load = f"numpy.array([{of_lines}], float)"
+        raise UnreadableRecording(
+            f"a pose is in several lines{about}: numpy.save('poses.npy', {load}.reshape({shape})) makes a "
+            "file that is read"
+        )
 
 
-def _names_in_groups(names: Sequence[str], rows: Sequence[str], separator: str | None) -> list[str]:
-    """The names of all values, if cells of the first row have several values; else empty."""
-    cells = list(map(_values_in, _cells_of(rows[0], separator))) if rows else []
-    if all(isinstance(cell, str) for cell in cells) or len(cells) - len(names) not in (0, 1):
-        return []
-    return list(flattened(dict(zip(names, cells, strict=False))))
+def _has_groups(rows: Sequence[str], names: int, separator: str | None) -> bool:
+    """Whether cells of the first row have several values, below as many names, or one less."""
+    cells = [_values_in(cell) for row in rows for cell in _cells_of(row, separator)]
+    return any(not isinstance(cell, str) for cell in cells) and len(cells) - names in (0, 1)
 
 
 def _units(following: Sequence[str], separator: str | None) -> list[str]:
@@ -601,20 +599,20 @@ def _separator(line: str) -> str | None:
     return next((mark for mark in _MARKS if mark in line), None)
 
 
-def _check_widths(rows: Sequence[str], layout: TableLayout, names: int) -> None:
+def _check_widths(rows: Sequence[str], layout: TableLayout, separator: str | None, names: int) -> None:
     """Raise UnreadableRecording if rows have more values than there are names, so that their assignment is
     ambiguous, or if the first row lacks values of the pose, as it has another separator."""
-    widths = [len(_cells_of(row.rstrip(f"\r\n{layout.separator or ''}"), layout.separator)) for row in rows]
-    if layout.separator is not None and max(widths, default=0) > names:
+    widths = [len(_cells_of(row.rstrip(f"\r\n{separator or ''}"), separator)) for row in rows]
+    if separator is not None and max(widths) > names:
         raise UnreadableRecording(
             f"rows have {max(widths)} values under {names} names: name all columns, and where these are "
             "decimal commas, write points, or separate values by semicolons"
         )
-    count = len(_cells_of(rows[0], layout.separator)) if rows else names
+    count = len(_cells_of(rows[0], separator))
     if count <= max(layout.places):
         raise UnreadableRecording(
             f"row 1 has {count} {'value' if count == 1 else 'values'}, the header has {names}: separate the "
-            f"values of all rows by {SEPARATORS[layout.separator or ' ']}, as the names in the header"
+            f"values of all rows by {SEPARATORS[separator or ' ']}, as the names in the header"
         )
 
 
