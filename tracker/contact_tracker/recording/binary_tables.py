@@ -33,7 +33,7 @@ from contact_tracker.config.quantities import LENGTHS_M
 from contact_tracker.config.table_reading import TableReading, reading_of
 from contact_tracker.errors import ChoiceError, UnreadableRecording, first_line, printable
 from contact_tracker.recording.array_files import DEEPEST, MOST_ARRAYS, WIDEST, arrays_in, widest_of
-from contact_tracker.recording.bytestream import SHARE_OF_RECORD, TooMuchWork, WorkBudget
+from contact_tracker.recording.bytestream import RECORD_LIMIT, SHARE_OF_RECORD, TooMuchWork, WorkBudget
 from contact_tracker.recording.items import ROWS_AT_ONCE
 from contact_tracker.recording.table_layouts import (
     LONGEST_CELL,
@@ -49,8 +49,6 @@ from contact_tracker.recording.table_proposals import FIRST_ROWS, layout_of_name
 _PARQUET_ERRORS: Final = (pyarrow.ArrowException, OSError, ValueError, OverflowError, KeyError)
 _BROKEN: Final = (ValueError, LookupError, TypeError, AttributeError, RecursionError, struct.error, OSError)
 _BUFFER_BYTES: Final = 2**16
-_LONGEST_LINE: Final = 120
-"""Longest text (characters) of an error of pyarrow, which may list all columns."""
 
 
 class ParquetTable:
@@ -66,7 +64,7 @@ class ParquetTable:
             leaves = self._first_rows(WorkBudget(budget.bytes_read))  # read again later
         except _PARQUET_ERRORS as error:
             raise UnreadableRecording(
-                f"it cannot be read as a table: {first_line(error)[:_LONGEST_LINE]}"
+                f"it cannot be read as a table: {first_line(error)[: 2 * LONGEST_CELL]}"
             ) from error
         rows = partial(_rows_of_texts, [values for _, _, values in leaves])
         names = [name for name, _, _ in leaves]
@@ -88,7 +86,7 @@ class ParquetTable:
             for batch in self._file.iter_batches(ROWS_AT_ONCE, columns=self._columns, use_threads=False):
                 yield self._values(batch)
         except _PARQUET_ERRORS as error:
-            self.damage = (f"it is damaged: {first_line(error)[:_LONGEST_LINE]}",)
+            self.damage = (f"it is damaged: {first_line(error)[: 2 * LONGEST_CELL]}",)
         finally:
             self._file.close()
 
@@ -185,8 +183,6 @@ _PAGE_HEADER: Final = 2**16
 """Longest page header (bytes), which may contain statistics of long texts."""
 _WHOLE: Final = (0, 6)
 """Encodings that store each text in full; in other encodings many values may share a long text."""
-_MOST_SHARED: Final = 2**28
-"""Largest decoded size (bytes) of texts in other encodings."""
 _VALUES_PER_ROW: Final = 7
 """Number of values in lists that count as a row, as of a pose."""
 _BYTES_PER_ROW: Final = 8 * _VALUES_PER_ROW
@@ -321,7 +317,7 @@ def _pages(file: IO[bytes], column: ColumnChunkMetaData) -> Iterator[tuple[int, 
         encoding = of_data.get(2 if page.get(5) else 4, 0)
         if column.physical_type.endswith("BYTE_ARRAY") and encoding not in _WHOLE:
             shared += of_data[1] * longest
-        if shared > _MOST_SHARED:
+        if shared > RECORD_LIMIT:
             raise UnreadableRecording(f"its column {column.path_in_schema} is text: write numbers")
         yield size + packed, plain
     if at != end:

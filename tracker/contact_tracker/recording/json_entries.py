@@ -8,13 +8,11 @@ from itertools import islice
 from typing import IO, Any, Final
 
 from contact_tracker.errors import UnreadableRecording
-from contact_tracker.recording.table_layouts import OF_BODY, UNNAMED, are_numbers
+from contact_tracker.recording.table_layouts import DIGITS_OF_STAMP, OF_BODY, UNNAMED, are_numbers
 from contact_tracker.recording.table_times import stamp_of_date
 
 LEAST_OF_POSE: Final = 6
 """Number of values of the smallest pose: a position and three angles."""
-_DIGITS_OF_STAMP: Final = 10
-"""Least number of digits of a time since 1970."""
 _DOCUMENT: Final = 2**26
 """Longest JSON document (characters), as it is in memory as a whole."""
 _BEGIN_DOCUMENT: Final = re.compile(r"\s*(?:\{|\[\s*(?:$|[\[{]))")
@@ -93,7 +91,7 @@ def _by_time(document: _Document) -> list[Any]:
     """The entry, or the objects, of each time or number of a frame."""
     if not all(are_numbers([name]) or stamp_of_date(name) for name in document):
         return []
-    key = "frame" if all(n.isdigit() and len(n) < _DIGITS_OF_STAMP for n in document) else "time"
+    key = "frame" if all(n.isdigit() and len(n) < DIGITS_OF_STAMP for n in document) else "time"
     parts = ((name, value if _has_objects(value) else [value]) for name, value in document.items())
     return [{key: name, **_named(entry)} for name, value in parts for entry in value]
 

@@ -87,6 +87,8 @@ def quaternions(kind: str, values: Array, how: str) -> Array:
 
 BLANKS: Final = '" \t\r\n'
 """Characters that may surround a value in its cell."""
+DIGITS_OF_STAMP: Final = 10
+"""Number of digits of the seconds since 1970; finer units have more."""
 LONGEST_CELL: Final = 64
 """Length (characters) to which texts are cut: of cells in long lines, and in messages."""
 SEPARATORS: Final = {";": "semicolons", "\t": "tabs", ",": "commas", "|": "bars", " ": "blanks"}
@@ -168,6 +170,12 @@ class Body:
     how: str = ""
     has_unit: bool = False
     has_angle_unit: bool = False
+
+    @property
+    def assumed_angles(self) -> str:
+        """The unit of angles, ``deg`` or ``rad``, if the names of columns do not state it; else empty."""
+        is_assumed = self.kind in ("euler", "rotation_vector") and not self.has_angle_unit
+        return self.how.rpartition(":")[2] if is_assumed else ""
 
     def poses(self, values: Array) -> Array:
         """Positions (m) and quaternions ``xyzw`` (N, 7) of the values of its columns (N, k)."""
@@ -513,17 +521,19 @@ class Columns:
             return times[TIME], times.get(REST)
         patterns = (FRAME, _TIME, _ELAPSED) if reading.has_frame_numbers else (_TIME, _ELAPSED)
         for pattern in patterns:
-            places = [(i, match) for i, name in enumerate(self.plain) if (match := pattern.fullmatch(name))]
-            for place, match in sorted(places, key=lambda part: " " in part[1][0]):  # not ``wait time``
+            matches = [(match, i) for i, match in enumerate(map(pattern.fullmatch, self.plain)) if match]
+            if matches:
+                match, place = min(matches, key=lambda part: " " in part[0][0])  # not ``wait time``
                 return place, self._rest(match[1]) if pattern is _ELAPSED else None
         return (-1 if reading.has_frame_numbers else None), None
 
     def _rest(self, prefix: str | None) -> int | None:
         """Index of the column with the fraction of seconds whose name has this prefix: the finest one. As
         milliseconds may be of a duration (``latency_msec``), they need the same prefix."""
-        matches = [(i, match) for i, name in enumerate(self.plain) if (match := _REST.fullmatch(name))]
-        units = ((_REST_NS[match[2]], match[1], i) for i, match in matches)
-        rests = ((ns, i) for ns, of_rest, i in units if ns < 1e6 or of_rest == prefix)
+        matches = [(match, i) for i, match in enumerate(map(_REST.fullmatch, self.plain)) if match]
+        rests = [
+            (_REST_NS[match[2]], i) for match, i in matches if match[1] == prefix or _REST_NS[match[2]] < 1e6
+        ]
         return min(rests, default=(0.0, None))[1]
 
 
@@ -564,8 +574,8 @@ def layout(columns: Columns, reading: TableReading) -> TableLayout:
     if len(bodies) > 1 or bodies[0].kind != "quaternion" or not all(map(CAN_BE_GIVEN, quaternion)):
         quaternion = ()
     time_ns = 1e9 if rest is not None else time_ns
-    rest_unit = _REST.fullmatch(columns.plain[rest]) if rest is not None else None
-    rest_ns = 1.0 if rest_unit is None else _REST_NS[rest_unit[2]]
+    named_rest = _REST.fullmatch(columns.plain[rest]) if rest is not None else None
+    rest_ns = 1.0 if named_rest is None else _REST_NS[named_rest[2]]
     return TableLayout(
         time, time_ns, bodies, rest=rest, rest_ns=rest_ns, quaternion=quaternion, has_angles=has_angles
     )

@@ -21,6 +21,7 @@ from contact_tracker.recording.table_layouts import (
     BLANKS,
     BY_ROW,
     CAN_BE_GIVEN,
+    DIGITS_OF_STAMP,
     FRAME,
     MATRIX_SHAPES,
     MOST_COLUMNS,
@@ -64,8 +65,6 @@ _FEW_STEPS: Final = 2
 """Number of steps in which columns of other things than a time also rise."""
 _A_RATE: Final = "100Hz"
 _ORDERS: Final = "Orders are those of scipy: xyz about fixed axes, XYZ about the body's; deg or rad"
-_NANOSECONDS: Final = 10
-"""Number of digits of the seconds since 1970; the nanoseconds have fewer."""
 _UNIT_NORM: Final = 0.002
 """Largest deviation of a quaternion's norm from 1, and of a matrix from a rotation, in rounded values."""
 FIRST_ROWS: Final = 64
@@ -372,9 +371,9 @@ class _Proposal:
                     yield f"if its columns are those of {system},", way, False
         yield f"{self._about_time}:", self._reading, False
         matches = [pattern.fullmatch(name) for name in columns.names for pattern in (NUMBERED, BY_ROW)]
-        found = [match[1] for match in matches if match is not None and CAN_BE_GIVEN(match[1])]
+        bases = [match[1] for match in matches if match is not None and CAN_BE_GIVEN(match[1])]
         sizes = Counter(match[1] for match in map(BY_ROW.fullmatch, columns.names) if match is not None)
-        of_joints = {_OF_JOINTS.sub("", base) for base in found if "effort" in base}
+        of_joints = {_OF_JOINTS.sub("", base) for base in bases if "effort" in base}
 
         def is_apart(base: str) -> bool:
             """Whether a group is no row of a matrix, not of joints, and no name that occurs twice."""
@@ -382,7 +381,7 @@ class _Proposal:
             is_row = row is not None and sizes[row[1]] in MATRIX_SHAPES
             return not is_row and _OF_JOINTS.sub("", base) not in of_joints and base not in columns.names
 
-        bases = filter(is_apart, dict.fromkeys(sorted(found, key=_is_commanded)))
+        bases = filter(is_apart, dict.fromkeys(sorted(bases, key=_is_commanded)))
         counted = ((base, len(self._group(base))) for base in islice(bases, _MOST_GROUPS))
         parts = [(base, size) for base, size in counted if size in _SIZES or size > len(POSE_ROLES)]
         pairs = (
@@ -431,18 +430,17 @@ class _Proposal:
             clock = begin - 1 if len(values) == 1 and begin else clock
             times = [] if clock is None else [self._columns.names[list(group.values())[clock]]]
             texts = self._rows()[0][: begin and 2]
-            if "".join(texts).isdigit() and len(texts[0]) == _NANOSECONDS > len(texts[1]):
+            if "".join(texts).isdigit() and len(texts[0]) == DIGITS_OF_STAMP > len(texts[1]):
                 times, is_frame = [f"{UNNAMED}0", f"{UNNAMED}1"], False
             how = {**how, "time_unit": _A_RATE} if is_frame and times and len(values) > 1 else how
             return reading_of({**dict(zip((TIME, REST), times, strict=False)), **columns}, **how)
 
-        for size in (16, 12, *([9] if count == 9 else [])):
-            for begin in range(count - size + 1):
-                if (order := _order_of_matrices(values[:, begin : begin + size])) is not None:
-                    return meaning(begin, {"matrix": order}, matrix=size)
-        for begin in range(3, count - 8):
-            if _order_of_matrices(values[:, begin : begin + 9]) is not None:
-                return meaning(begin - 3, {"matrix": "rows"}, position=3, matrix=9)
+        for before, size in ((0, 16), (0, 12), *([(0, 9)] if count == 9 else []), (3, 9)):
+            for begin in range(count - before - size + 1):
+                place = begin + before
+                if (order := _order_of_matrices(values[:, place : place + size])) is not None:
+                    position = {"position": before} if before else {}
+                    return meaning(begin, {"matrix": order}, **position, matrix=size)
         begin_of_pose = _begin_of_pose(values) if count >= len(POSE_ROLES) else None
         if begin_of_pose is not None or (count == len(POSE_ROLES) and not len(_present(values))):
             return meaning(begin_of_pose or 0, {}, position=3, quaternion=4)

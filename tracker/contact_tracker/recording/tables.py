@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.config.quantities import RANGE_NS
 from contact_tracker.config.table_reading import AS_NAMED, TableReading
 from contact_tracker.errors import ChoiceError, UnreadableRecording, printable
 from contact_tracker.motion.poses import Poses, ReadAs
@@ -53,7 +52,6 @@ _BINARY: Final[Sequence[tuple[str, re.Pattern[bytes], str]]] = (
     ("C3D", re.compile(b"(?s).P"), ".c3d"),
 )
 """Kinds of tables, by first bytes and suffix; files of MATLAB 4 begin with a number."""
-_YEAR_NS: Final = 365.25 * 86_400e9
 _RECORDINGS: Final = (".mcap", ".mcap.zst", ".mcap.zstd")
 Columns = Mapping[int, Sequence[str] | NDArray[np.float64]]
 """Values by the index of their column; numbers may be text."""
@@ -259,7 +257,7 @@ def _without_time(text: str, columns: Columns, row: int, layout: TableLayout) ->
         return f"{lacks}: separate their values by {SEPARATORS[layout.separator or ' ']}, as in the first row"
     cell = f" ({printable(text[:LONGEST_CELL])!r})" if text else ""
     if are_numbers([text]) and text:
-        fault = f"a time more than {RANGE_NS / _YEAR_NS:.0f} years from 1970{cell}"
+        fault = f"a time more than 146 years from 1970{cell}"
         return (
             f"{fault}: give its unit by --time-unit s, ms, us or ns, or write dates as 2026-03-01T10:00:00.25"
         )
