@@ -9,7 +9,7 @@ Motion that none of the six contacts explains is labelled free, but may satisfy 
 have many parameters, so they are fitted to the first half of the motion and tested on the second half.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
 from typing import Final, NamedTuple
 
@@ -123,14 +123,19 @@ def rim_on_plane(x: Array, rotation: Array, position: Array) -> Touch:
     return Touch(residual[..., 0], normal, point, np.concatenate(columns, axis=-1))
 
 
+RIMS: Final = (
+    CurvedContact("rim on plane", 13, (6, 9), False, rim_on_plane),
+    CurvedContact("plane on rim", 13, (6, 9), True, rim_on_plane),
+)
 CURVED_CONTACTS: Final = (
     CurvedContact("point at point", 7, (), False, point_at_point),
     CurvedContact("point at line", 10, (6,), False, point_at_line),
     CurvedContact("line at point", 10, (6,), True, point_at_line),
     CurvedContact("line at line", 13, (6, 9), False, line_at_line),
-    CurvedContact("rim on plane", 13, (6, 9), False, rim_on_plane),
-    CurvedContact("plane on rim", 13, (6, 9), True, rim_on_plane),
+    *RIMS,
 )
+FaceNormals = tuple[Array, Array]
+"""Normals (3,) of a face of the object (body frame) and of a face of the environment (world frame)."""
 
 
 def _in_frame_2(rotation: Array, vectors: Array) -> Array:
@@ -186,13 +191,16 @@ class CurvedFit(NamedTuple):
         return x
 
 
-def curved_evidence(window: Window, scales: EvidenceParameters) -> float:
-    """Log evidence (nats) of the best curved contact against free motion in the second half of the window."""
-    return fit_curved(window, scales).log_evidence
-
-
-def fit_curved(window: Window, scales: EvidenceParameters, earlier: CurvedFit | None = None) -> CurvedFit:
+def fit_curved(
+    window: Window,
+    scales: EvidenceParameters,
+    earlier: CurvedFit | None = None,
+    touched: Sequence[FaceNormals] = (),
+) -> CurvedFit:
     """The best curved contact; or ``earlier``, from other motion, refitted from its elements.
+
+    A round object is often tilted on the rim of a face on which it stands, so rims of ``touched`` faces are
+    tried, too: random starts seldom find a rim.
 
     The evidence is as in T17 and T19, except that the first half of the motion determines the elements and
     contributes no gain, and that the variance of free motion is that of the whole displacement: known
@@ -205,8 +213,47 @@ def fit_curved(window: Window, scales: EvidenceParameters, earlier: CurvedFit | 
     if earlier is not None:
         start = earlier.about(origin_m)[None]
         return _Fit.of(earlier.contact, lifts, variance, scales, start).best_fit(excess, origin_m)
-    fits = (_Fit.of(contact, lifts, variance, scales) for contact in CURVED_CONTACTS)
+    fits = [_Fit.of(contact, lifts, variance, scales) for contact in CURVED_CONTACTS]
+    if touched:
+        starts = ((contact, _rims_of_faces(contact, lifts, touched, scales.reach_m)) for contact in RIMS)
+        fits += [_Fit.of(contact, lifts, variance, scales, start) for contact, start in starts]
     return max((fit.best_fit(excess, origin_m) for fit in fits), key=lambda fit: fit.log_evidence)
+
+
+def _rims_of_faces(
+    contact: CurvedContact, lifts: Array, touched: Sequence[FaceNormals], reach_m: float
+) -> Array:
+    """The rim (1, 13) of one face that stays nearest to the plane of the other, of all pairs ``touched``.
+
+    With the directions known, the distances are linear in the rim's centre and radius and in the plane's
+    place, which have zero mean and the standard deviation ``reach_m``.
+    """
+    rotation, position = _in_frames(contact, lifts)
+    body, world = (np.array(normals) for normals in zip(*touched, strict=True))  # (S, 3) each
+    axis, normal = (world, body) if contact.of_inverse else (body, world)
+    normal_1 = np.einsum("nij,si->snj", rotation, normal)
+    cosine = (normal_1 @ axis[..., None])[..., 0]
+    sine = np.sqrt(np.maximum(1.0 - cosine**2, PARALLEL**2))
+    rows = np.concatenate([normal_1, -np.ones((*sine.shape, 1)), -sine[..., None]], axis=-1)
+    distance = -normal @ position.T
+    away = np.eye(rows.shape[-1]) * (SURFACE_M / reach_m) ** 2
+    transposed = rows.transpose(0, 2, 1)
+    places = np.linalg.solve(transposed @ rows + away, transposed @ distance[..., None])
+    misfit = (((rows @ places)[..., 0] - distance) ** 2).sum(axis=1)
+    best = int(misfit.argmin())
+    q, h, r = np.split(places[best, :, 0], (3, 4))
+    return np.concatenate([q, h * normal[best], normal[best], axis[best], r])[None]
+
+
+def _in_frames(contact: CurvedContact, lifts: Array) -> tuple[Array, Array]:
+    """Rotations (N, 3, 3) and positions (N, 3) of frame 1 in frame 2; those in the world are relative to
+    their mean."""
+    rotation = lifts[:, R].reshape(-1, 3, 3)
+    position = lifts[:, T] - lifts[:, T].mean(axis=0)
+    if not contact.of_inverse:
+        return rotation, position
+    rotation = rotation.transpose(0, 2, 1)
+    return rotation, -(rotation @ position[..., None])[..., 0]
 
 
 class _Fit(NamedTuple):
@@ -233,11 +280,7 @@ class _Fit(NamedTuple):
         start: Array | None = None,
     ) -> "_Fit":
         """The best minima from several starts, or from the given ``start`` (S, p)."""
-        rotation = lifts[:, R].reshape(-1, 3, 3)
-        position = lifts[:, T] - lifts[:, T].mean(axis=0)
-        if contact.of_inverse:
-            rotation = rotation.transpose(0, 2, 1)
-            position = -(rotation @ position[..., None])[..., 0]
+        rotation, position = _in_frames(contact, lifts)
         deviation = np.full(contact.size, scales.reach_m)
         for number in contact.directions:
             deviation[number : number + 3] = 1.0
