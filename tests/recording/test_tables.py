@@ -652,7 +652,10 @@ def test_lines_with_several_objects_are_parsed_once(tmp_path: Path, monkeypatch:
     monkeypatch.setattr(json.JSONDecoder, "decode", decode_counted)
     objects = [{"name": name, "p": [1, 2, 3], "q": [0, 0, 0, 1]} for name in ("cup", "lid")]
     path = tmp_path / "a.jsonl"
-    path.write_text("".join(json.dumps({"t": t, "objects": objects}) + "\n" for t in range(1000)))
+    objects.append({"name": "tag", "p": [1, 2, 3], "q": [0, 0, 0]})  # without its last value
+    path.write_text("\n".join(json.dumps({"t": t, "objects": objects}) for t in range(1000)))
     table = reading_of("time=t,position=objects.p,quaternion=objects.q")
-    assert len(Poses.collect(open_log(str(path), frame="cup", table=table))) == 1000
+    log = open_log(str(path), frame="cup", table=table)
+    assert len(Poses.collect(log)) == 1000
+    assert log.damage is None  # the last line has no end
     assert len(parsed) < 2500  # also to list the sources, and of the first lines

@@ -381,8 +381,8 @@ class _Proposal:
             is_row = row is not None and sizes[row[1]] in MATRIX_SHAPES
             return not is_row and _OF_JOINTS.sub("", base) not in of_joints and base not in columns.names
 
-        bases = filter(is_apart, dict.fromkeys(sorted(bases, key=_is_commanded)))
-        counted = ((base, len(self._group(base))) for base in islice(bases, _MOST_GROUPS))
+        apart = filter(is_apart, dict.fromkeys(sorted(bases, key=_is_commanded)))
+        counted = ((base, len(self._group(base))) for base in islice(apart, _MOST_GROUPS))
         parts = [(base, size) for base, size in counted if size in _SIZES or size > len(POSE_ROLES)]
         pairs = (
             [a, b]

@@ -162,7 +162,8 @@ class TextTable:
                 if not line.strip(_EMPTY):
                     yield line, []
                 elif layout.names:
-                    yield from ((line, cells) for cells in _named_cells(line, layout))
+                    rows = _named_cells(line, layout)  # a line with several is whole
+                    yield from ((line if len(rows) == 1 else "\n", cells) for cells in rows)
                 else:
                     yield line, _cells_of(line, layout.separator)
 
