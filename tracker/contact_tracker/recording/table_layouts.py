@@ -112,10 +112,12 @@ def plain_number(value: str) -> str:
 
 def number(value: str) -> float:
     """The number in a cell; raises ValueError."""
-    plain = plain_number(value)
-    if "_" in plain:  # which Python reads, as in 20260301_100000
+    if "_" in value:  # which Python reads, as in 20260301_100000
         raise ValueError(f"{value} is no number")
-    return float(plain)
+    try:
+        return float(value)
+    except ValueError:
+        return float(plain_number(value))
 
 
 def _number_or_nan(value: str) -> float:
