@@ -8,7 +8,8 @@ from itertools import islice
 from typing import IO, Any, Final
 
 from contact_tracker.errors import UnreadableRecording
-from contact_tracker.recording.table_layouts import DIGITS_OF_STAMP, OF_BODY, UNNAMED, are_numbers
+from contact_tracker.recording.table_bodies import OF_BODY
+from contact_tracker.recording.table_layouts import DIGITS_OF_STAMP, UNNAMED, are_numbers
 from contact_tracker.recording.table_times import stamp_of_date
 
 LEAST_OF_POSE: Final = 6

@@ -17,6 +17,7 @@ from contact_tracker.config.quantities import ANGLE_UNITS
 from contact_tracker.config.table_reading import POSITION, QUATERNION, REST, TIME, TableReading, reading_of
 from contact_tracker.errors import ChoiceError, UnreadableRecording
 from contact_tracker.motion.pose_validation import NORM_TOLERANCE
+from contact_tracker.recording.table_bodies import with_body
 from contact_tracker.recording.table_layouts import (
     BLANKS,
     BY_ROW,
@@ -39,7 +40,6 @@ from contact_tracker.recording.table_layouts import (
     are_numbers,
     layout,
     numbers,
-    with_body,
 )
 from contact_tracker.recording.table_times import stamp_of_date, unit_of_dates
 from contact_tracker.recording.table_units import FARTHEST_M, are_no_radians, in_unit, reach_of

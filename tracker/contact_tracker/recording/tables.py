@@ -23,6 +23,7 @@ from contact_tracker.recording.bytestream import (
     is_text,
 )
 from contact_tracker.recording.items import ROWS, Channel, PoseSource, Rows
+from contact_tracker.recording.table_bodies import begin_body
 from contact_tracker.recording.table_layouts import (
     BLANKS,
     LONGEST_CELL,
@@ -31,7 +32,6 @@ from contact_tracker.recording.table_layouts import (
     ProposedReading,
     TableLayout,
     are_numbers,
-    begin_body,
     numbers,
 )
 from contact_tracker.recording.table_times import NEVER, TableTimes

@@ -22,7 +22,8 @@ from contact_tracker.config.table_reading import (
 from contact_tracker.errors import ChoiceError, UnreadableRecording, UsageError, shown
 from contact_tracker.geometry.elements import Array
 from contact_tracker.motion.poses import Poses, real_number, real_numbers
-from contact_tracker.recording.table_layouts import UNNAMED, TableLayout, begin_body, quaternions
+from contact_tracker.recording.table_bodies import begin_body
+from contact_tracker.recording.table_layouts import UNNAMED, TableLayout, quaternions
 from contact_tracker.recording.table_proposals import FIRST_ROWS, layout_of_names
 from contact_tracker.recording.table_units import are_no_radians, doubt_angles, doubt_degrees, largest_deg
 from contact_tracker.trajectory.arguments import python_words, warn_of
