@@ -204,3 +204,16 @@ def test_names_of_pandas_with_several_levels(tmp_path: Path) -> None:
     table = pyarrow.table(dict(zip(map(str, levels), [*POSE.T, T], strict=True)))
     feather.write_feather(table, path := tmp_path / "a.feather")
     assert_read(path)
+
+
+def test_texts_in_structured_arrays_name_bodies(tmp_path: Path) -> None:
+    """As of a DataFrame, ``to_records``: rows of two bodies, whose names are text or bytes."""
+    for kind in ("U3", "S3"):
+        fields = [("time", "f8"), ("body", kind), *((name, "f8") for name in NAMES.split(","))]
+        both = [
+            (t, name, *row)
+            for t, pose in zip(T, POSE, strict=True)
+            for name, row in (("cup", pose), ("lid", pose + 1))
+        ]
+        np.save(tmp_path / "a.npy", np.array(both, fields))
+        assert_read(tmp_path / "a.npy", frame="cup")

@@ -126,12 +126,14 @@ def test_matrices_of_surgical_robots(tmp_path: Path) -> None:
     assert_read(path, "--time-unit", "200Hz", "--matrix", "rows", frame="slave_left")
 
 
-def test_actual_and_commanded_poses_of_kuka(tmp_path: Path) -> None:
-    """As RSI names them, beside corrections that are constant."""
-    head = ",".join(["Time", *(f"{part}_{kind}" for kind in ("RIst", "RSol") for part in "XYZABC")])
+@pytest.mark.parametrize("kinds", [("RIst", "RSol"), ("RSol", "RIst")])
+def test_actual_and_commanded_poses_of_kuka(tmp_path: Path, kinds: tuple[str, str]) -> None:
+    """As RSI names them, beside corrections that are constant; the order of columns decides nothing."""
+    head = ",".join(["Time", *(f"{part}_{kind}" for kind in kinds for part in "XYZABC")])
     head += "," + ",".join(f"C1{i}" for i in range(1, 11))
     idle = np.tile([0, 0, 0, 0, 0, 0, 0, 0, 1.0, 0], (COUNT, 1))
-    path = write(tmp_path / "a.csv", [head], rows(T, P_MM, KUKA, P_MM + 5.0, KUKA, idle))
+    places = [P_MM if kind == "RIst" else P_MM + 5.0 for kind in kinds]
+    path = write(tmp_path / "a.csv", [head], rows(T, places[0], KUKA, places[1], KUKA, idle))
     assert "if its columns are those of KUKA, read them by" in refusal(path)
     assert_read(path, *proposed(path))
 
@@ -265,6 +267,15 @@ def test_bodies_of_qualisys(tmp_path: Path, is_prefixed: bool) -> None:
     table = build_parser().parse_args(["segment", str(path), "--euler", "xyz:deg"]).table
     angles = Poses.collect(open_log(str(path), frame="big_cup", table=table))
     np.testing.assert_allclose(angles.position_m, P, atol=1e-9)  # in millimetres all the same
+
+
+def test_stated_angles_of_qualisys_are_beside_millimetres(tmp_path: Path) -> None:
+    """A check may propose other columns of angles; the unit of the format stays."""
+    above = ABOVE.format("NO_OF_BODIES\t1") + "DATA_INCLUDED\t6D\nBODY_NAMES\tWand"
+    angles = TURN.as_euler("ZXY", degrees=True)[:, [1, 2, 0]]
+    columns = np.arange(COUNT), T, P_MM, angles, ZEROS[:, :1], MATRICES
+    path = write(tmp_path / "a.tsv", [above, f"Frame\tTime\t{NAMES_6D}"], rows(*columns), "\t")
+    assert_read(path, "--euler", "ZXY:deg", "--columns", "rx=Roll,ry=Pitch,rz=Yaw")
 
 
 def test_markers_of_qualisys_are_refused_as_such(tmp_path: Path) -> None:
@@ -575,6 +586,23 @@ def test_the_names_of_parent_frames_and_steps_are_no_bodies(tmp_path: Path) -> N
     head = "time,header.frame_id,step,x,y,z,qx,qy,qz,qw"
     path = write(tmp_path / "a.csv", [head], rows(T, ["world"] * COUNT, steps, POSE))
     assert [source.child_frame_id for source in list_sources(str(path))] == [""]
+
+
+@pytest.mark.parametrize(
+    ("column", "text", "name"),
+    [
+        ("phase_id", "0", ""),
+        ("operator", "me", ""),
+        ("label", "f-f", ""),
+        ("object_id", "7", "7"),
+        ("object", "cup", "cup"),
+    ],
+)
+def test_a_column_that_does_not_change_names_the_source_only_if_it_is_of_bodies(
+    tmp_path: Path, column: str, text: str, name: str
+) -> None:
+    path = write(tmp_path / "a.csv", [f"time,{column},x,y,z,qx,qy,qz,qw"], rows(T, [text] * COUNT, POSE))
+    assert [source.child_frame_id for source in list_sources(str(path))] == [name]
 
 
 @pytest.mark.parametrize("is_document", [False, True])

@@ -1,6 +1,7 @@
 """Trajectories in text files and tables, written by other libraries, and exports of motion capture."""
 
 import csv
+import json
 import pickle
 import re
 import struct
@@ -9,6 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow
@@ -638,3 +640,22 @@ def test_a_time_with_too_many_digits_is_damage(tmp_path: Path) -> None:
     lines[5] = "9" * 29 + lines[5][lines[5].index(",") :]
     path.write_text("\n".join([*lines, ""]))
     assert len(Poses.collect(open_log(str(path)))) == 19
+
+
+def test_lines_with_several_objects_are_parsed_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    parsed, decode = list[str](), json.JSONDecoder.decode
+
+    def decode_counted(decoder: json.JSONDecoder, line: str) -> Any:
+        parsed.append(line)
+        return decode(decoder, line)
+
+    monkeypatch.setattr(json.JSONDecoder, "decode", decode_counted)
+    objects = [{"name": name, "p": [1, 2, 3], "q": [0, 0, 0, 1]} for name in ("cup", "lid")]
+    path = tmp_path / "a.jsonl"
+    objects.append({"name": "tag", "p": [1, 2, 3], "q": [0, 0, 0]})  # without its last value
+    path.write_text("\n".join(json.dumps({"t": t, "objects": objects}) for t in range(1000)))
+    table = reading_of("time=t,position=objects.p,quaternion=objects.q")
+    log = open_log(str(path), frame="cup", table=table)
+    assert len(Poses.collect(log)) == 1000
+    assert log.damage is None  # the last line has no end
+    assert len(parsed) < 2500  # also to list the sources, and of the first lines

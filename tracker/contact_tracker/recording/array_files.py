@@ -33,7 +33,8 @@ WIDEST: Final = 64
 """Most values per row of a list or an array that become columns without being named; an image has more."""
 MOST_ARRAYS: Final = 200
 """Most arrays that are read without being named."""
-_DEEPEST: Final = 5
+DEEPEST: Final = 5
+"""Most levels of structs in structs that are read."""
 _ERRORS: Final = (
     *(ValueError, OSError, EOFError, RuntimeError, MemoryError, LookupError, TypeError, struct.error),
     *(zipfile.BadZipFile, zlib.error, NotImplementedError, TokenError),
@@ -115,8 +116,8 @@ def _numpy_array(name: str, file: IO[bytes], packed: int, size: int, budget: Wor
 
 
 def _numbers_in(name: str, shape: Shape, kind: np.dtype[Any], read: Callable[[], NDArray[Any]]) -> Arrays:
-    """The array if it has numbers, dates as nanoseconds, or those of its fields."""
-    if kind.kind in "iuf":
+    """The array if it has numbers or texts, dates as nanoseconds, or those of its fields."""
+    if kind.kind in "iufSU":
         yield name, shape, read
     elif kind.kind in "mM":
         yield name, shape, lambda: read().astype(f"{kind.kind}8[ns]").astype(np.int64)
@@ -179,7 +180,7 @@ def _variable(data: memoryview, order: str, path: str, budget: WorkBudget, depth
     """The arrays of numbers in a variable; arrays in a struct are named ``path.name``."""
     budget.spend(1)
     elements = _elements(data, order)
-    if depth > _DEEPEST or (head := next(elements, None)) is None:
+    if depth > DEEPEST or (head := next(elements, None)) is None:
         return
     (flags,) = struct.unpack_from(f"{order}I", head[1])
     if flags & 0xFF not in (_STRUCT, *_CLASSES):  # an object, which has no shape

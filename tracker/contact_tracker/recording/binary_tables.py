@@ -32,10 +32,11 @@ from pyarrow.parquet import ColumnChunkMetaData, ParquetFile
 from contact_tracker.config.quantities import LENGTHS_M
 from contact_tracker.config.table_reading import TableReading, reading_of
 from contact_tracker.errors import ChoiceError, UnreadableRecording, first_line, printable
-from contact_tracker.recording.array_files import MOST_ARRAYS, WIDEST, arrays_in, widest_of
-from contact_tracker.recording.bytestream import SHARE_OF_RECORD, TooMuchWork, WorkBudget
+from contact_tracker.recording.array_files import DEEPEST, MOST_ARRAYS, WIDEST, arrays_in, widest_of
+from contact_tracker.recording.bytestream import RECORD_LIMIT, SHARE_OF_RECORD, TooMuchWork, WorkBudget
 from contact_tracker.recording.items import ROWS_AT_ONCE
 from contact_tracker.recording.table_layouts import (
+    LONGEST_CELL,
     MOST_COLUMNS,
     UNNAMED,
     Body,
@@ -48,10 +49,6 @@ from contact_tracker.recording.table_proposals import FIRST_ROWS, layout_of_name
 _PARQUET_ERRORS: Final = (pyarrow.ArrowException, OSError, ValueError, OverflowError, KeyError)
 _BROKEN: Final = (ValueError, LookupError, TypeError, AttributeError, RecursionError, struct.error, OSError)
 _BUFFER_BYTES: Final = 2**16
-_LONGEST_LINE: Final = 120
-"""Longest text (characters) of an error of pyarrow, which may list all columns."""
-_LONGEST_NAME: Final = 40
-_DEEPEST: Final = 5
 
 
 class ParquetTable:
@@ -67,7 +64,7 @@ class ParquetTable:
             leaves = self._first_rows(WorkBudget(budget.bytes_read))  # read again later
         except _PARQUET_ERRORS as error:
             raise UnreadableRecording(
-                f"it cannot be read as a table: {first_line(error)[:_LONGEST_LINE]}"
+                f"it cannot be read as a table: {first_line(error)[: 2 * LONGEST_CELL]}"
             ) from error
         rows = partial(_rows_of_texts, [values for _, _, values in leaves])
         names = [name for name, _, _ in leaves]
@@ -77,7 +74,7 @@ class ParquetTable:
             type_ = leaves[place][2].type
             is_time = place == self.layout.time and types.is_temporal(type_)
             if not (is_time or _is_number(type_)):
-                named = f"its column {printable(name[:_LONGEST_NAME])} is of the type {type_}"
+                named = f"its column {printable(name[:LONGEST_CELL])} is of the type {type_}"
                 raise UnreadableRecording(f"{named}: columns of numbers are read")
             if is_time:
                 self.layout = replace(self.layout, time_ns=1, has_own_unit=types.is_duration(type_))
@@ -89,7 +86,7 @@ class ParquetTable:
             for batch in self._file.iter_batches(ROWS_AT_ONCE, columns=self._columns, use_threads=False):
                 yield self._values(batch)
         except _PARQUET_ERRORS as error:
-            self.damage = (f"it is damaged: {first_line(error)[:_LONGEST_LINE]}",)
+            self.damage = (f"it is damaged: {first_line(error)[: 2 * LONGEST_CELL]}",)
         finally:
             self._file.close()
 
@@ -132,7 +129,7 @@ def _leaves(name: str, column: Any, depth: int = 0) -> Iterator[tuple[str, Any]]
     """The columns of single values in a column, by name: values in structs, and in lists, null where one is
     shorter."""
     kind = column.type
-    if depth > _DEEPEST:
+    if depth > DEEPEST:
         return
     if types.is_struct(kind):
         for field, values in islice(zip(kind, column.flatten(), strict=True), WIDEST):
@@ -186,8 +183,6 @@ _PAGE_HEADER: Final = 2**16
 """Longest page header (bytes), which may contain statistics of long texts."""
 _WHOLE: Final = (0, 6)
 """Encodings that store each text in full; in other encodings many values may share a long text."""
-_MOST_SHARED: Final = 2**28
-"""Largest decoded size (bytes) of texts in other encodings."""
 _VALUES_PER_ROW: Final = 7
 """Number of values in lists that count as a row, as of a pose."""
 _BYTES_PER_ROW: Final = 8 * _VALUES_PER_ROW
@@ -322,7 +317,7 @@ def _pages(file: IO[bytes], column: ColumnChunkMetaData) -> Iterator[tuple[int, 
         encoding = of_data.get(2 if page.get(5) else 4, 0)
         if column.physical_type.endswith("BYTE_ARRAY") and encoding not in _WHOLE:
             shared += of_data[1] * longest
-        if shared > _MOST_SHARED:
+        if shared > RECORD_LIMIT:
             raise UnreadableRecording(f"its column {column.path_in_schema} is text: write numbers")
         yield size + packed, plain
     if at != end:
@@ -363,9 +358,6 @@ def _varint(data: bytes, at: int) -> tuple[int, int]:
     return number | data[at] << shift, at + 1
 
 
-_SHOWN: Final = 8
-
-
 class ArrayTable:
     """Columns in memory, of one length, batch by batch; ``damage`` says what is missing."""
 
@@ -376,8 +368,16 @@ class ArrayTable:
         for begin in range(0, len(self._values[0]), ROWS_AT_ONCE):
             rows = slice(begin, begin + ROWS_AT_ONCE)
             batch = {place: self._values[place][rows] for place in self.layout.places}
-            texts = {place: list(map(str, batch.pop(place).tolist())) for place in self.layout.texts}
-            yield texts | {place: values.astype(np.float64) for place, values in batch.items()}
+            texts = {place: _texts_of(batch.pop(place)) for place in self.layout.texts}
+            yield texts | {
+                place: numbers(_texts_of(values)) if values.dtype.kind in "SU" else values.astype(np.float64)
+                for place, values in batch.items()
+            }
+
+
+def _texts_of(values: NDArray[Any]) -> list[str]:
+    """The values (N,) as text, which may be stored in bytes."""
+    return [v.decode(errors="replace") if isinstance(v, bytes) else str(v) for v in values.tolist()]
 
 
 def _of_arrays(path: str, reading: TableReading, budget: WorkBudget, kind: str) -> ArrayTable:
@@ -407,7 +407,7 @@ def _of_arrays(path: str, reading: TableReading, budget: WorkBudget, kind: str) 
     try:
         if not names:
             raise UnreadableRecording(f"{_NO_ARRAY}{_OBJECTS * (kind == 'MATLAB')}; {_FROM_ARRAYS}")
-        first = np.array([values[:FIRST_ROWS] for values in columns]).T.astype(str).tolist()
+        first = [*zip(*(_texts_of(values[:FIRST_ROWS]) for values in columns), strict=True)]
         if list(arrays) == [""]:
             layout = layout_without_names(first, reading, path)
         else:
@@ -415,8 +415,7 @@ def _of_arrays(path: str, reading: TableReading, budget: WorkBudget, kind: str) 
     except (UnreadableRecording, ChoiceError) as error:
         text = "; ".join(filter(None, (str(error), beyond)))
         for why, entries in not_read.items():
-            listing = ", ".join(entries[:_SHOWN]) + ", ..." * (len(entries) > _SHOWN)
-            text += f"; not read: {listing}, which {'have' if entries[1:] else 'has'} {why}"
+            text += f"; not read: {listed_briefly(entries)}, which {'have' if entries[1:] else 'has'} {why}"
         raise type(error)(text) from error
     return ArrayTable(replace(layout, kind=kind, note="" if stated else beyond), columns)
 

@@ -1,24 +1,21 @@
-"""JSON in tables: documents, whose entries are lines, and the values of an entry by their paths."""
+"""JSON in tables: the entries of a document, and the values of an entry by their paths."""
 
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from itertools import islice
 from typing import IO, Any, Final
 
 from contact_tracker.errors import UnreadableRecording
-from contact_tracker.recording.table_layouts import OF_BODY, UNNAMED, are_numbers
+from contact_tracker.recording.table_bodies import OF_BODY
+from contact_tracker.recording.table_layouts import DIGITS_OF_STAMP, UNNAMED, are_numbers
 from contact_tracker.recording.table_times import stamp_of_date
 
 LEAST_OF_POSE: Final = 6
 """Number of values of the smallest pose: a position and three angles."""
-_DIGITS_OF_STAMP: Final = 10
-"""Least number of digits of a time since 1970."""
 _DOCUMENT: Final = 2**26
 """Longest JSON document (characters), as it is in memory as a whole."""
-OF_OBJECTS: Final = re.compile(r"\s*\{[^\[]*\[\s*\{")
-"""Begins a JSON object whose first list has objects."""
 _BEGIN_DOCUMENT: Final = re.compile(r"\s*(?:\{|\[\s*(?:$|[\[{]))")
 loads: Final = partial(json.loads, parse_float=str, parse_int=str, parse_constant=str)
 """JSON, with numbers and NaN as text."""
@@ -38,6 +35,22 @@ def flattened(entry: Mapping[str, Any]) -> dict[str, str]:
     return fields
 
 
+def rows_of(entry: Any) -> list[dict[str, str]]:
+    """The values of an entry by their paths, or of each object with a name in its only list, as the places of
+    objects may change."""
+    entry = _named(entry)
+    keys = [key for key, value in entry.items() if _has_objects(value)]
+    parts = [_named(part) for key in keys[:1] for part in entry[key]]
+    if len(keys) == 1 and all(any(map(OF_BODY.fullmatch, part)) for part in parts):
+        rows = [flattened({**entry, keys[0]: part}) for part in parts]
+        begin = f"{keys[0]}."
+        own = ([value for name, value in row.items() if name.startswith(begin)] for row in rows)
+        shared = [value for name, value in rows[0].items() if not name.startswith(begin)]
+        if all(map(_may_be_pose, own)) and not _may_be_pose(shared):
+            return rows
+    return [flattened(entry)]
+
+
 def is_document(lines: Sequence[str]) -> bool:
     """Whether the text is one JSON document, not one object per line."""
     first, second = ([line for line in lines if line.strip()] + ["", ""])[:2]
@@ -50,9 +63,9 @@ def is_document(lines: Sequence[str]) -> bool:
     return False
 
 
-def entries_in(file: IO[str]) -> Iterator[str]:
-    """The entries of a JSON document, one per line: the elements of its list, of the only list of objects in
-    it, or of equally long lists by name; raises UnreadableRecording."""
+def entries_in(file: IO[str]) -> list[Any]:
+    """The entries of a JSON document: the elements of its list, or of its object; raises
+    UnreadableRecording."""
     text = file.read(_DOCUMENT + 1)
     if len(text) > _DOCUMENT:
         raise UnreadableRecording(
@@ -62,65 +75,92 @@ def entries_in(file: IO[str]) -> Iterator[str]:
         content = loads(text)
     except (ValueError, RecursionError) as error:
         raise UnreadableRecording(f"it begins like JSON, but is none: {error}") from error
-    if isinstance(content, dict) and content and all(are_numbers([n]) or stamp_of_date(n) for n in content):
-        parts = ((name, value if _has_objects(value) else [value]) for name, value in content.items())
-        key = "frame" if all(name.isdigit() and len(name) < _DIGITS_OF_STAMP for name in content) else "time"
-        content = [{key: name, **named(entry)} for name, value in parts for entry in value]
-    elif isinstance(content, dict):
-        lists = {name: value for name, value in content.items() if isinstance(value, list)}
-        if not lists and content and all(map(_has_rows, content.values())):  # as pandas writes columns
-            index = list(next(iter(content.values())))
-            if all(value.keys() == {*index} for value in content.values()):
-                columns = {name: [value[row] for row in index] for name, value in content.items()}
-                lists = {"index": index} | columns
-        names = next((value for value in lists.values() if all(isinstance(name, str) for name in value)), [])
-        rows_of = [v for v in lists.values() if v and isinstance(v[0], list) and len(v[0]) == len(names)]
-        if len(rows_of) == 1 and names:  # names of the columns, and rows
-            cells = [row if isinstance(row, list) else [] for row in rows_of[0]]
-            index = lists.get("index", [])  # of a DataFrame
-            names, index = (["index", *names], index) if len(index) == len(cells) else (names, [])
-            cells = [[i, *row] for i, row in zip(index, cells, strict=True)] if index else cells
-            lists = {"data": [dict(zip(names, row, strict=False)) for row in cells]}
-        objects = [value for value in lists.values() if _has_objects(value)]
-        longest = max(map(len, lists.values()), default=0)
-        for name in [name for name, value in lists.items() if 0 < len(value) < longest]:  # row by row
-            for i, part in enumerate(lists[name]):
-                lists |= {f"{name}[{i}]": part} if isinstance(part, list) and len(part) == longest else {}
-        rows = {name: value for name, value in lists.items() if len(value) == longest}
-        by_row = [dict(zip(rows, row, strict=True)) for row in zip(*rows.values(), strict=True)]
-        content = objects[0] if len(objects) == 1 and len(objects[0]) == longest else by_row
+    if isinstance(content, dict):
+        content = next(filter(None, (entries(content) for entries in _FORMS)), [])
     if content == []:
         raise UnreadableRecording(
             "it is JSON without entries in a list, or lists of one length by name: write these alone, as by "
             "jq .data"
         )
-    for entry in content if isinstance(content, list) else [content]:
-        yield json.dumps(named(entry)) + "\n"
+    return content if isinstance(content, list) else [content]
+
+
+_Document = Mapping[str, Any]
+
+
+def _by_time(document: _Document) -> list[Any]:
+    """The entry, or the objects, of each time or number of a frame."""
+    if not all(are_numbers([name]) or stamp_of_date(name) for name in document):
+        return []
+    key = "frame" if all(n.isdigit() and len(n) < DIGITS_OF_STAMP for n in document) else "time"
+    parts = ((name, value if _has_objects(value) else [value]) for name, value in document.items())
+    return [{key: name, **_named(entry)} for name, value in parts for entry in value]
+
+
+def _by_column_and_row(document: _Document) -> list[Any]:
+    """The rows of columns with their values by number, as pandas writes them."""
+    columns = [*document.values()]
+    if not columns or not all(isinstance(c, dict) and c and all(map(str.isdigit, c)) for c in columns):
+        return []
+    if any(column.keys() != columns[0].keys() for column in columns):
+        return []
+    return [{"index": row, **{name: document[name][row] for name in document}} for row in columns[0]]
+
+
+def _under_names(document: _Document) -> list[Any]:
+    """The rows in a list, below the names of their columns in another, and beside the index of pandas."""
+    lists = _lists(document)
+    names = next((value for value in lists.values() if all(isinstance(name, str) for name in value)), [])
+    tables = [v for v in lists.values() if v and isinstance(v[0], list) and len(v[0]) == len(names)]
+    if len(tables) != 1 or not names:
+        return []
+    rows = [dict(zip(names, row, strict=False)) if isinstance(row, list) else {} for row in tables[0]]
+    index = lists.get("index", [])
+    if len(index) != len(rows):
+        return rows
+    return [{"index": i, **row} for i, row in zip(index, rows, strict=True)]
+
+
+def _in_a_list(document: _Document) -> list[Any]:
+    """The objects in the only list of objects, if no other list is longer."""
+    lists = _lists(document).values()
+    objects = [value for value in lists if _has_objects(value)]
+    return objects[0] if len(objects) == 1 and len(objects[0]) == max(map(len, lists)) else []
+
+
+def _by_name(document: _Document) -> list[Any]:
+    """The rows of equally long lists by name, some of which may be in lists, as that of x, y and z."""
+    lists = _lists(document)
+    longest = max(map(len, lists.values()), default=0)
+    for name, value in [*lists.items()]:
+        inner = value if len(value) < longest else []
+        lists |= {f"{name}[{i}]": v for i, v in enumerate(inner) if isinstance(v, list) and len(v) == longest}
+    columns = {name: value for name, value in lists.items() if len(value) == longest}
+    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+
+
+_FORMS: Final[Sequence[Callable[[_Document], list[Any]]]] = (
+    _by_time,
+    _by_column_and_row,
+    _under_names,
+    _in_a_list,
+    _by_name,
+)
+"""Forms of documents that are an object; each function returns the entries, none of another form."""
+
+
+def _lists(document: _Document) -> dict[str, list[Any]]:
+    return {name: value for name, value in document.items() if isinstance(value, list)}
 
 
 def _has_objects(value: Any) -> bool:
     return isinstance(value, list) and bool(value) and isinstance(value[0], dict)
 
 
-def by_object(line: str) -> list[str]:
-    """The line of JSON, or one for each object with a name in its only list, as their places may change."""
-    with suppress(ValueError, RecursionError):
-        entry = loads(line) if OF_OBJECTS.match(line) else {}
-        lists = [key for key, value in entry.items() if _has_objects(value)]
-        parts = [named(part) for key in lists[:1] for part in entry[key]]
-        is_inside = all(map(_may_be_pose, parts)) and not _may_be_pose({**entry, **dict.fromkeys(lists)})
-        if len(lists) == 1 and is_inside and all(any(map(OF_BODY.fullmatch, part)) for part in parts):
-            return [json.dumps({**entry, lists[0]: part}) + "\n" for part in parts]
-    return [line]
+def _may_be_pose(values: Sequence[str]) -> bool:
+    are_of_pose = islice((value for value in values if are_numbers([value])), LEAST_OF_POSE)
+    return len([*are_of_pose]) == LEAST_OF_POSE
 
 
-def _may_be_pose(entry: Mapping[str, Any]) -> bool:
-    return sum(are_numbers([value]) for value in flattened(entry).values()) >= LEAST_OF_POSE
-
-
-def _has_rows(value: Any) -> bool:
-    return isinstance(value, dict) and bool(value) and all(map(str.isdigit, value))
-
-
-def named(entry: Any) -> dict[str, Any]:
+def _named(entry: Any) -> dict[str, Any]:
     return entry if isinstance(entry, dict) else {UNNAMED: entry}

@@ -3,12 +3,11 @@
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
-from itertools import chain, groupby, pairwise
+from dataclasses import dataclass
+from itertools import chain, groupby
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from contact_tracker.arrays import Array
@@ -87,6 +86,10 @@ def quaternions(kind: str, values: Array, how: str) -> Array:
 
 BLANKS: Final = '" \t\r\n'
 """Characters that may surround a value in its cell."""
+DIGITS_OF_STAMP: Final = 10
+"""Number of digits of the seconds since 1970; finer units have more."""
+LONGEST_CELL: Final = 64
+"""Length (characters) to which texts are cut: of cells in long lines, and in messages."""
 SEPARATORS: Final = {";": "semicolons", "\t": "tabs", ",": "commas", "|": "bars", " ": "blanks"}
 """Characters that separate values, and their names in messages."""
 
@@ -108,10 +111,12 @@ def plain_number(value: str) -> str:
 
 def number(value: str) -> float:
     """The number in a cell; raises ValueError."""
-    plain = plain_number(value)
-    if "_" in plain:  # which Python reads, as in 20260301_100000
+    if "_" in value:  # which Python reads, as in 20260301_100000
         raise ValueError(f"{value} is no number")
-    return float(plain)
+    try:
+        return float(value)
+    except ValueError:
+        return float(plain_number(value))
 
 
 def _number_or_nan(value: str) -> float:
@@ -167,6 +172,12 @@ class Body:
     has_unit: bool = False
     has_angle_unit: bool = False
 
+    @property
+    def assumed_angles(self) -> str:
+        """The unit of angles, ``deg`` or ``rad``, if the names of columns do not state it; else empty."""
+        is_assumed = self.kind in ("euler", "rotation_vector") and not self.has_angle_unit
+        return self.how.rpartition(":")[2] if is_assumed else ""
+
     def poses(self, values: Array) -> Array:
         """Positions (m) and quaternions ``xyzw`` (N, 7) of the values of its columns (N, k)."""
         return np.hstack([values[:, :3] * self.metres, quaternions(self.kind, values[:, 3:], self.how)])
@@ -190,7 +201,8 @@ class TableLayout:
     has_angles : whether the names of columns say that rotations are angles.
     note : one line on what is not read, or empty.
     body : index of the column with the name of the body of each row; None if all are of one.
-    are_successive : whether the first rows name one body, which others may follow (``begin_body``).
+    first_body : name of the body of the first rows, which others may follow (``begin_body``), or empty if
+        the column may tell something else of them; None if the first rows are of several bodies.
     """
 
     time: int
@@ -208,7 +220,7 @@ class TableLayout:
     has_angles: bool = False
     note: str = ""
     body: int | None = None
-    are_successive: bool = False
+    first_body: str | None = None
 
     @property
     def places(self) -> list[int]:
@@ -331,9 +343,9 @@ FRAME: Final = re.compile(r"(?:.*[./ ])?(?:frame|frame_?(?:number|no|nr|index|id
 _CLOCKS: Final = frozenset({"", "unix", "utc", "epoch", "posix"})
 """Texts in brackets after a time that leave its unit open."""
 _BODY: Final = r"(.*?)[._/: -]*"
-_AFTER: Final = re.compile(r"([pqt]?[xyz]|qw)[._/: -]+(.+)")
+_AFTER: Final = re.compile(r"(?:(?P<turn>q)|[pt]?)(?P<axis>(?(turn)[xyzw]|[xyz]))[._/: -]+(?P<body>.+)")
 """A role before the name of the body, as in ``qx_world_device``."""
-_FRAMED: Final = re.compile(r"([tq])_(\w+)_([wxyz])")
+_FRAMED: Final = re.compile(r"(?:(?P<turn>q)|t)_(?P<body>\w+)_(?P<axis>[wxyz])")
 """The frames of a transform between the parts of a role, as in ``t_wo_x`` and ``q_wo_x``."""
 _NO_POSE: Final = re.compile(
     r"(?:.*[._/: -])?(?:std|stdev|sd|sigma|var|cov|err|error|vel|dot|acc|ref|cmd|des)"
@@ -375,12 +387,6 @@ NUMBERED: Final = re.compile(r"(.*?)[\[_.]?(\d{1,4})\]?")
 BY_ROW: Final = re.compile(r"(.*?)[\[_.](\d{1,2})\]?[\[_.](\d{1,2})\]?")
 """Numbers of the elements of a list, and of the rows and columns of a matrix, as in ``T_0_3``."""
 _SLICE: Final = re.compile(r"(.*)\[(\d{1,4})(?::(\d{1,4}))?\]")
-OF_BODY: Final = re.compile(
-    r"(?:.*[._ ])?(?:u?id|name|body|obj|object|tracker|device|marker|tag|hand|sensor|controller|track|target)"
-)
-"""Names of columns of the names of bodies, which may be numbers; columns of text may have any name."""
-_OF_OTHERS: Final = re.compile(r"(?:.*[._ ])?(?<!child_)frame_id|.*\[.*")
-"""Names of columns of the names of parent frames, and of elements of lists, as of joints."""
 _GENERIC: Final = {"", "pose", "field", "transform", "data", "msg", "message", "state"}
 MATRIX_SHAPES: Final = {9: (3, 3), 12: (3, 4), 16: (4, 4)}
 NEEDED: Final = "a time, x, y, z in metres, and qx, qy, qz, qw"
@@ -392,7 +398,6 @@ NAMED_VECTOR: Final = re.compile("rvec|rot_?vec|axis_?angle", re.IGNORECASE)
 """Names of columns of angles, and of a rotation vector."""
 CAN_BE_GIVEN: Final = re.compile(r"[^,=]+").fullmatch
 """Whether ``--columns`` can state a name."""
-_LONGEST_NAME: Final = 200
 NO_FRAMES: Final = (
     "not numbers of frames: leave out the rate, or name the frames' column by --columns time=frame"
 )
@@ -406,7 +411,7 @@ class Columns:
     units."""
 
     def __init__(self, names: Sequence[str], units: Sequence[str] = ()) -> None:
-        self.names = [name.strip()[:_LONGEST_NAME] for name in names]
+        self.names = [name.strip()[: 4 * LONGEST_CELL] for name in names]
         whole = (_LEVELS.sub(lambda mark: "." * (len(mark[0]) > 2), name) for name in self.names)
         self.plain = [_CAMEL.sub("_", name.lstrip("#").strip().rstrip(".")).lower() for name in whole]
         self.units = [*units, *[""] * len(names)][: len(names)]
@@ -481,16 +486,11 @@ class Columns:
     def _add_with_frames(self, by_body: dict[str, dict[str, int]]) -> None:
         """Add the columns with frames in their names: after the parts if no body has a position so far
         (``tx_world_device``), and between them if none has a pose (``t_wo_x``)."""
-        if not any(roles.keys() >= {*POSITION} for roles in by_body.values()):
-            for place, name in enumerate(self.plain):
-                if (match := _AFTER.fullmatch(name)) is not None and not _NO_POSE.fullmatch(match[2]):
-                    role = match[1] if match[1][0] == "q" else match[1][-1]
-                    by_body.setdefault(_body(match[2]), {}).setdefault(role, place)
-        if not any(map(_is_pose, by_body.values())):
-            for place, name in enumerate(self.plain):
-                if (match := _FRAMED.fullmatch(name)) is not None:
-                    role = match[3] if match[1] == "t" else f"q{match[3]}"
-                    by_body.setdefault(match[2], {}).setdefault(role, place)
+        for pattern, is_enough in ((_AFTER, lambda roles: roles.keys() >= {*POSITION}), (_FRAMED, _is_pose)):
+            for place, name in enumerate(() if any(map(is_enough, by_body.values())) else self.plain):
+                if (match := pattern.fullmatch(name)) is not None and not _NO_POSE.fullmatch(match["body"]):
+                    role = (match["turn"] or "") + match["axis"]
+                    by_body.setdefault(_body(match["body"]), {}).setdefault(role, place)
 
     def _stated(self, role: str, name: str, reading: TableReading) -> list[tuple[str, int]]:
         places = self.places(name, role in GROUPS)
@@ -515,17 +515,19 @@ class Columns:
             return times[TIME], times.get(REST)
         patterns = (FRAME, _TIME, _ELAPSED) if reading.has_frame_numbers else (_TIME, _ELAPSED)
         for pattern in patterns:
-            places = [(i, match) for i, name in enumerate(self.plain) if (match := pattern.fullmatch(name))]
-            for place, match in sorted(places, key=lambda part: " " in part[1][0]):  # not ``wait time``
+            matches = [(match, i) for i, match in enumerate(map(pattern.fullmatch, self.plain)) if match]
+            if matches:
+                match, place = min(matches, key=lambda part: " " in part[0][0])  # not ``wait time``
                 return place, self._rest(match[1]) if pattern is _ELAPSED else None
         return (-1 if reading.has_frame_numbers else None), None
 
     def _rest(self, prefix: str | None) -> int | None:
         """Index of the column with the fraction of seconds whose name has this prefix: the finest one. As
         milliseconds may be of a duration (``latency_msec``), they need the same prefix."""
-        matches = [(i, match) for i, name in enumerate(self.plain) if (match := _REST.fullmatch(name))]
-        units = ((_REST_NS[match[2]], match[1], i) for i, match in matches)
-        rests = ((ns, i) for ns, of_rest, i in units if ns < 1e6 or of_rest == prefix)
+        matches = [(match, i) for i, match in enumerate(map(_REST.fullmatch, self.plain)) if match]
+        rests = [
+            (_REST_NS[match[2]], i) for match, i in matches if match[1] == prefix or _REST_NS[match[2]] < 1e6
+        ]
         return min(rests, default=(0.0, None))[1]
 
 
@@ -566,69 +568,11 @@ def layout(columns: Columns, reading: TableReading) -> TableLayout:
     if len(bodies) > 1 or bodies[0].kind != "quaternion" or not all(map(CAN_BE_GIVEN, quaternion)):
         quaternion = ()
     time_ns = 1e9 if rest is not None else time_ns
-    rest_unit = _REST.fullmatch(columns.plain[rest]) if rest is not None else None
-    rest_ns = 1.0 if rest_unit is None else _REST_NS[rest_unit[2]]
+    named_rest = _REST.fullmatch(columns.plain[rest]) if rest is not None else None
+    rest_ns = 1.0 if named_rest is None else _REST_NS[named_rest[2]]
     return TableLayout(
         time, time_ns, bodies, rest=rest, rest_ns=rest_ns, quaternion=quaternion, has_angles=has_angles
     )
-
-
-def with_body(layout: TableLayout, columns: Columns, rows: Rows) -> TableLayout:
-    """The layout with the column of the names of bodies, if the first rows are of several ones, or of one of
-    which others may follow."""
-    one, read = None, layout.places
-    first_rows = rows() if len(layout.bodies) == 1 else ()
-    for place, name in enumerate(columns.plain if first_rows else ()):
-        if place not in read:
-            position, last = layout.bodies[0].columns[:3], max(place, *read)
-            first = [row for row in first_rows if len(row) > last]
-            names = [row[place].strip(BLANKS) for row in first]
-            is_named, has_several = OF_BODY.fullmatch(name) is not None, len({*names}) > 1
-            if not is_named and (not has_several or are_numbers(names[:1])):
-                continue
-            is_text = bool(np.isnan(numbers(names)).all())
-            if not (is_named or is_text):
-                continue
-            may_be_one = is_text or (name.endswith("id") and "".join(names[:1]).isdigit())
-            if may_be_one and names and not has_several and one is None and not _OF_OTHERS.fullmatch(name):
-                one = place
-            times = [row[layout.time] if layout.time >= 0 else str(i) for i, row in enumerate(first)]
-            positions = np.array([numbers([row[i] for i in position]) for row in first]).reshape(-1, 3)
-            if _are_bodies(names, times, positions):
-                return replace(layout, body=place)
-    return layout if one is None else replace(layout, body=one, are_successive=True)
-
-
-def begin_body(texts: Sequence[str], times: NDArray[Any]) -> NDArray[np.bool_]:
-    """Which of the rows after the first (N - 1,) begin another of successive bodies: with other text, while
-    the time goes back. Where it goes on, the text tells something else, as the step of a task."""
-    return np.not_equal(texts[1:], texts[:-1]) & (times[1:] < times[:-1])
-
-
-def _are_bodies(names: Sequence[str], times: Sequence[str], positions: Array) -> bool:
-    """Whether N names, which change at most rows and come back, are of bodies: rows of one time mostly have
-    different ones, or positions (N, 3) of one name are nearer to each other than those of successive rows
-    are, as they are not if rows are numbered, again and again."""
-    pairs = [*pairwise(range(len(names)))]
-    changes = [(i, j) for i, j in pairs if names[i] != names[j]]
-    if not 1 < len({*names}) <= len(changes) or 2 * len(changes) < len(names):
-        return False
-    at_one_time = [pair for pair in pairs if times[pair[0]] == times[pair[1]]]
-    count = len({*changes}.intersection(at_one_time))
-    if count > 1 and 8 * count >= 7 * len(at_one_time):  # an object may be found twice
-        return True
-    latest, of_one_name = dict[str, int](), list[tuple[int, int]]()
-    for i, name in enumerate(names):
-        if name in latest:
-            of_one_name.append((latest[name], i))
-        latest[name] = i
-    places = np.nan_to_num(positions, posinf=0.0, neginf=0.0)
-    with np.errstate(over="ignore"):
-        steps, between = (
-            float(np.median(np.abs(np.diff(places[np.array(both)], axis=1)).max(axis=2)))
-            for both in (of_one_name, changes)
-        )
-    return 2.0 * steps < between
 
 
 def are_named_angles(names: Sequence[str]) -> bool:

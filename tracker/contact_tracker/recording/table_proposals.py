@@ -17,10 +17,12 @@ from contact_tracker.config.quantities import ANGLE_UNITS
 from contact_tracker.config.table_reading import POSITION, QUATERNION, REST, TIME, TableReading, reading_of
 from contact_tracker.errors import ChoiceError, UnreadableRecording
 from contact_tracker.motion.pose_validation import NORM_TOLERANCE
+from contact_tracker.recording.table_bodies import with_body
 from contact_tracker.recording.table_layouts import (
     BLANKS,
     BY_ROW,
     CAN_BE_GIVEN,
+    DIGITS_OF_STAMP,
     FRAME,
     MATRIX_SHAPES,
     MOST_COLUMNS,
@@ -38,7 +40,6 @@ from contact_tracker.recording.table_layouts import (
     are_numbers,
     layout,
     numbers,
-    with_body,
 )
 from contact_tracker.recording.table_times import stamp_of_date, unit_of_dates
 from contact_tracker.recording.table_units import FARTHEST_M, are_no_radians, in_unit, reach_of
@@ -64,30 +65,29 @@ _FEW_STEPS: Final = 2
 """Number of steps in which columns of other things than a time also rise."""
 _A_RATE: Final = "100Hz"
 _ORDERS: Final = "Orders are those of scipy: xyz about fixed axes, XYZ about the body's; deg or rad"
-_NANOSECONDS: Final = 10
-"""Number of digits of the seconds since 1970; the nanoseconds have fewer."""
 _UNIT_NORM: Final = 0.002
 """Largest deviation of a quaternion's norm from 1, and of a matrix from a rotation, in rounded values."""
 FIRST_ROWS: Final = 64
 """Number of first rows whose values may be looked at."""
-_UR: Final = "actual_TCP_pose"
-_UR_POSE: Final = f"position={_UR}[0:3],rotation={_UR}[3:6]"
-_BOP: Final = ("cam_r_m2c[8]", "cam_t_m2c[2]")
-_BOP_POSE: Final = "position=cam_t_m2c,matrix=cam_R_m2c"
-_TWICE: Final = "a position and a quaternion"
 _AXIS_ANGLE: Final = "an axis and an angle (in degrees if the name ends with _deg)"
 _OPENSIM: Final = re.compile(r".*_o[xyz]\b", re.IGNORECASE)
 KNOWN: Final[Sequence[tuple[str, tuple[str, ...], TableReading]]] = (
-    ("UR's RTDE", (f"{_UR}_0".lower(), f"{_UR}_5".lower()), reading_of(_UR_POSE, rotation_vector=True)),
-    ("UR's RTDE", (f"{_UR}[0]".lower(), f"{_UR}[5]".lower()), reading_of(_UR_POSE, rotation_vector=True)),
+    (
+        "UR's RTDE",
+        ("actual_tcp_pose[0]", "actual_tcp_pose[5]"),
+        reading_of("position=actual_TCP_pose[0:3],rotation=actual_TCP_pose[3:6]", rotation_vector=True),
+    ),
     ("libfranka", ("o_t_ee[0]", "o_t_ee[15]"), reading_of("matrix=O_T_EE", matrix="columns")),
-    ("libfranka", ("o_t_ee_0", "o_t_ee_15"), reading_of("matrix=O_T_EE", matrix="columns")),
     ("Qualisys", ("x", "rot[0]", "rot[8]"), reading_of("matrix=Rot", matrix="columns", unit="mm")),
     ("PX4", ("timestamp_sample", "position[2]", "q[3]"), reading_of("position=position,wxyz=q")),
     ("PX4", ("timestamp_sample", "x", "q[3]"), reading_of("wxyz=q")),
     ("NDI", ("tx", "q0", "qx"), reading_of(unit="mm")),
     ("NDI", ("frame", "state", "tx", "rz"), reading_of(unit="mm", euler="xyz:deg")),
-    ("BOP", ("frame", *_BOP), reading_of(_BOP_POSE, matrix="rows", unit="mm")),
+    (
+        "BOP",
+        ("frame", "cam_r_m2c[8]", "cam_t_m2c[2]"),
+        reading_of("position=cam_t_m2c,matrix=cam_R_m2c", matrix="rows", unit="mm"),
+    ),
     (
         "BOP, at 30 frames a second",
         ("im_id", "r[8]", "t[2]"),
@@ -101,8 +101,7 @@ KNOWN: Final[Sequence[tuple[str, tuple[str, ...], TableReading]]] = (
     (_AXIS_ANGLE, ("rot_axis_x", "rot_angle"), reading_of(rotation_vector=True)),
     (_AXIS_ANGLE, ("ax", "ay", "az", "angle"), reading_of("rx=ax,ry=ay,rz=az", rotation_vector=True)),
     (_AXIS_ANGLE, ("ux", "uy", "uz", "theta"), reading_of("rx=ux,ry=uy,rz=uz", rotation_vector=True)),
-    (_TWICE, ("x", "x.1", "w"), reading_of("qx=x.1,qy=y.1,qz=z.1,qw=w")),
-    (_TWICE, ("x", "x_1", "w"), reading_of("qx=x_1,qy=y_1,qz=z_1,qw=w")),
+    ("a position and a quaternion", ("x", "x[1]", "w"), reading_of("qx=x[1],qy=y[1],qz=z[1],qw=w")),
     ("a quaternion", ("rx", "ry", "rz", "rw"), reading_of("qx=rx,qy=ry,qz=rz,qw=rw")),
     ("ZED", ("tx", "ox", "oy", "oz", "ow"), reading_of("qx=ox,qy=oy,qz=oz,qw=ow")),
     ("ABB", ("x", "q1", "q2", "q3", "q4"), reading_of("qw=Q1,qx=Q2,qy=Q3,qz=Q4", unit="mm")),
@@ -110,7 +109,7 @@ KNOWN: Final[Sequence[tuple[str, tuple[str, ...], TableReading]]] = (
     ("quaternions with the real part first", ("q0", "q3"), reading_of("qw=q0,qx=q1,qy=q2,qz=q3")),
     ("matrices by row and column", ("r11", "r33"), reading_of(matrix="rows")),
 )
-"""Known systems: name; lower-case names of columns by which the system is recognised; the reading."""
+"""Known systems: name; names of columns by which the system is recognised (``_plainly``); the reading."""
 _SIZES: Final = (3, 4, 6, 7)
 """Numbers of columns in groups that may be a position, a quaternion, or both; larger groups may be more."""
 _TURNING: Final = re.compile("rot|rvec|axis|rpy|euler|angle|orient|rodrigues", re.IGNORECASE)
@@ -156,6 +155,11 @@ def layout_without_names(rows: Sequence[Sequence[str]], reading: TableReading, p
         raise ProposedReading(f"{fault}: {text}")
     how = f"say which they are, by number from 0 on, as in --columns time={UNNAMED}0,x={UNNAMED}1"
     raise UnreadableRecording(f"{fault}: {how}")
+
+
+def _plainly(name: str) -> str:
+    """A name in lower case, with the number of an element as in ``q[3]`` for ``q_3`` and ``q.3``."""
+    return re.sub(r"[\[_.](\d+)\]?$", r"[\1]", name.lower())
 
 
 def _is_commanded(name: str) -> bool:
@@ -348,34 +352,37 @@ class _Proposal:
         """The meaning in words, the reading, and whether it has a square matrix: of known systems, of the
         columns as they are named, and of groups of numbered columns, alone and in pairs."""
         columns = self._columns
-        lower = {*map(str.lower, columns.names), *columns.plain}
-        prefixed = islice(filter(None, map(_PREFIX.match, sorted(lower))), _MOST_GROUPS)
-        prefixes = dict.fromkeys(match[0] for match in prefixed)
-        suffixed = islice(filter(None, map(_SUFFIX.fullmatch, map(str.lower, columns.names))), _MOST_GROUPS)
-        suffixes = dict.fromkeys(match[1] for match in suffixed)
-        affixes = [("", ""), *((prefix, "") for prefix in prefixes), *(("", suffix) for suffix in suffixes)]
-        affixes.sort(key=lambda affix: _is_commanded("".join(affix)))
-        written = {name.lower(): name for name in reversed(columns.names)}
-        for (system, names, meaning), (prefix, suffix) in product(KNOWN, affixes):
-            if lower.issuperset(prefix + name + suffix for name in names):
+        written = {_plainly(name): name for name in reversed(columns.names)}
+        known = {*written, *map(_plainly, columns.plain)}
+        lower = [*map(str.lower, columns.names)]
+        prefixed = islice(filter(None, map(_PREFIX.match, sorted({*lower, *columns.plain}))), _MOST_GROUPS)
+        suffixed = islice(filter(None, map(_SUFFIX.fullmatch, lower)), _MOST_GROUPS)
+        affixes = ["", ""], *([match[0], ""] for match in prefixed), *(["", match[1]] for match in suffixed)
+        unique = dict.fromkeys(map(tuple, affixes))
+        for (system, names, meaning), (prefix, suffix) in product(
+            KNOWN, sorted(unique, key=lambda affix: _is_commanded("".join(affix)))
+        ):
+            if known.issuperset(_plainly(prefix + name + suffix) for name in names):
                 place = tuple(zip(POSITION, POSITION, strict=True)) if suffix and names[0] == "x" else ()
                 roles = ((role, prefix + name + suffix) for role, name in (*place, *meaning.columns))
-                spelled = tuple((role, written.get(name.lower(), name)) for role, name in roles)
+                spelled = tuple((role, written.get(_plainly(name), name)) for role, name in roles)
                 candidate = replace(meaning, columns=spelled).with_(self._reading)
                 for way in self._with_units(candidate):
                     yield f"if its columns are those of {system},", way, False
         yield f"{self._about_time}:", self._reading, False
         matches = [pattern.fullmatch(name) for name in columns.names for pattern in (NUMBERED, BY_ROW)]
-        found = (match[1] for match in matches if match is not None and CAN_BE_GIVEN(match[1]))
-        bases = dict.fromkeys(sorted(found, key=_is_commanded))
+        bases = [match[1] for match in matches if match is not None and CAN_BE_GIVEN(match[1])]
         sizes = Counter(match[1] for match in map(BY_ROW.fullmatch, columns.names) if match is not None)
-        inner = ((base, NUMBERED.fullmatch(base)) for base in bases)
-        of_rows = {base for base, row in inner if row is not None and sizes[row[1]] in MATRIX_SHAPES}
-        bases = {base: None for base in bases if base not in of_rows}
         of_joints = {_OF_JOINTS.sub("", base) for base in bases if "effort" in base}
-        bases = {base: None for base in bases if _OF_JOINTS.sub("", base) not in of_joints}
-        bases = {base: None for base in bases if base not in columns.names}  # a name that occurs twice
-        counted = ((base, len(self._group(base))) for base in islice(bases, _MOST_GROUPS))
+
+        def is_apart(base: str) -> bool:
+            """Whether a group is no row of a matrix, not of joints, and no name that occurs twice."""
+            row = NUMBERED.fullmatch(base)
+            is_row = row is not None and sizes[row[1]] in MATRIX_SHAPES
+            return not is_row and _OF_JOINTS.sub("", base) not in of_joints and base not in columns.names
+
+        apart = filter(is_apart, dict.fromkeys(sorted(bases, key=_is_commanded)))
+        counted = ((base, len(self._group(base))) for base in islice(apart, _MOST_GROUPS))
         parts = [(base, size) for base, size in counted if size in _SIZES or size > len(POSE_ROLES)]
         pairs = (
             [a, b]
@@ -423,18 +430,17 @@ class _Proposal:
             clock = begin - 1 if len(values) == 1 and begin else clock
             times = [] if clock is None else [self._columns.names[list(group.values())[clock]]]
             texts = self._rows()[0][: begin and 2]
-            if "".join(texts).isdigit() and len(texts[0]) == _NANOSECONDS > len(texts[1]):
+            if "".join(texts).isdigit() and len(texts[0]) == DIGITS_OF_STAMP > len(texts[1]):
                 times, is_frame = [f"{UNNAMED}0", f"{UNNAMED}1"], False
             how = {**how, "time_unit": _A_RATE} if is_frame and times and len(values) > 1 else how
             return reading_of({**dict(zip((TIME, REST), times, strict=False)), **columns}, **how)
 
-        for size in (16, 12, *([9] if count == 9 else [])):
-            for begin in range(count - size + 1):
-                if (order := _order_of_matrices(values[:, begin : begin + size])) is not None:
-                    return meaning(begin, {"matrix": order}, matrix=size)
-        for begin in range(3, count - 8):
-            if _order_of_matrices(values[:, begin : begin + 9]) is not None:
-                return meaning(begin - 3, {"matrix": "rows"}, position=3, matrix=9)
+        for before, size in ((0, 16), (0, 12), *([(0, 9)] if count == 9 else []), (3, 9)):
+            for begin in range(count - before - size + 1):
+                place = begin + before
+                if (order := _order_of_matrices(values[:, place : place + size])) is not None:
+                    position = {"position": before} if before else {}
+                    return meaning(begin, {"matrix": order}, **position, matrix=size)
         begin_of_pose = _begin_of_pose(values) if count >= len(POSE_ROLES) else None
         if begin_of_pose is not None or (count == len(POSE_ROLES) and not len(_present(values))):
             return meaning(begin_of_pose or 0, {}, position=3, quaternion=4)

@@ -19,7 +19,8 @@ _STEP_S: Final = (0.0005, 0.2)
 """Steps between poses at 5 to 2000 Hz; the ranges of different units do not overlap."""
 _DATE_S: Final = (946684800.0, 4102444800.0)
 """Range of dates since 1970: the years 2000 to 2100."""
-_DAY_S: Final = 86_400
+_DAY_NS: Final = TIME_UNITS_NS[DAY]
+_DAY_S: Final = _DAY_NS // 10**9
 _EPOCHS_S: Final[Mapping[str, tuple[tuple[int, int], str]]] = {
     TICK: ((11_644_473_600, 62_135_596_800), "ticks of 100 ns since the year 1 or 1601"),
     DAY: ((25_569 * _DAY_S, 719_529 * _DAY_S), "days since the year 0 or 1900, as of MATLAB and Excel"),
@@ -49,7 +50,6 @@ frames. Digits alone are numbers."""
 _YEARS: Final = range(1900, 2110)
 """Years of dates that are read; stamps in nanoseconds reach from 1824 to 2116."""
 _EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
-_DAY_NS: Final = _DAY_S * 10**9
 _MOST_DAYS: Final = 20
 """Most days between two rows; if days and months are confused, there are steps of a month."""
 

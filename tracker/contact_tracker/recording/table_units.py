@@ -45,11 +45,10 @@ def in_unit(reading: TableReading, body: Body, values: Array) -> tuple[TableRead
 def doubt_angles(values: Array, body: Body, reading: TableReading, path: str) -> str:
     """What to do if angles among the ``values`` (N, k) of a body's columns exceed a turn in radians, without
     names of columns that state radians; empty if they do not."""
-    order, _, unit = body.how.rpartition(":")
-    has_angles = body.kind in ("euler", "rotation_vector") and unit == "rad" and not body.has_angle_unit
-    if not has_angles or not are_no_radians(values[:, 3:]):
+    if body.assumed_angles != "rad" or not are_no_radians(values[:, 3:]):
         return ""
-    way, about = in_unit(reading.with_(reading_of(euler=f"{order or 'xyz'}:deg")), body, values)
+    order = body.how.rpartition(":")[0] or "xyz"
+    way, about = in_unit(reading.with_(reading_of(euler=f"{order}:deg")), body, values)
     command = f"{way.command(path)}{', with ' * bool(about)}{about}"
     return (
         f"its angles as radians are larger than a turn: if they are degrees, read them by {command}; if "
@@ -60,8 +59,7 @@ def doubt_angles(values: Array, body: Body, reading: TableReading, path: str) ->
 def largest_deg(values: Array, body: Body) -> float:
     """Largest angle (deg) among the ``values`` (N, k) of a body's columns whose names do not state the unit;
     NaN without any."""
-    has_angles = body.kind in ("euler", "rotation_vector") and body.how.endswith("deg")
-    if not has_angles or body.has_angle_unit or not np.isfinite(values[:, 3:]).any():
+    if body.assumed_angles != "deg" or not np.isfinite(values[:, 3:]).any():
         return np.nan
     return float(np.nanmax(np.abs(values[:, 3:])))
 

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.config.quantities import RANGE_NS
 from contact_tracker.config.table_reading import AS_NAMED, TableReading
 from contact_tracker.errors import ChoiceError, UnreadableRecording, printable
 from contact_tracker.motion.poses import Poses, ReadAs
@@ -24,14 +23,15 @@ from contact_tracker.recording.bytestream import (
     is_text,
 )
 from contact_tracker.recording.items import ROWS, Channel, PoseSource, Rows
+from contact_tracker.recording.table_bodies import begin_body
 from contact_tracker.recording.table_layouts import (
     BLANKS,
+    LONGEST_CELL,
     SEPARATORS,
     Body,
     ProposedReading,
     TableLayout,
     are_numbers,
-    begin_body,
     numbers,
 )
 from contact_tracker.recording.table_times import NEVER, TableTimes
@@ -52,8 +52,6 @@ _BINARY: Final[Sequence[tuple[str, re.Pattern[bytes], str]]] = (
     ("C3D", re.compile(b"(?s).P"), ".c3d"),
 )
 """Kinds of tables, by first bytes and suffix; files of MATLAB 4 begin with a number."""
-_YEAR_NS: Final = 365.25 * 86_400e9
-_LONGEST_TIME: Final = 40
 _RECORDINGS: Final = (".mcap", ".mcap.zst", ".mcap.zstd")
 Columns = Mapping[int, Sequence[str] | NDArray[np.float64]]
 """Values by the index of their column; numbers may be text."""
@@ -172,7 +170,7 @@ def read_table(
     sources = tuple(PoseSource(topic, layout.kind, "", body.name, None, read_as) for body in layout.bodies)
     is_read = is_wanted(Channel(topic, ROWS, layout.kind, "", b""))
     times, count, lost, why, doubt = TableTimes(path, layout, reading, notes.assume), 0, 0, "", ""
-    bodies = _Bodies(layout.are_successive)
+    bodies = _Bodies(layout.first_body)
     largest = np.nan
     for columns in table if is_read else ():
         rows_read = len(next(iter(columns.values())))
@@ -211,23 +209,21 @@ class _Bodies:
     """The names of the bodies of rows, batch by batch; of successive ones, that of the first until the time
     goes back, and then those in the column."""
 
-    def __init__(self, are_successive: bool) -> None:
-        self._are_successive = are_successive
-        self._first = ""
+    def __init__(self, first: str | None) -> None:
+        self._first = first
         self._last: tuple[str, int] | None = None
 
     def names(self, texts: Sequence[str], stamp_ns: NDArray[np.int64]) -> Sequence[str]:
         """The names of the bodies of rows with these texts and stamps."""
-        if not self._are_successive or not texts:
+        if self._first is None or not texts:
             return texts
-        if self._last is None:
-            self._first, self._last = texts[0], (texts[0], int(stamp_ns[0]))
-        text, last_ns = self._last
-        begins = begin_body([text, *texts], np.r_[last_ns, stamp_ns])
+        text, last_ns = self._last or (texts[0], int(stamp_ns[0]))
         self._last = texts[-1], int(stamp_ns[-1])
-        self._are_successive = not begins.any()
-        count = len(texts) if self._are_successive else int(begins.argmax())
-        return [*[self._first] * count, *texts[count:]]
+        begins = begin_body([text, *texts], np.r_[last_ns, stamp_ns])
+        count = int(begins.argmax()) if begins.any() else len(texts)
+        names = [*[self._first] * count, *texts[count:]]
+        self._first = None if begins.any() else self._first
+        return names
 
 
 def _of_bodies(source: PoseSource, names: Sequence[str], poses: Poses) -> Iterator[Rows]:
@@ -259,9 +255,9 @@ def _without_time(text: str, columns: Columns, row: int, layout: TableLayout) ->
     is_alone = text and not any(isinstance(value, str) and value for value in cells)
     if is_alone and layout.kind not in ("Parquet", "Feather", "JSON"):
         return f"{lacks}: separate their values by {SEPARATORS[layout.separator or ' ']}, as in the first row"
-    cell = f" ({printable(text[:_LONGEST_TIME])!r})" if text else ""
+    cell = f" ({printable(text[:LONGEST_CELL])!r})" if text else ""
     if are_numbers([text]) and text:
-        fault = f"a time more than {RANGE_NS / _YEAR_NS:.0f} years from 1970{cell}"
+        fault = f"a time more than 146 years from 1970{cell}"
         return (
             f"{fault}: give its unit by --time-unit s, ms, us or ns, or write dates as 2026-03-01T10:00:00.25"
         )

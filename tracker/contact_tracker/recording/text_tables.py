@@ -10,7 +10,7 @@ import csv
 import os
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -26,16 +26,15 @@ from contact_tracker.recording.bytestream import encoding_of
 from contact_tracker.recording.items import ROWS_AT_ONCE
 from contact_tracker.recording.json_entries import (
     LEAST_OF_POSE,
-    OF_OBJECTS,
-    by_object,
     entries_in,
     flattened,
     is_document,
     loads,
-    named,
+    rows_of,
 )
 from contact_tracker.recording.table_layouts import (
     BLANKS,
+    LONGEST_CELL,
     MOST_COLUMNS,
     SEPARATORS,
     UNNAMED,
@@ -51,6 +50,7 @@ from contact_tracker.recording.table_layouts import (
     plain_number,
 )
 from contact_tracker.recording.table_proposals import (
+    FIRST_ROWS,
     layout_of_names,
     layout_without_names,
     may_be_trajectory,
@@ -58,14 +58,11 @@ from contact_tracker.recording.table_proposals import (
 
 _LINE: Final = 2**18
 """Longest line (characters); the rest of a longer one is a line of its own."""
-_HEAD_LINES: Final = 64
 _LONGEST_PREAMBLE: Final = 1000
 _LONGEST_HEAD: Final = 2**20
 """Largest number of lines, and of characters, in which the first row of numbers is looked for."""
 _MOST_TRIED: Final = 4 * MOST_COLUMNS
 """Largest number of words that are tried as names of columns, at 20 000 a second."""
-_LONGEST_CELL: Final = 64
-"""Length (characters) to which texts of numbers and times in long lines are cut."""
 _EMPTY: Final = f",;{BLANKS}"
 _COMMENT: Final = re.compile(r"#|%|//|;(?!(?:[^;]*;){2})")
 """Beginnings of comments; a row with an empty first cell also begins with a semicolon, but has several."""
@@ -130,14 +127,18 @@ class TextTable:
 
     def __init__(self, path: str, begin: bytes, reading: TableReading) -> None:
         self._path, self._encoding = path, encoding_of(begin)
-        with self._opened() as file:
-            lines = head = _head(_lines(file))
-        self._is_document = is_document(head)
-        if self._is_document or any(map(OF_OBJECTS.match, head)):
-            with self._opened() as file:
-                head = list(islice(self._lines(file), _HEAD_LINES))
-        self.layout = _layout_in_unit(lines, head, reading, path)
         self.damage: tuple[str, ...] = ()
+        with self._opened() as file:
+            head = _head(_lines(file))
+        self._is_document = is_document(head)
+        if self._is_document:
+            with self._opened() as file:
+                rows = list(islice(chain.from_iterable(map(rows_of, entries_in(file))), FIRST_ROWS))
+            layout = replace(_layout_of_fields(rows, reading, path), kind="JSON")
+        else:
+            layout = _layout_of(head, reading, path)
+        _check_unit(head, layout, reading, path)
+        self.layout = layout
 
     def __iter__(self) -> Iterator[dict[int, Sequence[str]]]:
         rows = self._rows()
@@ -147,34 +148,44 @@ class TextTable:
     def _opened(self) -> IO[str]:
         return open(self._path, encoding=self._encoding, errors="replace")
 
-    def _lines(self, file: IO[str]) -> Iterator[str]:
-        lines = entries_in(file) if self._is_document else _lines(file)
-        return chain.from_iterable(map(by_object, lines))
-
-    def _rows(self) -> Iterator[list[str]]:
-        layout, separator, previous = self.layout, self.layout.separator, list[str]()
-        places, width = layout.places, max(layout.places) + 1
-        cells_in = partial(_named_cells, names=layout.names, heads=layout.heads, separator=separator)
+    def _lines_and_cells(self) -> Iterator[tuple[str, list[str]]]:
+        """Lines with the cells of each row in them; without these if there are none."""
+        layout = self.layout
         with self._opened() as file:
-            for line in islice(self._lines(file), layout.skip, None):
+            if self._is_document:
+                for fields in chain.from_iterable(map(rows_of, entries_in(file))):
+                    yield "\n", [fields.get(name, "") for name in layout.names]
+                return
+            for line in islice(_lines(file), layout.skip, None):
                 if _COMMENT.match(line):
                     continue
                 if not line.strip(_EMPTY):
-                    if layout.kind == "Vicon":
-                        return  # the end of a section
-                    continue
-                cells = cells_in(line) if layout.names else _cells_of(line, separator)
-                if line[-1] != "\n" and len(line) < _LINE and previous and _is_cut(previous, cells):
-                    self.damage = (_CUT_OFF,)
-                    return
-                previous = cells
-                if len(cells) < width:
-                    cells = cells + [""] * (width - len(cells))
-                row = [cells[place] for place in places]
-                if len(line) > _LONGEST_CELL * width:
-                    row = [cell[:_LONGEST_CELL] for cell in row]
-                if any(map(str.strip, row)):
-                    yield row
+                    yield line, []
+                elif layout.names:
+                    rows = _named_cells(line, layout)  # a line with several is whole
+                    yield from ((line if len(rows) == 1 else "\n", cells) for cells in rows)
+                else:
+                    yield line, _cells_of(line, layout.separator)
+
+    def _rows(self) -> Iterator[list[str]]:
+        layout, previous = self.layout, list[str]()
+        places, width = layout.places, max(layout.places) + 1
+        for line, cells in self._lines_and_cells():
+            if not cells:
+                if layout.kind == "Vicon":
+                    return  # the end of a section
+                continue
+            if line[-1] != "\n" and len(line) < _LINE and previous and _is_cut(previous, cells):
+                self.damage = (_CUT_OFF,)
+                return
+            previous = cells
+            if len(cells) < width:
+                cells = cells + [""] * (width - len(cells))
+            row = [cells[place] for place in places]
+            if len(line) > LONGEST_CELL * width:
+                row = [cell[:LONGEST_CELL] for cell in row]
+            if any(map(str.strip, row)):
+                yield row
 
 
 def _lines(file: IO[str]) -> Iterator[str]:
@@ -182,17 +193,17 @@ def _lines(file: IO[str]) -> Iterator[str]:
 
 
 def _head(lines: Iterator[str]) -> list[str]:
-    """The first lines: ``_HEAD_LINES`` in all and from the first row of numbers on, if it is among the first
+    """The first lines: ``FIRST_ROWS`` in all and from the first row of numbers on, if it is among the first
     ``_LONGEST_PREAMBLE``."""
     head, end, size = list[str](), _LONGEST_PREAMBLE, 0
     for line in islice(lines, _LONGEST_PREAMBLE):
         head.append(line)
         if end == _LONGEST_PREAMBLE and _are_values(_cells_of(line, _separator(line))):
-            end = min(len(head) + _HEAD_LINES, _LONGEST_PREAMBLE)
+            end = min(len(head) + FIRST_ROWS, _LONGEST_PREAMBLE)
         size += len(line)
-        if len(head) == end or (len(head) >= _HEAD_LINES and size > _LONGEST_HEAD):
+        if len(head) == end or (len(head) >= FIRST_ROWS and size > _LONGEST_HEAD):
             break
-    return head if end < _LONGEST_PREAMBLE else head[:_HEAD_LINES]
+    return head if end < _LONGEST_PREAMBLE else head[:FIRST_ROWS]
 
 
 def _is_cut(before: Sequence[str], last: Sequence[str]) -> bool:
@@ -214,7 +225,7 @@ def _cells_of(line: str, separator: str | None) -> list[str]:
     try:
         return [cell.strip(BLANKS) for cell in next(csv.reader([line], delimiter=separator), [])]
     except csv.Error:
-        return [line[:_LONGEST_CELL]]
+        return [line[:LONGEST_CELL]]
 
 
 def _table_of(lines: Sequence[str], separator: str | None) -> list[list[str]]:
@@ -223,24 +234,25 @@ def _table_of(lines: Sequence[str], separator: str | None) -> list[list[str]]:
     return [[cell.strip() for cell in row] for row in rows]
 
 
-def _fields_of(line: str) -> dict[str, str]:
-    """The numbers and texts by name (``pose.position.x``, ``state[0]``) in a line with a JSON object or with
-    ``name=value`` pairs; raises ValueError."""
-    if not _JSON.match(line):
-        lead, *between = _PAIR.split(line)[::3]
-        before = {f"{UNNAMED}{i}": value for i, value in enumerate(_IN_LEAD.findall(lead))}
-        between = [text.strip(_BETWEEN_PAIRS) for text in between]
-        if unread := next((text for text in between if not _OF_NEXT.fullmatch(text)), ""):
-            raise ValueError(
-                f"beside its values with names there is {unread[:_LONGEST_CELL]!r}: leave it out, and write "
-                "a unit in the name, as in x_cm=29"
-            )
-        return flattened(before | {name: _values_in(value) for name, value in _PAIR.findall(line)})
-    try:
-        entry = loads(line)
-    except RecursionError as error:
-        raise ValueError("it is too deep") from error
-    return flattened(named(entry))
+def _fields_in(line: str, heads: Sequence[str] = (), separator: str | None = None) -> list[dict[str, str]]:
+    """The numbers and texts by name (``pose.position.x``, ``state[0]``) of each row in a line: of cells with
+    several values below ``heads``, of JSON, or of ``name=value`` pairs; raises ValueError."""
+    if heads:
+        return [flattened(dict(zip(heads, map(_values_in, _cells_of(line, separator)), strict=False)))]
+    if _JSON.match(line):
+        try:
+            return rows_of(loads(line))
+        except RecursionError as error:
+            raise ValueError("it is too deep") from error
+    lead, *between = _PAIR.split(line)[::3]
+    before = {f"{UNNAMED}{i}": value for i, value in enumerate(_IN_LEAD.findall(lead))}
+    between = [text.strip(_BETWEEN_PAIRS) for text in between]
+    if unread := next((text for text in between if not _OF_NEXT.fullmatch(text)), ""):
+        raise ValueError(
+            f"beside its values with names there is {unread[:LONGEST_CELL]!r}: leave it out, and write "
+            "a unit in the name, as in x_cm=29"
+        )
+    return [flattened(before | {name: _values_in(value) for name, value in _PAIR.findall(line)})]
 
 
 def _values_in(cell: str) -> Any:
@@ -259,32 +271,30 @@ def _values_in(cell: str) -> Any:
     return values if counted > 1 else cell
 
 
-def _named_cells(line: str, names: Sequence[str], heads: Sequence[str], separator: str | None) -> list[str]:
-    """The values of a row in the order of ``names``, if cells, whose columns are ``heads``, have several
-    values, or, without these, rows are JSON."""
+def _named_cells(line: str, layout: TableLayout) -> list[list[str]]:
+    """The values of each row in a line in the order of the layout's names."""
     try:
-        if heads:
-            cells = map(_values_in, _cells_of(line, separator))
-            fields = flattened(dict(zip(heads, cells, strict=False)))
-        else:
-            fields = _fields_of(line)
+        rows = _fields_in(line, layout.heads, layout.separator)
     except ValueError:
-        return [line] * len(names)  # none of them is a number
-    return [fields.get(name, "") for name in names]
+        return [[line] * len(layout.names)]  # none of them is a number
+    return [[fields.get(name, "") for name in layout.names] for fields in rows]
 
 
-def _layout_in_unit(
-    lines: Sequence[str], head: Sequence[str], reading: TableReading, path: str
-) -> TableLayout:
-    """The layout of the rows ``head``; also raises if the first ``lines`` of the file name a unit of length
-    and the layout would assume metres."""
-    if any(line.count(mark) >= MOST_COLUMNS for line in head for mark in ",;\t "):
-        raise UnreadableRecording(f"its rows have {MOST_COLUMNS} values or more: leave out those of no body")
+def _layout_of(head: Sequence[str], reading: TableReading, path: str) -> TableLayout:
+    """The layout of the rows that begin with the lines ``head``."""
     begin = next((i for i, line in enumerate(head) if line.strip() and not _COMMENT.match(line)), 0)
     kinds = [layout_of for is_known, layout_of in _FORMATS if is_known(head[begin] if head else "")]
+    if kinds[:1] != [_json_layout] and any(line.count(c) >= MOST_COLUMNS for line in head for c in ",;\t "):
+        raise UnreadableRecording(f"its rows have {MOST_COLUMNS} values or more: leave out those of no body")
     rows = ["\n"] * begin + list(head[begin:]) if kinds else head
-    layout, about, is_above = (kinds or [_layout_of_rows])[0](rows, reading, path), list[str](), True
-    for i, line in enumerate(lines):  # comments, and lines above the rows except the names of columns
+    return (kinds or [_layout_of_rows])[0](rows, reading, path)
+
+
+def _check_unit(head: Sequence[str], layout: TableLayout, reading: TableReading, path: str) -> None:
+    """Raise UnreadableRecording if the first lines name a unit of length and the layout would assume
+    metres."""
+    about, is_above = list[str](), True
+    for i, line in enumerate(head):  # comments, and lines above the rows except the names of columns
         cells = _cells_of(line, layout.separator)
         is_above &= layout.kind == "JSON" or not _are_values(cells)
         is_head = layout.skip - 2 <= i < layout.skip and len(cells) > max(layout.places)
@@ -292,7 +302,7 @@ def _layout_in_unit(
             about.append(line[:_SENTENCE])
     stated = _LENGTH.search("\n".join(about))
     if stated is None or all(body.has_unit for body in layout.bodies):
-        return layout
+        return
     factor = LENGTHS_M.get(stated[1].lower())
     unit = next((unit for unit in LENGTHS if LENGTHS[unit] == factor), None)
     remedy = "convert them to metres"
@@ -406,12 +416,10 @@ def _qualisys_layout(lines: Sequence[str], reading: TableReading, path: str) -> 
     if "BODY_NAMES" not in about and "MARKER_NAMES" in about:
         markers = listed_briefly(about["MARKER_NAMES"])
         raise UnreadableRecording(f"it has markers ({markers}), not bodies: export 6D data from QTM")
-    if any(role not in (TIME, REST) for role, _ in reading.columns):
-        return _layout_of_rows(lines, reading, path)
-    reading = reading if reading.matrix is None else replace(reading, matrix="rows")  # as renamed below
     head = next((i for i, line in enumerate(lines) if "Rot[0]" in line), None)
-    if head is None:
+    if head is None or any(role not in (TIME, REST) for role, _ in reading.columns):
         return _layout_of_rows(lines, reading, path, reading_of(unit=_QUALISYS_WAY.unit))
+    reading = reading if reading.matrix is None else replace(reading, matrix="rows")  # as renamed below
     bodies, body, named = map("_".join, map(str.split, about.get("BODY_NAMES", []))), "", list[str]()
     for cell in _table_of([lines[head]], "\t")[0]:
         word = "".join(cell.split()[-1:])
@@ -447,22 +455,26 @@ def _has_names(line: str) -> bool:
 
 
 def _json_layout(lines: Sequence[str], reading: TableReading, path: str) -> TableLayout:
-    """The layout of lines with one JSON object each, by all names in these first lines."""
-    names, rows = dict[str, None](), list[dict[str, str]]()
+    """The layout of lines with JSON objects or pairs."""
+    rows = list[dict[str, str]]()
     for line in lines:
         try:
-            rows.append(_fields_of(line) if not _COMMENT.match(line) else {})
-            names.update(dict.fromkeys(rows[-1]))
+            rows += _fields_in(line) if line.strip() and not _COMMENT.match(line) else []
         except ValueError as error:
             if not _JSON.match(line):
                 raise UnreadableRecording(str(error)) from None
-            if not names:
+            if not rows:
                 raise UnreadableRecording(
                     "its first line is no JSON object: one a line is read, as jq -c '.[]' writes an array"
                 ) from None
+    return replace(_layout_of_fields(rows[:FIRST_ROWS], reading, path), kind="JSON")
+
+
+def _layout_of_fields(rows: Sequence[Mapping[str, str]], reading: TableReading, path: str) -> TableLayout:
+    """The layout of rows of named values, by all names in these first rows."""
+    names = list(dict.fromkeys(chain.from_iterable(rows)))
     cells = [[row.get(name, "") for name in names] for row in rows if row]
-    layout = layout_of_names(list(names), reading, path, rows=lambda: cells)
-    return replace(layout, kind="JSON", names=tuple(names))
+    return replace(layout_of_names(names, reading, path, rows=lambda: cells), names=tuple(names))
 
 
 def _layout_of_rows(
@@ -506,23 +518,22 @@ def _layout_of_rows(
         for name in (name or f"{UNNAMED}{place}" for place, name in enumerate(names)):
             named.append(f"{name}.{times[name]}" if times[name] else name)  # x, x.1, as by pandas
             times[name] += 1
-        inner = _names_in_groups(named, values, separator)
-        cells_of = partial(_table_of, values, separator)
-        if inner:
-            cells_of = partial(list, [_named_cells(line, inner, named, separator) for line in values])
         try:
-            layout = layout_of_names(inner or named, reading, path, [] if inner else units, cells_of)
+            if _has_groups(values[:1], len(named), separator):
+                fields = [row for line in values for row in _fields_in(line, named, separator)]
+                layout = replace(_layout_of_fields(fields, reading, path), heads=tuple(named))
+            else:
+                cells_of = partial(_table_of, values, separator)
+                layout = layout_of_names(named, reading, path, units, cells_of)
         except (UnreadableRecording, ChoiceError) as error:
             count = -1 if i in comments else len(names)
             errors.setdefault((isinstance(error, ProposedReading), count), error)
             continue
-        layout = replace(layout, separator=separator, skip=skip)
-        if inner:
-            return replace(layout, names=tuple(inner), heads=tuple(named))
-        _check_widths(values, layout, len(names))
-        if len(lines) < _HEAD_LINES and not values:
+        if values and not layout.heads:
+            _check_widths(values, layout, separator, len(names))
+        elif not values and len(lines) < FIRST_ROWS:
             raise UnreadableRecording("it has a header but no rows")
-        return layout
+        return replace(layout, separator=separator, skip=skip)
     if errors and max(errors)[1] >= 0:
         if not max(errors)[0] and not any(map(_may_be_row, lines)):
             raise UnreadableRecording("it is text without rows of numbers, not a table of poses")
@@ -530,18 +541,8 @@ def _layout_of_rows(
     separator = _separator(lines[rows[0]])
     table = [[value.strip(BLANKS) for value in _cells_of(lines[i], separator)] for i in rows]
     values = table[0]
-    if len(values) in (3, 4) and len(rows) > 3 and not errors and _is_rotation(table[:3]):
-        shape = f"-1, {4 if numbers(table[3])[-1:] == 1.0 else 3}, {len(values)}"
-        raise UnreadableRecording(
-            f"a pose is in several lines: numpy.save('poses.npy', numpy.loadtxt({os.path.basename(path)!r})"
-            f".reshape({shape})) makes a file that is read"
-        )
-    if len(values) in (1, 3) and not errors and len(table[1]) == 4 and _is_rotation(table[1:4]):
-        raise UnreadableRecording(
-            "a pose is in several lines, below one that numbers it: numpy.save('poses.npy', numpy.array("
-            f"[line.split() for line in open({os.path.basename(path)!r}) if len(line.split()) == 4], float)"
-            ".reshape(-1, 4, 4)) makes a file that is read"
-        )
+    if not errors:
+        _refuse_blocks(table, os.path.basename(path))
     is_tum = separator is None and len(values) == 1 + len(_TUM) and may_be_trajectory(table)
     if is_tum and not (reading.kind or reading.columns):
         body = Body("", _TUM, LENGTHS_M[reading.unit or "m"])
@@ -557,18 +558,30 @@ def _may_be_row(line: str) -> bool:
     return _are_values(_cells_of(line, _separator(line))) or len(_NUMBER.findall(line)) >= LEAST_OF_POSE
 
 
-def _is_rotation(rows: Sequence[Sequence[str]]) -> bool:
-    """Whether the first three values of three rows are a rotation matrix, possibly rounded."""
-    matrix = np.array([numbers(row[:3]) for row in rows])
-    return matrix.shape == (3, 3) and bool(np.allclose(matrix @ matrix.T, np.eye(3), rtol=0, atol=0.01))
+def _refuse_blocks(table: Sequence[Sequence[str]], name: str) -> None:
+    """Raise UnreadableRecording if a pose is in several lines, possibly below one that numbers it."""
+    first, *others = table
+    for rows, widths in ((table, (3, 4)), (others, (1, 3))):
+        matrix = np.array([numbers(row[:3]) for row in rows[:3] if len(row) in (3, 4)])
+        is_rotation = matrix.shape == (3, 3) and np.allclose(matrix @ matrix.T, np.eye(3), rtol=0, atol=0.01)
+        if not is_rotation or len(first) not in widths or len(table) < 4:
+            continue
+        about, load = "", f"numpy.loadtxt({name!r})"
+        shape = f"-1, {4 if numbers(table[3])[-1:] == 1.0 else 3}, {len(first)}"
+        if rows is others:
+            about, shape = ", below one that numbers it", "-1, 4, 4"
+            of_lines = f"line.split() for line in open({name!r}) if len(line.split()) == 4"
+            load = f"numpy.array([{of_lines}], float)"
+        raise UnreadableRecording(
+            f"a pose is in several lines{about}: numpy.save('poses.npy', {load}.reshape({shape})) makes a "
+            "file that is read"
+        )
 
 
-def _names_in_groups(names: Sequence[str], rows: Sequence[str], separator: str | None) -> list[str]:
-    """The names of all values, if cells of the first row have several values; else empty."""
-    cells = list(map(_values_in, _cells_of(rows[0], separator))) if rows else []
-    if all(isinstance(cell, str) for cell in cells) or len(cells) - len(names) not in (0, 1):
-        return []
-    return list(flattened(dict(zip(names, cells, strict=False))))
+def _has_groups(rows: Sequence[str], names: int, separator: str | None) -> bool:
+    """Whether cells of the first row have several values, below as many names, or one less."""
+    cells = [_values_in(cell) for row in rows for cell in _cells_of(row, separator)]
+    return any(not isinstance(cell, str) for cell in cells) and len(cells) - names in (0, 1)
 
 
 def _units(following: Sequence[str], separator: str | None) -> list[str]:
@@ -587,20 +600,20 @@ def _separator(line: str) -> str | None:
     return next((mark for mark in _MARKS if mark in line), None)
 
 
-def _check_widths(rows: Sequence[str], layout: TableLayout, names: int) -> None:
+def _check_widths(rows: Sequence[str], layout: TableLayout, separator: str | None, names: int) -> None:
     """Raise UnreadableRecording if rows have more values than there are names, so that their assignment is
     ambiguous, or if the first row lacks values of the pose, as it has another separator."""
-    widths = [len(_cells_of(row.rstrip(f"\r\n{layout.separator or ''}"), layout.separator)) for row in rows]
-    if layout.separator is not None and max(widths, default=0) > names:
+    widths = [len(_cells_of(row.rstrip(f"\r\n{separator or ''}"), separator)) for row in rows]
+    if separator is not None and max(widths) > names:
         raise UnreadableRecording(
             f"rows have {max(widths)} values under {names} names: name all columns, and where these are "
             "decimal commas, write points, or separate values by semicolons"
         )
-    count = len(_cells_of(rows[0], layout.separator)) if rows else names
+    count = len(_cells_of(rows[0], separator))
     if count <= max(layout.places):
         raise UnreadableRecording(
             f"row 1 has {count} {'value' if count == 1 else 'values'}, the header has {names}: separate the "
-            f"values of all rows by {SEPARATORS[layout.separator or ' ']}, as the names in the header"
+            f"values of all rows by {SEPARATORS[separator or ' ']}, as the names in the header"
         )
 
 

@@ -22,7 +22,8 @@ from contact_tracker.config.table_reading import (
 from contact_tracker.errors import ChoiceError, UnreadableRecording, UsageError, shown
 from contact_tracker.geometry.elements import Array
 from contact_tracker.motion.poses import Poses, real_number, real_numbers
-from contact_tracker.recording.table_layouts import UNNAMED, TableLayout, begin_body, quaternions
+from contact_tracker.recording.table_bodies import begin_body
+from contact_tracker.recording.table_layouts import UNNAMED, TableLayout, quaternions
 from contact_tracker.recording.table_proposals import FIRST_ROWS, layout_of_names
 from contact_tracker.recording.table_units import are_no_radians, doubt_angles, doubt_degrees, largest_deg
 from contact_tracker.trajectory.arguments import python_words, warn_of
@@ -275,8 +276,8 @@ def columns_of(table: Any, reading: TableReading) -> tuple[NDArray[Any], float |
 def _has_bodies(table: Any, keys: Sequence[Any], layout: TableLayout) -> bool:
     """Whether rows are of several bodies, by the column of their names."""
     names = [*map(str, _column(table, keys[layout.body or 0]))]
-    if not layout.are_successive or layout.time < 0:
-        return not layout.are_successive and len({*names}) > 1
+    if layout.first_body is None or layout.time < 0:
+        return layout.first_body is None and len({*names}) > 1
     try:
         return bool(begin_body(names, _column(table, keys[layout.time])).any())
     except (TypeError, ValueError):  # refused below, if these are no times
