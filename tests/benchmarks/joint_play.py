@@ -26,7 +26,7 @@ from scipy.special import expit
 
 from contact_tracker.arrays import Array
 from contact_tracker.config.loading import load_model
-from contact_tracker.explanations.further_contacts import KnownContact
+from contact_tracker.explanations.conditional_contact import KnownContact
 from contact_tracker.explanations.joint_evidence import FittedJoint
 from contact_tracker.explanations.joint_parts import JointOfTicks, find_joints, rests_in
 from contact_tracker.geometry.lifted_pose import R, T, lift

@@ -26,7 +26,7 @@ from contact_tracker import segmenting
 from contact_tracker.arrays import Array, Ints
 from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import SystematicErrors
-from contact_tracker.explanations.further_contacts import KnownContact
+from contact_tracker.explanations.conditional_contact import KnownContact
 from contact_tracker.explanations.joint_evidence import Joint, joint_of, likeliest_joint
 from contact_tracker.explanations.joint_models import JOINT_MODELS, SCREW, JointFrames, JointKind, JointModel
 from contact_tracker.explanations.joint_parts import JointOfTicks, find_joints, rests_in

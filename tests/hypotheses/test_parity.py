@@ -11,13 +11,6 @@ from scipy.spatial.transform import Rotation
 
 from contact_motions import touching, x_of
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.explanations.conditional_contact import (
-    ConditionalMotion,
-    Problem,
-    moments,
-)
-from contact_tracker.explanations.further_contacts import KnownContact
-from contact_tracker.explanations.online_contacts import constraints_of_two
 from contact_tracker.geometry.elements import Origins
 from contact_tracker.geometry.lifted_pose import lift
 from contact_tracker.hypotheses import gauss_newton, global_search, observability, refinement
@@ -336,33 +329,6 @@ def test_equations_of_the_likelihood_agree(model):
     numpy, kernel = both(refinement._equations, model, x[None], errors, anchors[None], window, REACH_M)
     for reference, compiled_ in zip(numpy, kernel, strict=True):
         np.testing.assert_allclose(compiled_, reference, rtol=1e-6, atol=1e-7 * np.abs(reference).max())
-
-
-@each_model
-@pytest.mark.parametrize(("steps", "rel"), [(1, 1e-6), (10, 1e-4)])
-def test_descents_to_further_contacts_agree(model, steps, rel):
-    """Beside a vertex on a face."""
-    rng = np.random.default_rng(4)
-    window, anchors, x = gappy_window(model, rng)
-    first = KnownContact(Contact.VF, rng.normal(size=7))
-    of = moments(model, ConditionalMotion.of(window, SCALES).keeping(first.c))
-    weak = weak_prior(model.family, anchors[None], REACH_M)
-    one = Problem(model, of, np.array(of[:3])[:, None], weak, anchors[None], REACH_M)
-    starts = model.family.normalise(x + 0.3 * rng.normal(size=(COUNT, len(x))), anchors)
-    numpy, kernel = both(one.descend, starts, steps)
-    np.testing.assert_allclose(kernel, numpy, atol=rel)
-    assert np.all(one.cost(kernel) <= one.cost(starts))
-    assert np.any(one.cost(kernel) < one.cost(starts))
-
-
-@each_model
-@pytest.mark.parametrize("apart", [0.0, 1e-3, 0.2])
-def test_numbers_of_constraints_agree(model, apart):
-    """Of the same elements, of such that differ by less than counts, and of others."""
-    window, anchors, x = gappy_window(model, np.random.default_rng(3))
-    other = model.family.normalise(x + apart * np.random.default_rng(4).normal(size=x.shape), anchors)
-    numpy, kernel = both(constraints_of_two, model, np.array([x, other]), window)
-    assert kernel == numpy
 
 
 def assert_same_columns(numpy, kernel, names, rel):

@@ -9,8 +9,8 @@ import numpy as np
 from contact_tracker.arrays import Array
 from contact_tracker.config.parameters import SystematicErrors
 from contact_tracker.contacts.task_frame import TaskFrame, joint_frame
-from contact_tracker.explanations.conditional_contact import ConditionalMotion
-from contact_tracker.explanations.further_contacts import SURE_NATS, KnownContact, elements_complexity
+from contact_tracker.explanations.conditional_contact import ConditionalMotion, ExplainedTicks, KnownContact
+from contact_tracker.explanations.further_contacts import SURE_NATS, elements_complexity
 from contact_tracker.explanations.joint_misfit import (
     JITTER,
     MOST_PLAY,
@@ -261,7 +261,7 @@ def contact_evidence(
 ) -> float:
     """Log evidence of a contact against the same free motion, and with the same kind of play, as for joints;
     ``course`` and ``free`` as in ``_log_ratio``."""
-    motion, c = ConditionalMotion.of(window, scales), contact.c
+    motion, c = ConditionalMotion.of(ExplainedTicks(window, scales)), contact.c
     value = window.zeta @ c.T
     residual = Residual(value, motion.gradients(c), np.zeros((*value.shape, 0)))
     factor = 1.0
@@ -269,7 +269,7 @@ def contact_evidence(
         play = _play_of(whitened(residual, window, scales).residual)
         factor = float(np.exp(np.linalg.slogdet(play)[1] / len(play)))  # geometric mean over the directions
     gain = float(motion.evidence(c).gain.mean())
-    cost = elements_complexity(contact.model, contact.x, motion, window, scales, gain, factor)
+    cost = elements_complexity(contact, motion, gain, factor)
     return scales.likelihood_exponent * (_log_ratio(residual, window, scales, course, free) - cost)
 
 

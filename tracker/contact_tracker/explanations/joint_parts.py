@@ -7,7 +7,8 @@ import numpy as np
 
 from contact_tracker.arrays import Bools, Ints
 from contact_tracker.config.parameters import SystematicErrors
-from contact_tracker.explanations.further_contacts import SURE_NATS, KnownContact
+from contact_tracker.explanations.conditional_contact import KnownContact
+from contact_tracker.explanations.further_contacts import SURE_NATS
 from contact_tracker.explanations.joint_evidence import (
     MOST_ERRORS,
     MOST_ERRORS_ONCE,

@@ -14,14 +14,8 @@ from contact_tracker.config.parameters import Model
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.contacts.contact_motion import ContactMotion, contact_motion
 from contact_tracker.contacts.task_frame import TaskFrame, task_frame
-from contact_tracker.explanations.further_contacts import (
-    NO_FORMATION,
-    Formation,
-    FormationTicks,
-    KnownContact,
-    Ranks,
-    find_formation,
-)
+from contact_tracker.explanations.conditional_contact import ExplainedTicks, KnownContact
+from contact_tracker.explanations.further_contacts import NO_FORMATION, Formation, Ranks, find_formation
 from contact_tracker.explanations.joint_evidence import Joint, joint_of
 from contact_tracker.explanations.joint_parts import JointOfTicks, find_joints, rests_in
 from contact_tracker.geometry.elements import ContactGeometry, Origins, pack, shifted
@@ -171,8 +165,8 @@ def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
     extra_variance = model.noise.extra_contact_variance[label.column]
     window = window.with_error(extra_variance)
     fitted, information, located = _located(segment, contact, fit, window)
-    ticks = FormationTicks(
-        window, scales, model.transitions.leave_per_s, segment.origins, known_map, model.systematic
+    ticks = ExplainedTicks(
+        window, scales, model.systematic, model.transitions.leave_per_s, segment.origins, known_map
     )
     formation = find_formation(ticks, KnownContact(label, fitted.x[0]))
     alike = tuple(filter(known_map.allows, ambiguity.alike_in_formation(label, rivals)))

@@ -3,7 +3,6 @@
 #pragma once
 
 #include "evidence/likelihood.hpp"
-#include "explanations/descent.hpp"
 #include "update/contact_update.hpp"
 
 namespace kernels {
@@ -20,7 +19,6 @@ namespace kernels {
                                               double);                                                    \
     PREFIX template void refit<F>(const Kind&, const Rows&, const Ticks&, int, const EvidenceParameters&, \
                                   Work<F>&);                                                              \
-    PREFIX template void descend<F>(const FormationProblem<F>&, int, Lanes*);                             \
     PREFIX template void equations_of<F>(const Kind&, const double*, const double*, const Ticks&,         \
                                          const double*, const double*, double, Equations<F>&);
 

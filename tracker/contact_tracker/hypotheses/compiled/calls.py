@@ -20,8 +20,6 @@ information_terms = kernels.information_terms
 weigh_births = kernels.weigh_births
 competing_evidence = kernels.competing_evidence
 motion_since = kernels.motion_since
-count_constraints = kernels.count_constraints
-descend = kernels.descend
 equations = kernels.equations
 
 
