@@ -7,7 +7,7 @@ large. Squared residual, noise and free motion are quadratic forms of the residu
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from math import log
 from typing import Final, NamedTuple, Self
@@ -79,9 +79,9 @@ class ExplainedTicks:
 
     window: Window
     scales: EvidenceParameters
-    systematic: SystematicErrors = SystematicErrors()
+    systematic: SystematicErrors = field(default_factory=SystematicErrors)
     leave_per_s: float = 0.0
-    origins: Origins = Origins(np.zeros(3), np.zeros(3))
+    origins: Origins = field(default_factory=Origins.zero)
     known_map: Map = EMPTY_MAP
 
     def __len__(self) -> int:
@@ -131,8 +131,8 @@ def against_free(lower: Array, residual: Array, free: Array) -> tuple[Array, Arr
     lower : (W, K, K) as from ``noise_factors``.
     free : (W, K, D) derivatives of the residuals by standard deviations of free motion.
     """
-    white = np.linalg.solve(lower, residual[..., None])
-    moved = np.linalg.solve(lower, free)
+    white: Array = np.linalg.solve(lower, residual[..., None]).astype(float)
+    moved: Array = np.linalg.solve(lower, free).astype(float)
     loose = np.eye(residual.shape[1]) + moved @ np.swapaxes(moved, 1, 2)
     form = (white * np.linalg.solve(loose, white))[..., 0].sum(axis=1)
     return white[..., 0], np.asarray(0.5 * np.linalg.slogdet(loose)[1]), np.asarray(form)

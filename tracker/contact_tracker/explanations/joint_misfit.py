@@ -59,13 +59,15 @@ def turns_back(travelled: Array) -> bool:
     return bool(min(forth, back) > least)
 
 
-def misfit_log_likelihood(white: Array, course: Array) -> float:
+def misfit_log_likelihood(white: Array, course: Array | None) -> float:
     """Log-likelihood (nats) of whitened residuals (W, K), relative to zero residuals that are noise.
 
     They are errors that follow the motion, sums of the functions ``course`` (W, M) with normal amplitudes,
-    and noise. Both variances are the likeliest, by expectation maximisation; each that exceeds the least
-    costs half a log of the number of ticks.
+    and noise; without a course noise alone. Both variances are the likeliest, by expectation maximisation;
+    each that exceeds the least costs half a log of the number of ticks.
     """
+    if course is None:
+        return -0.5 * float(np.square(white).sum())
     (ticks, rows), best = white.shape, -np.inf
     noise_sd, cost_nats = np.eye(rows), 0.5 * float(np.log(ticks))
     functions, scale, _ = np.linalg.svd(course, full_matrices=False)
