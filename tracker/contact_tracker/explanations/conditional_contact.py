@@ -271,9 +271,7 @@ def most_probable(log_ratio: Array, log_change: Array) -> Presence:
 RELAXED: Final = tuple(CONTACT_MODELS[c.column] for c in (Contact.VF, Contact.FV, Contact.EE))
 """Contact kinds of single constraints: every contact implies at least one of them."""
 NOISE_SHARE: Final = 0.1
-RIDGE: Final = 1e-9
 LEAST_SQUARE: Final = 1e-12
-LEAST_CURVATURE: Final = 1e-9
 FOLLOWED_STARTS: Final = 4
 STEPS: Final = 10
 """Numbers of starts with the least ratio of squared residual to free motion that are followed, and of steps
@@ -312,10 +310,10 @@ def moments(model: ContactModel, motion: ConditionalMotion) -> Moments:
 def relaxed(sums: Moments) -> tuple[Array, Array]:
     """Ratios (C,) of free motion to squared residual, in ascending order, and the coefficients (C, C), in
     columns, that have them. Up to noise the largest is an upper bound for contacts."""
-    scale = np.sqrt(sums.noise.diagonal() + RIDGE * sums.noise.trace())
+    scale = np.sqrt(sums.noise.diagonal() + JITTER * sums.noise.trace())
     outer = scale[:, None] * scale
     square = (sums.square + NOISE_SHARE * sums.noise) / outer
-    square += RIDGE * np.trace(sums.noise / outer) * np.eye(len(square))
+    square += JITTER * np.trace(sums.noise / outer) * np.eye(len(square))
     ratio, c = eigh(sums.free / outer, square)
     return ratio, c / scale[:, None]
 
@@ -390,7 +388,7 @@ class Problem(NamedTuple):
         for _ in range(steps):
             tangent, gradient, hessian = self._normal(x, anchors)
             diagonal = np.einsum("bii->bi", hessian)
-            diagonal += LEAST_CURVATURE + DAMPED_SHARE * damping[:, None] * diagonal
+            diagonal += JITTER + DAMPED_SHARE * damping[:, None] * diagonal
             diagonal[:, turning] += damping[:, None]
             step = -np.linalg.solve(hessian, gradient[..., None])
             moved = family.normalise(x + (tangent @ step)[..., 0], anchors)

@@ -16,12 +16,11 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from contact_tracker.arrays import Array, Bools
+from contact_tracker.explanations.conditional_contact import TINY
 from contact_tracker.geometry.lifted_pose import R, T
 from contact_tracker.geometry.linalg import adapted, dot
 from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.motion.window import Window
-
-TINY: Final = 1e-12
 
 
 class Touch(NamedTuple):

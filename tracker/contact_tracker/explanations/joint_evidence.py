@@ -16,7 +16,7 @@ from contact_tracker.explanations.conditional_contact import (
     against_free,
     noise_factors,
 )
-from contact_tracker.explanations.further_contacts import SURE_NATS, elements_complexity
+from contact_tracker.explanations.further_contacts import MIN_TICKS, SURE_NATS, elements_complexity
 from contact_tracker.explanations.joint_misfit import MOST_PLAY, course_functions, misfit_log_likelihood
 from contact_tracker.explanations.joint_models import (
     BODY,
@@ -36,13 +36,8 @@ from contact_tracker.geometry.elements import Element, Line, Point, by_foot, shi
 from contact_tracker.geometry.lifted_pose import NOISE_OF_PERTURBATION, R, T
 from contact_tracker.geometry.linalg import adapted
 from contact_tracker.hypotheses.observability import added_covariance, representatives
-from contact_tracker.motion.window import used_directions
+from contact_tracker.motion.window import DIRECTIONS, used_directions
 
-MOST_DIRECTIONS: Final = 3
-"""Largest number of directions of motion of a joint."""
-LEAST_TICKS: Final = 20
-LEAST_ACTIVITY: Final = 10.0
-"""Least number of ticks with motion; a hand's smooth motion may follow a joint by chance for a while."""
 STEPS: Final = 12
 FIRST_DAMPING: Final = 1e-3
 CONVERGED: Final = 1e-6
@@ -245,10 +240,10 @@ def likeliest_joint(
     contacts : the rival contacts, each with its best geometry.
     constraints : number of constraints of the labelled contacts; joints with fewer are left out.
     """
-    if len(ticks) < LEAST_TICKS or float(ticks.window.motion_ratio.sum()) < LEAST_ACTIVITY:
+    used, moved_ticks = used_directions(ticks.window), float(ticks.window.motion_ratio.sum())
+    if len(ticks) < MIN_TICKS or moved_ticks < 0.5 * MIN_TICKS:  # a hand may follow a joint for a while
         return None
-    used = used_directions(ticks.window)
-    if not 0 < used <= MOST_DIRECTIONS:
+    if not 0 < used <= DIRECTIONS - JointKind.BALL.constraints:
         return None
     models = (model for model in JOINT_MODELS if model.kind.constraints >= constraints)
     fits = [FittedJoint.fitted(model, ticks) for model in models]
