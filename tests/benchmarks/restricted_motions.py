@@ -88,6 +88,17 @@ def rolling_disc(time_s: Array, rng: Random, radius_m: float) -> tuple[Rotation,
     return turn, centre - turn.apply(_vertex(rng))
 
 
+def tilted_mug(time_s: Array, _: Random) -> tuple[Rotation, Array]:
+    """A mug that slides on its bottom, and after 6 s on the rim of it, which is tilted and turned about."""
+    lean = np.clip(0.5 * (time_s - 6.0), 0.0, 0.5 + 0.2 * np.sin(0.9 * time_s))
+    towards = 0.7 + 0.8 * np.sin(1.5 * time_s)
+    down = np.c_[np.cos(towards), np.sin(towards), 0.0 * time_s]
+    tilt = Rotation.from_rotvec(lean[:, None] * np.cross(Z, down))
+    slide = np.c_[0.07 * np.sin(1.4 * time_s), 0.1 * np.cos(1.7 * time_s), 0.0 * time_s]
+    turn = Rotation.from_euler("z", 0.5 * np.sin(1.6 * time_s)[:, None])
+    return tilt * turn, slide + 0.04 * (down - tilt.apply(down))
+
+
 def screw(time_s: Array, rng: Random, angle_rad: float, slide_m: float) -> tuple[Rotation, Array]:
     """Coupled motion about and along one axis; a hinge or a slider if one of them is zero."""
     signal = _signals(rng, time_s, 1)

@@ -116,7 +116,6 @@ WITHOUT_REMEDY: dict[str, tuple[str, Callable[[Poses], Poses]]] = {
         "paper_experiment",
         lambda poses: with_quaternions(turned_axes(poses), [0, 1, 2, 3], -1.0),
     ),
-    "proper Euler angles": ("robot_1khz", taken_for_fixed_axes("ZXZ")),
     "late by 150 ms": ("all_states", lambda poses: late(poses, 150.0)),
 }
 
@@ -326,7 +325,7 @@ def test_what_is_suspected_is_named_if_it_may_be_found(
     Nothing is suspected of poses that explain most of the motion as they are."""
     window = shipped(PAPER)[:2], np.arange(2)
     nats, fitting = np.array([0.0, lead, 0.0, 0.0, 0.0]), np.array([*explained, 0, 0, 0])
-    known = Conventions(kept=(window,) * windows, nats=nats, fitting=fitting, chance=np.zeros(5))
+    known = Conventions(kept=(window,) * windows, nats=nats, fitting=fitting)
     suspicions = Checks(conventions=known).suspicions(stream_of())
     assert ["positions and orientations may not fit" in text for text in suspicions] == [True] * is_suspect
 

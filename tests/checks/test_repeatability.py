@@ -13,7 +13,7 @@ from contact_tracker.config.parameters import SystematicErrors
 from contact_tracker.geometry.elements import ContactGeometry, Line, Plane, Point, shifted
 from contact_tracker.motion.pose_validation import gate
 from contact_tracker.segmenting import segmented
-from contact_tracker.states import STATES, Contact
+from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Segment
 from contact_tracker.trajectory import Trajectory
 from contact_tracker.trajectory.arguments import model_from
@@ -140,7 +140,7 @@ BESIDE = {
 }
 DOUBTFUL = {
     "improbable": {"probability": 0.2},
-    "open": {"inseparable": tuple(state for state in STATES if state is not Contact.VF)},
+    "open to free motion": {"inseparable": (Contact.FREE,)},
 }
 PAIRS = {
     "they agree": (AGREE, 2, 0),

@@ -285,6 +285,15 @@ def test_a_machine_may_be_programmed_to_keep_one_constraint_in_the_air(sigma_m, 
     assert Contact.FREE not in indistinguishable(Contact.EF, rivals(**evidence), window, older=False)
 
 
+@pytest.mark.parametrize(("shift_m", "is_open"), [(0.0, True), (0.01, False)])
+def test_an_edge_on_the_axis_of_an_arms_base_may_be_none(shift_m, is_open):
+    """The arm moves its tool in planes through this axis, which is the z axis of the world."""
+    edge = Line(np.array([0.0, 0.0, 1.0]), np.array([shift_m, 0.0, 0.4]), 1e-6 * np.eye(6))
+    face = Plane(np.array([0.0, 1.0, 0.0]), 0.0, 1e-6 * np.eye(4))
+    assert ambiguity.may_be_free(Contact.FE, ContactGeometry(face, edge)) == is_open
+    assert not ambiguity.may_be_free(Contact.EF, ContactGeometry(edge, face))
+
+
 @pytest.mark.parametrize(("older", "others"), [(True, ()), (False, (Contact.FREE,))])
 def test_rest_keeps_the_information_of_earlier_motion(older, others):
     rest = ticks(*kinds_of_motion()["rest"][1:])

@@ -1,5 +1,7 @@
 """Motion along a curved surface is none of the six contacts, and is not reported as free."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -16,7 +18,7 @@ from contact_tracker.tracking.state import scales_of
 from contact_tracker.wrenches.contact_evidence import WindowEvidence
 from contact_tracker_lab.calibration.trellis import window_of
 from pose_filter import forward
-from restricted_motions import MOTIONS, poses_of
+from restricted_motions import MOTIONS, poses_of, tilted_mug
 from short_recordings import MODEL, needs_kernels
 
 FREE = Contact.FREE.column
@@ -77,6 +79,15 @@ def test_where_some_contacts_cannot_be_curved_motion_is_any_of_the_others(with_m
 
 
 @needs_kernels
+def test_of_a_mug_tilted_on_the_rim_of_its_bottom_nothing_is_sure():
+    """The faces that touched before show the directions of the rim's axis and of its plane."""
+    poses = gate(poses_of(tilted_mug, np.random.default_rng(1), 16.0))
+    probability = segment(poses, MODEL).beliefs.probability
+    assert np.mean(probability[70:].max(axis=1) > 0.8) < 0.05
+    assert np.mean(probability[10:50, Contact.FF.column] > 0.8) > 0.9
+
+
+@needs_kernels
 def test_free_motion_is_free():
     segmentation = segment(gate(poses_of(MOTIONS["free"], np.random.default_rng(1), 10.0)), MODEL)
     longest = max(segmentation.segments, key=lambda one: one.end_ns - one.start_ns)
@@ -88,7 +99,8 @@ def test_free_motion_is_free():
 def test_free_motion_is_tested_at_intervals(monkeypatch):
     """After a minimum duration, then after each growth by half; it starts again after a contact."""
     asked = []
-    monkeypatch.setattr(ambiguity, "curved_evidence", lambda window, _: asked.append(len(window)) or 9.0)
+    curved = SimpleNamespace(log_evidence=9.0)
+    monkeypatch.setattr(ambiguity, "fit_curved", lambda span, *_, **__: asked.append(len(span)) or curved)
     known = NO_CURVED_MOTION
     for tick in range(100):
         window = Window(np.arange(tick + 1), np.zeros((tick + 1, 25)), *np.ones((2, tick + 1, 2)))

@@ -109,8 +109,8 @@ class Repeatability(Check):
             geometry, touches = segment.geometry, state.touches + (segment.contact is Contact.FREE)
             origin_ns = segment.start_ns if state.origin_ns is None else state.origin_ns
             state = replace(state, origin_ns=origin_ns, touches=touches)
-            is_open = len(segment.inseparable) == len(STATES) - 1
-            if geometry is None or is_open or segment.probability < LEAST:
+            may_be_free = Contact.FREE in segment.inseparable  # without these elements
+            if geometry is None or may_be_free or segment.probability < LEAST:
                 continue
             body, world = geometry.object, geometry.environment
             if not (isinstance(body, Plane) and isinstance(world, Plane)):  # else the offset is not known

@@ -9,7 +9,7 @@ Motion that none of the six contacts explains is labelled free, but may satisfy 
 have many parameters, so they are fitted to the first half of the motion and tested on the second half.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache, partial
 from typing import Final, NamedTuple
 
@@ -21,6 +21,9 @@ from contact_tracker.geometry.lifted_pose import R, T
 from contact_tracker.geometry.linalg import adapted, dot
 from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.motion.window import Window
+
+PARALLEL: Final = 1e-3
+"""Sine of the angle below which the nearest points of two lines are not unique."""
 
 
 class Touch(NamedTuple):
@@ -68,7 +71,7 @@ def points_or_lines(x: Array, rotation: Array, position: Array, lines: int) -> T
         (d, scale_d), (e_1, scale_e) = _unit(x[:, None, 6:9]), _unit(x[:, None, 9:12])
         e = _in_frame_2(rotation, e_1)
         normal = np.cross(e, d)
-        sine = _length(normal)
+        sine = np.maximum(_length(normal), PARALLEL)
         normal = normal / sine
         cosine, by_e, by_d = (dot(a, b)[..., None] for a, b in ((e, d), (e, offset), (d, offset)))
         on_1 = (cosine * by_d - by_e) / sine**2  # positions of the nearest points along the lines
@@ -88,7 +91,7 @@ def rim_on_plane(x: Array, rotation: Array, position: Array) -> Touch:
     normal_1 = np.einsum("nij,smi->snj", rotation, n)
     cosine = dot(normal_1, a)[..., None]
     down = cosine * a - normal_1
-    sine = _length(down)
+    sine = np.maximum(_length(down), PARALLEL)
     point = q + r * down / sine
     offset = _in_frame_2(rotation, point) + position - c
     residual = dot(n, offset)[..., None]
@@ -100,14 +103,19 @@ def rim_on_plane(x: Array, rotation: Array, position: Array) -> Touch:
     return Touch(residual[..., 0], normal, point, np.concatenate(columns, axis=-1))
 
 
+RIMS: Final = (
+    CurvedContact("rim on plane", 13, (6, 9), False, rim_on_plane),
+    CurvedContact("plane on rim", 13, (6, 9), True, rim_on_plane),
+)
 CURVED_CONTACTS: Final = (
     CurvedContact("point at point", 7, (), False, partial(points_or_lines, lines=0)),
     CurvedContact("point at line", 10, (6,), False, partial(points_or_lines, lines=1)),
     CurvedContact("line at point", 10, (6,), True, partial(points_or_lines, lines=1)),
     CurvedContact("line at line", 13, (6, 9), False, partial(points_or_lines, lines=2)),
-    CurvedContact("rim on plane", 13, (6, 9), False, rim_on_plane),
-    CurvedContact("plane on rim", 13, (6, 9), True, rim_on_plane),
+    *RIMS,
 )
+FaceNormals = tuple[Array, Array]
+"""Normals (3,) of a face of the object (body frame) and of a face of the environment (world frame)."""
 
 
 def _in_frame_2(rotation: Array, vectors: Array) -> Array:
@@ -158,13 +166,16 @@ class CurvedFit(NamedTuple):
         return x
 
 
-def curved_evidence(window: Window, scales: EvidenceParameters) -> float:
-    """Log evidence (nats) of the best curved contact against free motion in the second half of the window."""
-    return fit_curved(window, scales).log_evidence
-
-
-def fit_curved(window: Window, scales: EvidenceParameters, earlier: CurvedFit | None = None) -> CurvedFit:
+def fit_curved(
+    window: Window,
+    scales: EvidenceParameters,
+    earlier: CurvedFit | None = None,
+    touched: Sequence[FaceNormals] = (),
+) -> CurvedFit:
     """The best curved contact; or ``earlier``, from other motion, refitted from its elements.
+
+    A round object is often tilted on the rim of a face on which it stands, so rims of ``touched`` faces are
+    tried, too: random starts seldom find a rim.
 
     The evidence is as in T17 and T19, except that the first half of the motion determines the elements and
     contributes no gain, and that the variance of free motion is that of the whole displacement: known
@@ -174,12 +185,18 @@ def fit_curved(window: Window, scales: EvidenceParameters, earlier: CurvedFit | 
     excess = np.maximum(window.innovation_excess, window.travel)[rows]
     zeta, variance, fits = window.zeta[rows], window.variance[rows], list[CurvedFit]()
     origin_m = zeta[:, T].mean(axis=0)
-    for contact in CURVED_CONTACTS if earlier is None else (earlier.contact,):
+    tried: list[tuple[CurvedContact, Array | None]]
+    if earlier is not None:
+        tried = [(earlier.contact, earlier.about(origin_m)[None])]
+    else:
+        tried = [(contact, None) for contact in CURVED_CONTACTS]
+        tried += [(rim, _rim_of_faces(rim, zeta, touched, scales.reach_m)) for rim in RIMS if touched]
+    for contact, start in tried:
         deviation = np.full(contact.size, scales.reach_m)
         for number in contact.directions:
             deviation[number : number + 3] = 1.0
         problem = _Problem.of(contact, zeta, variance, deviation**-2.0)
-        if earlier is None:
+        if start is None:
             start = deviation * _draws(contact.size)
             rotation, position, noise = problem.rotation[::2], problem.position[::2], problem.variance[::2]
             sparse = problem._replace(rotation=rotation, position=position, variance=noise)
@@ -187,12 +204,48 @@ def fit_curved(window: Window, scales: EvidenceParameters, earlier: CurvedFit | 
             best = np.argsort(cost)[:BEST_STARTS]
             start, x = start[best], x[best]
         else:
-            start = x = earlier.about(origin_m)[None]
+            x = start
         x, _ = problem.minimised(x, start)
         evidence = problem.evidence(x, excess, scales)
         first = int(evidence.argmax())
         fits.append(CurvedFit(float(evidence[first]), contact, x[first], origin_m))
     return max(fits, key=lambda fit: fit.log_evidence)
+
+
+def _rim_of_faces(
+    contact: CurvedContact, lifts: Array, touched: Sequence[FaceNormals], reach_m: float
+) -> Array:
+    """The rim (1, 13) of one face that stays nearest to the plane of the other, of all pairs ``touched``.
+
+    With the directions known, the distances are linear in the rim's centre and radius and in the plane's
+    place, which have zero mean and the standard deviation ``reach_m``.
+    """
+    rotation, position = _in_frames(contact, lifts)
+    body, world = (np.array(normals) for normals in zip(*touched, strict=True))  # (S, 3) each
+    axis, normal = (world, body) if contact.of_inverse else (body, world)
+    normal_1 = np.einsum("nij,si->snj", rotation, normal)
+    cosine = (normal_1 @ axis[..., None])[..., 0]
+    sine = np.sqrt(np.maximum(1.0 - cosine**2, PARALLEL**2))
+    rows = np.concatenate([normal_1, -np.ones((*sine.shape, 1)), -sine[..., None]], axis=-1)
+    distance = -normal @ position.T
+    away = np.eye(rows.shape[-1]) * (SURFACE_M / reach_m) ** 2
+    transposed = rows.transpose(0, 2, 1)
+    places = np.linalg.solve(transposed @ rows + away, transposed @ distance[..., None])
+    misfit = (((rows @ places)[..., 0] - distance) ** 2).sum(axis=1)
+    best = int(misfit.argmin())
+    q, h, r = np.split(places[best, :, 0], (3, 4))
+    return np.concatenate([q, h * normal[best], normal[best], axis[best], r])[None]
+
+
+def _in_frames(contact: CurvedContact, lifts: Array) -> tuple[Array, Array]:
+    """Rotations (N, 3, 3) and positions (N, 3) of frame 1 in frame 2; those in the world are relative to
+    their mean."""
+    rotation = lifts[:, R].reshape(-1, 3, 3)
+    position = lifts[:, T] - lifts[:, T].mean(axis=0)
+    if not contact.of_inverse:
+        return rotation, position
+    rotation = rotation.transpose(0, 2, 1)
+    return rotation, -(rotation @ position[..., None])[..., 0]
 
 
 class _Problem(NamedTuple):
@@ -208,11 +261,7 @@ class _Problem(NamedTuple):
     @classmethod
     def of(cls, contact: CurvedContact, zeta: Array, variance: Array, information: Array) -> "_Problem":
         """The fit to ticks with lifted poses ``zeta`` (N, 25)."""
-        rotation, position = zeta[:, R].reshape(-1, 3, 3), zeta[:, T] - zeta[:, T].mean(axis=0)
-        if contact.of_inverse:
-            rotation = rotation.transpose(0, 2, 1)
-            position = -(rotation @ position[..., None])[..., 0]
-        return cls(contact, rotation, position, variance, information)
+        return cls(contact, *_in_frames(contact, zeta), variance, information)
 
     def minimised(self, x: Array, centre: Array) -> tuple[Array, Array]:
         """x (S, p) after Levenberg-Marquardt steps, with the prior mean ``centre`` (S, p), and its cost

@@ -225,6 +225,16 @@ class GrowingMap:
         )
 
     @cached_property
+    def touched_faces(self) -> tuple[tuple[Array, Array], ...]:
+        """The normals (3,) of the faces that touched one another, of the object and of the environment."""
+        pairs = (
+            (self.elements[body], self.elements[world]) for body, world in sorted({*self.pairs.values()})
+        )
+        return tuple(
+            (body.direction, world.direction) for body, world in pairs if body.kind == world.kind == "f"
+        )
+
+    @cached_property
     def due_ns(self) -> dict[int, int]:
         """Time from which each contact in the map is due again, by its onset."""
         return {sighting.onset_ns: sighting.due_ns for sighting in self.sightings}

@@ -16,14 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.arrays import Array, Ints
-from contact_tracker.explanations.curved_contact import curved_evidence, fit_curved
-from contact_tracker.geometry.elements import ContactGeometry, Plane
+from contact_tracker.explanations.curved_contact import FaceNormals, fit_curved
+from contact_tracker.geometry.elements import ContactGeometry, Line, Plane
 from contact_tracker.geometry.lifted_pose import R
 from contact_tracker.hypotheses import compiled
 from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.evidence import DECISIVE, SAME_FIT_RATIO, EvidenceParameters
 from contact_tracker.hypotheses.global_search import best_of
 from contact_tracker.hypotheses.schedule import FAR_NATS
+from contact_tracker.map.elements import is_same_element
 from contact_tracker.map.map import Map
 from contact_tracker.motion.free_motion import NOW_TICKS
 from contact_tracker.motion.tick_averaging import NOISY_M
@@ -55,6 +56,8 @@ FLUSH_S: Final = 1.0
 FLUSH_RAD: Final = float(np.radians(0.3))
 """... by more than this standard deviation, beyond that of the noise: faces in contact rock by as much. Both
 constants change probabilities, but no label (docs/sensitivity.md)."""
+BASE_AXIS: Final = Line(np.array([0.0, 0.0, 1.0]), np.zeros(3), np.zeros((6, 6)))
+"""Axis about which the base of an arm turns, in the frame of its poses."""
 LEAST_MOTION_TICKS: Final = 10.0
 """With less motion in the window, a contact that is older than the window is compared by evidence alone, and
 free motion is not tested for one degree of freedom."""
@@ -164,6 +167,15 @@ def agrees_by_chance(label: Contact, window: Window, onset: int, most_ticks: flo
     has moved for ``most_ticks`` or more."""
     freedom = freedom_of(label, window, onset)
     return freedom.underused and freedom.moved_ticks < most_ticks
+
+
+def may_be_free(label: Contact, geometry: ContactGeometry) -> bool:
+    """Whether free motion may keep the constraints of ``label``: its only one if the motion leaves directions
+    open, and those of an edge on the axis of an arm's base, in whose planes the arm may move its tool."""
+    edge = geometry.environment
+    if isinstance(edge, Line) and edge.covariance is not None and is_same_element(edge, BASE_AXIS):
+        return True
+    return label.codimension == 1 and geometry.has_open_directions
 
 
 def tempered(probability: Array, exponent: float) -> Array:
@@ -422,7 +434,12 @@ NO_CURVED_MOTION: Final = CurvedMotion(-1, 0, 0.0)
 
 
 def update_curved_motion(
-    before: CurvedMotion, window: Window, since: int, scales: EvidenceParameters, known_map: Map
+    before: CurvedMotion,
+    window: Window,
+    since: int,
+    scales: EvidenceParameters,
+    known_map: Map,
+    touched: Sequence[FaceNormals] = (),
 ) -> CurvedMotion:
     """The estimate after another tick of free motion since tick ``since``; ``window`` are the last ticks."""
     current = before if before.since == since else CurvedMotion(since, 0, 0.0)
@@ -431,18 +448,25 @@ def update_curved_motion(
         return current
     first = max(int(window.index.searchsorted(since)), len(window) - SPAN_TICKS)
     span = window.cut(first, None)
-    probability = p_curved(curved_evidence(span, scales)) if _is_testable(span, known_map) else 0.0
-    return CurvedMotion(since, age, probability)
+    if not _is_testable(span, known_map):
+        return CurvedMotion(since, age, 0.0)
+    return CurvedMotion(since, age, p_curved(fit_curved(span, scales, touched=touched).log_evidence))
 
 
-def curved_probabilities(window: Window, scales: EvidenceParameters, known_map: Map) -> Array:
+def curved_probabilities(
+    window: Window, scales: EvidenceParameters, known_map: Map, touched: Sequence[FaceNormals] = ()
+) -> Array:
     """Probability (n,) of curved contact in each tick of a segment of free motion, by parts of the segment.
 
     The surface found in one part is tried in the others, as its elements are hard to find in some.
     """
     pieces = np.array_split(np.arange(len(window)), max(len(window) // SPAN_TICKS, 1))
     windows = [window.cut(int(rows[0]), int(rows[-1]) + 1) for rows in pieces if len(rows)]
-    fits = [fit_curved(part, scales) if _is_testable(part, known_map) else None for part in windows]
+    testable = [_is_testable(part, known_map) for part in windows]
+    tested = zip(windows, testable, strict=True)
+    fits = [
+        fit_curved(part, scales, touched=touched) if is_testable else None for part, is_testable in tested
+    ]
     best = max((fit for fit in fits if fit is not None), key=lambda fit: fit.log_evidence, default=None)
     probability = np.zeros(len(window))
     for rows, part, fit in zip(pieces, windows, fits, strict=False):

@@ -434,7 +434,7 @@ def read_posterior(
             state = state._replace(curved=NO_CURVED_MOTION)
         elif tests_curvature:  # at intervals
             motion = state.curved, state.window, state.free_since, state.scales, state.known_map
-            state = state._replace(curved=update_curved_motion(*motion))
+            state = state._replace(curved=update_curved_motion(*motion, state.map.touched_faces))
         shared = beside_indistinguishable(state, belief)
     if is_due and not shared.inseparable:
         state = state._replace(map=state.map.insert(label_sighting(state, label, tick.stamp_ns)))

@@ -451,7 +451,10 @@ class Segmenter:
         if self._wrenches is not None:
             wrenches = self._wrenches.of_window(int(rows["stamp_ns"][0]), int(rows["stamp_ns"][-1]))
         window = self._window(self._first, rows)
-        return SegmentTicks(window, STATES[column], state.model, state.known_map, state.origins, wrenches)
+        return SegmentTicks(
+            *(window, STATES[column], state.model, state.known_map, state.origins, wrenches),
+            touched=state.map.touched_faces,
+        )
 
     def _next_piece(self, count: int) -> Segmentation:
         """The oldest ``count`` segments being fitted, and the online beliefs since the last piece."""

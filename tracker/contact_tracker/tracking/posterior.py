@@ -57,9 +57,9 @@ def beside_indistinguishable(state: FilterState, belief: Belief) -> Belief:
         alternatives = united(alternatives, before.inseparable)
     if label is Contact.FREE and (state.curved.probability > 0.5 or state.map.untested_sides):
         alternatives = CONTACTS
-    elif label.codimension == 1 and Contact.FREE not in alternatives:
+    elif label is not Contact.FREE and Contact.FREE not in alternatives:
         where = belief if belief.where is not None else label_fit(state, label)
-        if where is not None and where.geometry is not None and where.geometry.has_open_directions:
+        if where is not None and where.geometry and ambiguity.may_be_free(label, where.geometry):
             alternatives = united(alternatives, (Contact.FREE,))
     inseparable = tuple(filter(state.known_map.allows, alternatives))
     return replace(belief, inseparable=inseparable) if inseparable else belief

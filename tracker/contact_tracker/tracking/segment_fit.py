@@ -15,6 +15,7 @@ from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.contacts.contact_motion import ContactMotion, contact_motion
 from contact_tracker.contacts.task_frame import TaskFrame, task_frame
 from contact_tracker.explanations.conditional_contact import ExplainedTicks, KnownContact
+from contact_tracker.explanations.curved_contact import FaceNormals
 from contact_tracker.explanations.further_contacts import NO_FORMATION, Formation, Ranks, find_formation
 from contact_tracker.explanations.joint_evidence import Joint, joint_of
 from contact_tracker.explanations.joint_parts import find_joints, rests_in
@@ -65,6 +66,8 @@ class SegmentTicks:
     origins: Origins
     wrenches: WindowEvidence | None = None
     """The evidence of measured wrenches."""
+    touched: tuple[FaceNormals, ...] = ()
+    """The normals of faces that touched in the recording."""
 
     def explained(self, window: Window) -> ExplainedTicks:
         """The ticks of ``window``, whose motion joints or further contacts may explain."""
@@ -151,7 +154,7 @@ def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
     inseparable = tuple(filter(known_map.allows, ambiguity.indistinguishable(label, rivals, freedom)))
     curved, none_fits, share = np.zeros(1), False, None
     if label is Contact.FREE:
-        curved = curved_probabilities(segment.window, scales_of(model), known_map)
+        curved = curved_probabilities(segment.window, scales_of(model), known_map, segment.touched)
         none_fits = is_mostly_curved(curved) and not freedom.one_direction
         inseparable = known_map.allowed if none_fits else inseparable
     if segment.wrenches is not None:
@@ -170,7 +173,7 @@ def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
         inseparable = united(inseparable, alike)
     estimate = element_estimate(fitted, contact, scales, window, information)
     geometry, curved = located.geometry, np.zeros(1)
-    if label.codimension == 1 and geometry.has_open_directions:
+    if ambiguity.may_be_free(label, geometry):
         inseparable = united(inseparable, (Contact.FREE,))
     tolerance = _tolerance(contact, fitted.x, window) if any(extra_variance) else None
     parts = share, formation, (), estimate, tolerance
