@@ -271,6 +271,8 @@ def most_probable(log_ratio: Array, log_change: Array) -> Presence:
 RELAXED: Final = tuple(CONTACT_MODELS[c.column] for c in (Contact.VF, Contact.FV, Contact.EE))
 """Contact kinds of single constraints: every contact implies at least one of them."""
 NOISE_SHARE: Final = 0.1
+ROUNDING: Final = 1e-14
+"""Accuracy of the sums of squares, relative to their trace."""
 LEAST_SQUARE: Final = 1e-12
 FOLLOWED_STARTS: Final = 4
 STEPS: Final = 10
@@ -312,7 +314,8 @@ def relaxed(sums: Moments) -> tuple[Array, Array]:
     columns, that have them. Up to noise the largest is an upper bound for contacts."""
     scale = np.sqrt(sums.noise.diagonal() + JITTER * sums.noise.trace())
     outer = scale[:, None] * scale
-    square = (sums.square + NOISE_SHARE * sums.noise) / outer
+    least = ROUNDING * sums.square.trace() * np.eye(len(scale))
+    square = (sums.square + NOISE_SHARE * sums.noise + least) / outer
     square += JITTER * np.trace(sums.noise / outer) * np.eye(len(square))
     ratio, c = eigh(sums.free / outer, square)
     return ratio, c / scale[:, None]
