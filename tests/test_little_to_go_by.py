@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from contact_tracker.cli import info
 from contact_tracker.cli.main import run
 from contact_tracker.motion.poses import Poses
 from contact_tracker.states import STATES
@@ -155,6 +156,16 @@ def test_info_says_of_which_part_it_says_that_nothing_changes(tmp_path: Path, ca
     shown = capsys.readouterr().out
     assert "the orientation does not change in the first " in shown
     assert "never changes" not in shown
+
+
+def test_info_says_that_the_part_it_reads_is_too_short(tmp_path: Path, capsys: Any, monkeypatch: Any) -> None:
+    """It looks at the first 30 s, in which the object rests; what follows may decide the noise."""
+    monkeypatch.setattr(info, "MOST_UPDATES", 10**6)
+    whole = after_rest(smooth_poses(5, 5.0), 155)
+    for part, cause in ((whole, "too short a part was read"), (whole[:140], "there is too little motion")):
+        log = write_log(tmp_path / "a.mcap", [poses_topic(part)])
+        assert run(["info", str(log)]) == 0
+        assert f"{cause} to estimate" in capsys.readouterr().out
 
 
 def test_few_poses_in_a_tick_are_counted_by_their_stamps(tmp_path: Path, capsys: Any) -> None:

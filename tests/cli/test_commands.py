@@ -19,7 +19,8 @@ from scipy.spatial.transform import Rotation
 from command_line import DEVNULL, ENVIRONMENT, PIPE, PROGRAM, ROOT, Done, run, started
 from contact_tracker.cli import info, main
 from contact_tracker.cli.arguments import output_file
-from contact_tracker.cli.main import COMMANDS, LAB_COMMANDS
+from contact_tracker.cli.commands import COMMANDS
+from contact_tracker.cli.main import LAB_COMMANDS
 from contact_tracker.cli.source import Source
 from contact_tracker.config.table_reading import AS_NAMED
 from contact_tracker.errors import ChoiceError, UsageError
@@ -103,7 +104,7 @@ def test_the_parser_loads_nothing_that_takes_time() -> None:
     assert done.stdout == "[]\n", done.stderr
 
 
-@pytest.mark.parametrize("command", [*(c.__name__.rpartition(".")[2] for c in COMMANDS), *LAB_COMMANDS])
+@pytest.mark.parametrize("command", [*(command.name for command in COMMANDS), *LAB_COMMANDS])
 def test_the_help_of_each_command_has_an_example(command: str) -> None:
     done = run(command, "--help")
     assert (done.returncode, done.stderr) == (0, "")

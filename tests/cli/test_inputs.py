@@ -90,7 +90,7 @@ def test_both_takes_are_read_before_the_work_on_one(
 ) -> None:
     log = write_log(tmp_path / "a.mcap", [poses_topic(smooth_poses(150))])
     (tmp_path / "b.csv").write_text("t,x,y,z,qx,qy,qz,qw\n0,0,0,0,0,0,0,0\n")
-    monkeypatch.setattr("contact_tracker.segmenting.segmented", None)
+    monkeypatch.setattr("contact_tracker.cli.source.segmented", None)
     assert run_here(["compare", str(log), str(tmp_path / "b.csv")]) == 1
     assert "b.csv: no pose that can be used" in capsys.readouterr().err
 

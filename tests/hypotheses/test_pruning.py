@@ -12,28 +12,19 @@ from scipy.spatial.transform import Rotation
 import pruning
 from contact_tracker.config.loading import load_model
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.geometry.elements import Origins
-from contact_tracker.geometry.lifted_pose import lift
-from contact_tracker.hypotheses import compiled, global_search
+from contact_tracker.hypotheses import compiled
 from contact_tracker.hypotheses.bank import blank
-from contact_tracker.hypotheses.bank_update import fit_window
-from contact_tracker.hypotheses.births import Birth, add, propose_births, uninformed_proposal
-from contact_tracker.hypotheses.global_search import is_due, prune, select_for_search, within_far_margin
-from contact_tracker.hypotheses.refit import accumulate, is_deferred, recover_fallen, refit
+from contact_tracker.hypotheses.births import Birth, add, uninformed_proposal
+from contact_tracker.hypotheses.evidence import DECISIVE, SAME_FIT_RATIO
+from contact_tracker.hypotheses.global_search import is_due, prune, select_for_search
+from contact_tracker.hypotheses.refit import accumulate, are_near, recover_fallen, refit
 from contact_tracker.hypotheses.schedule import (
-    DEFER_NATS,
-    DROP_NATS,
-    FAR_NATS,
-    FITTING_RMS,
     IS_SEARCH_AGE,
-    PROTECTION_NATS,
+    NEAR_NATS,
     UNTHINNED_TICKS,
     burn_in_ticks,
 )
-from contact_tracker.map.file import map_from
-from contact_tracker.map.pairs import Frame
 from contact_tracker.motion.poses import Poses
-from contact_tracker.motion.window import Window
 from contact_tracker.recording import open_log
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.state import scales_of
@@ -43,6 +34,8 @@ from short_recordings import FACE_TO_EDGE, MODEL, recorded
 
 EDGE_FACE: Final = CONTACT_MODELS[Contact.EF.column]
 SHIPPED: Final = sorted((Path(__file__).parents[2] / "recordings").glob("[rv]*.mcap"))
+
+
 KERNELS_OR_NOT: Final = [
     False,
     pytest.param(True, marks=pytest.mark.skipif(not compiled.in_use(), reason="no kernels")),
@@ -78,13 +71,13 @@ def test_a_wider_margin_does_not_change_the_beliefs() -> None:
 def test_weak_hypotheses_are_kept_until_their_geometry_can_converge(model):
     """For f-f this is sooner (5 unknowns, 3 rows a pose) than for e-e (8 unknowns, 1 row)."""
     birth = Birth(uninformed_proposal(model), 0, 0, 0, 0.0, np.zeros((0, len(STATES))), np.eye(3))
-    protected_until = float(add(blank(model, 0), model, birth).protected_until[0])
+    needs_search = int(add(blank(model, 0), model, birth).needs_search[0])
     ages = np.array([0.9, 1.1]) * burn_in_ticks(model.family.PARAMETERS / model.family.ROWS)
     bank = blank(model, 2).replace_columns(
-        log_likelihood=-1000.0, rms=10.0, number=[0, 1], protected_until=protected_until
+        log_likelihood=-1000.0, rms=10.0, number=[0, 1], needs_search=needs_search
     )
     bank = bank.replace_onset_columns(effective_ticks=ages)
-    assert prune(bank, 5, 0.0, 40.0).number.tolist() == [0]
+    assert prune(bank, model, 5, 0.0, 40.0).number.tolist() == [0]
     weak, near = bank.pick(np.array([1])), bank.replace_columns(log_likelihood=-1.0).pick(np.array([1]))
     assert not len(select_for_search(weak, model))
     assert len(select_for_search(near, model)) == IS_SEARCH_AGE[int(ages[1])]
@@ -93,16 +86,15 @@ def test_weak_hypotheses_are_kept_until_their_geometry_can_converge(model):
     assert len(select_for_search(young, model)) == 1
 
 
-def test_margins_are_relative_to_the_best_and_protection_ends():
+def test_margins_are_relative_to_the_best_and_known_elements_have_no_burn_in():
     bank = blank(EDGE_FACE, 3).replace_columns(log_birth_weight=1.0)
-    for margin, found, expected in (
-        (FAR_NATS, within_far_margin, [True, False, False]),
-        (DEFER_NATS, is_deferred, [False, True, True]),
-    ):
-        behind = np.array([-margin, -1.01 * margin, np.nan])
-        assert found(bank.replace_columns(log_likelihood=behind - 1.0)).tolist() == expected
-    bank = bank.replace_columns(protected_until=[0.0, 30.0, 29.9], log_likelihood=-1e3, number=[0, 1, 2])
-    assert prune(bank.replace_onset_columns(effective_ticks=30.0), 3, 0.0, 20.0).number.tolist() == [1]
+    behind = np.array([-NEAR_NATS, -1.01 * NEAR_NATS, np.nan])
+    assert are_near(bank.replace_columns(log_likelihood=behind - 1.0)).tolist() == [True, False, False]
+    bank = bank.replace_columns(needs_search=[0, 1, 1], log_likelihood=-1e3, number=[0, 1, 2])
+    ages = burn_in_ticks(EDGE_FACE.needed) * np.array([1.0, 1.0, 1.1])
+    assert prune(
+        bank.replace_onset_columns(effective_ticks=ages), EDGE_FACE, 3, 0.0, 20.0
+    ).number.tolist() == [1]
 
 
 @cache
@@ -119,11 +111,11 @@ def test_falling_hypotheses_are_refitted_until_they_fit(in_use, monkeypatch):
     state, window = ticks[39].state, ticks[40].state.window
     assert not is_due(model, 40)
     bank = state.banks[model.contact.column]
-    near = (bank.log_weight > -DEFER_NATS) & (bank.effective_ticks > 10.0)
+    near = (bank.log_weight > -NEAR_NATS) & (bank.effective_ticks > 10.0)
     off = model.turned(bank.x, Rotation.from_rotvec([0.9, 0.0, 0.0]).as_matrix())
     displaced = bank.replace_columns(x=np.where(near[:, None], off, bank.x))
     stepped = refit(accumulate(displaced, model, window, scales), model, window, scales)
-    fallen = near & (stepped.log_weight < bank.log_weight - DROP_NATS) & (stepped.rms > FITTING_RMS)
+    fallen = near & (stepped.log_weight < bank.log_weight - DECISIVE) & (stepped.rms > SAME_FIT_RATIO)
     assert fallen.any()
     state = state._replace(
         banks=(*state.banks[: model.contact.column], displaced, *state.banks[model.contact.column + 1 :])
@@ -134,13 +126,8 @@ def test_falling_hypotheses_are_refitted_until_they_fit(in_use, monkeypatch):
         assert after.log_weight[after.number == number] == pytest.approx(
             right.log_weight[right.number == number], abs=0.2
         )
-    far = recover_fallen(stepped, bank.log_weight - 1.1 * DEFER_NATS, model, window, scales)
-    assert (far.protected_until > stepped.protected_until).any()
-    np.testing.assert_array_equal(
-        far.replace_columns(protected_until=stepped.protected_until).words, stepped.words
-    )  # no further steps
-    negligible = recover_fallen(stepped, bank.log_weight - 1.1 * PROTECTION_NATS, model, window, scales)
-    np.testing.assert_array_equal(negligible.words, stepped.words)
+    far = recover_fallen(stepped, bank.log_weight - 1.1 * NEAR_NATS, model, window, scales)
+    np.testing.assert_array_equal(far.words, stepped.words)
 
 
 def test_young_hypotheses_are_pruned_only_after_a_search():
@@ -153,26 +140,3 @@ def test_young_hypotheses_are_pruned_only_after_a_search():
             assert not gone or is_due(model, now)
             dropped += gone
     assert dropped
-
-
-# --- the search of several hypotheses in batches ---
-def test_batches_of_a_search_make_no_difference(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of an edge of a box on unknown edges: a hypothesis for each of its twelve edges."""
-    rng = np.random.default_rng(0)
-    turns = Rotation.from_rotvec(0.4 * rng.standard_normal((30, 3)).cumsum(axis=0) / 5.0).as_matrix()
-    places_m = 0.1 * rng.standard_normal((30, 3))
-    zeta = np.array([lift(turn, place_m) for turn, place_m in zip(turns, places_m, strict=True)])
-    window = Window(np.arange(30), zeta, np.tile([1e-8, 1e-6], (30, 1)), np.tile([1e-4, 1e-2], (30, 1)))
-    model, known = (
-        CONTACT_MODELS[Contact.EE.column],
-        map_from({"object": {"box": {"size_m": [0.1, 0.2, 0.3]}}}),
-    )
-    begins = propose_births(model, known, None, 0.0, Frame.around(Origins.zero(), zeta[-1, 9:12]))
-    assert begins.count == 12
-    found = []
-    for at_once in (1, 5, 12, 100):
-        monkeypatch.setattr(global_search, "BATCH", at_once)
-        found.append(fit_window(model, window, scales_of(load_model()), begins))
-    for other in found[1:]:
-        np.testing.assert_allclose(other.x, found[0].x, rtol=1e-9, atol=1e-9)
-        np.testing.assert_allclose(other.log_likelihood, found[0].log_likelihood, rtol=1e-9)

@@ -18,7 +18,6 @@ from contact_tracker.geometry.lifted_pose import lift
 from contact_tracker.hypotheses.bank_update import fit_window
 from contact_tracker.hypotheses.observability import MOST_TICKS, added_covariance, representatives
 from contact_tracker.hypotheses.refinement import (
-    FIRST_CORRELATION,
     Ar1Noise,
     estimate_ar1,
     refine,
@@ -106,9 +105,10 @@ def test_size_and_correlation_of_errors_are_estimated_from_residuals(seed, corre
     np.testing.assert_allclose(whiten_ar1(errors, np.full(1, correlation), index), new, atol=1e-9)
     shapes = np.stack([np.ones(count), index / 400.0, np.sin(index / 5.0), np.cos(index / 5.0)], axis=1)
     left_over = errors - (shapes @ np.linalg.lstsq(shapes, errors.T, rcond=None)[0]).T
-    start = Ar1Noise(np.ones(1), np.full(1, FIRST_CORRELATION))
+    start = Ar1Noise(np.ones(1), np.zeros(1))
     for residuals, fitted in ((errors, 0.0 * shapes), (left_over, shapes)):
-        found = estimate_ar1(start, 2.0 * residuals, fitted[None], np.zeros((4, 4)), index)
+        rows = np.concatenate([fitted[None], 2.0 * residuals[..., None]], axis=2)
+        found = estimate_ar1(start, rows, np.zeros((4, 4)), index)
         assert abs(found.correlation - correlation) < 0.3
         assert 0.5 < 4.0 * found.weight < 2.0
 

@@ -78,6 +78,22 @@ def test_steps_that_are_missing_and_new(first, kept, expected) -> None:
     assert sorted(verdicts(turned)) == sorted(names.get(one, one) for one in verdicts(result))
 
 
+def test_a_sure_contact_is_no_part_of_a_step_of_another(first) -> None:
+    """It was one step with the free motion before and behind it, as its doubtful boundaries fit both."""
+    face = replace(first.segments[3], probability=0.99)
+    free = replace(face, contact=Contact.FREE, geometry=None, probability=0.95)
+    whole = with_segments(first, [free, face, free, face, free])
+    blurred = whole.beliefs.rows.copy()
+    before, after = np.roll(blurred["probability"], 1, axis=0), np.roll(blurred["probability"], -1, axis=0)
+    blurred["probability"] = (before + blurred["probability"] + after) / 3.0
+    whole = contact_tracker.Result(
+        **vars(whole) | {"segmentation": replace(whole.segmentation, beliefs=Beliefs(blurred))}
+    )
+    result = compare_outcomes(with_segments(first, [free, face, free]), whole)
+    assert all(len({part.contact for part in step.second}) <= 1 for step in result.steps)
+    assert Verdict.OPEN in verdicts(result)  # which of the two it is in the first take
+
+
 @pytest.mark.parametrize(("factor", "verdict"), [(2.0, "longer"), (0.4, "shorter"), (1.1, "same")])
 def test_a_step_that_takes_another_time(first, factor, verdict) -> None:
     own = first.segments[1]
@@ -236,7 +252,7 @@ def test_what_python_makes_of_it(first, tmp_path) -> None:
 def test_the_command(first, simulated, tmp_path, monkeypatch) -> None:
     """Its exit code says whether the takes differ; the segmentations are those of above."""
     takes = iter([first, with_segments(first, first.segments[:2]), first, first])
-    monkeypatch.setattr("contact_tracker.segmenting.segmented", lambda *_, **__: next(takes))
+    monkeypatch.setattr("contact_tracker.cli.source.segmented", lambda *_, **__: next(takes))
     for name in "ab":
         write_recording(str(tmp_path / f"{name}.mcap"), simulated.poses, None, {})
     done = run("compare", "a.mcap", "b.mcap", "--json", cwd=tmp_path)

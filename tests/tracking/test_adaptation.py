@@ -21,12 +21,14 @@ from contact_tracker.config.loading import load_model
 from contact_tracker.geometry.lifted_pose import T, lift
 from contact_tracker.motion.pose_validation import LONGEST_WAIT_NS, PoseGate
 from contact_tracker.motion.poses import Poses
+from contact_tracker.motion.tick_averaging import tick_variances
 from contact_tracker.recording import read_truth
 from contact_tracker.segmenting import OfflineTracker
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracker import Tracker
 from contact_tracker.tracking.ambiguity import at_most
 from contact_tracker.tracking.belief import Belief, Detail
+from contact_tracker.tracking.contact_filter import ticks_of
 from contact_tracker.tracking.filter_bank import (
     LASTING_TICKS,
     RATE_POSES,
@@ -39,6 +41,8 @@ from contact_tracker.tracking.filter_bank import (
     with_ticks_for,
 )
 from contact_tracker.tracking.noise_choice import (
+    NO_RESTS,
+    RestScatter,
     TickEvidence,
     are_calm,
     are_kept,
@@ -148,6 +152,32 @@ def test_at_rest_filtered_poses_show_which_noise_is_too_small() -> None:
         [True, True],  # too short a rest
         [False, True],
     ]
+
+
+def test_the_calmest_rest_shows_which_noise_is_too_large() -> None:
+    """A hand that holds the object nearly still moves it more than noise does; it is no noise."""
+    rest = [tick for tick in ticks_of([after_rest(shipped(PAPER)[:2], 3.0)[:-2]], MODEL) if tick.count]
+    variance = float(np.prod(tick_variances(rest[-1].noise, np.array(20.0), MODEL)) ** 0.5)
+
+    def scatter_of(size: float) -> RestScatter:
+        scatter, rng = NO_RESTS, np.random.default_rng(1)
+        for tick in rest:
+            trembling = tick.zeta + size * rng.normal(size=tick.zeta.shape)
+            scatter = scatter.append(replace(tick, zeta=trembling), moves=False)
+        return scatter
+
+    scales = np.array([[1.0, 1.0], [2.0, 2.0], [5.0, 5.0]]) ** 2 * variance
+    assert scatter_of(0.0).allows(scales).tolist() == [True, True, False]
+    held = RestScatter(least=scatter_of(0.0).least)
+    for tick in rest:  # later, in a hand
+        held = held.append(replace(tick, zeta=tick.zeta + 1e-2 * (tick.start_ns % 7)), moves=False)
+    assert held.least == scatter_of(0.0).least
+    assert scatter_of(1e-2).allows(scales).all()
+    for same in (
+        NO_RESTS.append(rest[0], moves=False).append(rest[0], moves=False),
+        NO_RESTS.append(rest[0], True),
+    ):
+        assert same.allows(scales).all(), "equal poses and motion show nothing"
 
 
 def after_rest(poses: Poses, rest_s: float) -> Poses:

@@ -19,7 +19,7 @@ from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.exports.formats import json_line, open_text
 from contact_tracker.geometry import lifted_pose
 from contact_tracker.geometry.elements import ContactGeometry, Line, Origins, Plane, Point, Unobserved
-from contact_tracker.hypotheses import observability, refit
+from contact_tracker.hypotheses import observability
 from contact_tracker.hypotheses.bank import blank
 from contact_tracker.hypotheses.bank_update import fit_window
 from contact_tracker.hypotheses.observability import fitted_contact
@@ -120,8 +120,7 @@ def test_the_information_of_noise_is_as_predicted(contact):
     bank = fit_window(model, window, SCALES)
     anchors = model.anchors(bank.weighted_position_sum / bank.weight[:, None])
     tangent = model.family.tangent(bank.x, anchors)[0]
-    information = refit.information(bank, model, SCALES)[0]
-    of_noise = observability.noise_information(bank, model, tangent, window.variance[0])
+    information, of_noise = observability.information_of_ticks(bank, model, tangent, window.variance[0])
     ridge = 1e-6 * np.trace(of_noise) * np.eye(len(of_noise))
     eigenvalues = eigh(information, of_noise + ridge, eigvals_only=True)
     noisy = eigenvalues[: -model.family.ROWS]

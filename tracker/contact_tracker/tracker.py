@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
-from typing import Final, Self
+from typing import Any, Final, Self
 
 from contact_tracker.checks.check import Stream
 from contact_tracker.checks.checks import INSPECTED, Checks
@@ -247,8 +247,14 @@ class Tracker:
     @property
     def report_so_far(self) -> Report | None:
         """Report of a stream that has not ended, without findings that need its end."""
-        return self._report(is_end=False)
+        return self._report()
 
-    def _report(self, is_end: bool) -> Report | None:
-        findings = self.checks.findings(self.stream._replace(is_end=is_end))
+    @property
+    def report_of_part(self) -> Report | None:
+        """Report of a stream that goes on, but is not read further."""
+        report = self._report(is_cut_short=True)
+        return None if report is None else report._replace(is_cut_short=True)
+
+    def _report(self, **how: Any) -> Report | None:
+        findings = self.checks.findings(self.stream._replace(**how))
         return report_of(self.filters, self.is_decided, findings)

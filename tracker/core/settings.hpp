@@ -18,14 +18,14 @@ struct Round {
 struct Settings {
     Damping damping;
     double tolerance;                           // gauss_newton.py
-    double sine_sq_floor, tiny, edge_ridge;     // contacts.edge_edge
-    double vertex_ridge;                        // contacts.vertex_face
+    double sine_sq_floor, tiny;                 // contacts.edge_edge
+    double ridge;                               // contacts.family
+    double decisive, fitting_rms;               // evidence.DECISIVE, SAME_FIT_RATIO
     double used, lever_m, one_axis, no_motion;  // motion/window.py
     int stride_ticks;
     // hypotheses/schedule.py, as all below
-    double first_ticks, rest_weight, defer_nats, far_nats, drop_nats, relaxation_ridge, fitting_rms,
-        protection_nats, protection_ticks, residual_ticks;
-    int refine_steps, first_steps, recovery_steps, followed_starts, search_refits, unthinned_ticks;
+    double first_ticks, rest_weight, near_nats;
+    int first_steps, recovery_steps, followed_starts, unthinned_ticks;
     std::vector<double> search_ages;
     std::vector<bool> is_search_age;
     std::vector<Round> rounds;

@@ -28,6 +28,7 @@ class Stream(NamedTuple):
     is_at_rest : whether the object rests.
     inspection : statistics of the poses alone.
     is_end : whether the stream ends here.
+    is_cut_short : whether it goes on, but is not read further.
     """
 
     map: Map
@@ -40,6 +41,7 @@ class Stream(NamedTuple):
     is_at_rest: bool
     inspection: Inspection
     is_end: bool = False
+    is_cut_short: bool = False
 
     @property
     def is_filtered(self) -> bool:

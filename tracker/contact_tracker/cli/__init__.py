@@ -1,1 +1,1 @@
-"""The command ``contact-tracker``: one file per subcommand, exit codes in ``main``."""
+"""The command ``contact-tracker``: options in ``commands``, work in a module each, exit codes in ``main``."""

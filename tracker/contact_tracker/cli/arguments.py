@@ -1,34 +1,23 @@
-"""Arguments shared by several commands, and the models, maps and files that they name.
-
-A bad value is a usage error before any work.
-"""
+"""Arguments shared by several commands. A bad value is a usage error before any work."""
 
 import argparse
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from typing import Any, Final, TypeVar
 
-from contact_tracker.cli.terminal import detail, fail, progress, say, warn
 from contact_tracker.config import preset_names
 from contact_tracker.config.quantities import LENGTHS, deviations
 from contact_tracker.config.table_reading import FRAMES, TIME_UNIT_HELP, reading_of
-from contact_tracker.errors import INPUT, USAGE, ChoiceError, InputError, UsageError
+from contact_tracker.errors import UsageError
 from contact_tracker.files import why_not_writable
 from contact_tracker.states import states_from
 
-if TYPE_CHECKING:
-    from contact_tracker.config.parameters import Model
-    from contact_tracker.ground_truth import Truth
-    from contact_tracker.map.elements import LearnedElements
-    from contact_tracker.map.map import Map
-    from contact_tracker.recording import PoseLog
-    from contact_tracker.wrenches.contact_evidence import WrenchEvidence
-
 T = TypeVar("T")
 LOG_HELP: Final = "an MCAP file, a ROS bag, a table of poses, a folder of parts, or - for stdin"
+PLACE: Final = "{}"
+"""Placeholder for the name of a recording, and of an object, in an output's name."""
 LOGS_HELP: Final = "recordings, or folders to search for MCAP files and ROS bags"
 _MOST: Final = 1e9
 """Largest number of an argument, such as seconds (about 30 years); larger ones are mistakes."""
@@ -128,35 +117,11 @@ def add_labels(parser: argparse.ArgumentParser, text: str) -> None:
     parser.add_argument("--map", dest="meaning", help=argparse.SUPPRESS, **options)
 
 
-def load_labels(args: argparse.Namespace, log: str) -> "Truth":
-    """The labels of ``--labels`` for the whole recording ``log``; raises NoTruth or ChoiceError."""
-    from contact_tracker.recording import read_labels
-    from contact_tracker.recording.annotations import meanings_of
-
-    poses = open_poses(args, log)
-    for _ in poses.batches():
-        pass
-    if not poses.valid:
-        raise poses.no_poses(log)
-    stamps = poses.first_ns, poses.last_ns
-    truth, text = read_labels(args.labels, *stamps, meanings_of(args.meaning), "--meaning '{}=any'".format)
-    say(text)
-    return truth
-
-
 def add_interval(parser: argparse.ArgumentParser) -> None:
     """``--start`` and ``--duration``."""
     text = "skip the first S seconds (default: 0)"
     parser.add_argument("--start", type=seconds, default=0.0, metavar="S", help=text)
     parser.add_argument("--duration", type=positive, metavar="S", help="take S seconds (default: all)")
-
-
-def open_poses(args: argparse.Namespace, log: str, *live: Any) -> "PoseLog":
-    """The poses that ``add_source`` selects in a recording; ``live`` is passed on to ``open_log``."""
-    from contact_tracker.recording import open_log
-
-    options = {"relative_to": args.relative_to, "table": args.table}
-    return open_log(log, args.topic, args.frame, *live, **options)
 
 
 def add_model(parser: argparse.ArgumentParser) -> None:
@@ -175,16 +140,6 @@ def add_model(parser: argparse.ArgumentParser) -> None:
         help="standard deviations of systematic errors of the poses, as by calibration: 0.5mm,0.1deg. They "
         "cannot be estimated from the stream, and increase the deviations of elements (default: the model's)",
     )
-
-
-def load_model(args: argparse.Namespace) -> "Model":
-    """The model of ``--model``, ``--noise`` and ``--accuracy``; raises ModelError."""
-    from contact_tracker.config.loading import model_file
-    from contact_tracker.hypotheses import compiled
-    from contact_tracker.trajectory.arguments import model_from
-
-    detail(f"model {model_file(args.model)}, {compiled.described()}")
-    return model_from(args.model, args.noise, args.accuracy)
 
 
 def _typed(parse: Callable[[str], T]) -> Callable[[str], T]:
@@ -222,22 +177,6 @@ def add_known(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--states", type=_typed(states_from), metavar="f-f,e-f,...", help=text)
 
 
-def load_map(args: argparse.Namespace, note: Callable[[str], None] = warn) -> "Map":
-    """The map of the options of ``add_known``; ``note`` is called with each doubt. Raises KnowledgeError."""
-    from contact_tracker.map.file import map_from, merged, read_table
-
-    tables: list[dict[str, Any]] = [] if args.known is None else [read_table(args.known)]
-    if args.up is not None:
-        spread = {"spread_deg": args.up[3]} if len(args.up) > 3 else {}
-        tables.append({"up": {"direction": args.up[:3], **spread}})
-    if args.plane:
-        planes = [{"normal": plane[:3], "offset_m": plane[3]} for plane in args.plane]
-        tables.append({"environment": {"plane": planes}})
-    if args.box is not None:
-        tables.append({"object": {"box": {"size_m": args.box}}})
-    return replace(map_from(merged(tables), Path(args.known or "").parent, note), states=args.states)
-
-
 def add_map_out(parser: argparse.ArgumentParser) -> None:
     """``--map-out``."""
     text = (
@@ -245,35 +184,6 @@ def add_map_out(parser: argparse.ArgumentParser) -> None:
         "same object and place; it may be the file of --known"
     )
     parser.add_argument("--map-out", type=output_file(".toml"), metavar="FILE.toml", help=text)
-
-
-def check_map_out(args: argparse.Namespace, known_map: "Map") -> None:
-    """Raise UsageError if no map for ``--map-out`` is learned, or it would replace a recording."""
-    from contact_tracker.exports.formats import check_output
-
-    if args.map_out is None:
-        return
-    if known_map.lists_elements:
-        raise UsageError("--map-out cannot be combined with --up, --plane, --box or elements in --known")
-    if getattr(args, "wrench", None) is not None:
-        raise UsageError("--map-out learns from motion alone: leave --wrench out")
-    if getattr(args, "state", None) is not None:
-        raise UsageError("--map-out is written at the end of a stream: leave --state out (it has the map)")
-    known_file = None if args.known is None else Path(args.known)
-    read = [file for file in files_read([args.log], args.model, args.known) if Path(file) != known_file]
-    check_output(args.map_out, True, read, written=[args.output])
-
-
-def write_map(path: Path, learned: "LearnedElements") -> None:
-    """Write the learned elements of a map, and print their number."""
-    from contact_tracker.map.file import write_learned
-    from contact_tracker.outputs.text import counted
-
-    if not learned:
-        warn(f"{path} is not written: no contact is sure enough to learn from")
-        return
-    write_learned(path, learned)
-    say(f"wrote {path}: {counted(len(learned.elements), 'element')}")
 
 
 def add_wrench(parser: argparse.ArgumentParser) -> None:
@@ -286,46 +196,6 @@ def add_wrench(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--wrench", metavar="TOPIC", help=text)
     text = "mass of the object, if known (default: from free motion)"
     group.add_argument("--mass", type=positive, metavar="KG", help=text)
-
-
-def require_wrench_for_mass(args: argparse.Namespace) -> None:
-    """Raise UsageError if ``--mass`` is used without ``--wrench``."""
-    if args.wrench is None and args.mass is not None:
-        raise UsageError("--mass needs --wrench")
-
-
-def load_wrenches(
-    name: str,
-    args: argparse.Namespace,
-    model: "Model",
-    known_map: "Map",
-    note: Callable[[str], None] = warn,
-) -> "WrenchEvidence | None":
-    """The evidence of the wrenches of ``--wrench``; None without the option, or if the wrenches have no
-    evidence. ``note`` is called with each warning.
-
-    Raises
-    ------
-    UsageError
-        The topic does not exist or cannot be used, or the recording cannot be read twice.
-    """
-    require_wrench_for_mass(args)
-    if args.wrench is None:
-        return None
-    if name == "-":
-        raise UsageError("--wrench reads the recording twice, which standard input does not allow")
-    from contact_tracker.segmenting import recorded_evidence
-
-    log = open_poses(args, name)
-    with progress(f"{name}: load", "poses", log.source.messages) as set_done:
-        evidence, load, warnings = recorded_evidence(
-            name, args.wrench, log, model, known_map, args.mass, set_done
-        )
-    if load:
-        say(f"{name}: {load}")
-    for line in warnings:
-        note(f"{name}: {line}")
-    return evidence
 
 
 def add_output(parser: argparse._ActionsContainer, suffixes: Iterable[str], text: str, **extra: Any) -> None:
@@ -361,48 +231,10 @@ def output_file(*suffixes: str) -> Callable[[str], Path | None]:
     return check
 
 
-def files_read(logs: Iterable[str], model: str, known: str | None) -> list[str]:
-    """The files that a command reads: all parts of ``logs``, the model, the map and its meshes.
-
-    Raises
-    ------
-    UnreadableRecording, KnowledgeError
-        A recording or the map file cannot be read.
-    """
-    from contact_tracker.config.loading import model_file
-    from contact_tracker.map.file import files_named
-    from contact_tracker.recording import parts_of
-
-    parts = [part for log in logs for part in parts_of(log)]
-    return [*parts, str(model_file(model)), *map(str, files_named(known) if known is not None else ())]
-
-
 def add_processes(parser: argparse._ActionsContainer, most: int, default: int | None, text: str) -> None:
     """``--processes``."""
     kind = partial(whole_number, least=1, most=most)
     parser.add_argument("--processes", type=kind, default=default, metavar="N", help=text)
-
-
-def recordings_in(logs: Iterable[str], command: str) -> list[str]:
-    """The recordings that ``logs`` name, each once; a folder stands for the recordings in it."""
-    from contact_tracker.batch import finding
-
-    if "-" in logs:
-        raise UsageError(f"{command} reads a recording twice: name a file, not -")
-    return list(dict.fromkeys(name for log in logs for name in finding.recordings_in(log)))
-
-
-def run_each(works: Iterable[Callable[[], int]], is_only_one: bool = False) -> Iterator[int]:
-    """The exit code of each piece of work. An error of the input is reported and the next piece follows, but
-    it is raised if the piece ``is_only_one``."""
-    for work in works:
-        try:
-            yield work()
-        except (InputError, ChoiceError) as error:
-            if is_only_one:
-                raise
-            fail(str(error))
-            yield INPUT if isinstance(error, InputError) else USAGE
 
 
 def _within(is_within: Callable[[float], bool], fault: str) -> Callable[[str], float]:

@@ -5,26 +5,20 @@ import os
 import sys
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
-from contact_tracker.cli import arguments
+from contact_tracker.batch.dataset import OWN_FILES, Batch, open_dataset
+from contact_tracker.batch.finding import find, matching, missing_among, pattern_beside
+from contact_tracker.batch.lerobot import LeRobot
+from contact_tracker.batch.segmenting import Settings
+from contact_tracker.cli import inputs
 from contact_tracker.cli.terminal import progress, say, take_over_warnings, warn
-from contact_tracker.errors import DAMAGED, DONE, INPUT, UnreadableRecording, UsageError, extra
-from contact_tracker.exports.formats import check_output, require_library
+from contact_tracker.errors import DAMAGED, DONE, UnreadableRecording, UsageError, extra
+from contact_tracker.exports.formats import check_output
+from contact_tracker.outputs.text import counted
+from contact_tracker.processes import Jobs, Workers, local_processes
 from contact_tracker.suggestions import near_file
 
-if TYPE_CHECKING:
-    from contact_tracker.processes import Jobs
-
-HELP: Final = "segment many recordings into one dataset of Parquet files"
-DESCRIPTION: Final = f"""\
-Segment many recordings into a dataset: a Parquet file of segments for each of them, and
-DATASET/summary.parquet with a row for each. Run again, it processes only recordings that are new or
-whose content has changed, and all if the model has changed. A recording that cannot be used is a row
-with the error, the others are segmented, and the exit code is {DAMAGED}. If LOG is a LeRobot data set
-(a folder), DATASET is a copy with the contacts of its frames (docs/batch.md). If a LOG does not exist or
-is a folder without recordings, no recording is processed, and the exit code is {INPUT}."""
-EXAMPLE: Final = "contact-tracker batch recordings/ --output dataset"
 _MOST_SHOWN: Final = 10
 """Largest number of printed errors of recordings."""
 _MOST_KINDS: Final = 6
@@ -34,44 +28,18 @@ _MOST_NAMED: Final = 3
 _NOTHING_THERE: Final = "no such file or folder"
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
-    text = (
-        "recordings, folders to search for MCAP files and ROS bags, patterns in quotes, URLs (s3://, "
-        "https://, ...), or - for names on stdin, one a line"
-    )
-    parser.add_argument("logs", nargs="+", metavar="LOG", help=text)
-    parser.add_argument(
-        "-o", "--output", type=Path, required=True, metavar="DATASET", help="the folder of the dataset"
-    )
-    parser.add_argument(
-        "--ticks", action="store_true", help="write the beliefs of all ticks, too: some ten times as much"
-    )
-    arguments.add_recording(parser, has_interval=False)
-    arguments.add_wrench(parser)
-    workers = parser.add_mutually_exclusive_group()
-    arguments.add_processes(workers, 1024, None, "recordings at once (default: as many as there are cores)")
-    workers.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="work on this Dask cluster instead")
-    text = "read all recordings to see whether they have changed, even if size, time and inode are the same"
-    parser.add_argument("--rehash", action="store_true", help=text)
-
-
 def run(args: argparse.Namespace) -> int:
     if "://" in str(args.output):
         raise UsageError(
             f"cannot write {args.output}: a dataset is a folder of this machine or a shared disk"
         )
-    require_library(Path("summary.parquet"))
     if any(os.path.isfile(os.path.join(log, "meta", "info.json")) for log in args.logs):
         return _annotate(args)
 
-    from contact_tracker.batch.dataset import OWN_FILES, Batch, open_dataset
-    from contact_tracker.batch.finding import find
-    from contact_tracker.batch.segmenting import Settings
-
-    arguments.require_wrench_for_mass(args)
+    inputs.require_wrench_for_mass(args)
     settings = Settings(
-        arguments.load_model(args),
-        arguments.load_map(args),
+        inputs.load_model(args),
+        inputs.load_map(args),
         args.topic,
         args.frame,
         args.relative_to,
@@ -80,7 +48,7 @@ def run(args: argparse.Namespace) -> int:
         None if args.wrench is None else (args.wrench, args.mass),
     )
     recordings = list(find(_names(args.logs)))
-    read = [*(log.name for log in recordings), *arguments.files_read([], args.model, args.known)]
+    read = [*(log.name for log in recordings), *inputs.files_read([], args.model, args.known)]
     for name in OWN_FILES:
         check_output(args.output / name, True, read)
 
@@ -113,18 +81,14 @@ def run(args: argparse.Namespace) -> int:
 
 def _annotate(args: argparse.Namespace) -> int:
     """Write a copy of a LeRobot data set with the contacts of its frames."""
-    from contact_tracker.batch.lerobot import LeRobot
-    from contact_tracker.outputs.text import counted
-    from contact_tracker.processes import Workers
-
-    arguments.require_wrench_for_mass(args)
+    inputs.require_wrench_for_mass(args)
     unused = {"--topic": args.topic, "--frame": args.frame, "--ticks": args.ticks}
     unused |= {"--relative-to": args.relative_to, "--scheduler": args.scheduler, "--rehash": args.rehash}
     option = next((name for name, value in unused.items() if value not in (None, False)), None)
     if len(args.logs) > 1 or option is not None:
         raise UsageError(f"a LeRobot data set is segmented alone, without {option or 'other recordings'}")
     data = LeRobot.open(args.logs[0]).read_as(args.table)
-    model, known_map = arguments.load_model(args), arguments.load_map(args)
+    model, known_map = inputs.load_model(args), inputs.load_map(args)
     with Workers(args.processes or os.cpu_count() or 1, take_over_warnings) as executor:
         bad = data.annotate(args.output, model, known_map, warn, executor, args.wrench, args.mass)
     episodes = counted(len(list(data.episodes())), "episode")
@@ -146,8 +110,6 @@ def _names(logs: list[str]) -> list[str]:
     UsageError
         Standard input has no names.
     """
-    from contact_tracker.batch.finding import matching, missing_among, pattern_beside
-
     matches = [(log, matching(log)) for log in logs]
     for log, (_, left_out) in matches:
         count = len(left_out)
@@ -170,8 +132,6 @@ def _names(logs: list[str]) -> list[str]:
 
 def _listed() -> list[str]:
     """The names on standard input."""
-    from contact_tracker.batch.finding import missing_among
-
     data = sys.stdin.buffer.read()
     lines = data.split(b"\0") if b"\0" in data else data.splitlines()
     names = [os.fsdecode(line) for line in lines if line]
@@ -187,11 +147,9 @@ def _listed() -> list[str]:
     )
 
 
-def _workers(args: argparse.Namespace) -> "AbstractContextManager[Jobs]":
+def _workers(args: argparse.Namespace) -> AbstractContextManager[Jobs]:
     """The processes that segment recordings, on this machine or a cluster."""
     if args.scheduler is None:
-        from contact_tracker.processes import local_processes
-
         return local_processes(args.processes or os.cpu_count() or 1, take_over_warnings)
     with extra("cluster", "--scheduler"):
         from contact_tracker.batch.cluster import dask_cluster

@@ -2,23 +2,20 @@
 
 import argparse
 import json
-from typing import TYPE_CHECKING, Final
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Final
 
-from contact_tracker.cli import arguments
+from contact_tracker.cli import inputs
 from contact_tracker.cli.terminal import show, warn
+from contact_tracker.config.loading import load_model
 from contact_tracker.errors import DAMAGED, DONE, NoPoses, UsageError
+from contact_tracker.outputs.adaptation import summary_json, summary_lines
+from contact_tracker.recording import PoseSource, SourceSummary, open_log, summarise, summarise_log
+from contact_tracker.tracker import BATCH_POSES, Tracker
+from contact_tracker.tracking.belief import Detail
+from contact_tracker.tracking.filter_bank import Report
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from contact_tracker.recording import PoseSource, SourceSummary
-    from contact_tracker.tracking.filter_bank import Report
-
-HELP: Final = "which poses are in a recording, and how good they are"
-DESCRIPTION: Final = """\
-List the sources of poses in a recording with their topics, frames, rates, gaps and estimated
-noise, and the other contents of the recording."""
-EXAMPLE: Final = "contact-tracker info recordings/vision_30hz.mcap"
 _ONCE: Final = "composing poses reads the recording twice, which standard input does not allow"
 TRACKED_SOURCES: Final = 4
 """Largest number of sources whose adaptation is computed, which takes seconds each."""
@@ -27,23 +24,7 @@ MOST_UPDATES: Final = 1300
 first 30 s of a source usually need fewer."""
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("log", metavar="LOG", help=arguments.LOG_HELP)
-    arguments.add_source(
-        parser,
-        "the sources on this topic only",
-        "the sources of this frame only: CHILD, or 'PARENT->CHILD'; composed along all transforms between if "
-        "nothing is published between these two",
-    )
-    parser.add_argument("--json", action="store_true", help="one JSON object instead of text")
-
-
 def run(args: argparse.Namespace) -> int:
-    from dataclasses import replace
-
-    from contact_tracker.outputs.adaptation import summary_json, summary_lines
-    from contact_tracker.recording import open_log, summarise
-
     if args.relative_to is not None and args.log == "-":
         raise UsageError(_ONCE)
     summary = summarise(args.log, args.table)
@@ -72,29 +53,23 @@ def run(args: argparse.Namespace) -> int:
     return DONE if summary.damage is None and not losses else DAMAGED
 
 
-def _composed(args: argparse.Namespace) -> "SourceSummary":
+def _composed(args: argparse.Namespace) -> SourceSummary:
     """The source composed of transforms between the requested frames; raises ChoiceError if there is none."""
-    from contact_tracker.recording import summarise_log
-
     if args.log == "-":
         raise UsageError(f"no pose source is published with this topic and frame; {_ONCE}")
-    return summarise_log(arguments.open_poses(args, args.log))
+    return summarise_log(inputs.open_poses(args, args.log))
 
 
-def _is_chosen(source: "SourceSummary", args: argparse.Namespace) -> bool:
+def _is_chosen(source: SourceSummary, args: argparse.Namespace) -> bool:
     """Whether a source has the requested topic and frame."""
     on_topic = args.topic is None or source.source.topic == args.topic
     return on_topic and (args.frame is None or source.source.is_named(args.frame))
 
 
-def _reports(sources: "Sequence[SourceSummary]") -> "dict[PoseSource, Report | None]":
+def _reports(sources: Sequence[SourceSummary]) -> dict[PoseSource, Report | None]:
     """The default tracker's adaptation to the first valid poses of each source; all sources together take
     about ``MOST_UPDATES`` at most."""
-    from contact_tracker.config.loading import load_model
-    from contact_tracker.tracker import BATCH_POSES, Tracker
-    from contact_tracker.tracking.belief import Detail
-
-    reports, remaining = dict["PoseSource", "Report | None"](), MOST_UPDATES
+    reports, remaining = dict[PoseSource, "Report | None"](), MOST_UPDATES
     for number, source in enumerate(sources):
         share = remaining // (len(sources) - number)
         tracker, used = Tracker.start(load_model(), read_as=source.source.read_as), 0
@@ -106,12 +81,6 @@ def _reports(sources: "Sequence[SourceSummary]") -> "dict[PoseSource, Report | N
                 break
         remaining -= used
         tracker.inspect_added()
-        is_cut_short = start + BATCH_POSES < len(source.beginning)
-        report = tracker.report_so_far if is_cut_short else tracker.report
-        if report is not None:
-            is_part = is_cut_short or len(source.beginning) < source.poses
-            text = "does not change in the first" if is_part else "never changes in"
-            findings = (f._replace(text=f.text.replace("never changes in", text)) for f in report.findings)
-            report = report._replace(is_cut_short=is_cut_short, findings=tuple(findings))
-        reports[source.source] = report
+        is_part = min(start + BATCH_POSES, len(source.beginning)) < source.poses
+        reports[source.source] = tracker.report_of_part if is_part else tracker.report
     return reports

@@ -3,103 +3,58 @@
 import argparse
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
-from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from functools import partial
+from typing import TYPE_CHECKING, Any, Final
 
-from contact_tracker.cli import arguments
+from contact_tracker.cli import inputs
+from contact_tracker.cli.source import SavedStream, Source, paced
 from contact_tracker.cli.terminal import StatusLine, say
 from contact_tracker.errors import DIFFERENT, DONE, INTERRUPTED, UsageError
-from contact_tracker.exports.formats import TICKS, check_output, require_library
+from contact_tracker.exports.formats import check_output, json_line, open_rows
 from contact_tracker.interrupts import SIGNALS, deferred
+from contact_tracker.map.map import Map
+from contact_tracker.motion.poses import Poses
+from contact_tracker.outputs.parts import KnownParts
+from contact_tracker.outputs.text import CHANGES_HEADER, Changes, change_lines, status_text
+from contact_tracker.recording import Follow, read_metadata
+from contact_tracker.saved_state import continued
+from contact_tracker.sequences.plan import Plan, PlanFollower
+from contact_tracker.states import Contact
 from contact_tracker.suggestions import near_file
+from contact_tracker.tracker import Tracker
+from contact_tracker.tracking.belief import Belief
+from contact_tracker.tracking.informative_motion import InformativeMotion, informative_motions
+from contact_tracker.trajectory import vertices_from_metadata
 
 if TYPE_CHECKING:
-    from contact_tracker.cli.source import Source
-    from contact_tracker.map.map import Map
-    from contact_tracker.sequences.plan import Plan
-    from contact_tracker.states import Contact
-    from contact_tracker.tracking.belief import Belief
-    from contact_tracker.tracking.informative_motion import InformativeMotion
     from contact_tracker.viewer.sinks import Sink
     from contact_tracker.viewer.views import LiveViewer
 
-HELP: Final = "the present contact: a line per change while poses stream in"
-DESCRIPTION: Final = """\
-Follow the contacts in a recording or a stream of poses; each answer uses only the data up to its
-time. A line per change goes to stdout: time, contact, probability, onset and place of the contact.
-Times are seconds since the recording's first pose."""
 _SUGGESTED_NS: Final = 3_000_000_000
 """Least time (ns) between suggestions for other states, in which a user can read and make the motions: with
 half or double of it, 17 or 7 instead of 10 lines in 44 s of ``mug_first_take``, without it 50."""
-EXAMPLE: Final = "contact-tracker live recordings/paper_experiment.mcap --json | head -n 1"
-
-
-def configure(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("log", metavar="LOG", help=arguments.LOG_HELP)
-    arguments.add_recording(parser)
-    parser.add_argument("--json", action="store_true", help="one JSON object per tick instead")
-    parser.add_argument(
-        "--rate", type=arguments.positive, metavar="X", help="replay at X times the recorded speed"
-    )
-    text = "report the state of S seconds ago, using the poses since then (default: 0)"
-    parser.add_argument("--lag", type=arguments.seconds, default=0.0, metavar="S", help=text)
-    text = (
-        "say which small motions at once would decide while the contact is open: where they change, or "
-        '"suggestions" in --json'
-    )
-    parser.add_argument("--suggest", action="store_true", help=text)
-    text = (
-        "say when the contacts leave this plan, once, and which step comes next: lines with plan:, or "
-        f'"plan" in --json; the exit code is {DIFFERENT} if it was left'
-    )
-    parser.add_argument("--expect", metavar="PLAN.toml", help=text)
-    parser.add_argument("--follow", action="store_true", help="wait for more at the end of a growing file")
-    text = (
-        "resume from FILE, if it exists, and save the state to it: every 10 s, and when the stream "
-        "ends or is interrupted, with the poses of the last, partial tick"
-    )
-    parser.add_argument("--state", type=Path, metavar="FILE", help=text)
-    views = parser.add_mutually_exclusive_group()
-    views.add_argument("--rerun", action="store_true", help="show it in the rerun viewer as well")
-    text = "show it in a browser on this machine as well, until interrupted"
-    views.add_argument("--web", action="store_true", help=text)
-    text = "write all ticks to FILE.csv, .jsonl or .parquet as well; FILE appears at the end of the stream"
-    arguments.add_output(parser, TICKS, text)
-    arguments.add_map_out(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    if args.state is None or not args.state.exists():
-        if args.state is not None and (near := near_file(args.state)):
-            say(f"{args.state} is new{near}")
-        return _run(args)
-    from contact_tracker.saved_state import continued
+    is_resumed = args.state is not None and args.state.exists()
+    if args.state is not None and not is_resumed and (near := near_file(args.state)):
+        say(f"{args.state} is new{near}")
+    with continued(args.state if is_resumed else None):
+        if not args.web:
+            return _follow(args, None)
+        from contact_tracker.viewer.sinks import web_viewer
 
-    with continued(args.state):
-        return _run(args)
-
-
-def _run(args: argparse.Namespace) -> int:
-    if not args.web:
-        return _follow(args, None)
-    from contact_tracker.viewer.sinks import web_viewer
-
-    with web_viewer() as (url, sink, wait):
-        say(f"open {url} in a browser on this machine; Ctrl-C ends it")
-        code = _follow(args, sink)
-        if code < 128:  # no signal has ended the stream
-            wait()
-    return code
+        with web_viewer() as (url, sink, wait):
+            say(f"open {url} in a browser on this machine; Ctrl-C ends it")
+            code = _follow(args, sink)
+            if code < 128:  # no signal has ended the stream
+                wait()
+        return code
 
 
 def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
     """Follow a stream and return the exit code; ``sink`` is the target of a view in a browser."""
-    from contact_tracker.cli.source import SavedStream, Source, paced
-    from contact_tracker.motion.poses import Poses
-    from contact_tracker.recording import Follow
-    from contact_tracker.tracker import Tracker
-
-    model, known_map = arguments.load_model(args), arguments.load_map(args)
+    model, known_map = inputs.load_model(args), inputs.load_map(args)
     if args.lag > model.search.window_s:
         raise UsageError(f"--lag is {model.search.window_s:g} s at most: older ticks are not estimated again")
     if args.suggest and args.lag:
@@ -108,56 +63,41 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
         raise UsageError("--state resumes a whole stream: leave --start and --duration out")
     if args.state is not None and args.expect is not None:
         raise UsageError("--expect follows a plan from its first step: leave --state out")
-    plan = None
-    if args.expect is not None:
-        from contact_tracker.sequences.plan import Plan
-
-        plan = Plan.read(args.expect)
-    read = [*arguments.files_read([args.log], args.model, args.known), *filter(None, [args.expect])]
+    plan = None if args.expect is None else Plan.read(args.expect)
+    read = [*inputs.files_read([args.log], args.model, args.known), *filter(None, [args.expect])]
     check_output(args.state, True, read)
     check = check_output(args.output, args.overwrite, read, written=[args.state])
-    arguments.check_map_out(args, known_map)
-    if args.output is not None:
-        require_library(args.output)
+    inputs.check_map_out(args, known_map)
     follow = Follow() if args.follow else None
-    log = arguments.open_poses(args, args.log, follow, True)
+    log = inputs.open_poses(args, args.log, follow, True)
     tracker = Tracker.start(model, args.lag, known_map, log.source.read_as)
-    source, parts = Source(log, args.log, args), None
-    if args.map_out is not None:
-        from contact_tracker.outputs.parts import KnownParts
-
-        parts = KnownParts()
-    with (
-        _viewer(args, known_map, source, sink) as viewer,
-        StatusLine() as status,
-        _ticks(args.output, source, check) as write,
-    ):
+    source, parts = Source(log, args.log, args), None if args.map_out is None else KnownParts()
+    origin_ns = partial(getattr, log, "origin_ns")
+    write_to: Any = nullcontext(lambda _: None)
+    if args.output is not None:
+        write_to = open_rows(args.output, "ticks", origin_ns, check)
+    with _viewer(args, known_map, origin_ns, sink) as viewer, StatusLine() as status, write_to as write:
         printer = _Printer(args.json, source, status, args.suggest, plan)
         saved = None
         if args.state is not None:
             saved = SavedStream(args.state, tracker, source, printer.changes, follow)
             tracker = saved.tracker
 
-        def report(beliefs: "list[Belief]") -> None:
+        def report(beliefs: list[Belief]) -> None:
             if beliefs:
                 source.warn_of_problems(tracker.report_so_far, beliefs[-1].stamp_ns)
                 source.report_suspicion(beliefs[-1].stamp_ns, tracker.suspicions)
             for belief in beliefs:
                 with deferred(*SIGNALS):  # so that the file has every printed belief, in full
-                    motions = suggested() if belief is beliefs[-1] else ()  # for the newest belief only
+                    best, motions = tracker.best, tuple[InformativeMotion, ...]()
+                    if args.suggest and best is not None and belief is beliefs[-1]:
+                        motions = informative_motions(best)
                     printer.show(belief, motions)
                     if viewer is not None:
-                        viewer.belief(belief, None if tracker.best is None else tracker.best.map)
+                        viewer.belief(belief, None if best is None else best.map)
                         if args.suggest:
                             viewer.suggest(belief.stamp_ns, next(iter(motions), None))
                     write([belief])
-
-        def suggested() -> "tuple[InformativeMotion, ...]":
-            if not args.suggest or tracker.best is None:
-                return ()
-            from contact_tracker.tracking.informative_motion import informative_motions
-
-            return informative_motions(tracker.best)
 
         def has_to_end() -> bool:
             return saved is not None and saved.signal > 0
@@ -187,45 +127,29 @@ def _follow(args: argparse.Namespace, sink: "Sink | None") -> int:
             saved.save()
     code = source.finish(tracker.report, tracker.outliers, tracker.late)
     if parts is not None:
-        arguments.write_map(args.map_out, parts.learned(None if tracker.best is None else tracker.best.map))
+        inputs.write_map(args.map_out, parts.learned(None if tracker.best is None else tracker.best.map))
     if code == DONE and printer.has_left:
         code = DIFFERENT
     return code if stop_code == DONE else stop_code
 
 
 def _viewer(
-    args: argparse.Namespace, known_map: "Map", source: "Source", sink: "Sink | None"
+    args: argparse.Namespace, known_map: Map, origin_ns: Callable[[], int], sink: "Sink | None"
 ) -> "AbstractContextManager[LiveViewer | None]":
     if sink is None and not args.rerun:
         return nullcontext()
-    from contact_tracker.recording import read_metadata
-    from contact_tracker.trajectory import vertices_from_metadata
     from contact_tracker.viewer.views import LiveViewer
 
     vertices_m = vertices_from_metadata(read_metadata(args.log))
-    return LiveViewer(vertices_m, sink, lambda: source.log.origin_ns, known_map)
-
-
-def _ticks(
-    path: Path | None, source: "Source", check: Callable[[], None]
-) -> "AbstractContextManager[Callable[[list[Belief]], None]]":
-    """A context with the function that writes beliefs to the output file of all ticks, if any."""
-    if path is None:
-        return nullcontext(lambda _: None)
-    from contact_tracker.exports.formats import open_rows
-
-    return open_rows(path, "ticks", lambda: source.log.origin_ns, check)
+    return LiveViewer(vertices_m, sink, origin_ns, known_map)
 
 
 class _Printer:
     """Prints each belief as JSON, or a line when it is news (``Changes``)."""
 
     def __init__(
-        self, as_json: bool, source: "Source", status: StatusLine, suggests: bool, plan: "Plan | None"
+        self, as_json: bool, source: Source, status: StatusLine, suggests: bool, plan: Plan | None
     ) -> None:
-        from contact_tracker.outputs.text import Changes
-        from contact_tracker.sequences.plan import PlanFollower
-
         self._follower = None if plan is None else PlanFollower(plan)
         self.changes = Changes()
         self._as_json = as_json
@@ -240,11 +164,8 @@ class _Printer:
         """Whether the stream has left its plan, if any."""
         return self._follower is not None and self._follower.has_left
 
-    def show(self, belief: "Belief", motions: "tuple[InformativeMotion, ...]") -> None:
+    def show(self, belief: Belief, motions: tuple[InformativeMotion, ...]) -> None:
         """Print a belief and the suggested ``motions``."""
-        from contact_tracker.exports.formats import json_line
-        from contact_tracker.outputs.text import CHANGES_HEADER, change_lines, status_text
-
         is_first, origin_ns = self.changes.label is None, self._source.log.origin_ns
         changes = self.changes.update(belief)
         progress = None if self._follower is None else self._follower.update(belief)
@@ -267,7 +188,7 @@ class _Printer:
                 self._status.print(line)
         self._status.show(lambda: status_text(belief, origin_ns))
 
-    def _is_news(self, motions: "tuple[InformativeMotion, ...]", stamp_ns: int) -> bool:
+    def _is_news(self, motions: tuple[InformativeMotion, ...], stamp_ns: int) -> bool:
         """Whether the first of the ``motions``, the most informative one, is for states for which none is
         printed, not more often than ``_SUGGESTED_NS``."""
         states = [motion.states for motion in motions]

@@ -9,13 +9,14 @@ import os
 import re
 import sys
 import threading
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from importlib import import_module
+from itertools import chain
 from typing import Any, Final, NoReturn
 
 import contact_tracker.viewer as viewer
-from contact_tracker.cli import batch, compare, info, live, segment, view
 from contact_tracker.cli.arguments import set_table
+from contact_tracker.cli.commands import COMMANDS, Command
 from contact_tracker.cli.terminal import QUIET, USUAL, VERBOSE, fail, set_verbosity, show, take_over_warnings
 from contact_tracker.errors import (
     DAMAGED,
@@ -34,7 +35,6 @@ from contact_tracker.version import __version__
 
 _ENDING: Final = ("SIGTERM", "SIGHUP")
 _SIGNALLED: Final = "".join(f", {code} by {name}" for name in _ENDING if (code := exit_code_of(name)))
-COMMANDS: Final = (live, segment, compare, batch, view, info)
 LAB_COMMANDS: Final = ("simulate", "evaluate", "calibrate")
 """Modules of ``contact_tracker_lab.cli``, imported by name, as that package imports this one."""
 SHELLS: Final = ("bash", "zsh", "tcsh")
@@ -116,20 +116,12 @@ class PrintCompletion(argparse.Action):
         with extra("completion", "completion"):
             import shtab
 
-        for action in _actions(parser):
+        (commands,) = (a for a in parser._actions if isinstance(a, argparse._SubParsersAction))
+        for action in chain.from_iterable(command._actions for command in commands.choices.values()):
             if action.metavar in _FILES:
-                action.complete = shtab.FILE  # type: ignore[attr-defined]
+                action.complete = shtab.FILE
         show(shtab.complete(parser, shell=shell))
         parser.exit()
-
-
-def _actions(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:
-    """Actions of the parser and of its commands' parsers."""
-    for action in parser._actions:
-        yield action
-        if isinstance(action, argparse._SubParsersAction):
-            for command in action.choices.values():
-                yield from _actions(command)
 
 
 def option_suggestion(
@@ -154,7 +146,7 @@ def _options(parser: argparse.ArgumentParser) -> list[str]:
 
 
 def build_parser() -> argparse.ArgumentParser:
-    """The parser of all commands; the module of each command configures its own part."""
+    """The parser of all commands."""
     parser = Parser(prog="contact-tracker", description=DESCRIPTION, epilog=EPILOG)
     about_version = "show the version, and whether it runs compiled"
     parser.add_argument("--version", action=Version, nargs=0, help=about_version)
@@ -163,18 +155,22 @@ def build_parser() -> argparse.ArgumentParser:
         "--print-completion", action=PrintCompletion, choices=SHELLS, metavar="SHELL", help=about_completion
     )
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", dest="command", required=True)
-    lab = (import_module(f"contact_tracker_lab.cli.{name}") for name in LAB_COMMANDS)
-    for command in (*COMMANDS, *lab):
+    for command in (*COMMANDS, *map(_lab_command, LAB_COMMANDS)):
         sub = commands.add_parser(
-            command.__name__.rpartition(".")[2],
-            help=command.HELP,
-            description=command.DESCRIPTION,
-            epilog=f"example:\n  {command.EXAMPLE}",
+            command.name,
+            help=command.help,
+            description=command.description,
+            epilog=f"example:\n  {command.example}",
         )
         command.configure(sub)
         _add_verbosity(sub)
         sub.set_defaults(run=command.run, parsers=(sub, commands.choices))
     return parser
+
+
+def _lab_command(name: str) -> Command:
+    of = import_module(f"contact_tracker_lab.cli.{name}")
+    return Command(name, of.HELP, of.DESCRIPTION, of.EXAMPLE, of.configure, "contact_tracker_lab.cli")
 
 
 def _add_verbosity(parser: argparse.ArgumentParser) -> None:

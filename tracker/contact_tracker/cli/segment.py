@@ -5,47 +5,35 @@ import os
 import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from concurrent.futures import Executor
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
 
-from contact_tracker.cli import arguments
+from contact_tracker.cli import inputs
+from contact_tracker.cli.arguments import PLACE
+from contact_tracker.cli.source import Source
 from contact_tracker.cli.terminal import progress, say, show, take_over_warnings, warn
+from contact_tracker.config.parameters import Model
 from contact_tracker.errors import DONE, ChoiceError, NoPoses, UsageError
 from contact_tracker.exports.formats import (
     FIGURES,
-    FORMATS,
-    ROWS,
-    SUFFIXES,
     check_output,
     require_library,
     rows_of,
+    write_outcome,
+    write_pieces,
 )
-
-if TYPE_CHECKING:
-    from concurrent.futures import Executor
-
-    from contact_tracker.config.parameters import Model
-    from contact_tracker.map.map import Map
-    from contact_tracker.tracking.belief import Segment
-    from contact_tracker.tracking.filter_bank import Report
-
-HELP: Final = "the contacts of whole recordings over time, as smoothed segments"
-DESCRIPTION: Final = """\
-Cut a recording into segments of one contact each, from all its data: the most probable sequence,
-smoothed probabilities and the geometry of each segment. FILE.csv, FILE.srt (subtitles) and
-FILE.tex (LaTeX) get an entry per segment, FILE.jsonl and FILE.parquet one per tick, unless --rows says
-otherwise; FILE.mcap is the recording with drawings for Foxglove, FILE.html a report, FILE.png, .pdf and
-.svg a figure, FILE.graphml the graph of contacts, FILE.toml a plan for live --expect; without -o a
-table goes to stdout."""
-EXAMPLE: Final = "contact-tracker segment recordings/paper_experiment.mcap -o out.csv"
-
-
-PLACE: Final = "{}"
-"""Placeholder for the name of a recording, and of an object, in an output's name."""
+from contact_tracker.map.map import Map
+from contact_tracker.outputs.parts import KnownParts
+from contact_tracker.outputs.text import counted, table
+from contact_tracker.processes import Workers
+from contact_tracker.recording import list_sources
+from contact_tracker.segmenting import OfflineTracker, segmented
+from contact_tracker.tracking.belief import Detail, Segment
+from contact_tracker.tracking.filter_bank import Report
 
 
 def list_jobs(args: argparse.Namespace) -> list[argparse.Namespace]:
@@ -91,8 +79,6 @@ def _job(
 
 def _objects(log: str, args: argparse.Namespace) -> Iterator[argparse.Namespace]:
     """The arguments of a job for each source of poses in a recording."""
-    from contact_tracker.recording import list_sources
-
     if log == "-":
         raise UsageError("--all reads a recording twice: name a file, not -")
     sources = [s for s in list_sources(log, args.table) if args.topic is None or s.topic == args.topic]
@@ -109,29 +95,6 @@ def _objects(log: str, args: argparse.Namespace) -> Iterator[argparse.Namespace]
 def _stem(log: str) -> str:
     """The name of a recording in the name of its output."""
     return "stdin" if log == "-" else Path(os.path.realpath(log)).stem
-
-
-def configure(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("logs", metavar="LOG", nargs="+", help=arguments.LOG_HELP)
-    arguments.add_recording(parser)
-    text = "every source of poses in turn, instead of the one that is chosen"
-    parser.add_argument("--all", action="store_true", help=text)
-    arguments.add_wrench(parser)
-    arguments.add_output(
-        parser,
-        ("-", *SUFFIXES),
-        f"write FILE with the suffix {', '.join(SUFFIXES)}, whole or not at all; - is a table on stdout (the "
-        f"default); {PLACE} in FILE is the name of the recording (with --all: and of the object)",
-    )
-    suffixes = ", ".join(suffix for suffix, format_ in FORMATS.items() if len(format_.rows) > 1)
-    text = f"entries of {suffixes}: one per tick or per segment (default: .csv segments, the others ticks)"
-    parser.add_argument("--rows", choices=ROWS, help=text)
-    text = "draw the contacts and the transitions between them in FILE.png, .pdf or .svg instead"
-    parser.add_argument("--graph", action="store_true", help=text)
-    arguments.add_labels(parser, "your own labels of LOG, shown in a figure above those that are found")
-    arguments.add_map_out(parser)
-    several = "processes that fit segments in parallel; helps with recordings of many minutes (default: 1)"
-    arguments.add_processes(parser, 64, 1, several)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -151,19 +114,20 @@ def run(args: argparse.Namespace) -> int:
     if args.map_out is not None and len(jobs) > 1:
         raise UsageError("--map-out needs a single LOG: pass the map on with --known and --map-out")
     notes = list[str]()
-    model, known_map = arguments.load_model(args), arguments.load_map(args, _noting(notes))
-    with _workers(args.processes) as executor:
+    model, known_map = inputs.load_model(args), inputs.load_map(args, _noting(notes))
+    workers = Workers(args.processes - 1, take_over_warnings) if args.processes > 1 else nullcontext()
+    with workers as executor:  # this process works, too
 
         def segment(job: argparse.Namespace) -> int:
             if job.output is None and len(jobs) > 1:
                 show(job.name)
             return _segment(job, model, known_map, executor, notes)
 
-        codes = list(arguments.run_each((partial(segment, job) for job in jobs), len(jobs) == 1))
+        codes = list(inputs.run_each((partial(segment, job) for job in jobs), len(jobs) == 1))
     return next(filter(None, codes), DONE)
 
 
-def _say_what_decides(segments: "Sequence[Segment]", report: "Report | None") -> None:
+def _say_what_decides(segments: Sequence[Segment], report: Report | None) -> None:
     """Say what would decide contacts if none is decided, no joint named, and no mistake suspected."""
     is_in_doubt = report is not None and any(finding.doubts_labels for finding in report.findings)
     if segments and all(one.inseparable and one.joint is None for one in segments) and not is_in_doubt:
@@ -171,15 +135,6 @@ def _say_what_decides(segments: "Sequence[Segment]", report: "Report | None") ->
             "no contact is decided: move the object in more directions (live LOG --suggest names motions), "
             "or list known elements of the object and the surroundings (--known)"
         )
-
-
-def _workers(processes: int) -> "AbstractContextManager[Executor | None]":
-    """A context with one process less than ``processes``, as this process works, too."""
-    if processes == 1:
-        return nullcontext()
-    from contact_tracker.processes import Workers
-
-    return Workers(processes - 1, take_over_warnings)
 
 
 def _noting(notes: list[str]) -> Callable[[str], None]:
@@ -193,26 +148,16 @@ def _noting(notes: list[str]) -> Callable[[str], None]:
 
 
 def _segment(
-    args: argparse.Namespace,
-    model: "Model",
-    known_map: "Map",
-    executor: "Executor | None",
-    warnings: Iterable[str],
+    args: argparse.Namespace, model: Model, known_map: Map, executor: Executor | None, warnings: list[str]
 ) -> int:
     """Segment one recording and return the exit code; ``warnings`` are those so far."""
-    from contact_tracker.cli.source import Source
-    from contact_tracker.exports.formats import write_outcome, write_pieces
-    from contact_tracker.outputs.text import counted, table
-    from contact_tracker.segmenting import OfflineTracker, segmented
-    from contact_tracker.tracking.belief import Detail
-
-    read = [*args.logs, *arguments.files_read([args.log], args.model, args.known)]
+    read = [*args.logs, *inputs.files_read([args.log], args.model, args.known)]
     check = check_output(args.output, args.overwrite, read, written=args.other_outputs)
-    arguments.check_map_out(args, known_map)
-    labels = None if args.labels is None else arguments.load_labels(args, args.log)
+    inputs.check_map_out(args, known_map)
+    labels = None if args.labels is None else inputs.load_labels(args, args.log)
     notes = [*warnings]
-    wrenches = arguments.load_wrenches(args.log, args, model, known_map, _noting(notes))
-    log = arguments.open_poses(args, args.log)
+    wrenches = inputs.load_wrenches(args.log, args, model, known_map, _noting(notes))
+    log = inputs.open_poses(args, args.log)
     source = Source(log, args.log, args)
     with progress("segment", "poses", source.expected) as set_done:
         count = 0
@@ -243,13 +188,11 @@ def _segment(
     code = source.finish(report, outliers)
     if args.output is None:
         _say_what_decides(segments, report)
-    if args.output is not None:
+    else:
         rows = "" if args.rows is None else f": {counted(count, args.rows.removesuffix('s'))}"
         say(f"wrote {args.output}{rows}")
     if args.map_out is not None and trajectory is not None:
-        from contact_tracker.outputs.parts import KnownParts
-
         parts = KnownParts(vertices_m=trajectory.vertices_m)
         parts.add_poses(trajectory.poses)
-        arguments.write_map(args.map_out, parts.learned(touched))
+        inputs.write_map(args.map_out, parts.learned(touched))
     return code

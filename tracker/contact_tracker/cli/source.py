@@ -9,26 +9,28 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
-from contact_tracker.cli.terminal import detail, say, warn
+from contact_tracker.cli.terminal import detail, progress, say, warn
+from contact_tracker.config.parameters import Model
 from contact_tracker.errors import DAMAGED, DONE, StateError, UsageError
 from contact_tracker.files import why_not_writable
 from contact_tracker.inspection.stream_checks import ORIENTATION, STILL
 from contact_tracker.interrupts import SIGNALS, repeat_unless
+from contact_tracker.map.map import Map
 from contact_tracker.motion.losses import counts_text
 from contact_tracker.motion.pose_validation import Arrival
 from contact_tracker.motion.poses import Outliers, Poses
 from contact_tracker.outputs.adaptation import noise_text, not_given, warnings
+from contact_tracker.outputs.outcome import Outcome
 from contact_tracker.outputs.text import Changes
 from contact_tracker.recording import Follow, PoseLog, PoseSource
 from contact_tracker.recording.sources import Stamping
 from contact_tracker.saved_state import fingerprint, load, save
+from contact_tracker.segmenting import segmented
 from contact_tracker.tracker import Tracker
+from contact_tracker.tracking.filter_bank import Report
 from contact_tracker.trajectory import Trajectory
-
-if TYPE_CHECKING:
-    from contact_tracker.tracking.filter_bank import Report
 
 _LONGEST_SLEEP_S: Final = 0.1
 """Longest sleep in seconds between checks whether the stream has to end."""
@@ -59,6 +61,7 @@ class Source:
             warn(f"{self.name}: {log.note}")
         self._warned = set[str]()
         self._suspected_since_ns: int | None = None
+        self._late = 0
 
     def batches(self) -> Iterator[Poses]:
         """The poses of the interval in batches of columns.
@@ -74,14 +77,13 @@ class Source:
 
     def arrivals(self) -> Iterator[Arrival]:
         """The arrivals of measured poses in the interval, with less delay; raises as ``batches``."""
-        late = 0
         for count, arrival in enumerate(self.log.arrivals(), 1):
             if count % _POSES_PER_CHECK == 0:
-                self._warn_of_loss(self.log.loss)
-            late = self._warn_of_late_sources(late)
+                self._warn_once(self.log.loss)
+            self._warn_of_late_sources()
             if self.log.valid:
                 yield arrival
-        self._warn_of_late_sources(late)
+        self._warn_of_late_sources()
         if not self.log.valid:
             raise self.log.no_poses(self.name)
 
@@ -90,14 +92,14 @@ class Source:
         """Whether the input is standard input, which cannot be read again."""
         return self.name == "-"
 
-    def _warn_of_late_sources(self, reported: int) -> int:
-        """Warn of late sources beyond the first ``reported``; returns the number of late sources."""
-        for source in self.log.late_sources[reported:]:
+    def _warn_of_late_sources(self) -> None:
+        """Warn of sources that show up late, each once."""
+        for source in self.log.late_sources[self._late :]:
+            self._late += 1
             warn(
                 f"{self.name}: another source of poses shows up: {source}; going on with {self.log.source}: "
                 "choose with --topic or --frame"
             )
-        return len(self.log.late_sources)
 
     @property
     def expected(self) -> int | None:
@@ -111,7 +113,14 @@ class Source:
         is_rereadable = not self.is_stdin and os.path.exists(self.name) and self._is_as_named
         return Trajectory.from_log(self.log, self.name, poses, is_rereadable)
 
-    def finish(self, adapted: "Report | None", outliers: Outliers, late: int = 0) -> int:
+    def segment(
+        self, trajectory: Trajectory, model: Model, known_map: Map, label: str = "segment"
+    ) -> Outcome:
+        """The segmentation of all poses, with a bar of progress."""
+        with progress(label, "poses", len(trajectory)) as set_done:
+            return segmented(trajectory, model, known_map, progress=set_done)
+
+    def finish(self, adapted: Report | None, outliers: Outliers, late: int = 0) -> int:
         """Print the numbers of read and unused poses and the tracker's adaptation; returns the exit code."""
         self.warn_of_damage()
         log, took_s = self.log, time.monotonic() - self._begin_s
@@ -130,13 +139,13 @@ class Source:
 
     def warn_of_damage(self) -> None:
         """Warn once that most poses were dropped or the recording is damaged, before the results."""
-        self._warn_of_loss(self.log.damage)
+        self._warn_once(self.log.damage)
 
-    def _warn_of_loss(self, damage: str | None) -> None:
+    def _warn_once(self, damage: str | None) -> None:
         for line in not_given(filter(None, [damage]), self._warned):
             warn(f"{self.name}: {line}")
 
-    def warn_of_problems(self, adapted: "Report | None", stamp_ns: int | None = None) -> None:
+    def warn_of_problems(self, adapted: Report | None, stamp_ns: int | None = None) -> None:
         """Warn of the problems of the stream, each once. In a stream that goes on at ``stamp_ns``, poses that
         have not changed so far are warned of once that has lasted for ``_SUSPECTED_NS``: an object may rest
         at first."""

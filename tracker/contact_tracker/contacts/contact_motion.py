@@ -17,9 +17,9 @@ from scipy.linalg import cho_solve_banded, cholesky_banded
 from scipy.optimize import minimize_scalar
 from scipy.special import chdtrc, chdtri
 
-from contact_tracker.contacts.task_frame import PARALLEL
 from contact_tracker.geometry.elements import Array, ContactGeometry, Element, Line, Plane, Point
 from contact_tracker.geometry.linalg import (
+    PARALLEL,
     between,
     cross,
     cross_matrix,

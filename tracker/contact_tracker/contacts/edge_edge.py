@@ -22,7 +22,8 @@ from contact_tracker.contacts.family import (
 )
 from contact_tracker.geometry import lifted_pose
 from contact_tracker.geometry.elements import Element, Line
-from contact_tracker.geometry.linalg import cross, dot
+from contact_tracker.geometry.linalg import PARALLEL, TINY, cross, dot
+from contact_tracker.states import Contact
 
 D1: Final = slice(0, 3)
 Q1: Final = slice(3, 6)
@@ -30,17 +31,15 @@ D2: Final = slice(6, 9)
 Q2: Final = slice(9, 12)
 LINE1: Final = slice(0, 6)
 LINE2: Final = slice(6, 12)
-ROWS: Final = 1
+ROWS: Final = Contact.EE.codimension
 COLUMNS: Final = np.concatenate([lifted_pose.R, lifted_pose.TXR, lifted_pose.ONE])
 FORM: Final = Form(d1=0, q1=3, d2=6, q2=9)
 SIZE, PARAMETERS, SPREAD = FORM.size, FORM.parameters, FORM.spread
 place, normalise, tangent = FORM.place, FORM.normalise, FORM.tangent
 RANDOM_STARTS: Final = 75
-SINE_SQ_FLOOR: Final = 1e-12
+SINE_SQ_FLOOR: Final = PARALLEL**2
 """Against division by zero only. With a larger floor the distance of edges that are nearly parallel shrinks:
 two along a straight slide would then explain it best."""
-TINY: Final = 1e-300
-RIDGE: Final = 1e-6
 STARTS: Final = 6
 
 
@@ -82,7 +81,7 @@ def log_scale_sq_derivative(x: Array, moments: Array) -> Array:
 
 def starts(moments: Array) -> Array:
     """The pairs of lines nearest to the smallest directions of the relaxed problem."""
-    relaxed = smallest_directions(moments[..., :18, :18], slice(9, 18), RIDGE)
+    relaxed = smallest_directions(moments[..., :18, :18], slice(9, 18))
     c = np.swapaxes(relaxed, -1, -2)[..., :STARTS, :]
     left, _, right = np.linalg.svd(c.reshape(*c.shape[:-1], 3, 3))
     zero = np.zeros((*c.shape[:-1], 3))

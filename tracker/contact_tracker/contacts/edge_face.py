@@ -23,18 +23,19 @@ from contact_tracker.contacts.family import (
 from contact_tracker.geometry import lifted_pose
 from contact_tracker.geometry.elements import Element, Line, Plane
 from contact_tracker.geometry.linalg import EYE, dot
+from contact_tracker.states import Contact
 
 D: Final = slice(0, 3)
 Q: Final = slice(3, 6)
 N: Final = slice(6, 9)
 H: Final = slice(9, 10)
-ROWS: Final = 2
+ROWS: Final = Contact.EF.codimension
 COLUMNS: Final = np.concatenate([lifted_pose.R, lifted_pose.T, lifted_pose.ONE])
 FORM: Final = Form(d1=0, q1=3, d2=6, h=9)
 SIZE, PARAMETERS, SPREAD = FORM.size, FORM.parameters, FORM.spread
 place, normalise, tangent = FORM.place, FORM.normalise, FORM.tangent
 scale_sq, log_scale_sq_derivative = constant_scale_sq, constant_log_scale_sq_derivative
-RANDOM_STARTS: Final = 24
+RANDOM_STARTS: Final = vertex_face.RANDOM_STARTS
 
 
 def rows(x: Array) -> Array:

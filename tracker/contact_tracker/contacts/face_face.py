@@ -22,11 +22,12 @@ from contact_tracker.contacts.family import (
 from contact_tracker.geometry import lifted_pose
 from contact_tracker.geometry.elements import Element, Plane
 from contact_tracker.geometry.linalg import EYE, sphere_tangent
+from contact_tracker.states import Contact
 
 M: Final = slice(0, 3)
 N: Final = slice(3, 6)
 H: Final = slice(6, 7)
-ROWS: Final = 3
+ROWS: Final = Contact.FF.codimension
 COLUMNS: Final = np.concatenate([lifted_pose.R, lifted_pose.T, lifted_pose.ONE])
 FORM: Final = Form(d1=0, d2=3, h=6)
 SIZE, PARAMETERS, SPREAD = FORM.size, FORM.parameters, FORM.spread

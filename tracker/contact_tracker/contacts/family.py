@@ -13,7 +13,7 @@ the prior of touching points has the size of the body's reach.
 """
 
 from functools import cache
-from typing import NamedTuple, Protocol
+from typing import Final, NamedTuple, Protocol
 
 import numpy as np
 
@@ -193,14 +193,18 @@ def constant_log_scale_sq_derivative(x: Array, moments: Array) -> Array:
     return np.zeros_like(x)
 
 
-def smallest_directions(moments: Array, keep: slice, ridge: float) -> Array:
+RIDGE: Final = 1e-6
+"""Ridge of relaxed problems, relative to the moments' trace, against unobserved directions."""
+
+
+def smallest_directions(moments: Array, keep: slice) -> Array:
     """Solutions (..., k, k) of a relaxed problem, in columns, in order of their minima.
 
     Minimises ``c M c`` over coefficients c (..., C) with unit length in the k entries ``keep``, which are
     returned; the other entries are eliminated (Schur complement with a ridge).
     """
     kept, eliminated = _kept_and_eliminated(moments.shape[-1], keep.start, keep.stop)
-    scale = ridge * moments.trace(axis1=-2, axis2=-1)[..., None, None]
+    scale = RIDGE * moments.trace(axis1=-2, axis2=-1)[..., None, None]
     inner = moments[..., eliminated[:, None], eliminated] + scale * np.eye(len(eliminated))
     coupling = -np.linalg.solve(inner, moments[..., eliminated[:, None], kept])
     schur = moments[..., kept[:, None], kept] + moments[..., kept[:, None], eliminated] @ coupling

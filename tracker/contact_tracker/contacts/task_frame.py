@@ -20,10 +20,9 @@ from contact_tracker.geometry.elements import (
     numbers,
     of_numbers,
 )
+from contact_tracker.geometry.linalg import PARALLEL, STEP
 from contact_tracker.states import Contact
 
-PARALLEL: Final = 1e-6
-"""Sine of the angle below which two directions are parallel, and their common normal is not defined."""
 TWIST: Final = ("vx", "vy", "vz", "wx", "wy", "wz")
 """Coordinates of a twist: velocities and angular velocities."""
 _CONSTRAINED: Final = {3: (2, 3, 4), 2: (2, 4), 1: (2,)}
@@ -40,8 +39,6 @@ _NAMES: Final = {
     "screw": "helical",
     "ball": "spherical",
 }
-_STEP: Final = 1e-6
-"""Step (m, rad) of numerical derivatives."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,7 +229,7 @@ def _covariance(build: Callable[..., Array | None], *elements: Element) -> Array
         values = numbers(element)
         changes = np.empty((6, len(values)))
         for k in range(len(values)):
-            step = _STEP * (np.arange(len(values)) == k)
+            step = STEP * (np.arange(len(values)) == k)
             changed = (of_numbers(type(element), values + change) for change in (step, -step))
             moved = [build(*elements[:i], element, *elements[i + 1 :]) for element in changed]
             if moved[0] is None or moved[1] is None:
@@ -240,7 +237,7 @@ def _covariance(build: Callable[..., Array | None], *elements: Element) -> Array
             changes[:3, k] = frame[:3, :3].T @ (moved[0] - moved[1])[:3, 3]
             turn = frame[:3, :3].T @ (moved[0] - moved[1])[:3, :3]
             changes[3:, k] = turn[2, 1], turn[0, 2], turn[1, 0]
-        changes /= 2.0 * _STEP
+        changes /= 2.0 * STEP
         total += changes @ element.covariance @ changes.T
     return total
 

@@ -22,19 +22,18 @@ from contact_tracker.contacts.family import (
 from contact_tracker.geometry import lifted_pose
 from contact_tracker.geometry.elements import Element, Plane, Point
 from contact_tracker.geometry.linalg import EYE, dot, unit
+from contact_tracker.states import Contact
 
 Q: Final = slice(0, 3)
 N: Final = slice(3, 6)
 H: Final = slice(6, 7)
-ROWS: Final = 1
+ROWS: Final = Contact.VF.codimension
 COLUMNS: Final = np.concatenate([lifted_pose.R, lifted_pose.T, lifted_pose.ONE])
 FORM: Final = Form(q1=0, d2=3, h=6)
 SIZE, PARAMETERS, SPREAD = FORM.size, FORM.parameters, FORM.spread
 place, normalise, tangent = FORM.place, FORM.normalise, FORM.tangent
 scale_sq, log_scale_sq_derivative = constant_scale_sq, constant_log_scale_sq_derivative
 RANDOM_STARTS: Final = 24
-RIDGE: Final = 1e-7
-"""Ridge of the relaxed problem, relative to the moments' trace, against unobserved directions."""
 
 
 def rows(x: Array) -> Array:
@@ -53,7 +52,7 @@ def rows_derivative(x: Array) -> Array:
 
 
 def starts(moments: Array) -> Array:
-    c = np.swapaxes(smallest_directions(moments, slice(9, 12), RIDGE), -1, -2)
+    c = np.swapaxes(smallest_directions(moments, slice(9, 12)), -1, -2)
     n = unit(c)
     return np.concatenate([np.zeros_like(n), n, np.zeros_like(n[..., :1])], axis=-1)
 

@@ -3,7 +3,6 @@ DataFrame of pandas (an extra), with types that do not depend on the values."""
 
 import json
 from collections.abc import Iterable
-from itertools import chain
 from typing import TYPE_CHECKING, Any, Final, Literal
 
 from contact_tracker.contacts.contact_motion import MEANS
@@ -80,52 +79,38 @@ OPEN: Final = "open"
 
 def columns_of(rows: Rows, entries: Iterable[Any]) -> Columns:
     """The columns of beliefs or segments, with a row for each."""
-    columns: Columns = {name: [] for name in COLUMNS[rows]}
-    values: list[Any]
-    previous, geometry_cells = None, dict[str, Any].fromkeys(_GEOMETRY)
-    for entry in entries:
-        geometry, joint = entry.geometry, entry.joint
-        if previous is not geometry:  # consecutive rows often share it
-            pair = () if geometry is None else (geometry.object, geometry.environment)
-            values = [*chain.from_iterable(map(_element_cells, pair))] or [None] * len(_GEOMETRY)
-            previous, geometry_cells = geometry, dict(zip(_GEOMETRY, values, strict=True))
-        contacts = [entry.contact, *(further.contact for further in entry.further)]
-        cells: dict[str, Any] = {
-            "contact": entry.contact.value,
-            "inseparable": " ".join(entry.inseparable),
-            "contacts": "" if entry.contact is Contact.FREE else " ".join(contacts),
-            "decided": decided(entry),
-            **dict.fromkeys(_JOINT),
-            **geometry_cells,
-        }
-        if joint is not None:
-            axis_and_point = _element_cells(joint.environment)[2:8]
-            values = [joint.kind.value, float(joint.probability), *axis_and_point, joint.pitch_m_per_rad]
-            cells |= zip(_JOINT, values, strict=True)
-        if isinstance(entry, Belief):
-            posterior = [float(p) for p in entry.probability]
-            cells |= {"stamp_ns": entry.stamp_ns, "onset_ns": entry.onset_ns}
-            cells |= {
-                "probability": posterior[entry.contact.column],
-                **dict(zip(PROBABILITIES, posterior, strict=True)),
-            }
-        else:
-            cells |= {"start_ns": entry.start_ns, "end_ns": entry.end_ns, "probability": entry.probability}
-            cells |= dict.fromkeys(_MOTION | _TASK) | _motion_and_task_cells(entry)
-        for name, column in columns.items():
-            column.append(cells[name])
-    return columns
+    table = [_known_cells(entry) for entry in entries]
+    return {name: [cells.get(name) for cells in table] for name in COLUMNS[rows]}
 
 
-def _motion_and_task_cells(segment: Segment) -> dict[str, Any]:
-    """The cells of ``_MOTION`` and ``_TASK``, where they are known."""
-    cells, motion, frame = dict[str, Any](), segment.motion, segment.task_frame
-    if motion is not None:
-        cells = {"motion": ", ".join(motion.kinds), **motion.means}
-    if frame is not None:
-        values = frame.to_json()
-        task = [*values["origin_m"], *values["quat_xyzw"], frame.name, " ".join(values["constrained"])]
-        cells |= zip(_TASK, [*task, *(frame.sd or (None,) * 6)], strict=True)
+def _known_cells(entry: Belief | Segment) -> dict[str, Any]:
+    """The cells of a row by column, without unknown ones."""
+    contacts = [entry.contact, *(further.contact for further in entry.further)]
+    cells: dict[str, Any] = {
+        "contact": entry.contact.value,
+        "inseparable": " ".join(entry.inseparable),
+        "contacts": "" if entry.contact is Contact.FREE else " ".join(contacts),
+        "decided": decided(entry),
+    }
+    if (pair := entry.geometry) is not None:
+        values = [*_element_cells(pair.object), *_element_cells(pair.environment)]
+        cells |= zip(_GEOMETRY, values, strict=True)
+    if (joint := entry.joint) is not None:
+        axis_and_point = _element_cells(joint.environment)[2:8]
+        values = [joint.kind.value, float(joint.probability), *axis_and_point, joint.pitch_m_per_rad]
+        cells |= zip(_JOINT, values, strict=True)
+    if isinstance(entry, Belief):
+        posterior = entry.probability.tolist()
+        cells |= {"stamp_ns": entry.stamp_ns, "onset_ns": entry.onset_ns}
+        cells |= {"probability": posterior[entry.contact.column]}
+        return cells | dict(zip(PROBABILITIES, posterior, strict=True))
+    cells |= {"start_ns": entry.start_ns, "end_ns": entry.end_ns, "probability": entry.probability}
+    if entry.motion is not None:
+        cells |= {"motion": ", ".join(entry.motion.kinds), **entry.motion.means}
+    if (frame := entry.task_frame) is not None:
+        values = [*frame.T_world_task[:3, 3].tolist(), *frame.quat_xyzw.tolist(), frame.name]
+        values += [" ".join(frame.to_json()["constrained"]), *(frame.sd or (None,) * 6)]
+        cells |= zip(_TASK, values, strict=True)
     return cells
 
 

@@ -5,7 +5,7 @@ Their types are from foxglove-sdk (extra ``foxglove``).
 
 import json
 from bisect import bisect_right
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from heapq import merge
 from pathlib import Path
 from typing import Any, Final
@@ -18,8 +18,8 @@ from contact_tracker.contacts.task_frame import T_world_body, contact_frame
 from contact_tracker.errors import UsageError
 from contact_tracker.geometry.elements import Array
 from contact_tracker.outputs.outcome import Outcome
-from contact_tracker.outputs.parts import SIDES, KnownParts, Part
-from contact_tracker.outputs.scene import GREY, OBJECT, Extent, Mesh, Upward, draw_all, poses_within
+from contact_tracker.outputs.parts import SIDES, DrawnRecording
+from contact_tracker.outputs.scene import GREY, OBJECT, Mesh
 from contact_tracker.outputs.text import COLOUR, Colour
 from contact_tracker.recording import Channel, RawMessage, write_beside
 from contact_tracker.states import STATES
@@ -46,13 +46,12 @@ def write_mcap(outcome: Outcome, path: Path, _: str = ".mcap") -> None:
     if len(poses) and not 0 <= poses.stamp_ns[0] + min(log_offset_ns, 0) <= poses.stamp_ns[-1] < _RANGE_NS:
         raise UsageError("stamps of an MCAP file for Foxglove lie between 0 and 2^32 s")
     frames = outcome.trajectory.frames[0] or WORLD, outcome.trajectory.frames[1] or BODY
-    known_parts = KnownParts.of(outcome)
-    extent = known_parts.object_extent
+    drawn = DrawnRecording.of(outcome)
     added = merge(
         _beliefs(outcome),
         _frames(outcome, frames),
-        _known_scene(outcome, frames, known_parts.parts(outcome.touched), extent),
-        _scene(outcome, frames, extent),
+        _known_scene(drawn, frames),
+        _scene(outcome, frames, drawn),
         key=lambda message: message.log_time_ns,
     )
     shifted = (message._replace(log_time_ns=message.log_time_ns + log_offset_ns) for message in added)
@@ -123,77 +122,69 @@ def _transform(
     return RawMessage(channel, stamp_ns, fox.FrameTransforms(transforms=[transform]).encode())
 
 
-def _scene(outcome: Outcome, frames: tuple[str, ...], extent: Extent) -> Iterator[RawMessage]:
+def _scene(outcome: Outcome, frames: tuple[str, ...], drawn: DrawnRecording) -> Iterator[RawMessage]:
     """The drawn contacts at each change; each message replaces the previous one."""
-    channel, poses = _channel(recording.SCENE_TOPIC, fox.SceneUpdate), outcome.trajectory.poses
-    up = Upward.of(outcome.segments, poses, extent).direction
+    channel, size_m = _channel(recording.SCENE_TOPIC, fox.SceneUpdate), _TEXT_SIZE * drawn.extent.radius_m
+    world, body = frames
     for segment in outcome.segments:
+        labels = {"contact": segment.contact.value, "probability": f"{segment.probability:.3f}"}
+        metadata = [fox.KeyValuePair(key=key, value=value) for key, value in labels.items()]
         for part in segment.parts:
-            deletion = fox.SceneEntityDeletion(
-                timestamp=_timestamp(part.start_ns), type=fox.SceneEntityDeletionType.All
-            )
-            drawing = draw_all(part.geometries, poses_within(poses, part.start_ns, part.end_ns), extent, up)
-            entities = []
+            stamp_ns, colour, entities = part.start_ns, COLOUR[segment.contact], list[fox.SceneEntity]()
+            drawing = drawn.pairs(part.geometries, stamp_ns, part.end_ns)
             if drawing is not None:
-                colour = COLOUR[segment.contact]
                 styles = (OBJECT, _OPAQUE), (OBJECT, _PALE), (colour, _OPAQUE), (colour, _PALE)
                 shapes = [_triangles(m, *style) for m, style in zip(drawing.meshes, styles, strict=True)]
                 kinds = " + ".join((segment.contact, *(further.contact for further in part.further)))
                 named = " on ".join(name for name in segment.touching if name) or kinds
-                text = _text(drawing.label_m, _TEXT_SIZE * extent.radius_m, colour, named)
-                labels = {"contact": segment.contact.value, "probability": f"{segment.probability:.3f}"}
+                texts = [_text(drawing.label_m, size_m, colour, named)]
+                on_body = {"metadata": metadata, "triangles": shapes[0] + shapes[1]}
+                on_world = {"metadata": metadata, "triangles": shapes[2] + shapes[3], "texts": texts}
                 entities = [
-                    fox.SceneEntity(
-                        timestamp=_timestamp(part.start_ns),
-                        frame_id=frame,
-                        id=name,
-                        frame_locked=True,
-                        metadata=[fox.KeyValuePair(key=key, value=value) for key, value in labels.items()],
-                        triangles=triangles,
-                        texts=texts,
-                    )
-                    for name, frame, triangles, texts in (
-                        ("object element", frames[1], shapes[0] + shapes[1], []),
-                        ("environment element", frames[0], shapes[2] + shapes[3], [text]),
-                    )
+                    _entity(stamp_ns, body, "object element", on_body),
+                    _entity(stamp_ns, world, "environment element", on_world),
                 ]
+            everything = fox.SceneEntityDeletionType.All
+            deletion = fox.SceneEntityDeletion(timestamp=_timestamp(stamp_ns), type=everything)
             update = fox.SceneUpdate(deletions=[deletion], entities=entities)
-            yield RawMessage(channel, part.start_ns, update.encode())
+            yield RawMessage(channel, stamp_ns, update.encode())
 
 
-def _known_scene(
-    outcome: Outcome, frames: tuple[str, ...], parts: Sequence[Part], extent: Extent
-) -> Iterator[RawMessage]:
+def _known_scene(drawn: DrawnRecording, frames: tuple[str, ...]) -> Iterator[RawMessage]:
     """The known parts, from the first pose on, on their own topic, as each message of the scene replaces the
     previous one."""
-    world, body = frames
-    if not parts or not len(outcome.trajectory):
+    if not drawn.parts or not len(drawn.poses):
         return
-    stamp_ns, size_m = int(outcome.trajectory.stamp_ns[0]), _TEXT_SIZE * extent.radius_m
-    entities = [
-        fox.SceneEntity(
-            timestamp=_timestamp(stamp_ns),
-            frame_id=world if part.side else body,
-            id=f"{number} {SIDES[part.side]} {part.name}",
-            frame_locked=True,
-            triangles=_triangles(part.mesh, _KNOWN[part.side], _PALE),
-            lines=[
-                fox.LinePrimitive(
-                    pose=_ORIGIN,
-                    type=fox.LinePrimitiveLineType.LineStrip,
-                    thickness=_LINE_PX,
-                    scale_invariant=True,
-                    points=[_xyz(fox.Point3, place_m) for place_m in strip],
-                    color=_rgba(_KNOWN[part.side], 1.0),
-                )
-                for strip in part.outline
-            ],
-            texts=[_text(part.label_m, size_m, _KNOWN[part.side], part.name)],
-        )
-        for number, part in enumerate(parts)
-    ]
+    stamp_ns, entities = int(drawn.poses.stamp_ns[0]), list[fox.SceneEntity]()
+    for number, part in enumerate(drawn.parts):
+        colour = _KNOWN[part.side]
+        shapes = {
+            "triangles": _triangles(part.mesh, colour, _PALE),
+            "lines": [_line(strip, colour) for strip in part.outline],
+            "texts": [_text(part.label_m, _TEXT_SIZE * drawn.extent.radius_m, colour, part.name)],
+        }
+        name = f"{number} {SIDES[part.side]} {part.name}"
+        entities.append(_entity(stamp_ns, frames[1 - part.side], name, shapes))
     channel = _channel(recording.MAP_TOPIC, fox.SceneUpdate)
     yield RawMessage(channel, stamp_ns, fox.SceneUpdate(entities=entities).encode())
+
+
+def _entity(stamp_ns: int, frame: str, name: str, shapes: dict[str, Any]) -> fox.SceneEntity:
+    """Shapes that move with a frame."""
+    return fox.SceneEntity(
+        timestamp=_timestamp(stamp_ns), frame_id=frame, id=name, frame_locked=True, **shapes
+    )
+
+
+def _line(strip: Array, colour: Colour) -> fox.LinePrimitive:
+    return fox.LinePrimitive(
+        pose=_ORIGIN,
+        type=fox.LinePrimitiveLineType.LineStrip,
+        thickness=_LINE_PX,
+        scale_invariant=True,
+        points=[_xyz(fox.Point3, place_m) for place_m in strip],
+        color=_rgba(colour, 1.0),
+    )
 
 
 def _triangles(mesh: Mesh, colour: Colour, opacity: float) -> list[fox.TriangleListPrimitive]:

@@ -19,8 +19,8 @@ from contact_tracker.geometry.elements import Array
 from contact_tracker.motion.poses import Poses
 from contact_tracker.outputs import scene
 from contact_tracker.outputs.outcome import Outcome
-from contact_tracker.outputs.parts import SIDES, KnownParts, Part
-from contact_tracker.outputs.scene import GREY, Drawing, Extent, Mesh
+from contact_tracker.outputs.parts import SIDES, DrawnRecording, Part
+from contact_tracker.outputs.scene import GREY, Drawing, Mesh
 from contact_tracker.outputs.text import COLOUR, Colour, counted, describe_segment, table_rows
 from contact_tracker.states import STATES
 from contact_tracker.tracking.belief import Segment
@@ -64,8 +64,7 @@ Shape = dict[str, Any]
 
 def write_report(outcome: Outcome, path: Path, _: str = ".html") -> None:
     """Write the report; OSError if the file cannot be written."""
-    segments, trajectory, known_parts = outcome.segments, outcome.trajectory, KnownParts.of(outcome)
-    parts = known_parts.parts(outcome.touched)
+    segments, trajectory, drawn = outcome.segments, outcome.trajectory, DrawnRecording.of(outcome)
     title = escape(printable(f"Contacts in {trajectory.name}"))
     poses, count = counted(len(trajectory), "pose"), counted(len(segments), "segment")
     facts = f"{poses}, {trajectory.duration_s:.2f} s of motion, {count}"
@@ -77,9 +76,9 @@ def write_report(outcome: Outcome, path: Path, _: str = ".html") -> None:
         file.write(warnings_html(outcome.warnings))
         file.write(f"<p>{escape(printable(facts))}</p>{counts_html(outcome.noted)}")
         file.write(f"<h2>Labels and probabilities</h2>{figure_svg(outcome)}")
-        file.write(_ABOUT_GEOMETRY + _geometry(outcome, parts, known_parts.object_extent))
-        if any(part.side == 0 for part in parts):
-            shapes = _known_shapes(parts, 0, segments)
+        file.write(_ABOUT_GEOMETRY + _geometry(outcome, drawn))
+        if any(part.side == 0 for part in drawn.parts):
+            shapes = _known_shapes(drawn.parts, 0, segments)
             file.write(_ABOUT_OBJECT + _picture(shapes, _ABOVE_OBJECT, scene.UP, 420))
         file.write(f"<h2>Segments</h2>{table_html(segments, outcome.origin_ns)}<script>linkRows()</script>")
         file.write(f"<p>Made by contact-tracker {escape(__version__)}.</p></body></html>\n")
@@ -95,11 +94,10 @@ def _picture(shapes: Iterable[Shape], eye: ArrayLike, up: ArrayLike, height_px: 
     )
 
 
-def _geometry(outcome: Outcome, parts: Sequence[Part], extent: Extent) -> str:
+def _geometry(outcome: Outcome, drawn: DrawnRecording) -> str:
     """The path of the body's origin, and the elements of the longest segments where they touched."""
-    poses, segments = outcome.trajectory.poses, outcome.segments
-    upward = scene.Upward.of(segments, poses, extent)
-    shapes = [*_path_shapes(outcome), *_known_shapes(parts, 1, segments)]
+    poses, segments = drawn.poses, outcome.segments
+    shapes = [*_path_shapes(outcome), *_known_shapes(drawn.parts, 1, segments)]
     in_contact = [segment for segment in segments if segment.geometry is not None]
     longest = sorted(in_contact, key=lambda s: s.start_ns - s.end_ns)[:MOST_DRAWN]
     visible = [
@@ -115,7 +113,7 @@ def _geometry(outcome: Outcome, parts: Sequence[Part], extent: Extent) -> str:
             within = scene.poses_within(poses, segment.start_ns, segment.end_ns)
             middle_ns, held = int(within.stamp_ns[len(within) // 2]), segment.parts
             touching = next((part for part in held if part.start_ns <= middle_ns <= part.end_ns), held[0])
-            drawing = scene.draw_all(touching.geometries, within, extent, upward.direction)
+            drawing = drawn.pairs(touching.geometries, segment.start_ns, segment.end_ns)
             assert drawing is not None
             start_s = (segment.start_ns - outcome.origin_ns) * 1e-9
             common = {
@@ -124,8 +122,8 @@ def _geometry(outcome: Outcome, parts: Sequence[Part], extent: Extent) -> str:
                 "shown": segment in visible,
                 "segments": [number],
             }
-            shapes += _pair_shapes(common, COLOUR[segment.contact], within, drawing, parts)
-    return _picture(shapes, *upward.eye(extent.radius_m), 620)
+            shapes += _pair_shapes(common, COLOUR[segment.contact], within, drawing, drawn.parts)
+    return _picture(shapes, *drawn.upward.eye(drawn.extent.radius_m), 620)
 
 
 def _known_shapes(parts: Sequence[Part], side: int, segments: Sequence[Segment]) -> Iterator[Shape]:

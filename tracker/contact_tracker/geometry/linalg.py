@@ -16,6 +16,12 @@ Array = NDArray[np.float64]
 
 EYE: Final = np.eye(3)
 ONE: Final = np.eye(1)
+PARALLEL: Final = 1e-6
+"""Sine of the angle below which two directions are parallel, and their common normal is not defined."""
+LEAST_SHARE: Final = 1e-12
+"""Curvature, or information, below this share of the largest is rounding errors."""
+STEP: Final = 1e-6
+"""Step of finite differences, in radians and metres."""
 
 
 def dot(a: Array, b: Array) -> Array:
@@ -114,7 +120,7 @@ def _failed(info: int) -> np.linalg.LinAlgError:
 DAMPING_DECREASE: Final = 0.2
 DAMPING_INCREASE: Final = 8.0
 LEAST_DAMPING: Final = 1e-12
-MOST_DAMPING: Final = 1e12
+MOST_DAMPING: Final = 1.0 / LEAST_DAMPING
 """Factors and bounds of the damping (usual values): half and double of both factors in fits of hypotheses
 change one label in 32 s of motion."""
 

@@ -167,8 +167,6 @@ class Bank(Table):
     onset : (H,) index of the first tick.
     number : (H,) identifies the hypothesis in the whole recording.
     log_birth_weight : (H,) log weight at birth.
-    protected_until : (H,) pruning by weight spares it until it has this many ``effective_ticks`` (thinning of
-        old onsets does not). Set at birth if it may search, and extended when its likelihood drops.
     prior_index : (H,) number of the known or learned elements that it assumes; 0: none.
     prior_mean, prior_information : (H, S), (H, S, S) the Gaussian prior on x that follows from them.
     line_anchor : (H, 6) points by which lines through a known point are parametrised; NaN: near the body.
@@ -193,7 +191,6 @@ class Bank(Table):
     elements_known = Column(np.bool_)
     needs_search = Column(np.bool_)
     log_birth_weight = Column(np.float64)
-    protected_until = Column(np.float64)
     log_prior = Column(np.float64)
     llr_before_window = Column(np.float64)
     gain_before_window = Column(np.float64)

@@ -4,6 +4,7 @@ Birth, refit, evidence, search, pruning.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from operator import attrgetter
 from typing import Final, NamedTuple, Self
 
@@ -25,7 +26,6 @@ from contact_tracker.hypotheses.births import (
 )
 from contact_tracker.hypotheses.evidence import EvidenceParameters, sum_evidence
 from contact_tracker.hypotheses.global_search import (
-    directions,
     is_due,
     prune,
     residual,
@@ -35,10 +35,9 @@ from contact_tracker.hypotheses.global_search import (
 from contact_tracker.hypotheses.refit import (
     accumulate,
     accumulate_window,
-    is_deferred,
+    are_near,
     recover_fallen,
     refit,
-    refit_in_windows,
 )
 from contact_tracker.hypotheses.schedule import REST_WEIGHT
 from contact_tracker.motion.window import Window
@@ -153,7 +152,7 @@ def update_reference(
     free = float(tick_input.log_birth_weight[-1])
     best = max(free, *(bank.best for bank in updated))
     kept = [
-        prune(bank, tick, best, parameters.search.margin_nats if is_due(model, tick) else np.inf)
+        prune(bank, model, tick, best, parameters.search.margin_nats if is_due(model, tick) else np.inf)
         for bank, model in zip(updated, CONTACT_MODELS, strict=True)
     ]
     weights = TickWeights(
@@ -178,15 +177,12 @@ def _update_contact(
         return bank
     due = is_due(model, birth.onset)
     bank = add(bank, model, birth)
-    unchanged = is_deferred(bank) & (not due)
-    old_weight = bank.log_weight
-    bank = refit(accumulate(bank, model, window, scales, log_stay), model, window, scales, unchanged)
+    rows, old_weight = np.flatnonzero(are_near(bank) | due), bank.log_weight
+    bank = refit(accumulate(bank, model, window, scales, log_stay), model, window, scales, rows)
     bank = recover_fallen(bank, old_weight, model, window, scales)
     if not due or window.latest_motion_ratio <= REST_WEIGHT:
         return bank
-    drawn = model.turned(directions(model, window.index[-1]), window.zeta[-1, R].reshape(3, 3))
-    rows = select_for_search(bank, model)
-    return search(bank, rows, model, scales, drawn, lambda starts, _: refit(starts, model, window, scales))
+    return search(bank, select_for_search(bank, model), model, window, scales)
 
 
 def marginalise_expired_ticks(
@@ -205,64 +201,31 @@ def marginalise_expired_ticks(
 def fit_window(
     model: ContactModel, window: Window, scales: EvidenceParameters, proposals: BirthProposals | None = None
 ) -> Bank:
-    """A bank of one hypothesis, fitted to all ticks of the window.
+    """A bank of one hypothesis, fitted to all ticks of the window,.
 
     It is the best of the ``proposals``, if given; the bank is empty if there are none.
     """
-    proposals = uninformed_proposal(model) if proposals is None else proposals
-    return fit_windows(model, [window], scales, [proposals])[0]
-
-
-def fit_windows(
-    model: ContactModel,
-    windows: Sequence[Window],
-    scales: EvidenceParameters,
-    proposals: Sequence[BirthProposals],
-) -> list[Bank]:
-    """``fit_window`` for many windows in one batch.
-
-    Parameters
-    ----------
-    windows : in order of time; no two begin with the same tick.
-    proposals : birth proposals of each window.
-    """
-    births = [_start_bank(model, *inputs, scales) for inputs in zip(windows, proposals, strict=True)]
-    owner = np.arange(len(windows)).repeat([len(bank) for bank in births])
-    bank = refit_in_windows(_join_banks(births), owner, model, windows, scales)
-    rows = np.flatnonzero(bank.needs_search)
-    turns = np.array([window.zeta[-1, R].reshape(3, 3) for window in windows]).reshape(-1, 3, 3)
-    drawn = np.array([model.turned(directions(model, windows[i].index[-1]), turns[i]) for i in owner[rows]])
-    bank = search(
-        bank,
-        rows,
-        model,
-        scales,
-        drawn,
-        lambda picked, row: refit_in_windows(picked, owner[row], model, windows, scales),
-    )
-    rows_of_window = [np.flatnonzero(owner == i) for i in range(len(windows))]
-    return [
-        bank.pick(rows[[bank.log_likelihood[rows].argmax()]]) if len(rows) else nothing
-        for rows, nothing in zip(rows_of_window, births, strict=True)
-    ]
-
-
-def _start_bank(
-    model: ContactModel, window: Window, proposals: BirthProposals, scales: EvidenceParameters
-) -> Bank:
-    """A bank of all proposals, with the ticks of the window accumulated."""
+    begins = uninformed_proposal(model) if proposals is None else proposals
     nothing, turn = blank(model, 0), window.zeta[0, R].reshape(3, 3)
-    birth = Birth(proposals, int(window.index[0]), 0, 0, 0.0, nothing.lag_history.sum(axis=0), turn)
+    birth = Birth(begins, int(window.index[0]), 0, 0, 0.0, nothing.lag_history.sum(axis=0), turn)
     bank = add(nothing, model, birth)
-    return accumulate_window(bank, model, window, scales) if len(bank) else bank
+    if not len(bank):
+        return bank
+    bank = accumulate_window(bank, model, window, scales)
+    if compiled.in_use() and model in CONTACT_MODELS:
+        from contact_tracker.hypotheses.compiled import calls
 
-
-def _join_banks(banks: Sequence[Bank]) -> Bank:
-    """One bank of the hypotheses of all windows."""
-    onsets = np.concatenate([bank.onsets.words for bank in banks])
-    return Bank(
-        np.concatenate([bank.words for bank in banks]),
-        banks[0].layout,
-        Onsets(onsets, banks[0].onsets.layout),
-        np.concatenate([bank.lag_history for bank in banks]),
-    )
+        words, onsets = calls.fit_window(
+            calls.model_of(model, scales.reach_m),
+            bank.words,
+            bank.onsets.words,
+            calls.ticks_of(window),
+            window.zeta[-1, R].reshape(3, 3),
+            int(window.index[-1]),
+            calls.weights_of(scales),
+        )
+        bank = replace(bank, words=words, onsets=replace(bank.onsets, words=onsets))
+    else:
+        bank = refit(bank, model, window, scales)
+        bank = search(bank, np.flatnonzero(bank.needs_search), model, window, scales)
+    return bank.pick(np.array([bank.log_likelihood.argmax()]))

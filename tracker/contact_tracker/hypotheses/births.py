@@ -25,6 +25,7 @@ from contact_tracker.geometry.elements import (
     canonical,
 )
 from contact_tracker.geometry.lifted_pose import R
+from contact_tracker.geometry.linalg import LEAST_SHARE
 from contact_tracker.hypotheses import compiled
 from contact_tracker.hypotheses.bank import Bank, blank
 from contact_tracker.hypotheses.evidence import (
@@ -33,7 +34,6 @@ from contact_tracker.hypotheses.evidence import (
     gain_and_misfit,
     residual_noise,
 )
-from contact_tracker.hypotheses.schedule import burn_in_ticks
 from contact_tracker.map.association import MapView
 from contact_tracker.map.map import Map, NamedElement, Up
 from contact_tracker.map.pairs import (
@@ -128,7 +128,6 @@ def with_prior(
         known_pair_index=known_pair_index,
         elements_known=np.array(elements_known, np.int64),
         needs_search=needs_search,
-        protected_until=np.where(needs_search, burn_in_ticks(model.needed), 0.0),
         prior_mean=prior.mean,
         prior_information=prior.information,
         line_anchor=prior.line_points_m,
@@ -340,8 +339,6 @@ ANY_DIRECTION: Final = 1.0 / 3.0
 """Variance of the cosine of the angle between independent, uniform directions."""
 _IMPOSSIBLE: Final = -1e3
 _HOPELESS: Final = -50.0
-_ROUNDING: Final = 1e-14
-"""Eigenvalues below this share of the largest are rounding errors."""
 MOST_BIRTHS: Final = 100
 """Largest number of known pairs of one contact, the most probable, that begin in a tick. Two boxes of known
 size have some 70 at most; without a limit hundreds of known edges, any two of which nearly cross, take
@@ -545,10 +542,12 @@ def _deviations(information: Array) -> Array:
     """Independent changes (m, P, P), a row each, by one standard deviation of parameters with this
     information (m, P, P)."""
     diagonal = information.diagonal(axis1=1, axis2=2)
-    scale = 1.0 / np.sqrt(np.maximum(diagonal, _ROUNDING * diagonal.max(axis=1, keepdims=True, initial=0.0)))
+    scale = 1.0 / np.sqrt(
+        np.maximum(diagonal, LEAST_SHARE * diagonal.max(axis=1, keepdims=True, initial=0.0))
+    )
     even = scale[:, :, None] * information * scale[:, None]
     values, axes = np.linalg.eigh(0.5 * (even + even.swapaxes(1, 2)))
-    values = np.maximum(values, _ROUNDING * values[:, -1:])
+    values = np.maximum(values, LEAST_SHARE * values[:, -1:])
     return np.asarray((axes / np.sqrt(values)[:, None]).swapaxes(1, 2) * scale[:, None])
 
 

@@ -25,7 +25,8 @@ from contact_tracker.hypotheses.gauss_newton import Prior
 from contact_tracker.motion.window import Window
 
 SAME_FIT_RATIO: Final = 1.2
-"""A contact fits as well if its whitened residual is at most this times the best one's, or the noise."""
+"""A contact fits as well if its whitened residual is at most this times the best one's, or the noise. A
+hypothesis fits if its own is: it does not search, although that might gain some nats."""
 DECISIVE: Final = log(20.0)
 """Evidence (nats) that distinguishes two contacts: twenty to one."""
 _I, _J = np.triu_indices(3)  # entries of a symmetric (3, 3) ...

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.arrays import Array, Ints
 from contact_tracker.contacts.family import Family, directions, shifts, turns
-from contact_tracker.geometry.linalg import adapted, dot
+from contact_tracker.geometry.linalg import LEAST_SHARE, adapted, dot
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +63,6 @@ TOLERANCE: Final = 1e-3
 FIRST_DAMPING: Final = 10.0
 """Damping of turns in nats per squared radian; it limits first steps to about a third of a radian."""
 LEAST_CURVATURE: Final = 1e-12
-LEAST_SHARE: Final = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,17 +146,6 @@ def minimise(
             tangent[won], gradient[won], hessian[won], prior_precision[won] = _normal_equations(
                 family, moments[won], row_weight[won], prior.pick(won), anchors[won], x[won]
             )
-
-
-def data_information(
-    family: Family, moments: Array, row_weight: Array, prior: Prior, anchors: Array, x: Array
-) -> Array:
-    """Hessian (B, P, P) of the data alone, at x (B, S) with its linear coordinates at their optimum.
-
-    Arguments as of ``minimise``.
-    """
-    x, _ = complete(family, moments, row_weight, prior, anchors, x)
-    return np.asarray(_normal_equations(family, moments, row_weight, prior, anchors, x)[2].sum(axis=1))
 
 
 def _step(family: Family, gradient: Array, hessian: Array, prior_precision: Array, damping: Array) -> Array:

@@ -1,6 +1,5 @@
 """Pruning of hypotheses by weight and age, and their search for better minima from many starts."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from typing import Final
@@ -9,40 +8,41 @@ import numpy as np
 
 from contact_tracker.arrays import Array, Bools, Ints
 from contact_tracker.contacts import ContactModel
+from contact_tracker.geometry.lifted_pose import R
+from contact_tracker.geometry.linalg import LEAST_SHARE
 from contact_tracker.hypotheses import gauss_newton
 from contact_tracker.hypotheses.bank import Bank
-from contact_tracker.hypotheses.evidence import EvidenceParameters
-from contact_tracker.hypotheses.refit import prior_at_anchors
+from contact_tracker.hypotheses.evidence import SAME_FIT_RATIO, EvidenceParameters
+from contact_tracker.hypotheses.refit import are_near, prior_at_anchors, refit
 from contact_tracker.hypotheses.schedule import (
-    FAR_NATS,
-    FITTING_RMS,
     FOLLOWED_STARTS,
     IS_SEARCH_AGE,
-    RELAXATION_RIDGE,
-    RESIDUAL_TICKS,
     ROUNDS,
     SEARCH_AGES,
     SEARCH_INTERVAL,
-    SEARCH_REFITS,
     UNTHINNED_TICKS,
     burn_in_ticks,
 )
 from contact_tracker.map.pairs import known_entries
+from contact_tracker.motion.window import Window
 
 
-def within_far_margin(bank: Bank) -> Bools:
-    """Which hypotheses (H,) are within ``FAR_NATS`` of the best before this tick."""
-    return bank.log_weight >= -FAR_NATS
+def in_burn_in(bank: Bank, model: ContactModel) -> Bools:
+    """Which hypotheses (H,) with open directions may not have converged yet: too few ticks determine them.
+
+    They search, and pruning by weight spares them.
+    """
+    return bank.needs_search & (bank.effective_ticks <= burn_in_ticks(model.needed))
 
 
-def prune(bank: Bank, tick: int, best: float, margin: float) -> Bank:
+def prune(bank: Bank, model: ContactModel, tick: int, best: float, margin: float) -> Bank:
     """Drop hypotheses more than ``margin`` nats behind ``best``, and thin onsets, the more the older they
     are.
 
     The log weights of the result are relative to ``best``.
     """
     joint = bank.log_weight
-    keep = (joint > best - margin) | (bank.effective_ticks <= bank.protected_until)
+    keep = (joint > best - margin) | in_burn_in(bank, model)
     old = bank.onset.searchsorted(tick + 1 - UNTHINNED_TICKS)  # they are in order
     if old > 1:
         age = tick + 1 - bank.onset[:old]
@@ -55,9 +55,9 @@ def prune(bank: Bank, tick: int, best: float, margin: float) -> Bank:
 
 
 def residual(bank: Bank) -> float:
-    """Whitened residual of the youngest hypothesis with at least ``RESIDUAL_TICKS`` of motion; nan without
+    """Whitened residual of the youngest hypothesis with at least ``UNTHINNED_TICKS`` of motion; nan without
     one."""
-    ticks = np.where(bank.effective_ticks >= RESIDUAL_TICKS, bank.effective_ticks, np.inf)
+    ticks = np.where(bank.effective_ticks >= UNTHINNED_TICKS, bank.effective_ticks, np.inf)
     return float(bank.rms[ticks.argmin()]) if ticks.min(initial=np.inf) < np.inf else np.nan
 
 
@@ -70,8 +70,6 @@ def best_of(group: Ints, joint: Array) -> Bools:
     return best
 
 
-BATCH: Final = 16
-"""Number of hypotheses, each with up to 80 starts, that are searched in one batch: it limits the memory."""
 DRAWS: Final = 64
 """Number of sets of random directions, used in turn."""
 
@@ -81,31 +79,14 @@ def is_due(model: ContactModel, tick: int) -> bool:
     return not (tick + model.contact.column) % SEARCH_INTERVAL
 
 
-def search(
-    bank: Bank,
-    rows: Ints,
-    model: ContactModel,
-    scales: EvidenceParameters,
-    drawn: Array,
-    evaluate: Callable[[Bank, Ints], Bank],
-) -> Bank:
-    """Search minima of ``rows`` from many starts, and replace those for which a better one is found.
-
-    Parameters
-    ----------
-    drawn : (N, S) or (R, N, S) directions to start from, beside the solutions of the relaxed problem.
-    evaluate : refits the hypotheses found, given with the row of ``bank`` that each belongs to.
-    """
+def search(bank: Bank, rows: Ints, model: ContactModel, window: Window, scales: EvidenceParameters) -> Bank:
+    """Search minima of ``rows`` from many starts, and replace those for which a better one is found."""
     if not len(rows):
         return bank
-    drawn = np.broadcast_to(drawn, (len(rows), *drawn.shape[-2:]))
-    blocks = [slice(first, first + BATCH) for first in range(0, len(rows), BATCH)]
-    x = np.concatenate([_search_rows(bank, rows[block], model, scales, drawn[block]) for block in blocks])
+    x = _search_rows(bank, rows, model, window, scales)
     starts = x.shape[1]
-    of = rows.repeat(starts)
-    candidates = bank.pick(of).replace_columns(x=x.reshape(-1, x.shape[-1]))
-    for _ in range(SEARCH_REFITS):
-        candidates = evaluate(candidates, of)
+    candidates = bank.pick(rows.repeat(starts)).replace_columns(x=x.reshape(-1, x.shape[-1]))
+    candidates = refit(candidates, model, window, scales)
     log_likelihood = candidates.log_likelihood.reshape(-1, starts)
     best = log_likelihood.argmax(axis=1) + starts * np.arange(len(rows))
     improved = np.flatnonzero(log_likelihood.max(axis=1) > bank.log_likelihood[rows])
@@ -115,8 +96,8 @@ def search(
 def select_for_search(bank: Bank, model: ContactModel) -> Ints:
     """Rows that search: for each age, the best hypothesis without a prior and the best with one."""
     age = np.minimum(bank.effective_ticks.astype(np.int64), len(IS_SEARCH_AGE) - 1)
-    searches = within_far_margin(bank) | (bank.effective_ticks <= burn_in_ticks(model.needed))
-    rows = (searches & IS_SEARCH_AGE[age] & (bank.rms > FITTING_RMS) & bank.needs_search).nonzero()[0]
+    searches = (are_near(bank) & bank.needs_search) | in_burn_in(bank, model)
+    rows = (searches & IS_SEARCH_AGE[age] & (bank.rms > SAME_FIT_RATIO)).nonzero()[0]
     kind = 2 * SEARCH_AGES.searchsorted(bank.effective_ticks[rows], side="right") + (
         bank.prior_index[rows] > 0
     )
@@ -124,19 +105,20 @@ def select_for_search(bank: Bank, model: ContactModel) -> Ints:
 
 
 def _search_rows(
-    bank: Bank, rows: Ints, model: ContactModel, scales: EvidenceParameters, drawn: Array
+    bank: Bank, rows: Ints, model: ContactModel, window: Window, scales: EvidenceParameters
 ) -> Array:
     """The best geometries (R, n, S) of ``rows``, independent of their present ones.
 
-    Starts are the best among the solutions of the relaxed problem and the directions ``drawn`` (R, N, S).
-    (The compiled kernel leaves out solutions that too few poses determine.)
+    Starts are the best among the solutions of the relaxed problem and random directions. (The compiled kernel
+    leaves out solutions that too few poses determine.)
     """
+    drawn = model.turned(directions(model, window.index[-1]), window.zeta[-1, R].reshape(3, 3))
     moments = bank.second_moment[rows]
     trace = moments.trace(axis1=1, axis2=2)[:, None, None]
-    relaxed = model.family.starts(moments + RELAXATION_RIDGE * trace * np.eye(moments.shape[-1]))
-    priors, mean = prior_at_anchors(bank, model, scales), bank.prior_mean[rows]
+    relaxed = model.family.starts(moments + LEAST_SHARE * trace * np.eye(moments.shape[-1]))
+    priors, mean = prior_at_anchors(bank, model, scales.reach_m), bank.prior_mean[rows]
     is_given = known_entries(model, mean, bank.prior_information[rows])
-    x = np.concatenate([relaxed, drawn], axis=1)
+    x = np.concatenate([relaxed, np.broadcast_to(drawn, (len(rows), *drawn.shape))], axis=1)
     x = np.where(is_given[:, None], mean[:, None], x)
     windows, of = (bank.second_moment, bank.row_weight, *priors), rows.repeat(x.shape[1])
     x = _cheapest(

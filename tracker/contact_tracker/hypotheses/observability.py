@@ -28,7 +28,7 @@ from contact_tracker.geometry.elements import (
 )
 from contact_tracker.geometry.lifted_pose import R, T
 from contact_tracker.geometry.linalg import cross
-from contact_tracker.hypotheses import compiled, gauss_newton, refit
+from contact_tracker.hypotheses import gauss_newton
 from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.births import name_elements
 from contact_tracker.hypotheses.evidence import EvidenceParameters, weak_prior
@@ -129,38 +129,13 @@ def information_spectrum(
     noise_margin = NOISE_MARGIN
     if information is None:  # with correlated errors the moments hold innovations, in which most of a
         noise_margin, variance = 1.0, variance / (1.0 - scales.correlation) ** 2  # constant pose cancels
-    tangent, observed, prior, noise = information_terms(hypothesis, model, scales, variance)
+    tangent = model.family.tangent(hypothesis.x[0], anchors_of(hypothesis, model)[0])
+    observed, noise = information_of_ticks(hypothesis, model, tangent, variance)
     observed = observed if information is None else information
+    prior = prior_along(hypothesis, model, tangent, scales.reach_m)
     eigenvalues, eigenvectors = linalg.eigenvectors(observed, prior + noise)
     covariance = tangent @ posterior_covariance(eigenvalues, eigenvectors, prior, noise_margin) @ tangent.T
     return InformationSpectrum(covariance, tangent, prior, eigenvalues, eigenvectors)
-
-
-def information_terms(
-    hypothesis: Bank, model: ContactModel, scales: EvidenceParameters, variance: Array
-) -> tuple[Array, Array, Array, Array]:
-    """Tangent (S, P) of a single hypothesis, and information (P, P) along it: of the ticks by the moments, of
-    the prior, and of noise alone. ``variance`` (2,) as in ``observed_geometry``."""
-    if not compiled.in_use():
-        return information_terms_reference(hypothesis, model, scales, variance)
-    from contact_tracker.hypotheses.compiled import calls
-
-    return calls.information_terms(
-        calls.model_of(model, scales.reach_m), hypothesis.words, hypothesis.onsets.words, variance
-    )
-
-
-def information_terms_reference(
-    hypothesis: Bank, model: ContactModel, scales: EvidenceParameters, variance: Array
-) -> tuple[Array, Array, Array, Array]:
-    """``information_terms`` in numpy: the reference of the compiled kernel."""
-    tangent = model.family.tangent(hypothesis.x[0], anchors_of(hypothesis, model)[0])
-    return (
-        tangent,
-        refit.information(hypothesis, model, scales)[0],
-        prior_along(hypothesis, model, tangent, scales.reach_m),
-        noise_information(hypothesis, model, tangent, variance),
-    )
 
 
 def prior_along(hypothesis: Bank, model: ContactModel, tangent: Array, reach_m: float) -> Array:
@@ -196,18 +171,19 @@ def posterior_covariance(values: Array, directions: Array, prior: Array, noise_m
     return np.asarray(scaled @ linalg.solve(precision * (scale[:, None] * scale), scaled.T))
 
 
-def noise_information(hypothesis: Bank, model: ContactModel, tangent: Array, variance: Array) -> Array:
-    """Information (P, P) along ``tangent`` (S, P) that the noise of the poses alone would add in the
-    window."""
-    family, moments, x = model.family, hypothesis.second_moment[0], hypothesis.x[0]
-    size, rows, columns, free = family.SIZE, family.ROWS, len(family.COLUMNS), tangent.shape[1]
-    precision = gauss_newton.per_metre(family, moments, hypothesis.row_weight[0], x)
-    slopes = tangent.T @ family.rows_derivative(x).swapaxes(0, 1).reshape(size, -1)
+def information_of_ticks(
+    hypothesis: Bank, model: ContactModel, tangent: Array, variance: Array
+) -> tuple[Array, Array]:
+    """Information (P, P) along ``tangent`` (S, P) of the ticks by their moments, and that which the noise of
+    the poses alone would add to it."""
+    moments, x = hypothesis.second_moment[0], hypothesis.x[0]
+    precision = gauss_newton.per_metre(model.family, moments, hypothesis.row_weight[0], x)
+    slopes = np.sqrt(precision)[:, None, None] * (tangent.T @ model.family.rows_derivative(x))
     # change of each row when a pose is perturbed by one sigma in each direction
-    off = (slopes.reshape(free * rows, columns) @ model.moves).swapaxes(0, 1).reshape(free, rows, 6, columns)
-    off *= np.sqrt(precision[:, None] * variance[lifted_pose.NOISE_OF_PERTURBATION])[..., None]
-    jitter = off.reshape(-1, columns) @ moments
-    return np.asarray(jitter.reshape(free, -1) @ off.reshape(free, -1).T)
+    sigma = np.sqrt(variance[lifted_pose.NOISE_OF_PERTURBATION])[:, None, None]
+    off = (slopes[:, None] @ (sigma * model.moves)).reshape(-1, *slopes.shape[1:])
+    observed, noise = ((rows @ moments @ rows.swapaxes(1, 2)).sum(axis=0) for rows in (slopes, off))
+    return observed, noise
 
 
 def perturbed_rows(hypothesis: Bank, model: ContactModel) -> Array:
@@ -264,10 +240,6 @@ def _unobserved(how: Literal["turns_about", "shifts_along"], axes: Array) -> tup
 
 MOST_TICKS: Final = 300
 """Number of ticks that represent a longer window."""
-SHARE_OF_REST: Final = 0.05
-"""Weight of a tick at rest, relative to a tick in motion, in their choice."""
-LEAST_SHARE: Final = 1e-14
-"""Information below this share of the largest is rounding errors."""
 
 
 def systematic_covariance(
@@ -320,7 +292,7 @@ def added_covariance(
     spread = (by_error @ np.repeat([turn, shift], 3, axis=0) @ by_error.swapaxes(1, 2)).sum(axis=0)
     # in units of the prior, which is far above the rounding errors of the information then, however large
     ratio, axes = linalg.eigenvectors(information, prior)
-    ratio[ratio < LEAST_SHARE * ratio[-1]] = 0.0
+    ratio[ratio < linalg.LEAST_SHARE * ratio[-1]] = 0.0
     by_noise = axes * np.divide(1.0, np.sqrt(ratio), out=np.zeros_like(ratio), where=ratio > 0.0)
     squared, turned = linalg.eigenvectors(by_noise.T @ spread @ by_noise)
     squared = np.maximum(squared, 0.0)
@@ -335,12 +307,12 @@ def added_covariance(
 
 
 def representatives(window: Window) -> tuple[Window, Array]:
-    """All ticks of a window, or a part of them if it is long, more of those in motion; and the number (N,) of
-    ticks that each stands for."""
+    """All ticks of a window, or a part if it is long, half of it by their motion, the rest evenly; and
+    the number (N,) of ticks that each stands for."""
     length = len(window)
     if length <= MOST_TICKS:
         return window, np.ones(length)
-    passed = np.cumsum(window.motion_ratio + SHARE_OF_REST)
+    passed = np.cumsum(window.motion_ratio + max(window.motion_ratio.mean(), REST_WEIGHT))
     cuts = np.unique(np.searchsorted(passed, np.linspace(0.0, passed[-1], MOST_TICKS + 1)[1:-1]))
     first, end = np.append(0, cuts), np.append(cuts, length)
     filled = end > first

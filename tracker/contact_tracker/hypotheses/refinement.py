@@ -9,26 +9,21 @@ row's errors are estimated from the residuals (T26).
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from contact_tracker.arrays import Array, Ints
+from contact_tracker.arrays import Array, Bools, Ints
 from contact_tracker.contacts import ContactModel
 from contact_tracker.geometry import linalg
-from contact_tracker.geometry.linalg import adapted
-from contact_tracker.hypotheses import compiled
+from contact_tracker.geometry.linalg import LEAST_SHARE, STEP, adapted
 from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.evidence import EvidenceParameters, residual_noise
-from contact_tracker.hypotheses.gauss_newton import Prior
-from contact_tracker.hypotheses.refit import anchors_of, prior_of
+from contact_tracker.hypotheses.gauss_newton import LEAST_CURVATURE, TOLERANCE, Prior
+from contact_tracker.hypotheses.refit import prior_at_anchors
 from contact_tracker.motion.window import Window
 
-LEARNING_STEPS: Final = 15
-"""Iterations of expectation-maximisation."""
-PRIOR_TICKS: Final = 1.0
-"""Weight of the prior noise variance, as a number of ticks."""
+STEPS: Final = 20
+"""Most iterations, of expectation-maximisation and of fits."""
 MOST_CORRELATION: Final = 0.95
 LEAST_SCALE: Final = 1e-6
-LEAST_SHARE: Final = 1e-12
 
 
 class Ar1Noise(NamedTuple):
@@ -40,23 +35,21 @@ class Ar1Noise(NamedTuple):
     """(K,) correlation between neighbouring ticks."""
 
 
-def estimate_ar1(
-    errors: Ar1Noise, whitened: Array, jacobian: Array, prior_information: Array, index: Ints
-) -> Ar1Noise:
-    """Estimate the errors from the whitened residuals (K, W) of a fit, by expectation-maximisation.
+def estimate_ar1(errors: Ar1Noise, rows: Array, prior_information: Array, index: Ints) -> Ar1Noise:
+    """Estimate the errors from the whitened residuals of a fit, by expectation-maximisation.
 
     Residuals are smaller than errors, because the fit absorbs errors that look like geometry. Their share
-    follows from the ``jacobian`` (K, W, P) and the ``prior_information`` (P, P). With too few ticks the
-    estimate stays near ``errors``.
+    follows from the jacobian, which ``rows`` (K, W, P + 1) have before the residual, and from the
+    ``prior_information`` (P, P). With too few ticks the estimate stays near ``errors``.
     """
-    (weight, correlation), count = errors, whitened.shape[1]
-    rows, follows = np.concatenate([jacobian, whitened[..., None]], axis=2), np.diff(index) == 1
+    (weight, correlation), count = errors, rows.shape[1]
+    follows = np.diff(index) == 1
     paired = rows[:, np.append(follows, False) | np.append(False, follows)]  # others would only add scatter
     across = _products(rows[:, 1:][:, follows], rows[:, :-1][:, follows])
     product = 0.5 * (across + across.swapaxes(1, 2)) / max(int(np.count_nonzero(follows)), 1)
     pairs = np.array([product, _products(paired, paired) / max(paired.shape[1], 1)])
     new = _innovation_products(rows, correlation, index)
-    for _ in range(LEARNING_STEPS):
+    for _ in range(STEPS):
         eigenvalues, eigenvectors = linalg.eigenvectors(
             np.einsum("k,kpq->pq", weight, new[:, :-1, :-1]) + prior_information
         )
@@ -70,7 +63,7 @@ def estimate_ar1(
         correlation = np.minimum(np.maximum(product / np.maximum(square, LEAST_SCALE), 0.0), MOST_CORRELATION)
         new = _innovation_products(rows, correlation, index)
         variance = np.maximum(np.einsum("kpq,pq->k", new, taken) / count, LEAST_SCALE)
-        weight = variance ** (-count / (count + PRIOR_TICKS))
+        weight = variance ** (-count / (count + 1.0))  # the prior variance counts as one tick
     return Ar1Noise(weight, correlation)
 
 
@@ -94,19 +87,11 @@ def _products(a: Array, b: Array) -> Array:
 
 ROUNDS: Final = 3
 """Alternations of fitting the geometry and estimating the noise from the residuals."""
-STEPS: Final = 20
-TOLERANCE_NATS: Final = 1e-4
-FIRST_CORRELATION: Final = 0.5
 FEW_TICKS: Final = 15
 END_TICK_SIGMAS: Final = 2.5
 """The first and the last tick are left out if they are this far off, unless there are fewer than
 ``FEW_TICKS``."""
-LEAST_CURVATURE: Final = 1e-9
 FIRST_DAMPING: Final = 1e-6
-STEP: Final = 1e-6
-"""Step of finite differences, in radians and metres."""
-LEAST_SHOWN: Final = 1e-15
-"""Directions with less than this share of the largest information count as unobserved."""
 
 
 class Refined(NamedTuple):
@@ -137,125 +122,77 @@ def _refine_once(
 ) -> tuple[Refined, bool, bool]:
     """A fit to all ticks of a window, and whether the first and the last tick are inliers."""
     family = model.family
-    anchors = anchors_of(bank, model)
-    prior = prior_of(bank, model, anchors, scales.reach_m)
-    x, errors = bank.x, Ar1Noise(np.ones(family.ROWS), np.full(family.ROWS, FIRST_CORRELATION))
+    prior, anchors = prior_at_anchors(bank, model, scales.reach_m)
+    x, errors = bank.x, Ar1Noise(np.ones(family.ROWS), np.zeros(family.ROWS))
     for _ in range(ROUNDS):
-        x = _maximise(model, x, errors, anchors, window, prior, scales.reach_m)
-        whitened, jacobian, tangent = _linearised(model, x, anchors, window)
+        x = _maximise(model, x, errors, anchors, window, prior)
+        rows, tangent = _linearised(model, x, anchors, window)
         prior_information = tangent.T @ prior.precision[0] @ tangent
-        errors = estimate_ar1(errors, whitened, jacobian, prior_information, window.index)
-    innovation = whiten_ar1(jacobian, errors.correlation, window.index)
-    information = np.einsum("ktp,k,ktq->pq", innovation, errors.weight, innovation)
+        errors = estimate_ar1(errors, rows, prior_information, window.index)
+    information = _weighted_products(rows, errors, window.index)[:-1, :-1]
     lifted, position = model.lifted(window.zeta), window.variance[:, 0]
     # precision of an AR(1) error given both neighbours, relative to its marginal precision
     alone = (1.0 + errors.correlation**2) / (1.0 - errors.correlation**2)
-    row_weight = errors.weight * alone * np.mean(position / _noise(model, x, window)[1][0], axis=1)
+    noise = residual_noise(model.measure(x, window.zeta), window)[0]
+    row_weight = errors.weight * alone * np.mean(position / noise, axis=1)
     moments = np.einsum("t,tc,td->cd", 1.0 / position, lifted, lifted)
-    belong = _are_inlier_ticks(whitened, jacobian, errors.weight, information + prior_information)
+    belong = _are_inlier_ticks(rows, errors.weight, information + prior_information)
     fitted = bank.replace_columns(x=x[0], row_weight=row_weight).replace_onset_columns(second_moment=moments)
     return Refined(fitted, information), bool(belong[0]), bool(belong[-1])
 
 
-def _are_inlier_ticks(
-    whitened: Array, jacobian: Array, weight: Array, information: Array
-) -> NDArray[np.bool_]:
+def _are_inlier_ticks(rows: Array, weight: Array, information: Array) -> Bools:
     """Whether each tick (W,) is an inlier: studentised residuals, noise reduced by leverage."""
+    jacobian, whitened = rows[..., :-1], rows[..., -1]
     # unobserved directions have no leverage
-    covariance = np.linalg.pinv(information, LEAST_SHOWN, hermitian=True)
+    covariance = np.linalg.pinv(information, LEAST_SHARE, hermitian=True)
     leverage = np.einsum("k,ktp,pq,ktq->kt", weight, jacobian, covariance, jacobian)
     square = weight[:, None] * whitened**2 / np.maximum(1.0 - leverage, LEAST_SCALE)
     return np.asarray(np.all(square < END_TICK_SIGMAS**2, axis=0))
 
 
-class Equations(NamedTuple):
-    """Gauss-Newton equations of the likelihood at one x (S,)."""
-
-    cost: float
-    """Half the weighted squares of the residuals' innovations."""
-    gradient: Array
-    """(P,)"""
-    curvature: Array
-    """(P, P)"""
-    tangent: Array
-    """(P, S) the free directions."""
-
-
 def _maximise(
-    model: ContactModel,
-    x: Array,
-    errors: Ar1Noise,
-    anchors: Array,
-    window: Window,
-    prior: Prior,
-    reach_m: float,
+    model: ContactModel, x: Array, errors: Ar1Noise, anchors: Array, window: Window, prior: Prior
 ) -> Array:
     """Minimise the weighted squares of the residuals' innovations from x (1, S), by Levenberg-Marquardt."""
 
-    def new(x: Array) -> tuple[float, Equations]:
-        equations = _equations(model, x, errors, anchors, window, reach_m)
-        return equations.cost + float(prior.cost(x)[0]), equations
+    def equations(x: Array) -> tuple[float, Array, Array, Array]:
+        rows, tangent = _linearised(model, x, anchors, window)
+        products = _weighted_products(rows, errors, window.index)
+        gradient = products[:-1, -1] + tangent.T @ prior.gradient(x)[0]
+        curvature = products[:-1, :-1] + tangent.T @ prior.precision[0] @ tangent
+        return float(0.5 * products[-1, -1] + prior.cost(x)[0]), gradient, curvature, tangent
 
-    damping, (cost, current) = np.array(FIRST_DAMPING), new(x)
+    damping, (cost, gradient, curvature, tangent) = np.array(FIRST_DAMPING), equations(x)
     for _ in range(STEPS):
-        gradient = current.gradient + current.tangent @ prior.gradient(x)[0]
-        curvature = current.curvature + current.tangent @ prior.precision[0] @ current.tangent.T
-        curvature.flat[:: len(curvature) + 1] += damping * curvature.diagonal() + LEAST_CURVATURE
-        step = -linalg.solve(curvature, gradient[:, None])[:, 0]
-        proposal = model.family.normalise(x + step @ current.tangent, anchors)
-        trial = new(proposal)  # its cost alone would take nearly as long
+        damped = curvature.copy()
+        damped.flat[:: len(damped) + 1] += damping * curvature.diagonal() + LEAST_CURVATURE
+        step = -linalg.solve(damped, gradient[:, None])[:, 0]
+        decrease = abs(gradient @ step)
+        proposal = model.family.normalise(x + tangent @ step, anchors)
+        trial = equations(proposal)  # its cost alone would take nearly as long
         damping = adapted(damping, trial[0] < cost)
         if trial[0] < cost:
-            x, (cost, current) = proposal, trial
-        if abs(gradient @ step) < TOLERANCE_NATS:
+            x, (cost, gradient, curvature, tangent) = proposal, trial
+        if decrease < TOLERANCE:
             break
     return x
 
 
-def _equations(
-    model: ContactModel, x: Array, errors: Ar1Noise, anchors: Array, window: Window, reach_m: float
-) -> Equations:
-    """The equations of the data at x (1, S)."""
-    if not compiled.in_use():
-        return _equations_reference(model, x, errors, anchors, window)
-    from contact_tracker.hypotheses.compiled import calls
-
-    kind, ticks = calls.model_of(model, reach_m), calls.ticks_of(window)
-    return Equations(*calls.equations(kind, x[0], anchors[0], ticks, *errors, STEP))
+def _weighted_products(rows: Array, errors: Ar1Noise, index: Ints) -> Array:
+    """Weighted sum (P + 1, P + 1) of products of the innovations of ``rows`` (K, W, P + 1)."""
+    return np.asarray(
+        np.einsum("k,kpq->pq", errors.weight, _innovation_products(rows, errors.correlation, index))
+    )
 
 
-def _equations_reference(
-    model: ContactModel, x: Array, errors: Ar1Noise, anchors: Array, window: Window
-) -> Equations:
-    """``_equations`` in numpy: the reference of the compiled kernel."""
-    weight, correlation = errors
-    whitened, slopes, tangent = _linearised(model, x, anchors, window)
-    residual = whiten_ar1(whitened, correlation, window.index)
-    jacobian = whiten_ar1(slopes, correlation, window.index)
-    weighted = weight[:, None, None] * jacobian
-    cost = float(0.5 * weight @ np.sum(residual**2, axis=1))
-    gradient = np.einsum("ktp,kt->p", weighted, residual)
-    return Equations(cost, gradient, np.einsum("ktp,ktq->pq", weighted, jacobian), tangent.T)
-
-
-def _noise(model: ContactModel, x: Array, window: Window) -> tuple[Array, Array]:
-    """Residuals of x (B, S) and their noise variances, (B, K, W) both."""
-    residuals = model.measure(x, window.zeta)
-    return residuals.residual, residual_noise(residuals, window)
-
-
-def _whitened(model: ContactModel, x: Array, window: Window) -> Array:
-    """Residuals of x (B, S) in units of their noise, (B, K, W)."""
-    residual, variance = _noise(model, x, window)
-    return np.asarray(residual / np.sqrt(variance))
-
-
-def _linearised(model: ContactModel, x: Array, anchors: Array, window: Window) -> tuple[Array, Array, Array]:
-    """Whitened residuals (K, W) at x (1, S), their derivative (K, W, P) along the tangent (S, P)."""
+def _linearised(model: ContactModel, x: Array, anchors: Array, window: Window) -> tuple[Array, Array]:
+    """Rows (K, W, P + 1) at x (1, S): the derivatives of the residuals along the tangent (S, P), then the
+    residuals, in units of their noise; and the tangent."""
     tangent = model.family.tangent(x, anchors)[0]
     steps = STEP * tangent.T
     around = model.family.normalise(x + np.concatenate([steps, -steps]), anchors)
-    residuals = _whitened(model, np.concatenate([x, around]), window)
-    half = len(steps)
-    jacobian: Array = (residuals[1 : half + 1] - residuals[half + 1 :]) / (2.0 * STEP)
-    return residuals[0], np.moveaxis(jacobian, 0, -1), tangent
+    measured = model.measure(np.concatenate([x, around]), window.zeta)
+    whitened = measured.residual / np.sqrt(residual_noise(measured, window))
+    ahead, behind = whitened[1:].reshape(2, len(steps), *whitened.shape[1:])
+    return np.moveaxis(np.concatenate([(ahead - behind) / (2.0 * STEP), whitened[:1]]), 0, -1), tangent

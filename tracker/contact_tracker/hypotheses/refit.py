@@ -2,9 +2,6 @@
 evaluate the evidence of all ticks since the onset.
 """
 
-from collections.abc import Sequence
-from typing import Final
-
 import numpy as np
 
 from contact_tracker.arrays import Array, Bools, Ints
@@ -12,6 +9,8 @@ from contact_tracker.contacts import ContactModel
 from contact_tracker.hypotheses import gauss_newton
 from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.evidence import (
+    DECISIVE,
+    SAME_FIT_RATIO,
     EvidenceParameters,
     EvidenceSums,
     complexity,
@@ -20,20 +19,13 @@ from contact_tracker.hypotheses.evidence import (
 )
 from contact_tracker.hypotheses.gauss_newton import Prior
 from contact_tracker.hypotheses.schedule import (
-    DEFER_NATS,
-    DROP_NATS,
     FIRST_STEPS,
     FIRST_TICKS,
-    FITTING_RMS,
-    PROTECTION_NATS,
-    PROTECTION_TICKS,
+    NEAR_NATS,
     RECOVERY_STEPS,
-    REFINE_STEPS,
     REST_WEIGHT,
 )
 from contact_tracker.motion.window import Window
-
-NO_REFIT: Final = -1
 
 
 def anchors_of(bank: Bank, model: ContactModel) -> Array:
@@ -43,18 +35,14 @@ def anchors_of(bank: Bank, model: ContactModel) -> Array:
     return np.where(np.isnan(bank.line_anchor), anchors, bank.line_anchor)
 
 
-def prior_of(bank: Bank, model: ContactModel, anchors: Array, reach_m: float) -> Prior:
-    """Prior of each hypothesis: the weak prior plus the prior of its known elements."""
+def prior_at_anchors(bank: Bank, model: ContactModel, reach_m: float) -> tuple[Prior, Array]:
+    """The prior of each hypothesis, the weak one plus that of its known elements, and the anchors (H, 6)
+    around which it is evaluated."""
+    anchors = anchors_of(bank, model)
     weak = weak_prior(model.family, anchors, reach_m)
     if not bank.prior_index.any():
-        return weak
-    return weak + Prior.around(bank.prior_mean, bank.prior_information, weak.flat)
-
-
-def prior_at_anchors(bank: Bank, model: ContactModel, scales: EvidenceParameters) -> tuple[Prior, Array]:
-    """The prior of each hypothesis, and the anchors (H, 6) around which it is evaluated."""
-    anchors = anchors_of(bank, model)
-    return prior_of(bank, model, anchors, scales.reach_m), anchors
+        return weak, anchors
+    return weak + Prior.around(bank.prior_mean, bank.prior_information, weak.flat), anchors
 
 
 def accumulate(
@@ -110,33 +98,19 @@ def accumulate_window(bank: Bank, model: ContactModel, window: Window, scales: E
     return bank.replace_columns(x=model.family.normalise(bank.x, anchors_of(bank, model)))
 
 
-def is_deferred(bank: Bank) -> Bools:
-    """Which hypotheses (H,) are refitted only when a search is due."""
-    return ~(bank.log_weight >= -DEFER_NATS)
+def are_near(bank: Bank) -> Bools:
+    """Which hypotheses (H,) are within ``NEAR_NATS`` of the best before this tick."""
+    return bank.log_weight >= -NEAR_NATS
 
 
 def recover_fallen(
     bank: Bank, old_weight: Array, model: ContactModel, window: Window, scales: EvidenceParameters
 ) -> Bank:
-    """Refit hypotheses whose likelihood has dropped in this tick.
-
-    Hypotheses that were near the best (log weight ``old_weight`` (H,)) take ``RECOVERY_STEPS`` more steps. If
-    they still do not fit, and were within ``PROTECTION_NATS``, they are protected from pruning
-    (``Bank.protected_until``).
-    """
-    fallen = _fallen(bank, old_weight, DEFER_NATS)
-    if fallen.any():
-        bank = refit_in_steps(bank, model, window, scales, np.where(fallen, RECOVERY_STEPS, NO_REFIT))
-    fallen = _fallen(bank, old_weight, PROTECTION_NATS)
-    if not fallen.any():
-        return bank
-    until = np.maximum(bank.protected_until, bank.effective_ticks + PROTECTION_TICKS)
-    return bank.replace_columns(protected_until=np.where(fallen, until, bank.protected_until))
-
-
-def _fallen(bank: Bank, old_weight: Array, nats: float) -> Bools:
-    """Which hypotheses (H,) were within ``nats`` of the best, lost ``DROP_NATS`` and do not fit any more."""
-    return (old_weight >= -nats) & (bank.log_weight < old_weight - DROP_NATS) & (bank.rms > FITTING_RMS)
+    """Take more steps of hypotheses that were near the best (log weight ``old_weight`` (H,) before the tick),
+    lost decisive evidence in this tick and do not fit any more: an open direction may be far off."""
+    fallen = (old_weight >= -NEAR_NATS) & (bank.log_weight < old_weight - DECISIVE)
+    rows = np.flatnonzero(fallen & (bank.rms > SAME_FIT_RATIO))
+    return refit(bank, model, window, scales, rows, RECOVERY_STEPS) if len(rows) else bank
 
 
 def refit(
@@ -144,62 +118,21 @@ def refit(
     model: ContactModel,
     window: Window,
     scales: EvidenceParameters,
-    unchanged: Bools | None = None,
+    rows: Ints | None = None,
+    steps: int | None = None,
 ) -> Bank:
-    """``refit_in_steps`` by the regular number of steps; rows that are ``unchanged`` (H,) are left alone."""
-    steps = _steps_due(bank)
-    if unchanged is not None:
-        steps[unchanged] = NO_REFIT
-    return refit_in_steps(bank, model, window, scales, steps)
-
-
-def _steps_due(bank: Bank) -> Ints:
-    """Regular number of steps (H,) in a tick."""
-    return REFINE_STEPS + (FIRST_STEPS - REFINE_STEPS) * (bank.effective_ticks < FIRST_TICKS)
-
-
-def refit_in_windows(
-    bank: Bank, owner: Ints, model: ContactModel, windows: Sequence[Window], scales: EvidenceParameters
-) -> Bank:
-    """``refit`` with a window per hypothesis: ``owner`` (H,) is its index in ``windows``, ascending."""
-    prior, anchors = prior_at_anchors(bank, model, scales)
-    fit = gauss_newton.minimise(
-        model.family, bank.second_moment, bank.row_weight, prior, anchors, bank.x, _steps_due(bank)
-    )
-    bank = bank.replace_columns(x=fit.x)
-    for i, window in enumerate(windows):
-        rows = np.flatnonzero(owner == i)
-        if len(rows):
-            priors = prior.pick(rows), anchors[rows]
-            evaluated = _with_evidence(bank.pick(rows), model, window, scales, priors, fit.pick(rows))
-            bank = bank.replace_rows(rows, evaluated, np.arange(len(rows)))
-    return bank
-
-
-def refit_in_steps(
-    bank: Bank, model: ContactModel, window: Window, scales: EvidenceParameters, steps: Ints
-) -> Bank:
-    """Take ``steps`` (H,) Gauss-Newton steps and evaluate the evidence there; ``NO_REFIT`` leaves a row
-    alone.
+    """Take Gauss-Newton steps from the last estimate and evaluate the evidence there, of ``rows`` or all;
+    ``steps`` is by default the regular number in a tick.
 
     The moments are in 1/m^2, the weights of rows are relative to that.
     """
-    if (steps == NO_REFIT).any():
-        rows = np.flatnonzero(steps != NO_REFIT)
-        refitted = refit_in_steps(bank.pick(rows), model, window, scales, steps[rows])
+    if rows is not None:
+        refitted = refit(bank.pick(rows), model, window, scales, steps=steps)
         return bank.replace_rows(rows, refitted, np.arange(len(rows)))
-    priors = prior_at_anchors(bank, model, scales)
-    fit = gauss_newton.minimise(model.family, bank.second_moment, bank.row_weight, *priors, bank.x, steps)
+    count = np.where(bank.effective_ticks < FIRST_TICKS, FIRST_STEPS, 1) if steps is None else steps
+    priors = prior_at_anchors(bank, model, scales.reach_m)
+    fit = gauss_newton.minimise(model.family, bank.second_moment, bank.row_weight, *priors, bank.x, count)
     return _with_evidence(bank.replace_columns(x=fit.x), model, window, scales, priors, fit)
-
-
-def information(bank: Bank, model: ContactModel, scales: EvidenceParameters) -> Array:
-    """Information (H, P, P) of the data on each geometry, along the tangent at x.
-
-    The linear coordinates are taken at their optimum.
-    """
-    priors = prior_at_anchors(bank, model, scales)
-    return gauss_newton.data_information(model.family, bank.second_moment, bank.row_weight, *priors, bank.x)
 
 
 def _with_evidence(

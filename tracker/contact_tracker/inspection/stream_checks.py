@@ -13,8 +13,8 @@ import numpy as np
 
 from contact_tracker.arrays import Array, Bools
 from contact_tracker.geometry.linalg import between, rotation_vectors
-from contact_tracker.motion.excursions import ARM_M, FAR_M_PER_S2
-from contact_tracker.motion.poses import AS_GIVEN, NO_POSES, Poses, ReadAs
+from contact_tracker.motion.excursions import FAR_M_PER_S2
+from contact_tracker.motion.poses import ARM_M, AS_GIVEN, NO_POSES, Poses, ReadAs
 from contact_tracker.motion.sensor_noise import MEDIAN_OF_CHI_SQ, SCALE, independent_point
 
 PIECE: Final = 10
@@ -280,9 +280,11 @@ def inspect(inspection: Inspection, poses: Poses) -> Inspection:
     return inspection._replace(recent=recent[max(end - KEPT, 0) :])
 
 
-def findings(inspection: Inspection, fitting_units: Sequence[str] = ()) -> tuple[Finding, ...]:
+def findings(
+    inspection: Inspection, fitting_units: Sequence[str] = (), is_cut_short: bool = False
+) -> tuple[Finding, ...]:
     """Findings in the stream so far; ``fitting_units``: units of positions in which contacts explain the
-    motion, while they do not in metres."""
+    motion, while they do not in metres. ``is_cut_short``: the stream goes on, but is not read further."""
     result = list[Finding]()
     if inspection.units:
         result.append(Finding("units", _units_text(inspection, fitting_units), True))
@@ -304,16 +306,17 @@ def findings(inspection: Inspection, fitting_units: Sequence[str] = ()) -> tuple
             "choose one with --topic or --frame, or record them on topics of their own"
         )
         result.append(Finding("bodies", text, True))
-    count = inspection.total + inspection.repeats
+    how = "does not change in the first" if is_cut_short else "never changes in"
+    unchanged = f"{how} {inspection.total + inspection.repeats} poses"
     if inspection.repeats >= ENOUGH_CONSTANT and not any(inspection.moved):
-        fault = f"pose never changes in {count} poses: is the object tracked, in this frame?"
+        fault = f"pose {unchanged}: is the object tracked, in this frame?"
         result.append(Finding(STILL, f"the {fault}", False))
     elif inspection.total >= ENOUGH_CONSTANT and not all(inspection.moved):
         # With known elements (--known) positions or orientations alone give labels that are sure and wrong.
         part, need = "position", "contacts need both"
         if inspection.moved[0]:
             part, need = "orientation", "contacts are recognised by rotation"
-        fault = f"the {part} never changes in {count} poses: is it recorded? {need}"
+        fault = f"the {part} {unchanged}: is it recorded? {need}"
         result.append(Finding(ORIENTATION, fault, True))
     if inspection.turning.are_inverse and not inspection.read_as.frame_moves:
         from_body_m, from_world_m = inspection.turning.median_m

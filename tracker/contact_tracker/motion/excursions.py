@@ -25,7 +25,16 @@ import numpy as np
 
 from contact_tracker.arrays import Array
 from contact_tracker.geometry.linalg import between, product
-from contact_tracker.motion.poses import NEAR_M, NEAR_TURN, STEPS_KEPT, Pose, Step, reach, step_between
+from contact_tracker.motion.poses import (
+    ARM_M,
+    NEAR_M,
+    NEAR_TURN,
+    STEPS_KEPT,
+    Pose,
+    Step,
+    reach,
+    step_between,
+)
 
 JUMP: Final = 3.0
 """A jump is longer than this many usual steps."""
@@ -38,16 +47,13 @@ LONGEST_NS: Final = 2_000_000_000
 """Longest excursion if its first step is no motion. Markers are hidden for up to 1.6 s at a time."""
 FAR_M_PER_S2: Final = 50.0
 """Acceleration that no hand gives an object."""
-VISITS: Final = 10
 VISIT_PERIODS: Final = 4
-"""``VISITS`` excursions in a row to one place, at most so many periods apart, are those of another body. Half
-and double drop the same poses of 231 streams with faults; with half, one in every third pose is dropped."""
+"""``KNOWN_POSES`` excursions in a row to one place, at most so many periods apart, are those of another body.
+Half and double drop the same poses of 231 streams with faults; with half, one in three poses is dropped."""
 MOST_WAITING: Final = 2000
 """Largest number of poses that are held, and of those that wait for motion away from the origin. With 1,000,
 2,476 of 20,962 poses of another body pass instead of 1,038, as at 1 kHz these are less than ``LONGEST_NS``;
 with 4,000 as many."""
-ARM_M: Final = 0.1
-"""Lever arm with which turns count as distances."""
 _ORIGIN: Final = (0.0, 0.0, 0.0)
 
 Numbers = tuple[tuple[float, float, float], tuple[float, float, float, float]]
@@ -206,7 +212,7 @@ class JumpFilter:
             and not is_longer(step_between(visited, first), longest)
         )
         self._visits = self._visits + 1 if is_again else 1
-        if self._visits >= VISITS:
+        if self._visits >= KNOWN_POSES:
             self._held.append(pose)
             return self.finish()
         self._counts["excursion"] += len(self._held)

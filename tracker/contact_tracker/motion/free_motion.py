@@ -26,19 +26,17 @@ from contact_tracker.geometry.linalg import (
 # Share of the innovations that is attributed to white jerk. It minimises the prediction error of hand and
 # robot motion alike; between 0.03 and 0.3 it hardly matters.
 JERK_SHARE: Final = 0.1
-SETTLING_TICKS: Final = 4
 LONGEST_COAST_S: Final = 2.0
 """After a longer gap the filter starts again."""
 LONGEST_PREDICTION: Final = 1.5
 """Errors of predictions over more ticks than this do not count for the strength of the motion."""
-SAME_S: Final = 1e-4
-"""Deviation from the tick's duration below which an interval counts as one tick."""
 NOW_TICKS: Final = 3
 """Number of ticks after which an object that has stopped is recognised to rest."""
+SETTLING_TICKS: Final = NOW_TICKS + 1
 SHAPE_MEMORY_S: Final = 1.5
 REST_VARIANCE_RATIO: Final = 3.0
 """Innovations of up to this many noise variances count as rest."""
-LOG_BIAS: Final = 1.446
+LOG_BIAS: Final = 6.0 * exp(np.euler_gamma - 2.0)
 """exp(-E log(chi^2_3 / 3)): from the geometric to the arithmetic mean of squares in three axes."""
 TINY: Final = 1e-20
 PRIOR_SPREAD: Final = (1.0, 10.0, 100.0)
@@ -284,7 +282,7 @@ def _predict(state: FreeMotion, variance: Array, elapsed_s: float, tick_s: float
     unexplained = np.maximum(state.spread - variance - explained, 0.0) if state.weight else variance
     jerk = unexplained * (JERK_SHARE / tick.jerk_covariance[0, 0])
     covariance_of_tick = carried + tick.jerk_covariance * jerk.repeat(3)
-    if abs(elapsed_s - tick_s) < SAME_S:
+    if elapsed_s == round(tick_s, 4):
         return _Prediction(x.reshape(2, 3, 3), covariance_of_tick, _WHOLE, _UNIT)
     passed = transition(elapsed_s)
     x, covariance = predict(state.x.reshape(6, 3), state.covariance, F=passed.matrix)

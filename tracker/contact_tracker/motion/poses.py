@@ -171,6 +171,8 @@ NEAR_TURN: Final = 2.0 * sin(radians(3.0) / 2.0)
 """A pose that is within both limits of the last one is near, whatever the motion."""
 
 
+ARM_M: Final = 0.1
+"""Lever arm with which turns count as distances."""
 STEPS_KEPT: Final = 25
 """Number of steps that determine the usual step."""
 

@@ -12,6 +12,7 @@ from math import comb, sqrt
 from typing import Final, NamedTuple
 
 import numpy as np
+from scipy.special import chdtri
 
 from contact_tracker.arrays import Array
 from contact_tracker.geometry.linalg import between, cross_matrix, matrices, rotation_vectors
@@ -43,7 +44,7 @@ POINT_ROUNDS: Final = 3
 whose origin is moved by 10 m, one is 6 mm (median; at most 16) from the limit of many rounds, three are 1 mm
 (4), and by 2,000 poses one is 0.1 mm."""
 SCALE: Final = sqrt(sum(comb(ORDER, i) ** 2 for i in range(ORDER + 1)))
-MEDIAN_OF_CHI_SQ: Final = 2.3659738843753377
+MEDIAN_OF_CHI_SQ: Final = float(chdtri(3, 0.5))
 """Median of the chi-squared distribution with three degrees of freedom."""
 ROUNDING_RAD: Final = 1e-9
 """Smaller differences of orientations are rounding errors, by which a point may seem to be anywhere. Larger

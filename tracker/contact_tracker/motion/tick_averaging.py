@@ -20,8 +20,6 @@ from contact_tracker.motion.sensor_noise import NoiseBuffer, NoiseEstimate
 NEIGHBOURS: Final = 5
 NOISY_M: Final = 2e-5
 """Poses with more noise do not repeat by chance or by rounding; others are exact, as those of encoders."""
-STEP_NOISE: Final = 6.0
-"""Mean squared step between two poses, in variances of the noise of one axis."""
 RECENT_FRAMES: Final = 8
 """Number of the latest poses, without repeated ones, that show whether the object came to rest."""
 CAME_TO_REST: Final = 0.5
@@ -212,7 +210,7 @@ def _plausible(
         allowed_sq = sigma_sq + spread * ((min(NEIGHBOURS, count) - 1) / count) ** 2
         if count == NEIGHBOURS or sigma_sq[0] < NOISY_M**2 or not is_predicted:
             beside = _lacks_neighbours(count, width) if is_predicted else everything
-            step_sq = _step_sq(deviation) + (1.0 - STEP_NOISE) * sigma_sq
+            step_sq = _step_sq(deviation) - 5.0 * sigma_sq  # of two poses, in three axes
             allowed_sq = np.where(beside[:, None], np.maximum(allowed_sq, step_sq), allowed_sq)
         deviation = deviation - _local_median(deviation, width)
     distance_sq = (deviation * deviation).reshape(-1, 2, 3).sum(axis=2)

@@ -12,8 +12,9 @@ from contact_tracker.arrays import Array, Bools, Ints
 from contact_tracker.config.parameters import Model
 from contact_tracker.geometry import linalg
 from contact_tracker.geometry.lifted_pose import R, T, lift_of_inverse
-from contact_tracker.geometry.linalg import EYE, TINY
+from contact_tracker.geometry.linalg import EYE, LEAST_SHARE, TINY
 from contact_tracker.motion.free_motion import NOW_TICKS, REST_VARIANCE_RATIO
+from contact_tracker.motion.poses import ARM_M
 from contact_tracker.motion.tick_averaging import Tick, tick_anisotropy, tick_variances
 
 REST_S: Final = 1.0
@@ -297,13 +298,13 @@ DIRECTIONS: Final = 6
 """Degrees of freedom of a rigid object."""
 STRIDE_TICKS: Final = 5
 """Steps in ticks between which twists are taken, long enough for slow motion to exceed the noise."""
+LEVER_M: Final = ARM_M
 USED: Final = 10.0
 """A direction is used if its mean squared motion is this many times the variance of the noise."""
-LEVER_M: Final = 0.1
 ONE_AXIS: Final = 0.14
 """Motion has one degree of freedom if its second largest component is below this share of the largest (turns
 scaled by the lever above): hinges, sliders and screws with their errors."""
-NO_MOTION: Final = 1e-9
+NO_MOTION: Final = LEAST_SHARE
 """Added to weights and least divisors: without motion they are zero."""
 _AXIS: Final = np.array([np.cross(b, a) for a in EYE for b in EYE]).T
 """(3, 9): maps a row-major matrix to its antisymmetric part as a vector: of a rotation twice the sine of its

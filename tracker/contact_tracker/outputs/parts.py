@@ -5,9 +5,9 @@ edge, or a vertex. If the touching element is extended, as a face on a face, thi
 object.
 """
 
-from collections.abc import Hashable, Iterable, Iterator, Sequence
-from dataclasses import replace
-from typing import Final, NamedTuple, Self
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final, NamedTuple, Self
 
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
@@ -36,7 +36,7 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.outputs import scene
 from contact_tracker.outputs.joint_runs import is_same_joint, joint_runs
 from contact_tracker.outputs.outcome import Outcome
-from contact_tracker.outputs.scene import UNKNOWN_EXTENT, Extent, Mesh, poses_within
+from contact_tracker.outputs.scene import UNKNOWN_EXTENT, Drawing, Extent, Mesh, Upward, draw, poses_within
 from contact_tracker.outputs.text import joint_name
 from contact_tracker.tracking.belief import Segment
 
@@ -91,7 +91,7 @@ class Touch(NamedTuple):
     start_ns: int
     end_ns: int
     geometry: ContactGeometry
-    keys: tuple[Hashable, Hashable]
+    keys: tuple[Any, Any]
 
 
 class KnownParts:
@@ -186,11 +186,7 @@ class KnownParts:
             key: (side, name, _located(element, about[side]))
             for key, (side, name, element) in (self._listed | self._map_elements(world)).items()
         }
-        touches += [
-            Touch(start_ns, end_ns, ContactGeometry(*(touched[key] for key in pair)), pair)
-            for start_ns, end_ns, pair in (() if world is None else world.touches)
-            if touched.keys() >= {*pair}
-        ]
+        touches += _touches_of(world, touched)
         places, spans = dict[Hashable, list[Array]](), dict[Hashable, list[tuple[int, int]]]()
         if world is not None:
             places |= {key: [points_m] for key, points_m in world.learned.extents.items()}
@@ -215,13 +211,10 @@ class KnownParts:
         elements, directions = learned.known, {key: e.direction for key, e in learned.elements.items()}
         places = {key: [points_m] for key, points_m in learned.extents.items()}
         sides = {key: {float(np.sign(way @ directions[key]))} for key, way in learned.outward.items()}
-        for start_ns, end_ns, keys in world.touches:
-            if not elements.keys() >= {*keys}:
-                continue
-            touch = Touch(start_ns, end_ns, ContactGeometry(*(elements[key] for key in keys)), keys)
+        for touch in _touches_of(world, elements):
             points = _touched_points(touch, poses, extent)
             free_sides = _free_sides(touch, poses, points, world.touches)
-            for key, points_m, side in zip(keys, points, free_sides, strict=True):
+            for key, points_m, side in zip(touch.keys, points, free_sides, strict=True):
                 places.setdefault(key, []).append(points_m)
                 sides.setdefault(key, set()).update(side)
         return replace(
@@ -263,6 +256,52 @@ class KnownParts:
 def known_parts(outcome: Outcome) -> tuple[Part, ...]:
     """The known parts after a recording."""
     return KnownParts.of(outcome).parts(outcome.touched)
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnRecording:
+    """What the viewer, reports and Foxglove draw of a recording.
+
+    Parameters
+    ----------
+    poses : of the object.
+    parts : the known parts.
+    extent, full_extent : size of the object, as its known body shows it, and as its touched elements do, too.
+    upward : the estimate of upward.
+    """
+
+    poses: Poses
+    parts: tuple[Part, ...]
+    extent: Extent
+    full_extent: Extent
+    upward: Upward
+
+    @classmethod
+    def of(cls, outcome: Outcome) -> Self:
+        known, poses, world = KnownParts.of(outcome), outcome.trajectory.poses, outcome.touched
+        extent = known.object_extent
+        upward = Upward.of(outcome.segments, poses, extent)
+        return cls(poses, known.parts(world), extent, known.extent(world), upward)
+
+    def pairs(
+        self, geometries: Iterable[ContactGeometry | None], start_ns: int, end_ns: int
+    ) -> Drawing | None:
+        """Simultaneous touching pairs during a time, with label and ``is_open`` of the first; None without
+        pairs."""
+        within, up = poses_within(self.poses, start_ns, end_ns), self.upward.direction
+        drawings = [draw(pair, within, self.extent, up) for pair in geometries if pair is not None]
+        if not drawings:
+            return None
+        meshes = zip(*(drawing.meshes for drawing in drawings), strict=True)
+        return drawings[0]._replace(meshes=tuple(map(scene.join, meshes)))
+
+
+def _touches_of(world: GrowingMap | None, elements: Mapping[Key, Element]) -> Iterator[Touch]:
+    """The touches of a map between two of these elements."""
+    for start_ns, end_ns, keys in () if world is None else world.touches:
+        if elements.keys() >= {*keys}:
+            body, environment = (elements[key] for key in keys)
+            yield Touch(start_ns, end_ns, ContactGeometry(body, environment), keys)
 
 
 def _known_bodies(known_map: Map) -> Iterator[tuple[int, str, Array]]:

@@ -35,9 +35,8 @@ _BAR: Final = 0.05
 _VERTEX: Final = 0.1
 _RIM: Final = 0.02
 _NEEDLE: Final = 0.01
+"""Dimensions relative to the drawn half size."""
 _SPOKES: Final = 3
-_WIDEST: Final = 1.0
-"""Largest width of an uncertainty, and above it other dimensions, relative to the drawn half size."""
 
 
 class Mesh(NamedTuple):
@@ -77,21 +76,21 @@ def uncertainty(element: Element, centre: Array, half_m: float, angles: Array = 
 
     Its width is limited to ``half_m``. A drawn plane has corners at ``angles``.
     """
-    covariance, widest = element.covariance, _WIDEST * half_m
+    covariance = element.covariance
     if covariance is None or not np.all(np.isfinite(covariance)):
         return EMPTY
     match element:
         case Plane(normal):
             disc = _disc(normal, centre, half_m, 5, angles)
-            shift = np.minimum(SIGMAS * distance_sd_m(element, disc), widest)[..., None] * normal
+            shift = np.minimum(SIGMAS * distance_sd_m(element, disc), half_m)[..., None] * normal
             return join((_mesh(disc + shift), _mesh(disc - shift)))
         case Line(direction):
             along, basis = np.linspace(-half_m, half_m, 7), across(direction)
             dd, dp, pp = covariance[:3, :3], covariance[:3, 3:], covariance[3:, 3:]
             spread = pp + along[:, None, None] * (dp + dp.T) + along[:, None, None] ** 2 * dd
-            return _mesh(_tube(direction, centre, along, _root(basis.T @ spread @ basis, widest), _ROUND))
+            return _mesh(_tube(direction, centre, along, _root(basis.T @ spread @ basis, half_m), _ROUND))
         case Point():
-            return _mesh(_ball(centre, _root(covariance, widest)))
+            return _mesh(_ball(centre, _root(covariance, half_m)))
 
 
 def distance_sd_m(plane: Plane, points: Array) -> Array:
@@ -244,17 +243,6 @@ def poses_within(poses: Poses, start_ns: int, end_ns: int) -> Poses:
     first, last = np.searchsorted(poses.stamp_ns, [start_ns, end_ns + 1])
     first = min(int(first), len(poses) - 1)
     return poses[first : max(int(last), first + 1)]
-
-
-def draw_all(
-    geometries: Sequence[ContactGeometry], poses: Poses, extent: Extent, up: Array = UP
-) -> Drawing | None:
-    """Draw simultaneous pairs by ``draw``, with label and ``is_open`` of the first; None without pairs."""
-    if not geometries:
-        return None
-    drawings = [draw(geometry, poses, extent, up) for geometry in geometries]
-    meshes = zip(*(drawing.meshes for drawing in drawings), strict=True)
-    return drawings[0]._replace(meshes=tuple(map(join, meshes)))
 
 
 def draw(geometry: ContactGeometry, poses: Poses, extent: Extent, up: Array = UP) -> Drawing:

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from contact_tracker.arrays import Array, Bools, Ints
-from contact_tracker.geometry.linalg import MOST_DAMPING, adapted, sphere_tangent
+from contact_tracker.geometry.linalg import LEAST_SHARE, MOST_DAMPING, adapted, sphere_tangent
 from contact_tracker.paper.objectives import motion
 from contact_tracker.states import Contact
 
@@ -141,7 +141,6 @@ def _cross_rows(rotation: Array) -> Array:
 
 _LEVI_CIVITA: Final = np.cross(np.eye(3)[:, None], np.eye(3))
 FIRST_DAMPING: Final = 1e-3
-LEAST_SHARE: Final = 1e-11
 LEAST_CURVATURE: Final = np.finfo(float).tiny
 """Minimal curvature: a share of the largest one, and a constant for windows without curvature."""
 
@@ -270,7 +269,7 @@ def _tangent(kind: Kind, e: Array) -> Array:
     return out
 
 
-def _move(kind: Kind, e: Array, step: Array) -> Array:
+def _move(kind: Kind, e: Array, step: Array | float) -> Array:
     """The element after a step, back on its constraints."""
     moved = e + step
     if kind == "point":
@@ -343,7 +342,8 @@ def minimise_slsqp(
         z0 = np.concatenate(random_starts(contact, 1, rng, offset_m), axis=1)[0]
         result = minimize(objective, z0, jac=True, method="SLSQP", **settings)
         converged += int(result.success)
-        x, y = _onto_constraints(f.x, result.x[:size]), _onto_constraints(f.y, result.x[size:])
+        # SLSQP meets the constraints to a tolerance only
+        x, y = _move(f.x, result.x[None, :size], 0.0)[0], _move(f.y, result.x[None, size:], 0.0)[0]
         v = np.kron(x, y)
         minima.append((float(v @ k @ v), x, y))
     if not minima:
@@ -368,15 +368,3 @@ def _constraint(kind: Kind, e: Array) -> tuple[list[float], list[list[float]]]:
             return [length, float(e[:3] @ e[3:])], [[*(2.0 * e[:3]), 0.0, 0.0, 0.0], [*e[3:], *e[:3]]]
         case "point":
             return [e[3] - 1.0], [[0.0, 0.0, 0.0, 1.0]]
-
-
-def _onto_constraints(kind: Kind, e: Array) -> Array:
-    """The element with its constraints exact, which SLSQP meets to a tolerance only, for comparing minima."""
-    match kind:
-        case "plane":
-            return np.asarray(e / np.linalg.norm(e[:3]))
-        case "line":
-            e = e / np.linalg.norm(e[:3])
-            return np.concatenate([e[:3], e[3:] - e[:3] * (e[:3] @ e[3:])])
-        case "point":
-            return np.asarray(e / e[3])

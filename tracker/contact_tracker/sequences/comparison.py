@@ -27,25 +27,6 @@ MOST_STEPS: Final = 300
 """Largest number of segments of a recording that are aligned: 300 by 300 take four seconds."""
 
 
-Kind = Literal["number", "text"]
-_SPAN: Final[tuple[tuple[str, str, Kind], ...]] = (
-    ("contact", "", "text"),
-    ("start", "_s", "number"),
-    ("end", "_s", "number"),
-)
-_DISTANCES: Final = ("shift_mm", "shift_sd_mm", "turn_deg", "turn_sd_deg")
-COLUMNS: Final[dict[str, Kind]] = {
-    "verdict": "text",
-    "probability": "number",
-    **{f"{name}_{take}{unit}": kind for take in "ab" for name, unit, kind in _SPAN},
-    "longer_s": "number",
-    "longer_sd_s": "number",
-    "moved": "text",
-    **{f"{side}_{name}": "number" for side in ("object", "surroundings") for name in _DISTANCES},
-}
-"""Columns of the rows in CSV, JSON and DataFrames, with their kinds."""
-
-
 class Verdict(StrEnum):
     """The verdict on a step."""
 
@@ -85,14 +66,17 @@ class ComparedStep:
 
     def to_json(self) -> dict[str, Any]:
         """Names (``COLUMNS``) and values of the row; None if unknown or not applicable."""
-        values: list[Any] = [self.verdict.value, self.probability]
-        for steps in (self.first, self.second):
-            values += [_label(steps), steps[0].start_s, steps[-1].end_s] if steps else [None] * 3
-        values += [self.longer_s, self.longer_sd_s, self.moved or None]
-        for value, sd, _ in (*self.object.figures, *self.surroundings.figures):
-            values += [value, sd]
-        cells = (None if isinstance(cell, float) and not np.isfinite(cell) else cell for cell in values)
-        return dict(zip(COLUMNS, cells, strict=True))
+        cells: dict[str, Any] = {"verdict": self.verdict.value, "probability": self.probability}
+        for take, steps in (("a", self.first), ("b", self.second)):
+            start_s, end_s = (steps[0].start_s, steps[-1].end_s) if steps else (None, None)
+            cells[f"contact_{take}"] = _label(steps) or None
+            cells |= {f"start_{take}_s": start_s, f"end_{take}_s": end_s}
+        cells |= {"longer_s": self.longer_s, "longer_sd_s": self.longer_sd_s, "moved": self.moved or None}
+        for side, distance in (("object", self.object), ("surroundings", self.surroundings)):
+            for name, (value, sd, unit) in zip(("shift", "turn"), distance.figures, strict=True):
+                cells |= {f"{side}_{name}_{unit}": value, f"{side}_{name}_sd_{unit}": sd}
+        unknown = {name for name, cell in cells.items() if isinstance(cell, float) and not np.isfinite(cell)}
+        return cells | dict.fromkeys(unknown)
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,7 +133,7 @@ def compare_outcomes(first: Outcome, second: Outcome, tolerance: float = TOLERAN
         raise UsageError(
             f"takes of more than {MOST_STEPS} segments are not compared: cut them with --start and --duration"
         )
-    likelihoods = [np.log(len(STATES) * np.array([step.probability for step in steps])) for steps in takes]
+    likelihoods = [np.log(len(STATES)) + np.array([step.log_probability for step in take]) for take in takes]
     first_map, second_map = first.learned_world, second.learned_world
     evidence = np.full((len(takes[0]), len(takes[1]), 2, 2), np.nan)
     pairs, notes = np.zeros((*evidence.shape[:2], len(STATES))), list[str]()
@@ -298,3 +282,10 @@ def _difference(step: ComparedStep) -> str:
         if sd > 0.0
     ]
     return max(figures, default=(0.0, ""))[1]
+
+
+COLUMNS: Final[dict[str, Literal["number", "text"]]] = {
+    name: "text" if name == "verdict" or name.startswith(("contact", "moved")) else "number"
+    for name in ComparedStep((), (), Verdict.OPEN, 0.0).to_json()
+}
+"""Columns of the rows in CSV, JSON and DataFrames, with their kinds."""

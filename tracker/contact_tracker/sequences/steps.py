@@ -31,6 +31,8 @@ class Step:
     ----------
     segment : the segment.
     probability : (7,) of the contacts in the order of ``STATES``, the mean of the smoothed beliefs.
+    log_probability : (7,) that of a single contact in all its ticks, which count as one: the mean of the
+        logarithms, in which a tick that excludes a contact weighs more than a doubtful boundary.
     p_any : probability that its contact holds in any of its ticks, as if these were independent.
     start_s, end_s : times since the recording's first pose.
     boundary_sd_s : standard deviations of start and end, from the beliefs of the ticks around them.
@@ -39,6 +41,7 @@ class Step:
 
     segment: Segment
     probability: Array
+    log_probability: Array
     p_any: float
     start_s: float
     end_s: float
@@ -62,19 +65,21 @@ def steps_of(outcome: Outcome) -> list[Step]:
     steps, bounds = [], _boundary_sd_s(segments, stamps_ns, probability)
     for number, segment in enumerate(segments):
         rows = slice(*np.searchsorted(stamps_ns, [segment.start_ns, segment.end_ns + 1]).tolist())
-        mean, p_any = np.eye(len(STATES))[segment.contact.column], 1.0
+        ticks, p_any = np.eye(len(STATES))[segment.contact.column][None], 1.0
         if rows.start < rows.stop:
-            mean = probability[rows].mean(axis=0)
+            ticks = probability[rows]
             p_any = 1.0 - float(np.prod(1.0 - probability[rows, segment.contact.column]))
             p_free = probability[rows, Contact.FREE.column]
             if segment.contact is Contact.FREE and p_free.max() > SURE_PROBABILITY:
                 segment = replace(segment, inseparable=())  # the object was free, whatever it touched beside
-        mean = np.maximum(mean, LEAST_PROBABILITY)
+        mean = np.maximum(ticks.mean(axis=0), LEAST_PROBABILITY)
+        log_p = np.log(np.maximum(ticks, LEAST_PROBABILITY)).mean(axis=0)
+        log_p -= np.logaddexp.reduce(log_p)
         span_s = [(stamp_ns - origin_ns) * 1e-9 for stamp_ns in (segment.start_ns, segment.end_ns)]
         sds = bounds[number], bounds[number + 1]
         sighting = sighting_of(segment, outcome.learned_world)
         p_any = max(p_any, LEAST_PROBABILITY)
-        steps.append(Step(segment, mean / mean.sum(), p_any, span_s[0], span_s[1], sds, sighting))
+        steps.append(Step(segment, mean / mean.sum(), log_p, p_any, span_s[0], span_s[1], sds, sighting))
     return steps
 
 

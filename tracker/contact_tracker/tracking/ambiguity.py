@@ -23,7 +23,7 @@ from contact_tracker.hypotheses import compiled
 from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.evidence import DECISIVE, SAME_FIT_RATIO, EvidenceParameters
 from contact_tracker.hypotheses.global_search import best_of
-from contact_tracker.hypotheses.schedule import FAR_NATS
+from contact_tracker.hypotheses.schedule import NEAR_NATS
 from contact_tracker.map.elements import is_same_element
 from contact_tracker.map.map import Map
 from contact_tracker.motion.free_motion import NOW_TICKS
@@ -404,7 +404,7 @@ def _evidence(bank: Bank, since: Ints) -> Array:
     """A contact's evidence against free motion ``since`` some ticks, interpolated between its hypotheses: the
     best of each onset, without those far behind."""
     weight = bank.log_weight
-    near = (weight >= weight.max() - FAR_NATS).nonzero()[0]
+    near = (weight >= weight.max() - NEAR_NATS).nonzero()[0]
     near = near[best_of(bank.rows["onset"][near], weight[near])]
     return np.asarray(np.interp(since, bank.rows["onset"][near], bank.rows["log_likelihood"][near]))
 

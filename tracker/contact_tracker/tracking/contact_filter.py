@@ -25,7 +25,7 @@ from contact_tracker.geometry.lifted_pose import T
 from contact_tracker.hypotheses.bank import Bank
 from contact_tracker.hypotheses.bank_update import (
     TickWeights,
-    fit_windows,
+    fit_window,
     marginalise_expired_ticks,
     update_banks,
 )
@@ -483,7 +483,7 @@ def _is_on(state: FilterState, belief: Belief, pairs: BirthProposals, touched: i
         state.window.cut(-1),
         state.model.systematic,
     )
-    (at_pose,) = fit_windows(contact, [newest], state.scales, [pairs.pick(np.array([touched]))])
+    at_pose = fit_window(contact, newest, state.scales, pairs.pick(np.array([touched])))
     pair = fitted_contact(at_pose, 0, contact, state.scales, newest, state.origins, errors)
     own = belief.geometry
     if own is None:

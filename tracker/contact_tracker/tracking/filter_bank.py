@@ -24,13 +24,22 @@ from contact_tracker.motion.free_motion import NO_EXCESS, NOW_TICKS, can_be_comp
 from contact_tracker.motion.free_speed import FreeSpeed
 from contact_tracker.motion.poses import NO_OUTLIERS, NO_POSES, Outliers, Poses
 from contact_tracker.motion.sensor_noise import independent_point
-from contact_tracker.motion.tick_averaging import NOISY_M, ORIGIN_M, Tick, TickGrid, white_variances
+from contact_tracker.motion.tick_averaging import (
+    NOISY_M,
+    ORIGIN_M,
+    Tick,
+    TickGrid,
+    tick_variances,
+    white_variances,
+)
 from contact_tracker.states import CONTACTS, STATES, Contact, united
 from contact_tracker.tracking.ambiguity import likelier_states, reported, shared_with
 from contact_tracker.tracking.belief import Belief, Detail
 from contact_tracker.tracking.contact_filter import ContactFilter
 from contact_tracker.tracking.noise_choice import (
     LOG_PRIOR_TOLERANCE,
+    NO_RESTS,
+    RestScatter,
     TickEvidence,
     are_calm,
     are_kept,
@@ -241,6 +250,7 @@ class FilterBank:
     changed_since_ns : time since which the rate does not suit the ticks; None if it does.
     rest_ticks : number of ticks with poses at rest.
     rest_activity : (K,) sum of the activity of the filters in these.
+    rest_scatter : what rests have shown of the noise of a tick.
     """
 
     model: Model
@@ -261,6 +271,7 @@ class FilterBank:
     changed_since_ns: int | None = None
     rest_ticks: int = 0
     rest_activity: Array = field(default_factory=lambda: np.zeros(1))
+    rest_scatter: RestScatter = NO_RESTS
 
     def copied(self) -> Self:
         """A copy that can be updated without changing this bank; immutable parts are shared."""
@@ -414,7 +425,7 @@ class FilterBank:
         else:
             self.grid = TickGrid(models[0], self.body_m)
         self.moved_s, self.motion = 0.0, NO_MOTION
-        self.rest_ticks, self.rest_activity = 0, np.zeros(len(models))
+        self.rest_ticks, self.rest_activity, self.rest_scatter = 0, np.zeros(len(models)), NO_RESTS
         return self._update(self.grid.add(self.pending), detail)
 
     def _update(self, ticks: list[Tick], detail: Detail) -> list[Belief]:
@@ -449,7 +460,7 @@ class FilterBank:
         for filter_ in self.filters:
             if filter_.state.label is Contact.FREE:
                 filter_.state = filter_.state._replace(curved=curved._replace(since=filter_.state.free_since))
-        evidence = self._weigh(evidence, tick.count > 0)
+        evidence = self._weigh(evidence, tick)
         beliefs = [belief for belief in (filter_.reported for filter_ in self.filters) if belief is not None]
         if not beliefs:  # all have the same lag
             return []
@@ -457,7 +468,7 @@ class FilterBank:
         log_weight = self.log_weight - (0.0 if self.motion.moves else REST_NATS) * activity
         return [mixture(beliefs, log_weight, self.known_map)]
 
-    def _weigh(self, evidence: list[TickEvidence], has_poses: bool) -> list[TickEvidence]:
+    def _weigh(self, evidence: list[TickEvidence], tick: Tick) -> list[TickEvidence]:
         """Weigh the filters by their evidence of a tick, if the object moves in it, or else by what they take
         for motion; returns the evidence of the filters that are kept."""
         if len(evidence) == 1:
@@ -473,13 +484,17 @@ class FilterBank:
             price = LOG_PRIOR_TOLERANCE * np.array(is_loose)
             is_kept = are_kept(log_weight, self.log_prior, self.moved_s, price)
         else:
-            self.rest_ticks += has_poses
+            self.rest_ticks += tick.count > 0
             self.rest_activity = self.rest_activity + [tick.activity for tick in evidence]
             is_kept = np.ones(len(evidence), np.bool_)
         assert self.grid is not None
         assert self.grid.stream is not None
         is_exact = self.grid.stream.noise.sigma_position_m <= NOISY_M  # or looks so by a filter
         is_calm = are_calm(self.rest_activity, self.rest_ticks, may_be_filtered=is_exact)
+        self.rest_scatter = self.rest_scatter.append(tick, self.motion.moves)
+        models = [filter_.state.model for filter_ in self.filters]
+        variances = [tick_variances(tick.noise, np.array(float(tick.count)), model) for model in models]
+        is_calm &= self.rest_scatter.allows(np.array(variances))
         if (is_calm & is_kept).any():
             is_kept &= is_calm
         kept = np.flatnonzero(is_kept)

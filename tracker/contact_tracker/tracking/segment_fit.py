@@ -23,7 +23,7 @@ from contact_tracker.geometry.elements import ContactGeometry, Origins, pack, sh
 from contact_tracker.geometry.lifted_pose import R, T
 from contact_tracker.geometry.linalg import nearest
 from contact_tracker.hypotheses.bank import Bank
-from contact_tracker.hypotheses.bank_update import fit_windows
+from contact_tracker.hypotheses.bank_update import fit_window
 from contact_tracker.hypotheses.births import (
     BirthProposals,
     map_evidence,
@@ -118,15 +118,13 @@ class SegmentFit:
 
 def fit_segments(segments: Sequence[SegmentTicks]) -> list[SegmentFit]:
     """Fit all contacts to the ticks of each of these segments of one recording, from scratch."""
-    if not segments:
-        return []
-    windows = [_most_moving(segment.window) for segment in segments]
-    fits = zip(*(_fitted(contact, windows, segments) for contact in CONTACT_MODELS), strict=True)
-    return [*map(_segment_fit, segments, windows, fits)]
+    return [*map(_segment_fit, segments)]
 
 
-def _segment_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) -> SegmentFit:
-    """The fit of a segment: its contact, by the fits of all contacts to ``window``, and its joint."""
+def _segment_fit(segment: SegmentTicks) -> SegmentFit:
+    """The fit of a segment: its contact, by the fits of all contacts, and its joint."""
+    window = _most_moving(segment.window)
+    fits = [_fitted(contact, window, segment) for contact in CONTACT_MODELS]
     fit = _contact_fit(segment, window, fits)
     banks = zip(CONTACT_MODELS, fits, strict=True)
     contacts = [KnownContact(model.contact, bank.x[0]) for model, bank in banks if len(bank)]
@@ -205,7 +203,7 @@ def fit_on_map(
     if inseparable == fit.inseparable:
         return fit
     window = _most_moving(segment.window).with_error(error)
-    (on_map,) = fit_windows(contact, [window], scales, [pairs.pick(np.array([touched]))])
+    on_map = fit_window(contact, window, scales, pairs.pick(np.array([touched])))
     fitted, _, located = _located(segment, contact, on_map, window)
     tolerance = None if fit.tolerance is None else _tolerance(contact, fitted.x, window)
     return replace(
@@ -243,24 +241,18 @@ def _measured_fit(segment: SegmentTicks, window: Window, contact: ContactModel, 
         return by_motion
     proposals = propose_measured(contact, segment.known_map, measured, _frame(segment, window))
     noisier = window.with_error(segment.model.noise.extra_contact_variance[contact.contact.column])
-    (fitted,) = fit_windows(contact, [noisier], scales_of(segment.model), [proposals])
-    return fitted
+    return fit_window(contact, noisier, scales_of(segment.model), proposals)
 
 
 def _frame(segment: SegmentTicks, window: Window) -> Frame:
     return Frame.around(segment.origins, window.zeta[:, T].mean(axis=0))
 
 
-def _fitted(contact: ContactModel, windows: Sequence[Window], segments: Sequence[SegmentTicks]) -> list[Bank]:
-    """The best hypothesis of a contact for each whole segment, if the contact is possible."""
-    model, known_map = segments[0].model, segments[0].known_map
-    proposals = [
-        propose_births(contact, known_map, None, 0.0, _frame(segment, window))
-        for segment, window in zip(segments, windows, strict=True)
-    ]
-    error = model.noise.extra_contact_variance[contact.contact.column]
-    noisier = [window.with_error(error) for window in windows]
-    return fit_windows(contact, noisier, scales_of(model), proposals)
+def _fitted(contact: ContactModel, window: Window, segment: SegmentTicks) -> Bank:
+    """The best hypothesis of a contact for a whole segment, if the contact is possible."""
+    proposals = propose_births(contact, segment.known_map, None, 0.0, _frame(segment, window))
+    noisier = window.with_error(segment.model.noise.extra_contact_variance[contact.contact.column])
+    return fit_window(contact, noisier, scales_of(segment.model), proposals)
 
 
 def _most_moving(window: Window) -> Window:

@@ -19,12 +19,12 @@ from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.outputs.outcome import Outcome
-from contact_tracker.outputs.parts import KnownParts
-from contact_tracker.outputs.scene import UNKNOWN_EXTENT, Drawing, Upward, draw, poses_within
+from contact_tracker.outputs.parts import DrawnRecording, KnownParts
+from contact_tracker.outputs.scene import UNKNOWN_EXTENT, Upward, draw
 from contact_tracker.outputs.text import Changes, is_settled, joint_name
 from contact_tracker.paper.window_curves import curves
 from contact_tracker.states import Contact
-from contact_tracker.tracking.belief import Belief, FurtherContact, Segment, SegmentPart
+from contact_tracker.tracking.belief import Belief
 from contact_tracker.tracking.informative_motion import InformativeMotion
 from contact_tracker.viewer import canvas
 from contact_tracker.viewer.canvas import Canvas, Stamps, caption, event, further_event
@@ -71,28 +71,18 @@ def _draw(recording: rr.RecordingStream, is_one_of_several: bool, outcome: Outco
     poses, beliefs, filtered = outcome.trajectory.poses, outcome.beliefs, outcome.segmentation.filtered
     if not len(poses):
         raise NoPoses("there is no pose to show")
-    known_parts = KnownParts.of(outcome)
-    extent, full_extent = known_parts.object_extent, known_parts.extent(outcome.touched)
-    upward = Upward.of(outcome.segments, poses, extent)
-    sheet = Canvas(recording, outcome.origin_ns, extent.radius_m)
-    if parts := known_parts.parts(outcome.touched):
-        sheet.known(parts)
-    sheet.centre(full_extent.centre_m)
+    drawn = DrawnRecording.of(outcome)
+    sheet = Canvas(recording, outcome.origin_ns, drawn.extent.radius_m)
+    if drawn.parts:
+        sheet.known(drawn.parts)
+    sheet.centre(drawn.full_extent.centre_m)
     sheet.poses(poses)
     sheet.scalars(canvas.P_FILTERED, filtered.stamp_ns, filtered.probability)
     sheet.scalars(canvas.RESIDUAL, filtered.stamp_ns, filtered.residual)
     sheet.states(canvas.FILTERED, filtered.stamp_ns, filtered.contacts)
     if len(beliefs):
         sheet.scalars(canvas.P_SMOOTHED, beliefs.stamp_ns, beliefs.probability)
-
-        def drawn(touching: Segment | FurtherContact | None, span: Segment | SegmentPart) -> Drawing | None:
-            """The drawing of a contact during a span, if it has a geometry."""
-            if touching is None or touching.geometry is None:
-                return None
-            within = poses_within(poses, span.start_ns, span.end_ns)
-            return draw(touching.geometry, within, extent, upward.direction)
-
-        _draw_segments(sheet, outcome, [drawn(segment, segment) for segment in outcome.segments])
+        _draw_segments(sheet, outcome, drawn)
         _draw_further(sheet, outcome, drawn)
         # a strip of the path per tick, joined to the previous one
         ends = np.searchsorted(poses.stamp_ns, beliefs.stamp_ns, side="right")
@@ -107,16 +97,17 @@ def _draw(recording: rr.RecordingStream, is_one_of_several: bool, outcome: Outco
         sheet.states(canvas.TRUTH, starts, [contact for _, contact in changes])
     paper = curves(poses)
     sheet.scalars(canvas.PAPER, paper.stamp_ns, paper.normalised)
-    eye = upward.eye(max(extent.radius_m, full_extent.radius_m))
+    eye = drawn.upward.eye(max(drawn.extent.radius_m, drawn.full_extent.radius_m))
     recording.send_blueprint(canvas.offline_layout(eye, is_one_of_several))
     close(recording)
 
 
-def _draw_segments(sheet: Canvas, outcome: Outcome, drawings: Sequence[Drawing | None]) -> None:
+def _draw_segments(sheet: Canvas, outcome: Outcome, drawn: DrawnRecording) -> None:
     """Draw geometry, name, state and event of each segment from its start on, and the slip at the touching
     point, with a gap after each segment."""
     segments, origin_ns = outcome.segments, outcome.origin_ns
     starts = np.array([s.start_ns for s in segments], np.int64)
+    drawings = [drawn.pairs([s.geometry], s.start_ns, s.end_ns) for s in segments]
     sheet.drawings(starts, drawings)
     _fade(sheet, outcome, starts, [drawing is not None and drawing.is_open for drawing in drawings])
     contacts = [s.contact for s in segments]
@@ -134,9 +125,7 @@ def _draw_segments(sheet: Canvas, outcome: Outcome, drawings: Sequence[Drawing |
         sheet.scalars(canvas.MOTION, stamps, np.vstack([speeds, [np.nan] * 2]))
 
 
-def _draw_further(
-    sheet: Canvas, outcome: Outcome, drawn: Callable[[FurtherContact | None, SegmentPart], Drawing | None]
-) -> None:
+def _draw_further(sheet: Canvas, outcome: Outcome, drawn: DrawnRecording) -> None:
     """Draw, label and plot each further contact from its start to its end, and add its events."""
     segments, origin_ns = outcome.segments, outcome.origin_ns
     parts = [(segment, part) for segment in segments for part in segment.parts]
@@ -144,7 +133,10 @@ def _draw_further(
     held = [[f if f in part.further else None for f in segment.further] for segment, part in parts]
     sheet.further(starts, held)
     for number, row in enumerate(zip_longest(*held), start=1):
-        drawings = [drawn(further, part) for further, (_, part) in zip(row, parts, strict=True)]
+        drawings = [
+            drawn.pairs([None if further is None else further.geometry], part.start_ns, part.end_ns)
+            for further, (_, part) in zip(row, parts, strict=True)
+        ]
         sheet.drawings(starts, drawings, number)
     rows = [
         (stamp_ns, further.contact, further_event(stamp_ns - origin_ns, further, joins))
@@ -160,22 +152,18 @@ def _draw_further(
 
 def _fade(sheet: Canvas, outcome: Outcome, begins: Stamps, has_open_offset: Sequence[bool]) -> None:
     """Draw the label's probability at each tick; at the start of a segment that of its first tick."""
-    beliefs, segments = outcome.beliefs, outcome.segments
-    stamps = beliefs.stamp_ns
-    first_ticks = np.minimum(np.searchsorted(stamps, begins), len(beliefs) - 1)
-    contacts = [*(s.contact for s in segments), *beliefs.contacts]
-    rows = np.concatenate([first_ticks, np.arange(len(beliefs))])
-    probability = beliefs.probability[rows, [c.column for c in contacts]]
-    times = np.concatenate([begins, stamps])
-    number = np.maximum(np.searchsorted(begins, times, side="right") - 1, 0)
+    beliefs, stamps = outcome.beliefs, outcome.beliefs.stamp_ns
+    times = np.sort(np.concatenate([begins, stamps]))
+    numbers = np.maximum(np.searchsorted(begins, times, side="right") - 1, 0)
+    ticks = np.minimum(np.searchsorted(stamps, times), len(stamps) - 1)
+    segments = [outcome.segments[number] for number in numbers]
+    probability = beliefs.probability[ticks, [segment.contact.column for segment in segments]]
     captions = [
-        caption(contact, p, segments[i].inseparable, has_open_offset[i])
-        for contact, p, i in zip(contacts, probability, number, strict=True)
+        caption(segment.contact, p, segment.inseparable, has_open_offset[number])
+        for segment, p, number in zip(segments, probability, numbers, strict=True)
     ]
-    order = np.argsort(times, kind="stable")
-    are_open = [bool(segments[number[i]].inseparable) for i in order]
-    texts = [captions[i] for i in order]
-    sheet.fade(times[order], [contacts[i] for i in order], probability[order], are_open, texts)
+    are_open = [bool(segment.inseparable) for segment in segments]
+    sheet.fade(times, [segment.contact for segment in segments], probability, are_open, captions)
 
 
 _CLOSE_S: Final = 5.0

@@ -58,14 +58,15 @@ def _folds(text: str) -> int:
 
 
 def run(args: argparse.Namespace) -> int:
+    from contact_tracker.cli import inputs
     from contact_tracker.config.loading import load_model
     from contact_tracker.files import whole_file
     from contact_tracker.processes import Workers
     from contact_tracker_lab.calibration.calibrate import Plan, calibrate, to_text
     from contact_tracker_lab.calibration.parameters import model_text, select
 
-    names = arguments.recordings_in(args.logs, "calibrate")
-    files = arguments.files_read(names, args.start, args.known)
+    names = inputs.recordings_in(args.logs, "calibrate")
+    files = inputs.files_read(names, args.start, args.known)
     check = check_output(args.output, args.overwrite, files)
     ways, start, sources = select(args.only), load_model(args.start), _sources(args, names)
     plan = Plan(sources, start, ways, _how_many_folds(args.folds, len(sources)))
@@ -106,13 +107,14 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _sources(args: argparse.Namespace, names: Sequence[str]) -> "tuple[Source, ...]":
+    from contact_tracker.cli import inputs
     from contact_tracker.recording import need_truth
     from contact_tracker_lab.calibration.calibrate import Source
 
     for name in names:
         if os.path.exists(name) and not (os.path.isfile(name) or os.path.isdir(name)):
             raise UsageError(f"calibrate reads a recording several times: {name} is not a regular file")
-    known_map = arguments.load_map(args)
+    known_map = inputs.load_map(args)
     options = args.topic, args.frame, not args.unlabelled, known_map, args.relative_to, args.table
     sources = tuple(Source(name, *options) for name in names)
     for source in sources if args.labelled else ():

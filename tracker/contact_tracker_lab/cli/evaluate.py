@@ -31,6 +31,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
+    from contact_tracker.cli import inputs
     from contact_tracker.motion.poses import Poses
     from contact_tracker.recording import need_truth
     from contact_tracker.segmenting import segmented
@@ -39,8 +40,8 @@ def run(args: argparse.Namespace) -> int:
     from contact_tracker_lab.evaluation.evaluate import Answering, evaluate
     from contact_tracker_lab.evaluation.report import Report
 
-    model, known_map = arguments.load_model(args), arguments.load_map(args)
-    names = arguments.recordings_in(args.logs, "evaluate")
+    model, known_map = inputs.load_model(args), inputs.load_map(args)
+    names = inputs.recordings_in(args.logs, "evaluate")
     if args.labels is not None and len(names) != 1:
         raise UsageError(f"--labels are of one recording, and there are {len(names)}")
     if args.meaning and args.labels is None:
@@ -49,13 +50,13 @@ def run(args: argparse.Namespace) -> int:
 
     def evaluate_recording(name: str) -> int:
         selection = name, args.topic, args.frame, args.table
-        truth = need_truth(*selection) if args.labels is None else arguments.load_labels(args, name)
+        truth = need_truth(*selection) if args.labels is None else inputs.load_labels(args, name)
         if args.relative_to is not None and any(interval.geometry for interval in truth.intervals):
             frames = f"in the recording's frame, not that of --relative-to {args.relative_to}"
             warn(f"{name}: elements are not compared: the truth has them {frames}")
             truth = truth.without_geometry()
-        wrenches = arguments.load_wrenches(name, args, model, known_map)
-        log = arguments.open_poses(args, name)
+        wrenches = inputs.load_wrenches(name, args, model, known_map)
+        log = inputs.open_poses(args, name)
         answering = Answering(model, known_map, log.source.read_as)
         poses = Poses.collect(answering.through(log.arrivals()))
         if not len(poses):
@@ -68,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
         evaluations[name] = evaluate(poses, truth, result.segmentation, answering.finish())
         return DONE if log.damage is None else DAMAGED
 
-    codes = list(arguments.run_each(partial(evaluate_recording, name) for name in names))
+    codes = list(inputs.run_each(partial(evaluate_recording, name) for name in names))
     if args.wrench is not None and evaluations:
         say("the online figures are those of the motion alone: wrenches are used offline")
     if evaluations:

@@ -15,8 +15,8 @@ namespace kernels {
 // First word of each column of `bank.Bank` in a row.
 struct BankLayout {
     int onset, number, prior_index, known_pair_index, elements_known, needs_search, log_birth_weight,
-        protected_until, log_prior, llr_before_window, gain_before_window, log_likelihood, rms, prior_mean,
-        prior_information, line_anchor, x, row_weight;
+        log_prior, llr_before_window, gain_before_window, log_likelihood, rms, prior_mean, prior_information,
+        line_anchor, x, row_weight;
 };
 
 // First word of each column of `bank.Onsets` in a row.
@@ -62,9 +62,9 @@ inline double log_weight_of(const BankLayout& where, const double* row) {
     return row[where.log_birth_weight] + row[where.log_likelihood];
 }
 
-// Reference: `global_search.within_far_margin`.
-inline bool within_far_margin(const BankLayout& where, const double* row) {
-    return log_weight_of(where, row) >= -settings.far_nats;
+// Reference: `refit.are_near`.
+inline bool is_near(const BankLayout& where, const double* row) {
+    return log_weight_of(where, row) >= -settings.near_nats;
 }
 
 // The two rows of a hypothesis: its own, and that of its onset.
@@ -118,12 +118,7 @@ private:
     std::vector<int> since_;
 };
 
-// As in `global_search.prune`.
-inline bool is_protected(const Kind& kind, const Hypothesis& one) {
-    return one.since[kind.since.effective_ticks] <= one.own[kind.where.protected_until];
-}
-
-// As in `global_search.select_for_search`.
+// Reference: `global_search.in_burn_in`.
 inline bool in_burn_in(const Kind& kind, const Hypothesis& one) {
     return one.since[kind.since.effective_ticks] <= kind.burn_in_ticks &&
            whole(one.own, kind.where.needs_search) != 0;

@@ -58,7 +58,7 @@ inline std::vector<std::int64_t> rows_to_keep(const Kind& kind, const Bank& bank
     const std::vector<Rival> rivals = rivals_of(kind.where, bank.own, now);
     for (int b = 0; b < bank.count(); ++b) {
         const bool near = rivals[b].joint > best - margin;
-        if ((near || is_protected(kind, bank[b])) && is_best(rivals, b)) rows.push_back(b);
+        if ((near || in_burn_in(kind, bank[b])) && is_best(rivals, b)) rows.push_back(b);
     }
     return rows;
 }
@@ -68,7 +68,7 @@ inline double residual_of(const Kind& kind, const Bank& bank) {
     double least = std::numeric_limits<double>::infinity(), rms = std::numeric_limits<double>::quiet_NaN();
     for (int b = 0; b < bank.count(); ++b) {
         const double ticks = bank.since(b)[kind.since.effective_ticks];
-        if (!(ticks >= settings.residual_ticks && ticks < least)) continue;
+        if (!(ticks >= settings.unthinned_ticks && ticks < least)) continue;
         least = ticks;
         rms = bank[b].own[kind.where.rms];
     }

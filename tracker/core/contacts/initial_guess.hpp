@@ -12,12 +12,12 @@ constexpr double undetermined = 10.0;
 
 // Reference: `family.smallest_directions`, the entries kept; `moments` are overwritten.
 template <int N, int FIRST, int COUNT>
-void smallest_directions(Square<N>& moments, double ridge, Square<COUNT>& out, Square<COUNT>& axes) {
+void smallest_directions(Square<N>& moments, Square<COUNT>& out, Square<COUNT>& axes) {
     const auto kept = [](int c) { return c >= FIRST && c < FIRST + COUNT; };
     double trace = 0.0;
     for (int c = 0; c < N; ++c) trace += moments[c][c];
     for (int c = 0; c < N; ++c) {
-        if (!kept(c)) moments[c][c] += ridge * trace;
+        if (!kept(c)) moments[c][c] += settings.ridge * trace;
     }
     for (int c = 0; c < N; ++c) {
         if (kept(c)) continue;
@@ -81,7 +81,7 @@ int relax_lines(Square<F::C>& lifted, double least, int many, double* out) {
     Square<3> pair, axes;
     Square<18> varying;  // the constant entry of the lift appears in no row
     for (int c = 0; c < 18; ++c) std::copy_n(lifted[c], 18, varying[c]);
-    smallest_directions<18, 9, 9>(varying, settings.edge_ridge, large, large_axes);
+    smallest_directions<18, 9, 9>(varying, large, large_axes);
     if (!(large[1][1] > least)) return 0;
     for (int k = 0; k < many; ++k, out += F::S) {
         std::copy_n(large_axes[k], 9, pair[0]);
@@ -105,13 +105,13 @@ int relax(const double* moments, int many, double* out) {
     std::fill_n(out, many * F::S, 0.0);
     Square<F::C> lifted;
     std::copy_n(moments, F::C * F::C, lifted[0]);
-    for (int c = 0; c < F::C; ++c) lifted[c][c] += settings.relaxation_ridge * trace;
-    const double least = undetermined * settings.relaxation_ridge * trace;
+    for (int c = 0; c < F::C; ++c) lifted[c][c] += settings.damping.least_share * trace;
+    const double least = undetermined * settings.damping.least_share * trace;
     if constexpr (F::crosses) return relax_lines<F>(lifted, least, many, out);
     int count = 0;
     if constexpr (F::q1 >= 0) {
         Square<3> small, axes;
-        smallest_directions<F::C, 9, 3>(lifted, settings.vertex_ridge, small, axes);
+        smallest_directions<F::C, 9, 3>(lifted, small, axes);
         if (small[1][1] > least) {
             for (; count < 3; ++count) put(out + count * F::S, F::d2, at(axes[count], 0));
         }

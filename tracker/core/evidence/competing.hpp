@@ -18,7 +18,7 @@ public:
         for (int h = 0; h < table.count; ++h) {
             const double *row = table.row(h), weight = log_weight_of(where, row);
             const auto onset = static_cast<double>(whole(row, where.onset));
-            if (weight < top - settings.far_nats) continue;
+            if (weight < top - settings.near_nats) continue;
             if (points_.empty() || points_.back().first != onset)
                 points_.emplace_back(onset, 0.0);
             else if (!(weight > best))

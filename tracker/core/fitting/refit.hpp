@@ -120,23 +120,10 @@ void marginalise_expired_ticks(const Kind& kind, const Bank& bank, int count, co
 
 // Gauss-Newton steps of a hypothesis per tick.
 inline int steps_of(const Kind& kind, const Hypothesis& one) {
-    return one.since[kind.since.effective_ticks] < settings.first_ticks ? settings.first_steps
-                                                                        : settings.refine_steps;
+    return one.since[kind.since.effective_ticks] < settings.first_ticks ? settings.first_steps : 1;
 }
 
-// Reference: `refit.is_deferred`.
-inline bool is_deferred(const Kind& kind, const double* row) {
-    return !(log_weight_of(kind.where, row) >= -settings.defer_nats);
-}
-
-// Whether the log weight of a hypothesis, `was` before the tick, has fallen from at most `nats` behind the
-// best. Reference: `refit.recover_fallen`.
-inline bool has_fallen(const Kind& kind, const double* row, double was, double nats) {
-    const bool falls = was >= -nats && log_weight_of(kind.where, row) < was - settings.drop_nats;
-    return falls && row[kind.where.rms] > settings.fitting_rms;
-}
-
-// Reference: `refit.refit_in_steps`, of hypotheses with this number of steps.
+// Reference: `refit.refit`, of hypotheses with this number of steps.
 template <class F>
 WIDE void refit(const Kind& kind, const Rows& rows, const Ticks& ticks, int steps,
                 const EvidenceParameters& weights, Work<F>& work) {

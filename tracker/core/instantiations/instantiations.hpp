@@ -2,7 +2,6 @@
 // compile in parallel; it defines HERE as the family's name.
 #pragma once
 
-#include "evidence/likelihood.hpp"
 #include "update/contact_update.hpp"
 
 namespace kernels {
@@ -18,9 +17,7 @@ namespace kernels {
     PREFIX template void accumulate_onsets<F>(const Kind&, const Table&, const Ticks&, const Lengths&,    \
                                               double);                                                    \
     PREFIX template void refit<F>(const Kind&, const Rows&, const Ticks&, int, const EvidenceParameters&, \
-                                  Work<F>&);                                                              \
-    PREFIX template void equations_of<F>(const Kind&, const double*, const double*, const Ticks&,         \
-                                         const double*, const double*, double, Equations<F>&);
+                                  Work<F>&);
 
 #ifndef HERE
 #define DECLARE(F) HEAVY(extern, Family<F>)

@@ -1,7 +1,6 @@
 // The Python module `contact_tracker.hypotheses.compiled.kernels`, documented in kernels.pyi.
 #include "evidence/competing.hpp"
 #include "evidence/directions.hpp"
-#include "evidence/information.hpp"
 #include "evidence/proximity.hpp"
 #include "python/numpy_views.hpp"
 #include "python/read_settings.hpp"
@@ -20,10 +19,9 @@ using Words = std::pair<int, pybind11::dict>;
 BankLayout bank_layout(const Words& bank) {
     BankLayout to;
     read_fields(bank.second, FIELD(onset), FIELD(number), FIELD(prior_index), FIELD(known_pair_index),
-                FIELD(elements_known), FIELD(needs_search), FIELD(log_birth_weight), FIELD(protected_until),
-                FIELD(log_prior), FIELD(llr_before_window), FIELD(gain_before_window), FIELD(log_likelihood),
-                FIELD(rms), FIELD(prior_mean), FIELD(prior_information), FIELD(line_anchor), FIELD(x),
-                FIELD(row_weight));
+                FIELD(elements_known), FIELD(needs_search), FIELD(log_birth_weight), FIELD(log_prior),
+                FIELD(llr_before_window), FIELD(gain_before_window), FIELD(log_likelihood), FIELD(rms),
+                FIELD(prior_mean), FIELD(prior_information), FIELD(line_anchor), FIELD(x), FIELD(row_weight));
     return to;
 }
 
@@ -48,19 +46,6 @@ Which which_of(const Form& form, const Sizes& sizes) {
     FAMILIES(CHECK)
 #undef CHECK
     throw std::invalid_argument("kernels know no family of this form and these sizes");
-}
-
-// Reference: `observability.information_terms_reference`, of a bank with one hypothesis.
-py::tuple information_of(const Model& model, const Floats& words, const Floats& onsets, const Two& variance) {
-    const Bank bank = bank_of(model, words, onsets);
-    require(bank.count() == 1, "not a single hypothesis");
-    return visit(model, [&](auto family) {
-        using F = decltype(family);
-        const auto terms = kernels::information_terms<F>(model.kind, bank[0], variance);
-        const auto square = [](const double (&of)[F::P][F::P]) { return Floats({F::P, F::P}, of[0]); };
-        return py::make_tuple(Floats({F::P, F::S}, terms.tangent[0]).attr("T"), square(terms.data),
-                              square(terms.prior), square(terms.noise));
-    });
 }
 
 // Reference: `births.proximity_evidence` of a contact with some pairs of `known` elements. Returns
@@ -91,20 +76,18 @@ py::tuple weigh_births(const Model& model, const Floats& words, const Bools& kno
     return py::make_tuple(found.log_odds, found.gain, Ints(found.rows.size(), found.rows.data()), kept);
 }
 
-// Reference: `refinement._equations_reference`, of x (S,) with `anchors` (6,) and errors of each row (K,).
-py::tuple equations_at(const Model& model, const Floats& x, const Floats& anchors, const TickArrays& window,
-                       const Floats& weight, const Floats& correlation, double step) {
-    return visit(model, [&](auto family) {
-        using F = decltype(family);
-        require_shape(x, {F::S}, "not geometry of this contact");
-        require_shape(anchors, {6}, "two points are anchors");
-        require(weight.size() == F::K && correlation.size() == F::K, "not a number of each row");
-        Equations<F> out;
-        equations_of<F>(model.kind, x.data(), anchors.data(), window.ticks(model), weight.data(),
-                        correlation.data(), step, out);
-        return py::make_tuple(out.cost, Floats(F::P, out.gradient), Floats({F::P, F::P}, out.curvature[0]),
-                              Floats({F::P, F::S}, out.tangent[0]));
+// Reference: `bank_update.fit_window`: refit all hypotheses of a bank to a window, and search minima of those
+// whose elements are open, from the directions of this `tick`.
+py::tuple fit_window(const Model& model, const Floats& words, const Floats& onsets, const TickArrays& window,
+                     const Floats& turn, std::int64_t tick, const EvidenceParameters& weights) {
+    require_finite(turn, {3, 3}, "a turn is a matrix of finite numbers");
+    GrowingBank fitted(model, words, onsets, 0, 0);
+    const Bank bank(model.kind, fitted.own(), fitted.onsets());
+    const Directions directions = model.directions(tick, turn);
+    visit(model, [&](auto family) {
+        fit<decltype(family)>(model.kind, bank, window.ticks(model), directions, weights);
     });
+    return py::cast(fitted.left());
 }
 
 }  // namespace
@@ -154,11 +137,10 @@ PYBIND11_MODULE(kernels, module) {
     module.def("update", &update_tables);
     py::class_<BirthLimits>(module, "BirthLimits").def(py::init<double, double, double, int>());
     module.def("weigh_births", &weigh_births);
-    module.def("information_terms", &information_of);
     module.def("competing_evidence", &competing_evidence);
     module.def("motion_since", [](const TickArrays& window, std::int64_t onset) {
         return motion_since(window.ticks(), onset);
     });
-    module.def("equations", &equations_at);
+    module.def("fit_window", &fit_window);
     parts::add(module.def_submodule("parts"));
 }

@@ -28,13 +28,11 @@ inline void configure(const pybind11::dict& values) {
     read_fields(values, "first_damping", damping.first, "least_damping", damping.least, "most_damping",
                 damping.most, "damping_decrease", damping.decrease, "damping_increase", damping.increase,
                 "least_share", damping.least_share, "least_curvature", damping.least_curvature);
-    read_fields(values, FIELD(tolerance), FIELD(sine_sq_floor), FIELD(tiny), FIELD(edge_ridge),
-                FIELD(vertex_ridge), FIELD(used), FIELD(lever_m), FIELD(one_axis), FIELD(no_motion),
-                FIELD(stride_ticks), FIELD(first_ticks), FIELD(rest_weight), FIELD(defer_nats),
-                FIELD(far_nats), FIELD(drop_nats), FIELD(relaxation_ridge), FIELD(fitting_rms),
-                FIELD(protection_nats), FIELD(protection_ticks), FIELD(residual_ticks), FIELD(refine_steps),
-                FIELD(first_steps), FIELD(recovery_steps), FIELD(followed_starts), FIELD(search_refits),
-                FIELD(unthinned_ticks), FIELD(search_ages), FIELD(is_search_age));
+    read_fields(values, FIELD(tolerance), FIELD(sine_sq_floor), FIELD(tiny), FIELD(ridge), FIELD(used),
+                FIELD(lever_m), FIELD(one_axis), FIELD(no_motion), FIELD(stride_ticks), FIELD(first_ticks),
+                FIELD(rest_weight), FIELD(near_nats), FIELD(decisive), FIELD(fitting_rms),
+                FIELD(recovery_steps), FIELD(first_steps), FIELD(followed_starts), FIELD(unthinned_ticks),
+                FIELD(search_ages), FIELD(is_search_age));
     to.rounds.clear();
     for (const auto& [steps, kept] : values["rounds"].cast<std::vector<std::pair<int, int>>>())
         to.rounds.push_back({steps, kept});

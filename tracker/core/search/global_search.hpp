@@ -113,12 +113,9 @@ void search(const Kind& kind, const Bank& bank, int b, const Directions& directi
         std::copy_n(one.own, weighed.words, weighed.row(i));
         std::copy_n(found[i].x, F::S, weighed.row(i) + kind.where.x);
     }
-    for (int time = 0; time < settings.search_refits; ++time) {
-        RefitQueue queue;
-        for (int i = 0; i < weighed.count; ++i)
-            queue.add(kind, {weighed.row(i), one.since}, steps_of(kind, one));
-        queue.refit<F>(kind, ticks, weights, work);
-    }
+    RefitQueue queue;
+    for (int i = 0; i < weighed.count; ++i) queue.add(kind, {weighed.row(i), one.since}, steps_of(kind, one));
+    queue.refit<F>(kind, ticks, weights, work);
     int best = 0;
     for (int i = 1; i < weighed.count; ++i) {
         const int word = kind.where.log_likelihood;

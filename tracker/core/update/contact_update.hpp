@@ -60,17 +60,12 @@ void add_births(const Kind& kind, int old, int earlier, const Birth& birth, cons
     }
 }
 
-// As in `global_search.select_for_search`.
-inline bool is_competitive(const Kind& kind, const Hypothesis& one) {
-    return within_far_margin(kind.where, one.own) || in_burn_in(kind, one);
-}
-
 // The group of a hypothesis in `global_search.select_for_search`; -1 if it does
 // not search.
 inline int group_of(const Kind& kind, const Hypothesis& one) {
     const BankLayout& where = kind.where;
     const double *row = one.own, effective_ticks = one.since[kind.since.effective_ticks];
-    if (!is_competitive(kind, one)) return -1;
+    if (!is_near(where, row) && !in_burn_in(kind, one)) return -1;
     const int age =
         static_cast<int>(std::min(effective_ticks, static_cast<double>(settings.is_search_age.size() - 1)));
     if (!(settings.is_search_age[age] && row[where.rms] > settings.fitting_rms &&
@@ -108,27 +103,37 @@ void advance(const Kind& kind, const Bank& bank, int old, const Ticks& ticks, co
     Work<F> work;
     RefitQueue queue;
     const double motion_ratio = ticks.motion_ratio();
-    std::vector<double> was(bank.count());
     marginalise_expired_ticks<F>(kind, bank, old, expired, weights.lengths);
     accumulate<F>(kind, bank, ticks, weights.lengths, motion_ratio, log_stay);
+    std::vector<double> was(bank.count());
     for (int b = 0; b < bank.count(); ++b) {
-        const double* row = bank[b].own;
-        was[b] = log_weight_of(kind.where, row);
-        if (!is_deferred(kind, row) || directions) queue.add(kind, bank[b], steps_of(kind, bank[b]));
+        was[b] = log_weight_of(kind.where, bank[b].own);
+        if (is_near(kind.where, bank[b].own) || directions) queue.add(kind, bank[b], steps_of(kind, bank[b]));
     }
     queue.refit<F>(kind, ticks, weights, work);
-    for (int b = 0; b < bank.count(); ++b) {
-        if (has_fallen(kind, bank[b].own, was[b], settings.defer_nats))
+    for (int b = 0; b < bank.count(); ++b) {  // reference: `refit.recover_fallen`
+        const double* row = bank[b].own;
+        const bool falls = log_weight_of(kind.where, row) < was[b] - settings.decisive;
+        if (was[b] >= -settings.near_nats && falls && row[kind.where.rms] > settings.fitting_rms)
             queue.add(kind, bank[b], settings.recovery_steps);
     }
     queue.refit<F>(kind, ticks, weights, work);
-    for (int b = 0; b < bank.count(); ++b) {
-        if (!has_fallen(kind, bank[b].own, was[b], settings.protection_nats)) continue;
-        double& until = bank[b].own[kind.where.protected_until];
-        until = std::max(until, bank[b].since[kind.since.effective_ticks] + settings.protection_ticks);
-    }
     if (!directions || motion_ratio <= settings.rest_weight) return;
     for (int b : select_for_search(kind, bank)) search<F>(kind, bank, b, *directions, ticks, weights, work);
+}
+
+// Reference: `bank_update.fit_window`, of hypotheses whose ticks are accumulated.
+template <class F>
+void fit(const Kind& kind, const Bank& bank, const Ticks& ticks, const Directions& directions,
+         const EvidenceParameters& weights) {
+    Work<F> work;
+    RefitQueue queue;
+    for (int b = 0; b < bank.count(); ++b) queue.add(kind, bank[b], steps_of(kind, bank[b]));
+    queue.refit<F>(kind, ticks, weights, work);
+    for (int b = 0; b < bank.count(); ++b) {
+        if (whole(bank[b].own, kind.where.needs_search) != 0)
+            search<F>(kind, bank, b, directions, ticks, weights, work);
+    }
 }
 
 }  // namespace kernels

@@ -4,10 +4,10 @@ from functools import cache, lru_cache
 
 import numpy as np
 
-from contact_tracker.contacts import CONTACT_MODELS, ContactModel, edge_edge, vertex_face
+from contact_tracker.contacts import CONTACT_MODELS, ContactModel, edge_edge, family
 from contact_tracker.geometry import linalg
 from contact_tracker.geometry.lifted_pose import lift_of_inverse
-from contact_tracker.hypotheses import gauss_newton, schedule
+from contact_tracker.hypotheses import evidence, gauss_newton, schedule
 from contact_tracker.hypotheses.bank import Bank, Onsets, layout
 from contact_tracker.hypotheses.compiled import kernels
 from contact_tracker.hypotheses.evidence import EvidenceParameters
@@ -16,11 +16,10 @@ from contact_tracker.hypotheses.schedule import burn_in_ticks
 from contact_tracker.motion import window as motion
 from contact_tracker.motion.window import Window
 
-information_terms = kernels.information_terms
 weigh_births = kernels.weigh_births
 competing_evidence = kernels.competing_evidence
 motion_since = kernels.motion_since
-equations = kernels.equations
+fit_window = kernels.fit_window
 
 
 @lru_cache(maxsize=64)
@@ -94,35 +93,22 @@ def birth_limits(any_direction: float, reach_m: float, hopeless: float, most: in
 def _settings() -> dict[str, object]:
     """Constants of the algorithm by their names in C++ (``tracker/core/settings.hpp``)."""
     names = (
-        *(
-            "FIRST_TICKS",
-            "REST_WEIGHT",
-            "DEFER_NATS",
-            "FAR_NATS",
-            "DROP_NATS",
-            "RELAXATION_RIDGE",
-            "FITTING_RMS",
-        ),
-        *(
-            "PROTECTION_NATS",
-            "PROTECTION_TICKS",
-            "RESIDUAL_TICKS",
-            "REFINE_STEPS",
-        ),
-        *("FIRST_STEPS", "RECOVERY_STEPS", "FOLLOWED_STARTS", "SEARCH_REFITS", "UNTHINNED_TICKS", "ROUNDS"),
+        *("FIRST_TICKS", "FIRST_STEPS", "REST_WEIGHT", "NEAR_NATS", "RECOVERY_STEPS"),
+        *("FOLLOWED_STARTS", "UNTHINNED_TICKS", "ROUNDS"),
     )
-    fits = ("FIRST_DAMPING", "LEAST_SHARE", "LEAST_CURVATURE", "TOLERANCE")
+    fits = ("FIRST_DAMPING", "LEAST_CURVATURE", "TOLERANCE")
     moving = ("USED", "LEVER_M", "ONE_AXIS", "NO_MOTION", "STRIDE_TICKS")
-    shared = ("LEAST_DAMPING", "MOST_DAMPING", "DAMPING_DECREASE", "DAMPING_INCREASE")
+    shared = ("LEAST_SHARE", "LEAST_DAMPING", "MOST_DAMPING", "DAMPING_DECREASE", "DAMPING_INCREASE")
     return {
         **{name.lower(): getattr(schedule, name) for name in names},
         **{name.lower(): getattr(gauss_newton, name) for name in fits},
         **{name.lower(): getattr(linalg, name) for name in shared},
         **{name.lower(): getattr(motion, name) for name in moving},
         "sine_sq_floor": edge_edge.SINE_SQ_FLOOR,
-        "tiny": edge_edge.TINY,
-        "edge_ridge": edge_edge.RIDGE,
-        "vertex_ridge": vertex_face.RIDGE,
+        "tiny": linalg.TINY,
+        "ridge": family.RIDGE,
+        "decisive": evidence.DECISIVE,
+        "fitting_rms": evidence.SAME_FIT_RATIO,
         "search_ages": schedule.SEARCH_AGES.tolist(),
         "is_search_age": schedule.IS_SEARCH_AGE.tolist(),
     }

@@ -109,19 +109,16 @@ def weigh_births(
     beyond: tuple[float, float],
     limits: BirthLimits,
 ) -> tuple[float, list[float], Index, Numbers]: ...
-def information_terms(
-    model: Model, words: Numbers, onsets: Numbers, variance: Numbers
-) -> tuple[Numbers, Numbers, Numbers, Numbers]: ...
 def competing_evidence(
     models: Sequence[Model], words: Sequence[Numbers], label: int, onset: int, slack: int
 ) -> tuple[Numbers, Numbers]: ...
 def motion_since(window: Ticks, onset: int) -> tuple[int, float]: ...
-def equations(
+def fit_window(
     model: Model,
-    x: Numbers,
-    anchors: Numbers,
+    words: Numbers,
+    onsets: Numbers,
     window: Ticks,
-    weight: Numbers,
-    correlation: Numbers,
-    step: float,
-) -> tuple[float, Numbers, Numbers, Numbers]: ...
+    turn: Numbers,
+    tick: int,
+    scales: EvidenceParameters,
+) -> tuple[Numbers, Numbers]: ...
