@@ -26,9 +26,9 @@ from scipy.special import expit
 
 from contact_tracker.arrays import Array
 from contact_tracker.config.loading import load_model
-from contact_tracker.explanations.further_contacts import KnownContact
+from contact_tracker.explanations.conditional_contact import ExplainedTicks, KnownContact
 from contact_tracker.explanations.joint_evidence import FittedJoint
-from contact_tracker.explanations.joint_parts import JointOfTicks, find_joints, rests_in
+from contact_tracker.explanations.joint_parts import find_joints, rests_in
 from contact_tracker.geometry.lifted_pose import R, T, lift
 from contact_tracker.motion.window import Window, at_rest
 from contact_tracker.states import Contact
@@ -163,18 +163,19 @@ def ticks_of(turn: Rotation, place: Array, noise: int, seed: int) -> Window:
     return Window(np.arange(len(zeta)), zeta, of_noise, excess, frames=np.full(len(zeta), TICK))
 
 
-def all_fitted(case: Case) -> list[JointOfTicks]:
+def all_fitted(case: Case) -> list[FittedJoint]:
     """The joints of the noisy poses, if any."""
     window, model = window_of(case), load_model()
     rests = rests_in(window.index, at_rest(window, model.tick_s))
     contacts = [ON_TABLE] if case.joint == "slide" else []
-    return find_joints(window, rests, scales_of(model), contacts, 1, model.systematic)
+    ticks = ExplainedTicks(window, scales_of(model), model.systematic)
+    return find_joints(ticks, rests, contacts, 1)
 
 
 def fitted(case: Case) -> FittedJoint | None:
     """The joint of the noisy poses, if there is one."""
     found = all_fitted(case)
-    return found[0].fit if len(found) == 1 else None
+    return found[0] if len(found) == 1 else None
 
 
 def named(case: Case) -> tuple[str, bool]:
@@ -182,7 +183,7 @@ def named(case: Case) -> tuple[str, bool]:
     found = all_fitted(case)
     if not found:
         return "none", False
-    joint = found[0].fit
+    joint = found[0]
     is_sure = bool(expit(load_model().certainty.posterior_power * joint.log_odds) > 0.9)
     return "two axes" if len(found) == 2 else joint.model.kind.value, is_sure
 

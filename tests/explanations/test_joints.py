@@ -26,12 +26,12 @@ from contact_tracker import segmenting
 from contact_tracker.arrays import Array, Ints
 from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import SystematicErrors
-from contact_tracker.explanations.further_contacts import KnownContact
-from contact_tracker.explanations.joint_evidence import Joint, joint_of, likeliest_joint
+from contact_tracker.explanations.conditional_contact import ExplainedTicks, KnownContact
+from contact_tracker.explanations.joint_evidence import FittedJoint, Joint, joint_of, likeliest_joint
 from contact_tracker.explanations.joint_models import JOINT_MODELS, SCREW, JointFrames, JointKind, JointModel
-from contact_tracker.explanations.joint_parts import JointOfTicks, find_joints, rests_in
+from contact_tracker.explanations.joint_parts import find_joints, rests_in
 from contact_tracker.exports.formats import open_text
-from contact_tracker.geometry.elements import Line, Origins, Point
+from contact_tracker.geometry.elements import Line, Point
 from contact_tracker.geometry.lifted_pose import T, lift
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.window import Window, at_rest
@@ -110,7 +110,9 @@ def test_true_joints_have_zero_residuals_and_exact_derivatives(model: JointModel
     np.testing.assert_allclose(at.value, 0.0, atol=1e-9)
     step = 1e-6
     for column, parameter in enumerate(np.eye(len(model.free))):
-        there = model.residual(model.moved(frames, step * parameter), lift(rotation.as_matrix(), position))
+        there = model.residual(
+            frames.moved(step * parameter, model.free), lift(rotation.as_matrix(), position)
+        )
         np.testing.assert_allclose(there.value / step, at.by_x[:, :, column], atol=1e-4)
     for column, direction in enumerate(np.eye(6)):
         turned = rotation * Rotation.from_rotvec(step * direction[:3])
@@ -235,16 +237,16 @@ TUMBLE = Case("two axes", "", APART_M, 180.0, 0.1, 1, 0)
 def test_turns_about_two_axes_are_two_hinges(apart_m: float, swing_deg: float, seed: int) -> None:
     """One hinge with play would explain both turns if they are near, but neither of them shows play."""
     found = all_fitted(TUMBLE._replace(play_m=apart_m, swing_deg=swing_deg, seed=seed))
-    assert [part.fit.model.kind for part in found] == [JointKind.HINGE] * 2
-    (_, first_end, first), (second_start, _, second) = found
-    assert first_end == second_start
+    assert [part.model.kind for part in found] == [JointKind.HINGE] * 2
+    first, second = found
+    assert first.ticks.window.index[-1] + 1 == second.ticks.window.index[0]
     for part, y_m in ((first, 0.0), (second, apart_m)):
         assert np.linalg.norm(part.frames.world_point_m[:2] - [0.0, y_m]) < 1e-3
         assert part.log_odds > 0.0
 
 
-def joints_in(window: Window, rests: Ints, contacts: Sequence[KnownContact] = ()) -> list[JointOfTicks]:
-    return find_joints(window, rests, SCALES, contacts, 1, MODEL.systematic)
+def joints_in(window: Window, rests: Ints, contacts: Sequence[KnownContact] = ()) -> list[FittedJoint]:
+    return find_joints(ExplainedTicks(window, SCALES), rests, contacts, 1)
 
 
 def test_a_rest_divides_joints_also_if_its_ticks_are_left_out() -> None:
@@ -253,10 +255,11 @@ def test_a_rest_divides_joints_also_if_its_ticks_are_left_out() -> None:
     resting = at_rest(window, MODEL.tick_s)
     rests, moving = rests_in(window.index, resting), window.pick(np.flatnonzero(~resting))
     found = joints_in(moving, rests)
-    assert [part.fit.model.kind for part in found] == [JointKind.HINGE] * 2
-    assert found[0].end == found[1].first == np.searchsorted(moving.index, rests[0, 0])
+    assert [part.model.kind for part in found] == [JointKind.HINGE] * 2
+    assert len(found[0].ticks) == np.searchsorted(moving.index, rests[0, 0])
+    assert sum(len(part.ticks) for part in found) == len(moving)
     for part, y_m in zip(found, (0.0, APART_M), strict=True):
-        assert np.linalg.norm(part.fit.frames.world_point_m[:2] - [0.0, y_m]) < 1e-3
+        assert np.linalg.norm(part.frames.world_point_m[:2] - [0.0, y_m]) < 1e-3
 
 
 def test_a_rest_at_the_end_divides_nothing() -> None:
@@ -264,10 +267,10 @@ def test_a_rest_at_the_end_divides_nothing() -> None:
     rests = rests_in(window.index, at_rest(window, MODEL.tick_s))
     first = window.cut(0, int(rests[0, 1]))
     (found,) = joints_in(first, rests)
-    assert (found.first, found.end) == (0, len(first))
-    assert np.linalg.norm(found.fit.frames.world_point_m[:2]) < 1e-3
+    assert len(found.ticks) == len(first)
+    assert np.linalg.norm(found.frames.world_point_m[:2]) < 1e-3
     (alike,) = joints_in(first, np.zeros((0, 2), int))
-    assert alike.fit.log_odds == found.fit.log_odds
+    assert alike.log_odds == found.log_odds
 
 
 @pytest.mark.parametrize("errors", ["none", "harmonics", "waves", "sign", "sides", "shift"])
@@ -282,7 +285,7 @@ def test_a_hinge_with_play_that_rests_midway_is_one(errors: str, swing_deg: floa
 
 def joints_between_rests(
     turn: Rotation, place: Array, noise: int, seed: int, contacts: Sequence[KnownContact] = ()
-) -> list[JointOfTicks]:
+) -> list[FittedJoint]:
     window = ticks_of(turn, place, noise, seed)
     return joints_in(window, rests_in(window.index, at_rest(window, MODEL.tick_s)), contacts)
 
@@ -302,7 +305,7 @@ def test_a_joint_stays_one_while_the_tracker_drifts(kind: JointKind, drift_m: fl
         place = turn.apply([0.3, 0.0, 0.0])
     drift = drift_m * band_limited(np.random.default_rng(seed), time_s, 3, 0.05)
     (found,) = joints_between_rests(turn, place + drift, 1, seed)
-    assert found.fit.model.kind is kind
+    assert found.model.kind is kind
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -312,9 +315,9 @@ def test_a_slide_and_a_turn_after_it_are_two_joints(seed: int) -> None:
     turn = Rotation.from_rotvec(np.maximum(way - 1.0, 0.0) * [0.0, 0.5, 0.0])
     place = 0.3 * np.minimum(way, 1.0) * [1.0, 0.0, 0.0] + turn.apply([-0.2, 0.0, 0.0])
     first, second = joints_between_rests(turn, place, 1, seed)
-    assert [first.fit.model.kind, second.fit.model.kind] == [JointKind.SLIDER, JointKind.HINGE]
-    assert abs(first.fit.frames.world_axes[0, 2]) == pytest.approx(1.0, abs=1e-3)
-    assert second.fit.frames.world_point_m[[0, 2]] == pytest.approx([0.3, 0.0], abs=1e-3)
+    assert [first.model.kind, second.model.kind] == [JointKind.SLIDER, JointKind.HINGE]
+    assert abs(first.frames.world_axes[0, 2]) == pytest.approx(1.0, abs=1e-3)
+    assert second.frames.world_point_m[[0, 2]] == pytest.approx([0.3, 0.0], abs=1e-3)
 
 
 def test_the_first_tick_of_the_next_motion_divides_no_joints_from_a_rest() -> None:
@@ -328,7 +331,7 @@ def test_the_first_tick_of_the_next_motion_divides_no_joints_from_a_rest() -> No
     zeta = window.zeta.copy()
     zeta[-1, T] += 5e-3
     found = joints_in(replace(window, zeta=zeta), rests)
-    assert [part.fit.model.kind for part in found] == [JointKind.HINGE] * 2
+    assert [part.model.kind for part in found] == [JointKind.HINGE] * 2
 
 
 @pytest.mark.parametrize("arm_m", [0.1, 0.3])
@@ -445,11 +448,13 @@ def test_a_pitch_that_systematic_errors_explain_makes_no_screw() -> None:
     hinges, screws = [], []
     for seed in range(6):
         bent = bent_window(moved(JointKind.HINGE, seed, 24.0)[1], errors, seed)
-        found = [likeliest_joint(bent, SCALES, [], 1, one) for one in (MODEL.systematic, errors)]
+        found = [
+            likeliest_joint(ExplainedTicks(bent, SCALES, one), [], 1) for one in (MODEL.systematic, errors)
+        ]
         assert all(found)
         hinges.append([one.model.kind for one in found if one])
         bent = bent_window(moved(JointKind.SCREW, seed, 24.0)[1], errors, seed)
-        screw = likeliest_joint(bent, SCALES, [], 1, errors)
+        screw = likeliest_joint(ExplainedTicks(bent, SCALES, errors), [], 1)
         assert screw
         screws.append(screw.model.kind)
     assert [known for _, known in hinges] == [JointKind.HINGE] * 6
@@ -480,8 +485,8 @@ def test_covariances_include_systematic_errors(kind: JointKind) -> None:
         window = bent_window(poses, errors, seed)
         place = window.zeta[:, T].mean(axis=0)
         for i, known in enumerate((MODEL.systematic, errors)):
-            found = likeliest_joint(window, SCALES, [], 1, known)
-            joint = joint_of(found, 1.0, place, Origins.zero())
+            found = likeliest_joint(ExplainedTicks(window, SCALES, known), [], 1)
+            joint = joint_of(found, 1.0)
             true_point = Point(frames.world_point_m)
             true_axis = Line(frames.world_axes[:, 2], frames.world_point_m)
             off = deviation(joint.environment, true_point if kind is JointKind.BALL else true_axis, place)

@@ -9,9 +9,7 @@ from scipy.spatial.transform import Rotation
 from contact_tracker.explanations.curved_contact import (
     CURVED_CONTACTS,
     fit_curved,
-    line_at_line,
-    point_at_line,
-    point_at_point,
+    points_or_lines,
     rim_on_plane,
 )
 from contact_tracker.geometry import lifted_pose
@@ -49,12 +47,12 @@ def test_jacobians_are_derivatives(contact, seed):
 
 def test_distances_are_those_of_geometry():
     poses = np.eye(3)[None].repeat(2, axis=0), np.array([[0.0, 0.0, 2.0], [3.0, 0.0, 4.0]])
-    at_point = point_at_point(np.array([[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]]), *poses)
+    at_point = points_or_lines(np.array([[0.0] * 6 + [1.0]]), *poses, lines=0)
     assert at_point.residual[0] == pytest.approx([1.0, 4.0])
     along_x = [1.0, 0.0, 0.0]
-    at_line = point_at_line(np.array([[0.0] * 6 + along_x + [1.0]]), *poses)
+    at_line = points_or_lines(np.array([[0.0] * 6 + along_x + [1.0]]), *poses, lines=1)
     assert at_line.residual[0] == pytest.approx([1.0, 3.0])
-    crossed = line_at_line(np.array([[0.0] * 6 + along_x + [0.0, 1.0, 0.0] + [0.0]]), *poses)
+    crossed = points_or_lines(np.array([[0.0] * 6 + along_x + [0.0, 1.0, 0.0, 0.0]]), *poses, lines=2)
     assert np.abs(crossed.residual[0]) == pytest.approx([2.0, 4.0])
     assert crossed.point[0] == pytest.approx(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]), abs=1e-12)
     upright = [0.0, 0.0, 1.0]

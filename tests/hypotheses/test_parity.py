@@ -9,15 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from contact_motions import touching, x_of
+from contact_motions import touching
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.explanations.conditional_contact import (
-    ConditionalMotion,
-    Problem,
-    moments,
-)
-from contact_tracker.explanations.further_contacts import KnownContact
-from contact_tracker.explanations.online_contacts import constraints_of_two
 from contact_tracker.geometry.elements import Origins
 from contact_tracker.geometry.lifted_pose import lift
 from contact_tracker.hypotheses import gauss_newton, global_search
@@ -310,46 +303,6 @@ def test_evidence_and_motion_since_an_onset_agree():
                 np.testing.assert_allclose(kernel, numpy, rtol=1e-9, atol=1e-9)
                 compared += 1
     assert compared > 50
-
-
-def gappy_window(model, rng):
-    """Noisy ticks in a contact, some of which are missing, whose noise differs by axis; and x nearby."""
-    moved, size = touching(model.contact, rng, 60), model.family.SIZE
-    rows, root = np.ones((60, 1)), rng.normal(size=(60, 3, 3)) * 1e-4
-    position_m = moved.position_m + rng.normal(size=(60, 3)) * 1e-4
-    zeta, uneven = lift(moved.rotation, position_m), root @ root.swapaxes(1, 2)
-    index = np.cumsum(rng.integers(1, 3, 60))
-    window = Window(index, zeta, rows * (1e-8, 1e-6), rows * (1e-4, 1e-2), uneven, None)
-    x = x_of(model.contact, moved.object, moved.environment) + 0.03 * rng.normal(size=size)
-    anchors = model.anchors(position_m.mean(axis=0))
-    return window, anchors, model.family.normalise(x, anchors)
-
-
-@each_model
-@pytest.mark.parametrize(("steps", "rel"), [(1, 1e-6), (10, 1e-4)])
-def test_descents_to_further_contacts_agree(model, steps, rel):
-    """Beside a vertex on a face."""
-    rng = np.random.default_rng(4)
-    window, anchors, x = gappy_window(model, rng)
-    first = KnownContact(Contact.VF, rng.normal(size=7))
-    of = moments(model, ConditionalMotion.of(window, SCALES).keeping(first.c))
-    weak = weak_prior(model.family, anchors[None], REACH_M)
-    one = Problem(model, of, np.array(of[:3])[:, None], weak, anchors[None], REACH_M)
-    starts = model.family.normalise(x + 0.3 * rng.normal(size=(COUNT, len(x))), anchors)
-    numpy, kernel = both(one.descend, starts, steps)
-    np.testing.assert_allclose(kernel, numpy, atol=rel)
-    assert np.all(one.cost(kernel) <= one.cost(starts))
-    assert np.any(one.cost(kernel) < one.cost(starts))
-
-
-@each_model
-@pytest.mark.parametrize("apart", [0.0, 1e-3, 0.2])
-def test_numbers_of_constraints_agree(model, apart):
-    """Of the same elements, of such that differ by less than counts, and of others."""
-    window, anchors, x = gappy_window(model, np.random.default_rng(3))
-    other = model.family.normalise(x + apart * np.random.default_rng(4).normal(size=x.shape), anchors)
-    numpy, kernel = both(constraints_of_two, model, np.array([x, other]), window)
-    assert kernel == numpy
 
 
 def assert_same_columns(numpy, kernel, names, rel):

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from contact_tracker.config.loading import load_model
-from contact_tracker.explanations.conditional_contact import Run
-from contact_tracker.explanations.further_contacts import Formation, Further, KnownContact
+from contact_tracker.explanations.conditional_contact import KnownContact, Run
+from contact_tracker.explanations.further_contacts import Formation, Further
 from contact_tracker.geometry.elements import ContactGeometry, Line, Origins, Plane, Point
 from contact_tracker.geometry.lifted_pose import lift
 from contact_tracker.map.map import EMPTY_MAP, Map

@@ -12,7 +12,7 @@ from contact_tracker.geometry.elements import Element, Line, Plane, Point
 from contact_tracker.motion.poses import Poses
 from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.wrenches.contact_evidence import WindowEvidence, WrenchEvidence
-from contact_tracker.wrenches.load import contact_wrenches, estimate_load
+from contact_tracker.wrenches.load import estimate_load
 from contact_tracker.wrenches.wrenches import Wrenches, about_body, average
 
 DECISIVE = np.log(20.0)
@@ -23,7 +23,7 @@ MOST_M = 0.03
 def evidence_of(made: Pressed) -> WrenchEvidence:
     ticks = average(made.poses, made.wrenches.valid, made.tick_ns)
     load = estimate_load(ticks, made.is_free, made.is_free.astype(float))
-    return WrenchEvidence(contact_wrenches(ticks, load))
+    return WrenchEvidence(ticks, load)
 
 
 def log_evidence_of(made: Pressed) -> np.ndarray:

@@ -40,7 +40,7 @@ from contact_tracker.tracking.offline_smoother import PassRecord, Segmenter, pie
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker.trajectory import Trajectory
 from contact_tracker.wrenches.contact_evidence import WrenchEvidence
-from contact_tracker.wrenches.load import Load, NoLoad, contact_wrenches, mass_doubt, require_load
+from contact_tracker.wrenches.load import Load, NoLoad, mass_doubt, require_load
 from contact_tracker.wrenches.wrenches import Wrenches
 
 AHEAD_POSES: Final = 100_000
@@ -394,4 +394,4 @@ def wrench_evidence(
     beliefs, column = result.beliefs, Contact.FREE.column
     is_free, p_free = beliefs.rows["contact"] == column, beliefs.probability[:, column]
     ticks, load = require_load(poses, wrenches.valid, result.stamp_ns, is_free, p_free, mass_kg)
-    return WrenchEvidence(contact_wrenches(ticks, load)), load
+    return WrenchEvidence(ticks, load), load

@@ -7,31 +7,53 @@ large. Squared residual, noise and free motion are quadratic forms of the residu
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cache
+from dataclasses import dataclass, field, replace
+from functools import cache, cached_property
 from math import log
 from typing import Final, NamedTuple, Self
 
 import numpy as np
+from scipy.linalg import eigh
 
 from contact_tracker.arrays import Array
+from contact_tracker.config.parameters import SystematicErrors
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.contacts.family import turns
 from contact_tracker.geometry import lifted_pose, linalg
+from contact_tracker.geometry.elements import Origins
 from contact_tracker.geometry.lifted_pose import R, T
 from contact_tracker.geometry.linalg import adapted, unit
-from contact_tracker.hypotheses import compiled, gauss_newton
+from contact_tracker.hypotheses import gauss_newton
 from contact_tracker.hypotheses.evidence import EvidenceParameters, weak_prior
 from contact_tracker.hypotheses.gauss_newton import Prior
 from contact_tracker.hypotheses.global_search import directions
+from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.motion.window import LEVERS_M, Window
-from contact_tracker.states import Contact
+from contact_tracker.states import CONTACTS, Contact
 
 SAME_ROW: Final = 0.05
 """Unit gradients of constraints that differ by less count as one constraint."""
 JITTER: Final = 1e-9
 TINY: Final = 1e-30
 _MOVES: Final = lifted_pose.perturbations()
+
+
+@dataclass(frozen=True, eq=False)
+class KnownContact:
+    """A contact and the parameters x (S,) of its elements."""
+
+    contact: Contact
+    x: Array
+
+    @property
+    def model(self) -> ContactModel:
+        """Its model."""
+        return CONTACT_MODELS[self.contact.column]
+
+    @cached_property
+    def c(self) -> Array:
+        """Coefficients (K, 25) of its constraints."""
+        return coefficients(self.model, self.x)
 
 
 def coefficients(model: ContactModel, x: Array) -> Array:
@@ -42,6 +64,78 @@ def coefficients(model: ContactModel, x: Array) -> Array:
 @cache
 def _every(model: ContactModel) -> Array:
     return np.asarray(model.lifted(np.eye(lifted_pose.SIZE)).T)
+
+
+@dataclass(frozen=True, eq=False)
+class ExplainedTicks:
+    """The ticks of a segment, and the parameters of what may explain their motion.
+
+    Parameters
+    ----------
+    leave_per_s : rate at which contacts end.
+    origins : of the ticks' coordinates.
+    systematic : errors of the poses that are not noise.
+    """
+
+    window: Window
+    scales: EvidenceParameters
+    systematic: SystematicErrors = field(default_factory=SystematicErrors)
+    leave_per_s: float = 0.0
+    origins: Origins = field(default_factory=Origins.zero)
+    known_map: Map = EMPTY_MAP
+
+    def __len__(self) -> int:
+        return len(self.window)
+
+    def cut(self, first: int, end: int | None = None) -> Self:
+        """Ticks ``first`` to ``end`` (excluded)."""
+        return replace(self, window=self.window.cut(first, end))
+
+    @cached_property
+    def noise_sd(self) -> Array:
+        """(W, 6) measurement noise of turns about the body's axes and shifts along the world's (rad, m)."""
+        return np.sqrt(self.window.variance[:, lifted_pose.NOISE_OF_PERTURBATION])
+
+    def numbered(self, run: "Run") -> "Run":
+        """A run of rows, by the numbers of ticks."""
+        return Run(int(self.window.index[run.first]), int(self.window.index[run.end - 1]) + 1)
+
+    @property
+    def kinds(self) -> tuple[Contact, ...]:
+        """Contact kinds that the map allows."""
+        return tuple(filter(self.known_map.allows, CONTACTS))
+
+    @property
+    def log_change(self) -> Array:
+        """(W,) log probability that a contact begins or ends before each tick; zero motion allows hardly
+        any."""
+        moved = self.window.motion_ratio * (self.leave_per_s * self.scales.tick_s)
+        return np.asarray(np.log(-np.expm1(-np.maximum(moved, 1e-4))))
+
+
+def noise_factors(noise: Array) -> Array:
+    """Cholesky factors (W, K, K) of the covariance of residuals, of which ``noise`` (W, K, D) are derivatives
+    by standard errors; residuals may depend on each other, and have any units."""
+    scale = np.linalg.norm(noise, axis=2, keepdims=True) + TINY
+    unit_rows = noise / scale
+    square = unit_rows @ np.swapaxes(unit_rows, 1, 2) + JITTER * np.eye(noise.shape[1])
+    return np.asarray(scale * np.linalg.cholesky(square))
+
+
+def against_free(lower: Array, residual: Array, free: Array) -> tuple[Array, Array, Array]:
+    """Residuals (W, K) of unit variance; half the log ratio (W,) of the determinants of their covariances in
+    free motion and by noise; and their quadratic form (W,) in free motion.
+
+    Parameters
+    ----------
+    lower : (W, K, K) as from ``noise_factors``.
+    free : (W, K, D) derivatives of the residuals by standard deviations of free motion.
+    """
+    white: Array = np.linalg.solve(lower, residual[..., None]).astype(float)
+    moved: Array = np.linalg.solve(lower, free).astype(float)
+    loose = np.eye(residual.shape[1]) + moved @ np.swapaxes(moved, 1, 2)
+    form = (white * np.linalg.solve(loose, white))[..., 0].sum(axis=1)
+    return white[..., 0], np.asarray(0.5 * np.linalg.slogdet(loose)[1]), np.asarray(form)
 
 
 class ConditionalEvidence(NamedTuple):
@@ -63,25 +157,23 @@ class ConditionalMotion:
     ----------
     new : (W, 25) lifted poses; of correlated errors only the innovation (T34).
     moved : (W, 6, 25) their derivatives, see ``perturbed``.
-    noise_sd : (W, 6) measurement noise of a tick in these directions (rad, m).
     excess_sd : (W, 6) unpredictable part of the motion in these directions (rad, m).
     free : (W, 6, 6) factors F: motion that keeps the contacts has the covariance F F^T in a tick.
     """
 
+    ticks: ExplainedTicks
     new: Array
     moved: Array
-    noise_sd: Array
     excess_sd: Array
     free: Array
 
     @classmethod
-    def of(cls, window: Window, scales: EvidenceParameters) -> Self:
+    def of(cls, ticks: ExplainedTicks) -> Self:
         """Ticks in which no contact is kept."""
-        zeta, new = window.zeta, scales.innovations(window.zeta, window.before)
+        window = ticks.window
         excess_sd = np.sqrt(window.innovation_excess[:, lifted_pose.NOISE_OF_PERTURBATION])
-        free = excess_sd[:, :, None] * np.eye(6)
-        noise_sd = np.sqrt(window.variance[:, lifted_pose.NOISE_OF_PERTURBATION])
-        return cls(new, perturbed(zeta), noise_sd, excess_sd, free)
+        new = ticks.scales.innovations(window.zeta, window.before)
+        return cls(ticks, new, perturbed(window.zeta), excess_sd, excess_sd[:, :, None] * np.eye(6))
 
     def keeping(self, c: Array, first: int = 0, end: int | None = None) -> "ConditionalMotion":
         """The motion with the constraints c (K, 25) kept as well in ticks ``first`` to ``end`` (excluded)."""
@@ -97,7 +189,8 @@ class ConditionalMotion:
 
     def cut(self, first: int, end: int) -> "ConditionalMotion":
         """Ticks ``first`` to ``end`` (excluded)."""
-        return ConditionalMotion(*(column[first:end] for column in vars(self).values()))
+        columns = (column[first:end] for column in (self.new, self.moved, self.excess_sd, self.free))
+        return ConditionalMotion(self.ticks.cut(first, end), *columns)
 
     def __len__(self) -> int:
         return len(self.new)
@@ -108,16 +201,11 @@ class ConditionalMotion:
 
     def evidence(self, c: Array) -> ConditionalEvidence:
         """Evidence of each tick for a contact with the constraints c (K, 25)."""
-        gradient, residual = self.gradients(c), self.new @ c.T
-        noise, free = gradient * self.noise_sd[:, None], gradient @ self.free
-        scale = np.sqrt(np.square(noise).sum(axis=2)) + TINY  # makes the result independent of a row's units
-        noise, free, residual = noise / scale[..., None], free / scale[..., None], residual / scale
-        noise_cov = noise @ np.swapaxes(noise, 1, 2) + JITTER * np.eye(len(c))
-        loose = noise_cov + free @ np.swapaxes(free, 1, 2)
-        gain = 0.5 * (np.linalg.slogdet(loose)[1] - np.linalg.slogdet(noise_cov)[1])
-        pull = np.linalg.solve(noise_cov, residual[..., None]) - np.linalg.solve(loose, residual[..., None])
-        misfit = 0.5 * (residual * pull[..., 0]).sum(axis=1)
-        return ConditionalEvidence(gain - misfit, gain, np.square(residual).mean(axis=1))
+        gradient = self.gradients(c)
+        lower = noise_factors(gradient * self.ticks.noise_sd[:, None])
+        white, gain, free_form = against_free(lower, self.new @ c.T, gradient @ self.free)
+        square = np.square(white)
+        return ConditionalEvidence(gain - 0.5 * (square.sum(axis=1) - free_form), gain, square.mean(axis=1))
 
 
 def perturbed(zeta: Array) -> Array:
@@ -164,53 +252,34 @@ def most_probable(log_ratio: Array, log_change: Array) -> Presence:
     log_ratio : (W,) evidence of each tick for the contact.
     log_change : (W,) log probability that it begins or ends right before a tick.
     """
-    absent, present = log(1.0 - AT_FIRST), log(AT_FIRST)
-    came_from_present, came_from_absent = [], []  # predecessors of absent, of present
-    stays = np.log1p(-np.exp(log_change)).tolist()
-    never = absent + float(np.sum(stays[1:]))
-    for tick, (ratio, change, stay) in enumerate(
-        zip(log_ratio.tolist(), log_change.tolist(), stays, strict=True)
-    ):
-        ends = joined = False
-        if tick:
-            ends, joined = present + change > absent + stay, absent + change > present + stay
-            was_absent, was_present = absent, present
-            absent = was_present + change if ends else was_absent + stay
-            present = was_absent + change if joined else was_present + stay
-        present += ratio
-        came_from_present.append(ends)
-        came_from_absent.append(joined)
-    is_present, runs, end = present >= absent, list[Run](), len(came_from_present)
-    for tick in range(end - 1, -1, -1):  # back along the path
-        if is_present and came_from_absent[tick]:
-            runs.append(Run(tick, end))
-            is_present = False
-        elif not is_present and came_from_present[tick]:
-            end, is_present = tick, True
-    if is_present:
-        runs.append(Run(0, end))
-    return Presence(tuple(reversed(runs)), max(absent, present) - never)
+    log_stay = np.log1p(-np.exp(log_change))
+    absent, present, before = log(1.0 - AT_FIRST), log(AT_FIRST) + float(log_ratio[0]), []
+    never = absent + float(np.sum(log_stay[1:]))
+    ticks = log_ratio[1:].tolist(), log_change[1:].tolist(), log_stay[1:].tolist()
+    for ratio, change, stay in zip(*ticks, strict=True):
+        ended, began = present + change, absent + change
+        absent, present = absent + stay, present + stay
+        before.append((ended > absent, began <= present))  # whether it was present, by whether it is
+        absent, present = max(absent, ended), max(present, began) + ratio
+    path = [present >= absent]
+    for was_present in reversed(before):
+        path.append(was_present[path[-1]])
+    bounds = np.flatnonzero(np.diff(path[::-1], prepend=False, append=False)).reshape(-1, 2).tolist()
+    return Presence(tuple(Run(*run) for run in bounds), max(absent, present) - never)
 
 
-MIN_RATIO: Final = 2.0
-"""Least ratio of free motion to squared residual for a constraint to be kept; at least one row of every
-contact has it."""
 RELAXED: Final = tuple(CONTACT_MODELS[c.column] for c in (Contact.VF, Contact.FV, Contact.EE))
 """Contact kinds of single constraints: every contact implies at least one of them."""
 NOISE_SHARE: Final = 0.1
-LEAST_NORMAL: Final = 1e-9
-RIDGE: Final = 1e-9
 ROUNDING: Final = 1e-14
 """Accuracy of the sums of squares, relative to their trace."""
-FOLLOWED_STARTS: Final = 12
-ROUNDS: Final = ((4, 5), (10, 2))
-"""Numbers of descent steps, and of the best starts that continue after them."""
-FIRST_DAMPING: Final = 1.0
 LEAST_SQUARE: Final = 1e-12
-LEAST_CURVATURE: Final = 1e-9
+FOLLOWED_STARTS: Final = 4
+STEPS: Final = 10
+"""Numbers of starts with the least ratio of squared residual to free motion that are followed, and of steps
+from each."""
 DAMPED_SHARE: Final = 1e-3
 """Damping of all directions, as a share of their curvature; turns have an additional damping of 1."""
-RELAXED_STARTS: Final = 2
 DRAWS: Final = 7
 """Seed of the random directions."""
 
@@ -230,90 +299,67 @@ class Moments(NamedTuple):
 
 def moments(model: ContactModel, motion: ConditionalMotion) -> Moments:
     """Moments of the ticks of ``motion``."""
-    weight = 1.0 / motion.noise_sd[:, 3:4]
+    noise_sd = motion.ticks.noise_sd
+    weight = 1.0 / noise_sd[:, 3:4]
     square = model.lifted(motion.new) * weight
     moved = np.swapaxes(motion.free, 1, 2) @ motion.moved
     free = (model.lifted(moved) * weight[:, None]).reshape(-1, square.shape[1])
-    noise = model.lifted(motion.moved * motion.noise_sd[:, :, None]) * weight[:, None]
+    noise = model.lifted(motion.moved * noise_sd[:, :, None]) * weight[:, None]
     noise, count = noise.reshape(free.shape[0], -1), len(motion)
     return Moments(square.T @ square / count, free.T @ free / count, noise.T @ noise / count, count)
 
 
-def relaxed_ratio(sums: Moments) -> float:
-    """Largest ratio of free motion to squared residual over all coefficients: up to noise, an upper bound for
-    contacts."""
-    return float(np.linalg.eigvalsh(_congruent(*_whitened(sums)))[-1])
-
-
-def relaxed_starts(model: ContactModel, sums: Moments, x: Array) -> Array:
-    """Starting points: directions from the relaxed problem, other coordinates from x (B, S)."""
-    lower, free = _whitened(sums)
-    scale = np.sqrt(sums.noise.diagonal() + RIDGE * sums.noise.trace())
-    vectors = np.linalg.eigh(_congruent(lower, free))[1][:, : -1 - RELAXED_STARTS : -1]
-    c = (np.linalg.solve(lower.T, vectors) / scale[:, None]).T
-    form, starts = model.family.FORM, []
-    for row in c:
-        start = np.array(x)
-        if form.h < 0:
-            world_axes, _, right = np.linalg.svd(row[9:18].reshape(3, 3))
-            start = start[:1]
-            start[:, form.d1 : form.d1 + 3], start[:, form.d2 : form.d2 + 3] = right[0], world_axes[:, 0]
-        else:
-            if not np.linalg.norm(row[9:12]) > LEAST_NORMAL * np.linalg.norm(row):
-                continue  # no plane
-            normal = unit(row[9:12])
-            start[:, form.d2 : form.d2 + 3] = normal
-            if model.contact is Contact.FF:
-                rotation = sums.square[:9, 12].reshape(3, 3)
-                start = start[:1]
-                start[:, form.d1 : form.d1 + 3] = unit(normal @ rotation)
-        starts.append(start)
-    return np.concatenate([x[:0], *starts])
-
-
-def _whitened(sums: Moments) -> tuple[Array, Array]:
-    """The Cholesky factor of the regularised squares, and the free motion, both whitened by the noise."""
-    scale = np.sqrt(sums.noise.diagonal() + RIDGE * sums.noise.trace())
+def relaxed(sums: Moments) -> tuple[Array, Array]:
+    """Ratios (C,) of free motion to squared residual, in ascending order, and the coefficients (C, C), in
+    columns, that have them. Up to noise the largest is an upper bound for contacts."""
+    scale = np.sqrt(sums.noise.diagonal() + JITTER * sums.noise.trace())
     outer = scale[:, None] * scale
-    lift = ROUNDING * sums.square.trace()
-    square = (sums.square + NOISE_SHARE * sums.noise + lift * np.eye(len(scale))) / outer
-    square += RIDGE * np.trace(sums.noise / outer) * np.eye(len(square))
-    return np.linalg.cholesky(square), sums.free / outer
+    least = ROUNDING * sums.square.trace() * np.eye(len(scale))
+    square = (sums.square + NOISE_SHARE * sums.noise + least) / outer
+    square += JITTER * np.trace(sums.noise / outer) * np.eye(len(square))
+    ratio, c = eigh(sums.free / outer, square)
+    return ratio, c / scale[:, None]
 
 
-def _congruent(lower: Array, matrix: Array) -> Array:
-    half = np.linalg.solve(lower, matrix)
-    return np.asarray(np.linalg.solve(lower, half.T))
+def _relaxed_starts(model: ContactModel, sums: Moments, x: Array) -> Array:
+    """x (B, S), twice, with directions of the two relaxed solutions with the largest ratios."""
+    form, starts = model.family.FORM, list[Array]()
+    for c in relaxed(sums)[1].T[:-3:-1]:
+        if form.h < 0:  # two lines
+            world_axes, _, body_axes = np.linalg.svd(c[9:18].reshape(3, 3))
+            start, first, second = x[:1].copy(), body_axes[0], world_axes[:, 0]
+        else:
+            second = unit(c[9:12])
+            on_one = model.contact is Contact.FF
+            start = x[: 1 if on_one else None].copy()
+            first = unit(second @ sums.square[:9, 12].reshape(3, 3)) if on_one else None
+        start[:, form.d2 : form.d2 + 3] = second
+        if first is not None:
+            start[:, form.d1 : form.d1 + 3] = first
+        starts.append(start)
+    return np.concatenate(starts)
 
 
-def search(model: ContactModel, motion: ConditionalMotion, window: Window, reach_m: float) -> Array:
-    """The elements x (S,) of ``model`` with the least cost in the ticks of ``motion`` and ``window``."""
-    family = model.family
+def search(model: ContactModel, motion: ConditionalMotion) -> Array:
+    """The elements x (S,) of ``model`` with the least cost in the ticks of ``motion``."""
+    window, reach_m = motion.ticks.window, motion.ticks.scales.reach_m
     anchors = model.anchors(window.zeta[:, T].mean(axis=0))[None]
-    prior = weak_prior(family, anchors, reach_m)
-    sums = moments(model, motion)
-    problem = Problem(model, sums, np.array(sums[:3])[:, None], prior, anchors, reach_m)
-    turn = window.zeta[-1, R].reshape(3, 3)
-    x = model.turned(directions(model, DRAWS), turn)
-    x = problem.complete(np.concatenate([x, relaxed_starts(model, problem.of, x)]))
+    problem = Problem(model, moments(model, motion), weak_prior(model.family, anchors, reach_m), anchors)
+    x = model.turned(directions(model, DRAWS), window.zeta[-1, R].reshape(3, 3))
+    x = problem.complete(_relaxed_starts(model, problem.of, x))
     x = x[np.argsort(problem.ratio(x), kind="stable")[:FOLLOWED_STARTS]]
-    for steps, count in ROUNDS:
-        x = problem.descend(x, steps)
-        x = x[np.argsort(problem.ratio(x), kind="stable")[:count]]
+    x = problem.descend(x, STEPS)
     return np.asarray(x[np.argmin(problem.cost(x))])
 
 
 class Problem(NamedTuple):
-    """Cost of one contact: half the squared residuals over noise, less the log of free motion over noise."""
+    """Cost of one contact: half the squared residuals over noise, less the log of free motion over noise.
+    The ``prior`` of one hypothesis is the same for all."""
 
     model: ContactModel
     of: Moments
-    matrices: Array
-    """(3, 1, C, C) the moments ``square``, ``free`` and ``noise``."""
     prior: Prior
-    """Prior of one hypothesis, the same for all."""
     anchors: Array
-    reach_m: float
 
     def cost(self, x: Array) -> Array:
         """Cost (B,) in nats at x (B, S)."""
@@ -340,23 +386,12 @@ class Problem(NamedTuple):
 
     def descend(self, x: Array, steps: int) -> Array:
         """The result of ``steps`` damped Gauss-Newton steps from x (B, S)."""
-        if not compiled.in_use():
-            return self.descend_reference(x, steps)
-        from contact_tracker.hypotheses.compiled import calls
-
-        limits = FIRST_DAMPING, LEAST_SQUARE, LEAST_CURVATURE, DAMPED_SHARE
-        model = calls.model_of(self.model, self.reach_m)
-        return calls.descend(model, self.matrices[:, 0], self.of.ticks, self.anchors[0], x, steps, limits)
-
-    def descend_reference(self, x: Array, steps: int) -> Array:
-        """``descend`` in numpy: the reference of the compiled kernel."""
         family, anchors = self.model.family, self.anchors.repeat(len(x), axis=0)
-        cost, damping = self.cost(x), np.full(len(x), FIRST_DAMPING)
+        cost, damping, turning = self.cost(x), np.ones(len(x)), turns(family.FORM)
         for _ in range(steps):
             tangent, gradient, hessian = self._normal(x, anchors)
             diagonal = np.einsum("bii->bi", hessian)
-            turning = turns(family.FORM)
-            diagonal += LEAST_CURVATURE + DAMPED_SHARE * damping[:, None] * diagonal
+            diagonal += JITTER + DAMPED_SHARE * damping[:, None] * diagonal
             diagonal[:, turning] += damping[:, None]
             step = -np.linalg.solve(hessian, gradient[..., None])
             moved = family.normalise(x + (tangent @ step)[..., 0], anchors)
@@ -372,8 +407,9 @@ class Problem(NamedTuple):
         along = np.swapaxes(tangent, -1, -2)
         slopes = along[:, None] @ family.rows_derivative(x)  # (B, K, P, C)
         square, free, noise = self._forms(c)
+        forms = np.array(self.of[:3])[:, None, None]
         # half the derivative of each form
-        d_square, d_free, d_noise = (slopes @ self.matrices[:, None] @ c[..., None])[..., 0]
+        d_square, d_free, d_noise = (slopes @ forms @ c[..., None])[..., 0]
         pull = (
             d_square / noise[..., None]
             - (square / noise**2)[..., None] * d_noise
@@ -388,4 +424,5 @@ class Problem(NamedTuple):
 
     def _forms(self, c: Array) -> Array:
         """Quadratic forms (3, B, K) of c (B, K, C): squared residual, free motion and noise."""
-        return np.asarray(np.maximum(((c @ self.matrices) * c).sum(axis=-1), LEAST_SQUARE))
+        forms = np.array(self.of[:3])[:, None]
+        return np.asarray(np.maximum(((c @ forms) * c).sum(axis=-1), LEAST_SQUARE))

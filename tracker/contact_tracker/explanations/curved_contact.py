@@ -10,12 +10,13 @@ have many parameters, so they are fitted to the first half of the motion and tes
 """
 
 from collections.abc import Callable, Sequence
-from functools import cache
+from functools import cache, partial
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from contact_tracker.arrays import Array, Bools
+from contact_tracker.explanations.conditional_contact import TINY
 from contact_tracker.geometry.lifted_pose import R, T
 from contact_tracker.geometry.linalg import adapted, dot
 from contact_tracker.hypotheses.evidence import EvidenceParameters
@@ -23,7 +24,6 @@ from contact_tracker.motion.window import Window
 
 PARALLEL: Final = 1e-3
 """Sine of the angle below which the nearest points of two lines are not unique."""
-TINY: Final = 1e-12
 
 
 class Touch(NamedTuple):
@@ -50,57 +50,37 @@ class CurvedContact(NamedTuple):
     touch: Callable[[Array, Array, Array], Touch]
 
 
-def point_at_point(x: Array, rotation: Array, position: Array) -> Touch:
-    """A point q of frame 1 stays at distance r from a point c of frame 2; x = (q, c, r)."""
-    q, c, r = x[:, None, :3], x[:, None, 3:6], x[:, 6:]
+def points_or_lines(x: Array, rotation: Array, position: Array, lines: int) -> Touch:
+    """A point q of frame 1 stays at distance r from a point c of frame 2, or from the line through c along d
+    (one of ``lines``), or a line through q along e from that line (two), with the sign of its side;
+    x = (q, c, d, e, r)."""
+    q, c, r = x[:, None, :3], x[:, None, 3:6], x[:, -1:]
     offset = _in_frame_2(rotation, q) + position - c
-    distance = _length(offset)
-    normal = offset / distance
-    columns = _in_frame_1(rotation, normal), -normal, -np.ones_like(distance)
-    return Touch(
-        distance[..., 0] - r, normal, np.broadcast_to(q, offset.shape), np.concatenate(columns, axis=-1)
-    )
-
-
-def point_at_line(x: Array, rotation: Array, position: Array) -> Touch:
-    """A point q of frame 1 stays at distance r from the line through c along d of frame 2;
-    x = (q, c, d, r)."""
-    q, c, r = x[:, None, :3], x[:, None, 3:6], x[:, 9:]
-    d, scale = _unit(x[:, None, 6:9])
-    offset = _in_frame_2(rotation, q) + position - c
-    along = dot(offset, d)[..., None]
-    across = offset - along * d
-    distance = _length(across)
-    normal = across / distance
-    columns = (
-        *(_in_frame_1(rotation, normal), -normal),
-        *(-along / scale * normal, -np.ones_like(distance)),
-    )
-    return Touch(
-        distance[..., 0] - r, normal, np.broadcast_to(q, offset.shape), np.concatenate(columns, axis=-1)
-    )
-
-
-def line_at_line(x: Array, rotation: Array, position: Array) -> Touch:
-    """A line through q along e of frame 1 stays at distance r, signed by the side, from one through c along d
-    of frame 2; x = (q, c, d, e, r)."""
-    q, c, r = x[:, None, :3], x[:, None, 3:6], x[:, 12:]
-    (d, scale_d), (e_1, scale_e) = _unit(x[:, None, 6:9]), _unit(x[:, None, 9:12])
-    e = _in_frame_2(rotation, e_1)
-    offset = _in_frame_2(rotation, q) + position - c
-    normal = np.cross(e, d)
-    sine = np.maximum(_length(normal), PARALLEL)
-    normal = normal / sine
-    cosine, by_e, by_d = (dot(a, b)[..., None] for a, b in ((e, d), (e, offset), (d, offset)))
-    on_1 = (cosine * by_d - by_e) / sine**2  # positions of the nearest points along the lines
-    on_2 = by_d + cosine * on_1
-    in_1 = _in_frame_1(rotation, normal)
-    columns = (
-        *(in_1, -normal, -on_2 / scale_d * normal),
-        *(on_1 / scale_e * in_1, -np.ones_like(sine)),
-    )
-    residual = dot(normal, offset) - r
-    return Touch(residual, normal, q + on_1 * e_1, np.concatenate(columns, axis=-1))
+    if lines < 2:
+        point, gap, by_lines = q, offset, list[Array]()
+        if lines:
+            d, scale = _unit(x[:, None, 6:9])
+            along = dot(offset, d)[..., None]
+            gap = offset - along * d
+        distance = _length(gap)
+        normal = gap / distance
+        if lines:
+            by_lines.append(-along / scale * normal)
+        in_1 = _in_frame_1(rotation, normal)
+    else:
+        (d, scale_d), (e_1, scale_e) = _unit(x[:, None, 6:9]), _unit(x[:, None, 9:12])
+        e = _in_frame_2(rotation, e_1)
+        normal = np.cross(e, d)
+        sine = np.maximum(_length(normal), PARALLEL)
+        normal = normal / sine
+        cosine, by_e, by_d = (dot(a, b)[..., None] for a, b in ((e, d), (e, offset), (d, offset)))
+        on_1 = (cosine * by_d - by_e) / sine**2  # positions of the nearest points along the lines
+        on_2 = by_d + cosine * on_1
+        point, distance, in_1 = q + on_1 * e_1, dot(normal, offset)[..., None], _in_frame_1(rotation, normal)
+        by_lines = [-on_2 / scale_d * normal, on_1 / scale_e * in_1]
+    columns = in_1, -normal, *by_lines, -np.ones_like(distance)
+    point = np.broadcast_to(point, offset.shape)
+    return Touch(distance[..., 0] - r, normal, point, np.concatenate(columns, axis=-1))
 
 
 def rim_on_plane(x: Array, rotation: Array, position: Array) -> Touch:
@@ -128,10 +108,10 @@ RIMS: Final = (
     CurvedContact("plane on rim", 13, (6, 9), True, rim_on_plane),
 )
 CURVED_CONTACTS: Final = (
-    CurvedContact("point at point", 7, (), False, point_at_point),
-    CurvedContact("point at line", 10, (6,), False, point_at_line),
-    CurvedContact("line at point", 10, (6,), True, point_at_line),
-    CurvedContact("line at line", 13, (6, 9), False, line_at_line),
+    CurvedContact("point at point", 7, (), False, partial(points_or_lines, lines=0)),
+    CurvedContact("point at line", 10, (6,), False, partial(points_or_lines, lines=1)),
+    CurvedContact("line at point", 10, (6,), True, partial(points_or_lines, lines=1)),
+    CurvedContact("line at line", 13, (6, 9), False, partial(points_or_lines, lines=2)),
     *RIMS,
 )
 FaceNormals = tuple[Array, Array]
@@ -160,18 +140,13 @@ def _unit(vectors: Array) -> tuple[Array, Array]:
 
 
 STARTS: Final = 16
-FIRST_STEPS: Final = 15
-FIRST_STRIDE: Final = 2
-"""The first steps from each start use every second tick; the best starts then use all ticks."""
 BEST_STARTS: Final = 3
-LAST_STEPS: Final = 15
-MOST_NATS_PER_TICK: Final = 100.0
-"""Cost (nats per tick) of the best start after the first steps above which the minimisation ends."""
+"""Number of starts, which are followed on every second tick, and of those of them that are then followed on
+all."""
+STEPS: Final = 15
 MOST_TICKS: Final = 60
 SURFACE_M: Final = 1e-4
 """Standard deviation of surfaces from their ideal shape, and of the mean of a tick from its arc."""
-FIRST_DAMPING: Final = 1.0
-SEED: Final = 7
 
 
 class CurvedFit(NamedTuple):
@@ -208,19 +183,36 @@ def fit_curved(
     """
     rows = np.linspace(0, len(window) - 1, min(len(window), MOST_TICKS)).astype(int)
     excess = np.maximum(window.innovation_excess, window.travel)[rows]
-    lifts, variance = window.zeta[rows], window.variance[rows]
-    origin_m = lifts[:, T].mean(axis=0)
+    zeta, variance, fits = window.zeta[rows], window.variance[rows], list[CurvedFit]()
+    origin_m = zeta[:, T].mean(axis=0)
+    tried: list[tuple[CurvedContact, Array | None]]
     if earlier is not None:
-        start = earlier.about(origin_m)[None]
-        return _Fit.of(earlier.contact, lifts, variance, scales, start).best_fit(excess, origin_m)
-    fits = [_Fit.of(contact, lifts, variance, scales) for contact in CURVED_CONTACTS]
-    if touched:
-        starts = ((contact, _rims_of_faces(contact, lifts, touched, scales.reach_m)) for contact in RIMS)
-        fits += [_Fit.of(contact, lifts, variance, scales, start) for contact, start in starts]
-    return max((fit.best_fit(excess, origin_m) for fit in fits), key=lambda fit: fit.log_evidence)
+        tried = [(earlier.contact, earlier.about(origin_m)[None])]
+    else:
+        tried = [(contact, None) for contact in CURVED_CONTACTS]
+        tried += [(rim, _rim_of_faces(rim, zeta, touched, scales.reach_m)) for rim in RIMS if touched]
+    for contact, start in tried:
+        deviation = np.full(contact.size, scales.reach_m)
+        for number in contact.directions:
+            deviation[number : number + 3] = 1.0
+        problem = _Problem.of(contact, zeta, variance, deviation**-2.0)
+        if start is None:
+            start = deviation * _draws(contact.size)
+            rotation, position, noise = problem.rotation[::2], problem.position[::2], problem.variance[::2]
+            sparse = problem._replace(rotation=rotation, position=position, variance=noise)
+            x, cost = sparse.minimised(start, start)
+            best = np.argsort(cost)[:BEST_STARTS]
+            start, x = start[best], x[best]
+        else:
+            x = start
+        x, _ = problem.minimised(x, start)
+        evidence = problem.evidence(x, excess, scales)
+        first = int(evidence.argmax())
+        fits.append(CurvedFit(float(evidence[first]), contact, x[first], origin_m))
+    return max(fits, key=lambda fit: fit.log_evidence)
 
 
-def _rims_of_faces(
+def _rim_of_faces(
     contact: CurvedContact, lifts: Array, touched: Sequence[FaceNormals], reach_m: float
 ) -> Array:
     """The rim (1, 13) of one face that stays nearest to the plane of the other, of all pairs ``touched``.
@@ -256,73 +248,46 @@ def _in_frames(contact: CurvedContact, lifts: Array) -> tuple[Array, Array]:
     return rotation, -(rotation @ position[..., None])[..., 0]
 
 
-class _Fit(NamedTuple):
-    """Fit of one ``contact`` from S starts: parameters ``x`` (S, p) with the prior mean ``centre`` and prior
-    ``information`` (p,), for poses ``rotation`` (N, 3, 3), ``position`` (N, 3) of frame 1 in frame 2 with
-    noise ``variance`` (N, 2)."""
+class _Problem(NamedTuple):
+    """The fit of one ``contact`` with the prior ``information`` (p,), for poses ``rotation`` (N, 3, 3),
+    ``position`` (N, 3) of frame 1 in frame 2 with noise ``variance`` (N, 2)."""
 
     contact: CurvedContact
-    scales: EvidenceParameters
     rotation: Array
     position: Array
     variance: Array
     information: Array
-    centre: Array
-    x: Array
 
     @classmethod
-    def of(
-        cls,
-        contact: CurvedContact,
-        lifts: Array,
-        variance: Array,
-        scales: EvidenceParameters,
-        start: Array | None = None,
-    ) -> "_Fit":
-        """The best minima from several starts, or from the given ``start`` (S, p)."""
-        rotation, position = _in_frames(contact, lifts)
-        deviation = np.full(contact.size, scales.reach_m)
-        for number in contact.directions:
-            deviation[number : number + 3] = 1.0
-        is_new = start is None
-        start = deviation * _draws(contact.size) if start is None else start
-        fit = cls(contact, scales, rotation, position, variance, deviation**-2.0, start, start)
-        if not is_new:
-            return fit.minimised(LAST_STEPS)[0]
-        sparse = slice(None, None, FIRST_STRIDE)
-        coarse = fit._replace(rotation=rotation[sparse], position=position[sparse], variance=variance[sparse])
-        first, cost = coarse.minimised(FIRST_STEPS)
-        best = np.argsort(cost)[:BEST_STARTS]
-        fit = fit._replace(centre=start[best], x=first.x[best])
-        if cost[best[0]] > MOST_NATS_PER_TICK * len(coarse.variance):
-            return fit
-        return fit.minimised(LAST_STEPS)[0]
+    def of(cls, contact: CurvedContact, zeta: Array, variance: Array, information: Array) -> "_Problem":
+        """The fit to ticks with lifted poses ``zeta`` (N, 25)."""
+        return cls(contact, *_in_frames(contact, zeta), variance, information)
 
-    def minimised(self, steps: int) -> tuple["_Fit", Array]:
-        """The fit after Levenberg-Marquardt ``steps``, and its cost (S,)."""
-        fit, damping = self, np.full(len(self.x), FIRST_DAMPING)
-        touch, noise, cost = fit.residuals()
-        for _ in range(steps):
+    def minimised(self, x: Array, centre: Array) -> tuple[Array, Array]:
+        """x (S, p) after Levenberg-Marquardt steps, with the prior mean ``centre`` (S, p), and its cost
+        (S,)."""
+        touch, noise, cost = self.residuals(x, centre)
+        damping = np.ones(len(x))
+        for _ in range(STEPS):
             hessian, gradient = _quadratic(touch, noise)
-            gradient += self.information * (fit.x - self.centre)
+            gradient += self.information * (x - centre)
             damped = hessian * (1.0 + damping[:, None, None] * np.eye(self.contact.size))
             step = np.linalg.solve(damped + np.diag(self.information), gradient[..., None])[..., 0]
-            ahead = fit._replace(x=fit.x - step)
-            trial, trial_noise, trial_cost = ahead.residuals()
+            trial, trial_noise, trial_cost = self.residuals(x - step, centre)
             better = trial_cost < cost
             damping = adapted(damping, better)
-            fit = fit._replace(x=np.where(better[:, None], ahead.x, fit.x))
-            cost, noise = np.where(better, trial_cost, cost), _where(better, trial_noise, noise)
+            x, cost = np.where(better[:, None], x - step, x), np.where(better, trial_cost, cost)
+            noise = np.where(better[:, None], trial_noise, noise)
             touch = Touch(*(_where(better, *parts) for parts in zip(trial, touch, strict=True)))
-        return fit, cost
+        return x, cost
 
-    def residuals(self) -> tuple[Touch, Array, Array]:
+    def residuals(self, x: Array, centre: Array) -> tuple[Touch, Array, Array]:
         """Residuals at x, their noise (S, N), and the cost (S,), which includes the log of the noise, else
         long levers would lower it."""
-        touch = self.contact.touch(self.x, self.rotation, self.position)
+        touch = self.contact.touch(x, self.rotation, self.position)
         noise = self.along_normal(touch, self.variance) + SURFACE_M**2
         misfit = (touch.residual**2 / noise + np.log(noise / SURFACE_M**2)).sum(axis=1)
-        away = (self.information * (self.x - self.centre) ** 2).sum(axis=1)
+        away = (self.information * (x - centre) ** 2).sum(axis=1)
         return touch, noise, 0.5 * (misfit + away)
 
     def along_normal(self, touch: Touch, pose_variance: Array) -> Array:
@@ -333,27 +298,17 @@ class _Fit(NamedTuple):
         lever_sq = dot(arm, arm) - dot(arm, touch.normal) ** 2
         return np.asarray(pose_variance[:, 0] + pose_variance[:, 1] * lever_sq)
 
-    def best_fit(self, excess: Array, origin_m: Array) -> CurvedFit:
-        """The start with the best evidence; free motion has variances ``excess`` (N, 2) beyond the noise."""
-        evidence = _evidence(self, excess)
-        best = int(evidence.argmax())
-        return CurvedFit(float(evidence[best]), self.contact, self.x[best], origin_m)
-
-
-def _evidence(fit: _Fit, excess: Array) -> Array:
-    """Log evidence (S,) of each start; free motion has variances ``excess`` (N, 2) beyond the noise."""
-    touch, noise, _ = fit.residuals()
-    lever = fit.scales.body_radius_m**2 * excess[:, 1]
-    free = noise + lever + fit.along_normal(touch, excess)
-    gain, half = 0.5 * np.log(free / noise), len(excess) // 2
-    misfit = 0.5 * touch.residual**2 * (1.0 / noise - 1.0 / free)
-    first = Touch(*(part[:, :half] for part in touch))
-    prior = np.diag(fit.information)
-    parts = (touch, noise), (first, noise[:, :half])
-    log_det, first_log_det = (np.linalg.slogdet(_quadratic(*part)[0] + prior)[1] for part in parts)
-    complexity = 0.5 * (log_det - first_log_det)
-    ratio = gain[:, half:].sum(axis=1) - misfit.sum(axis=1) - complexity
-    return np.asarray(fit.scales.likelihood_exponent * ratio)
+    def evidence(self, x: Array, excess: Array, scales: EvidenceParameters) -> Array:
+        """Log evidence (S,) of x; free motion has variances ``excess`` (N, 2) beyond the noise."""
+        touch, noise, _ = self.residuals(x, x)
+        free = noise + scales.body_radius_m**2 * excess[:, 1] + self.along_normal(touch, excess)
+        gain, half = 0.5 * np.log(free / noise), len(excess) // 2
+        misfit = 0.5 * touch.residual**2 * (1.0 / noise - 1.0 / free)
+        parts = (touch, noise), (Touch(*(part[:, :half] for part in touch)), noise[:, :half])
+        prior = np.diag(self.information)
+        log_det, first_log_det = (np.linalg.slogdet(_quadratic(*part)[0] + prior)[1] for part in parts)
+        ratio = gain[:, half:].sum(axis=1) - misfit.sum(axis=1) - 0.5 * (log_det - first_log_det)
+        return np.asarray(scales.likelihood_exponent * ratio)
 
 
 def _quadratic(touch: Touch, noise: Array) -> tuple[Array, Array]:
@@ -364,7 +319,7 @@ def _quadratic(touch: Touch, noise: Array) -> tuple[Array, Array]:
 
 @cache
 def _draws(size: int) -> Array:
-    return np.random.default_rng(SEED).normal(size=(STARTS, size))
+    return np.random.default_rng(7).normal(size=(STARTS, size))
 
 
 def _where(chosen: Bools, new: Array, old: Array) -> Array:

@@ -1,46 +1,37 @@
 """Further contacts in the ticks of a segment whose first contact is known (docs/theory.md, section 18)."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
 
-from contact_tracker.arrays import Array, Ints
-from contact_tracker.config.parameters import SystematicErrors
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.explanations.conditional_contact import (
-    MIN_RATIO,
     RELAXED,
     TINY,
     ConditionalMotion,
+    ExplainedTicks,
+    KnownContact,
     Presence,
     Run,
-    coefficients,
     count_constraints,
     moments,
     most_probable,
-    relaxed_ratio,
+    relaxed,
     search,
 )
-from contact_tracker.geometry.elements import ContactGeometry, Element, Origins, canonical, opposite
+from contact_tracker.geometry.elements import ContactGeometry, Element, canonical, opposite
 from contact_tracker.geometry.lifted_pose import T
 from contact_tracker.hypotheses import refinement
 from contact_tracker.hypotheses.bank import blank
-from contact_tracker.hypotheses.evidence import (
-    DECISIVE,
-    SAME_FIT_RATIO,
-    EvidenceParameters,
-    complexity,
-    weak_prior,
-)
+from contact_tracker.hypotheses.evidence import DECISIVE, SAME_FIT_RATIO, complexity, weak_prior
 from contact_tracker.hypotheses.observability import fitted_contact
 from contact_tracker.hypotheses.refit import accumulate_window
 from contact_tracker.map.elements import is_same_element
-from contact_tracker.map.map import EMPTY_MAP, Map, NamedElement
-from contact_tracker.motion.window import DIRECTIONS, Window, used_directions
-from contact_tracker.states import CONTACTS, Contact
+from contact_tracker.map.map import Map, NamedElement
+from contact_tracker.motion.window import DIRECTIONS, used_directions
+from contact_tracker.states import Contact
 
 MAX_FURTHER: Final = 2
 """Most further contacts of a segment."""
@@ -48,32 +39,32 @@ MIN_TICKS: Final = 20
 SPAN_TICKS: Final = 60
 STRIDE_TICKS: Final = 15
 """Constraints are searched in all ticks, and in spans of this length and stride."""
-MAX_SPANS: Final = 2
 SURE_NATS: Final = 2.5
 """Log odds (nats) against no contact from which a further contact, or a joint, is reported."""
 MIN_COMPLEXITY: Final = 25.0
 """Least complexity (nats) of the elements of a single constraint in short runs of ticks."""
+MIN_RATIO: Final = 2.0
+"""Least ratio of free motion to squared residual for a constraint to be kept; at least one row of every
+contact has it."""
 EQUAL_GAIN: Final = 0.9
 MAX_RMS: Final = 1.5
 """Greatest RMS of whitened residuals of a contact's elements."""
 
 
-@dataclass(frozen=True, eq=False)
-class KnownContact:
-    """A contact and the parameters x (S,) of its elements."""
+class Candidate(NamedTuple):
+    """A possible contact: the ticks in which it is present, its ``gain`` (nats) and ``rms``, and its
+    ``geometry``, once it is fitted by maximum likelihood (T26)."""
 
-    contact: Contact
-    x: Array
+    known: KnownContact
+    presence: Presence
+    gain: float
+    rms: float
+    geometry: ContactGeometry | None = None
 
     @property
-    def model(self) -> ContactModel:
-        """Its model."""
-        return CONTACT_MODELS[self.contact.column]
-
-    @cached_property
-    def c(self) -> Array:
-        """Coefficients (K, 25) of its constraints."""
-        return coefficients(self.model, self.x)
+    def run(self) -> Run:
+        """The longest run."""
+        return max(self.presence.runs, key=lambda run: run.end - run.first)
 
 
 class Further(NamedTuple):
@@ -117,68 +108,33 @@ class Formation(NamedTuple):
 NO_FORMATION: Final = Formation()
 
 
-class Candidate(NamedTuple):
-    """Elements of a possible contact, the ticks in which it is present, its ``gain`` (nats) and ``rms``;
-    ``fitted``: their fit by maximum likelihood (T26) to ``window``, if there is one."""
-
-    elements: KnownContact
-    presence: Presence
-    gain: float
-    rms: float
-    fitted: refinement.Refined | None = None
-    window: Window | None = None
-
-
-class FormationTicks(NamedTuple):
-    """The ticks of a segment, and the parameters to evaluate contacts on them."""
-
-    window: Window
-    scales: EvidenceParameters
-    leave_per_s: float
-    origins: Origins
-    known_map: Map = EMPTY_MAP
-    systematic: SystematicErrors = SystematicErrors()
-    """Errors of the poses that are not noise."""
-
-    @property
-    def kinds(self) -> tuple[Contact, ...]:
-        """Contact kinds that the map allows."""
-        return tuple(filter(self.known_map.allows, CONTACTS))
-
-    def numbered(self, run: Run) -> Run:
-        """A run of rows, by the numbers of ticks."""
-        return Run(int(self.window.index[run.first]), int(self.window.index[run.end - 1]) + 1)
-
-    def geometry_of(self, candidate: Candidate) -> ContactGeometry | None:
-        """Fitted elements with covariance in the user's frames, named as in the map; None if a complete map
-        lacks them."""
-        assert candidate.fitted is not None
-        assert candidate.window is not None
-        fit = candidate.fitted.bank, 0, candidate.elements.model, self.scales, candidate.window
-        fitted = fitted_contact(*fit, self.origins, self.systematic, candidate.fitted.information)
-        named = named_by(self.known_map, fitted.geometry)
-        complete = self.known_map.object_complete, self.known_map.environment_complete
-        unlisted = any(name is None and only for name, only in zip(named.names, complete, strict=True))
-        return None if unlisted else named
-
-    @property
-    def log_change(self) -> Array:
-        """(W,) log probability that a contact begins or ends before each tick; zero motion allows hardly
-        any."""
-        moved = self.window.motion_ratio * (self.leave_per_s * self.scales.tick_s)
-        return np.asarray(np.log(-np.expm1(-np.maximum(moved, 1e-4))))
-
-
-def find_formation(segment: FormationTicks, first: KnownContact) -> Formation:
+def find_formation(ticks: ExplainedTicks, first: KnownContact) -> Formation:
     """Find all further contacts; the ``first`` one lasts through the segment."""
-    if len(segment.window) < MIN_TICKS:
+    if len(ticks) < MIN_TICKS:
         return NO_FORMATION
-    free = ConditionalMotion.of(segment.window, segment.scales)
-    further, is_open = _further_contacts(segment, first, free)
-    return Formation(tuple(further), is_open, _ranks(free, segment.window.index, first, further))
+    free, spans = ConditionalMotion.of(ticks), [Run(0, len(ticks))]
+    if len(ticks) > SPAN_TICKS + STRIDE_TICKS:
+        starts = [*range(0, len(ticks) - SPAN_TICKS, STRIDE_TICKS), len(ticks) - SPAN_TICKS]
+        spans += [Run(start, start + SPAN_TICKS) for start in starts]
+    further, is_open, motion = list[Further](), False, free.keeping(first.c)
+    while len(further) < MAX_FURTHER:
+        found, is_open = find_contact(motion, spans, first, further)
+        if found is None:
+            break
+        further.append(found)
+        motion = keeping(motion, found.known, found.runs)
+    return Formation(tuple(further), is_open, _ranks(free, first, further))
 
 
-def _ranks(motion: ConditionalMotion, index: Ints, first: KnownContact, further: Sequence[Further]) -> Ranks:
+def keeping(motion: ConditionalMotion, contact: KnownContact, runs: Iterable[Run]) -> ConditionalMotion:
+    """The motion that keeps a contact as well in ``runs``, by the numbers of ticks."""
+    for run in runs:
+        motion = motion.keeping(contact.c, *motion.ticks.window.index.searchsorted(run).tolist())
+    return motion
+
+
+def _ranks(motion: ConditionalMotion, first: KnownContact, further: Sequence[Further]) -> Ranks:
+    index = motion.ticks.window.index
     holds = np.zeros((len(motion), len(further)), bool)
     for number, contact in enumerate(further):
         for run in contact.runs:
@@ -192,215 +148,166 @@ def _ranks(motion: ConditionalMotion, index: Ints, first: KnownContact, further:
     return tuple(ranks)
 
 
-def _further_contacts(
-    segment: FormationTicks, first: KnownContact, free: ConditionalMotion
-) -> tuple[list[Further], bool]:
-    """The further contacts of a segment, and whether the formation is open."""
-    further, motion = list[Further](), free.keeping(first.c)
-    while len(further) < MAX_FURTHER:
-        spans = _promising_spans(motion)
-        single = (search_span(segment, motion, model, span) for span, models in spans for model in models)
-        best = best_of(filter(None, single))
-        if best is None:
-            return further, False
-        run, models = longest_run(best.presence), (CONTACT_MODELS[kind.column] for kind in segment.kinds)
-        rivals = [*filter(None, (search_span(segment, motion, model, run) for model in models))]
-        best = best_of(allowed(segment, [best, *rivals]))
-        if best is None:
-            return further, True
-        best = refine(segment, motion, best, longest_run(best.presence))
-        if best is None:
-            return further, True
-        run = longest_run(best.presence)
-        span = segment.numbered(run)
-        holding = [contact.known for contact in further if any(map(span.overlaps, contact.runs))]
-        confirmed = confirm(segment, motion, best, [first, *holding], run)
-        if confirmed is None:
-            return further, True
-        geometry, _, new = confirmed
-        inseparable = inseparable_kinds(segment, motion, best, rivals, run, new)
-        runs = tuple(map(segment.numbered, best.presence.runs))
-        further.append(Further(best.elements, geometry, runs, best.presence.log_odds, inseparable))
-        for kept in best.presence.runs:
-            motion = motion.keeping(best.elements.c, *kept)
-    return further, False
+def find_contact(
+    motion: ConditionalMotion,
+    spans: Iterable[Run],
+    first: KnownContact,
+    further: Sequence[Further],
+    known: Iterable[KnownContact] = (),
+    lasts: bool = False,
+) -> tuple[Further | None, bool]:
+    """The most probable contact beside those that ``motion`` keeps, the ``first`` and ``further`` ones, and
+    whether there is one that no contact explains.
+
+    Parameters
+    ----------
+    spans : in which contacts are searched, if none of those with ``known`` elements holds.
+    lasts : whether the contact has to hold in the newest tick.
+    """
+
+    def held(candidates: Iterable[Candidate | None]) -> list[Candidate]:
+        newest = len(motion) if lasts else 0
+        return [found for found in candidates if found is not None and found.presence.runs[-1].end >= newest]
+
+    best = _best(held(evaluate(motion, contact) for contact in known))
+    if best is None:
+        span, models = _most_promising(motion, spans)
+        best = _best(held(search_span(motion, model, span) for model in models))
+    if best is None:
+        return None, False
+    kinds = motion.ticks.kinds
+    rivals = held(search_span(motion, CONTACT_MODELS[kind.column], best.run) for kind in kinds)
+    best = _best(found for found in (best, *rivals) if found.known.contact in kinds)
+    refined = held([None if best is None else refine(motion, best)])
+    if not refined or (geometry := refined[0].geometry) is None:
+        return None, True
+    (best,) = refined
+    part, (run, *runs) = motion.cut(*best.run), map(motion.ticks.numbered, (best.run, *best.presence.runs))
+    holding = [first.c, *(contact.known.c for contact in further if any(map(run.overlaps, contact.runs)))]
+    fewer, constraints = (
+        count_constraints(part.moved, contacts) for contacts in (holding, [*holding, best.known.c])
+    )
+    uses_freedom = used_directions(part.ticks.window) >= DIRECTIONS - constraints
+    if constraints <= fewer or not uses_freedom:  # what the motion keeps beyond that is not explained
+        return None, True
+    inseparable = _inseparable_kinds(motion, best, rivals, constraints - fewer)
+    return Further(best.known, geometry, tuple(runs), best.presence.log_odds, inseparable), False
 
 
-def allowed(segment: FormationTicks, candidates: Iterable[Candidate]) -> list[Candidate]:
-    """The candidates whose kinds the map allows."""
-    return [candidate for candidate in candidates if candidate.elements.contact in segment.kinds]
-
-
-def refine(segment: FormationTicks, motion: ConditionalMotion, best: Candidate, run: Run) -> Candidate | None:
-    """The candidate with its elements refitted by maximum likelihood to ``run``.
+def refine(motion: ConditionalMotion, best: Candidate) -> Candidate | None:
+    """The candidate with its elements refitted by maximum likelihood to its longest run.
 
     None if the refitted elements have no evidence beside the contacts that ``motion`` keeps: the likelihood
     ignores these, so the fit may end at the elements of one of them.
     """
-    model, window = best.elements.model, segment.window.cut(*run)
-    bank = blank(model, 1).replace_columns(x=best.elements.x[None])
-    bank = accumulate_window(bank, model, window, segment.scales)
-    fitted = refinement.refine(bank, model, window, segment.scales)
-    refined = evaluate(segment, motion, KnownContact(model.contact, fitted.bank.x[0]))
-    return None if refined is None else refined._replace(fitted=fitted, window=window)
-
-
-def confirm(
-    segment: FormationTicks,
-    motion: ConditionalMotion,
-    candidate: Candidate,
-    holding: Sequence[KnownContact],
-    run: Run,
-) -> tuple[ContactGeometry, int, int] | None:
-    """The geometry of a contact in ``run`` beside those that are ``holding``, the number of constraints of
-    all together, and how many of them are new.
-
-    None if it adds none, or a complete map lacks its elements, or the motion does not use all freedom that
-    the contacts leave: there are further constraints, which they do not explain.
-    """
-    part, fewer = motion.cut(*run), holding[0].contact.codimension
-    if len(holding) > 1:
-        fewer = count_constraints(part.moved, [contact.c for contact in holding])
-    constraints = count_constraints(part.moved, [contact.c for contact in (*holding, candidate.elements)])
-    geometry = segment.geometry_of(candidate)
-    uses_freedom = used_directions(segment.window.cut(*run)) >= DIRECTIONS - constraints
-    if geometry is None or constraints <= fewer or not uses_freedom:
+    model, ticks = best.known.model, motion.ticks.cut(*best.run)
+    bank = blank(model, 1).replace_columns(x=best.known.x[None])
+    bank = accumulate_window(bank, model, ticks.window, ticks.scales)
+    fit, information = refinement.refine(bank, model, ticks.window, ticks.scales)
+    refined = evaluate(motion, KnownContact(model.contact, fit.x[0]))
+    if refined is None:
         return None
-    return geometry, constraints, constraints - fewer
+    parts = ticks.window, ticks.origins, ticks.systematic, information
+    geometry = named_by(ticks.known_map, fitted_contact(fit, 0, model, ticks.scales, *parts).geometry)
+    return refined._replace(geometry=geometry)
 
 
-def _promising_spans(motion: ConditionalMotion) -> list[tuple[Run, list[ContactModel]]]:
-    """Spans that may keep a further constraint, largest gain first, with the models of its kinds."""
-    ticks = len(motion)
-    spans = [Run(0, ticks)]
-    if ticks > SPAN_TICKS + STRIDE_TICKS:
-        starts = [*range(0, ticks - SPAN_TICKS, STRIDE_TICKS), ticks - SPAN_TICKS]
-        spans += [Run(start, start + SPAN_TICKS) for start in starts]
-    rated = []
+def _most_promising(motion: ConditionalMotion, spans: Iterable[Run]) -> tuple[Run, list[ContactModel]]:
+    """The span with the largest gain of a further single constraint, with the kinds that this may keep. In
+    few ticks a gain counts only if it can exceed the complexity of elements."""
+    most, best = 0.0, (Run(0, len(motion)), list[ContactModel]())
     for span in spans:
         part = motion.cut(*span)
-        ratios = _ratios(part)
-        if ratios:
-            rated.append((len(part) * float(np.log1p(max(ratios.values()))), span, [*ratios]))
-    rated.sort(key=lambda entry: -entry[0])
-    return [(span, models) for _, span, models in rated[:MAX_SPANS]]
+        least = max(MIN_RATIO, float(np.expm1(2.0 * MIN_COMPLEXITY / len(part))))
+        ratios = {model: float(relaxed(moments(model, part))[0][-1]) for model in RELAXED}
+        gain = len(part) * float(np.log1p(max(ratios.values())))
+        if gain > most and max(ratios.values()) > least:
+            most, best = gain, (span, [model for model, ratio in ratios.items() if ratio > least])
+    return best
 
 
-def promising_kinds(motion: ConditionalMotion) -> tuple[float, list[ContactModel]]:
-    """The largest gain (nats) of a further single constraint, and the kinds that the ticks may keep.
-
-    In few ticks a constraint counts only if its gain can exceed the complexity of its elements.
-    """
-    least = float(np.expm1(2.0 * MIN_COMPLEXITY / len(motion)))
-    ratios = {model: ratio for model, ratio in _ratios(motion).items() if ratio > least}
-    return 0.5 * len(motion) * float(np.log1p(max(ratios.values(), default=0.0))), [*ratios]
-
-
-def _ratios(motion: ConditionalMotion) -> dict[ContactModel, float]:
-    ratios = {model: relaxed_ratio(moments(model, motion)) for model in RELAXED}
-    return {model: ratio for model, ratio in ratios.items() if ratio > MIN_RATIO}
-
-
-def search_span(
-    segment: FormationTicks, motion: ConditionalMotion, model: ContactModel, span: Run
-) -> Candidate | None:
+def search_span(motion: ConditionalMotion, model: ContactModel, span: Run) -> Candidate | None:
     """The best elements of ``model`` in one span, evaluated on all ticks; None if they do not fit it."""
-    part, window = motion.cut(*span), segment.window.cut(*span)
-    elements = KnownContact(model.contact, search(model, part, window, segment.scales.reach_m))
+    part = motion.cut(*span)
+    elements = KnownContact(model.contact, search(model, part))
     if np.sqrt(part.evidence(elements.c).chi_sq.mean()) < MAX_RMS:
-        return evaluate(segment, motion, elements)
+        return evaluate(motion, elements)
     return None
 
 
 def elements_complexity(
-    model: ContactModel,
-    x: Array,
-    motion: ConditionalMotion,
-    window: Window,
-    scales: EvidenceParameters,
-    gain: float,
-    noise_factor: float = 1.0,
+    contact: KnownContact, motion: ConditionalMotion, gain: float, noise_factor: float = 1.0
 ) -> float:
-    """Complexity (nats, T19) of elements x (S,) fitted to ``window`` with ``noise_factor`` times its noise;
-    ``gain``: mean gain of its ticks (nats).
+    """Complexity (nats, T19) of elements fitted to the ticks with ``noise_factor`` times their noise;
+    ``gain``: mean gain of a tick (nats).
 
     Excludes the information of the first tick and of the free-motion prediction
     (``evidence.complexity``).
     """
-    family = model.family
-    anchors = model.anchors(window.zeta[:, T].mean(axis=0))[None]
-    prior = weak_prior(family, anchors, scales.reach_m)
-    c = coefficients(model, x)
-    noise = np.sqrt(np.square(motion.gradients(c) * motion.noise_sd[:, None]).sum(axis=2)) + TINY  # (W, K)
-    along = family.tangent(x[None], anchors)[0].T @ family.rows_derivative(x[None])[0]  # (K, P, C)
-    slopes = along @ model.lifted(motion.new).T / (noise_factor * noise.T[:, None])  # (K, P, W)
+    model, x, window, scales = contact.model, contact.x[None], motion.ticks.window, motion.ticks.scales
+    family, anchors = model.family, model.anchors(window.zeta[:, T].mean(axis=0))[None]
+    rows = motion.gradients(contact.c) * motion.ticks.noise_sd[:, None]
+    noise = noise_factor * np.linalg.norm(rows, axis=2) + TINY  # (W, K)
+    along = family.tangent(x, anchors)[0].T @ family.rows_derivative(x)[0]  # (K, P, C)
+    slopes = along @ model.lifted(motion.new).T / noise.T[:, None]  # (K, P, W)
     hessian = slopes @ slopes.swapaxes(1, 2)
     ticks = max(float(window.motion_ratio.sum()), 1.0)
     share = scales.prior_predictive_share * model.needed / ticks * np.exp(-2.0 * gain / family.ROWS)
     first_hessian = slopes[:, :, 0].T @ slopes[:, :, 0]
-    at, shares = (x[None], x[None], anchors), np.full((1, family.ROWS), min(share, 1.0))
-    return float(complexity(family, *at, hessian[None], first_hessian[None], shares, prior)[0])
+    shares, prior = np.full((1, family.ROWS), min(share, 1.0)), weak_prior(family, anchors, scales.reach_m)
+    return float(complexity(family, x, x, anchors, hessian[None], first_hessian[None], shares, prior)[0])
 
 
-def evaluate(segment: FormationTicks, motion: ConditionalMotion, elements: KnownContact) -> Candidate | None:
+def evaluate(motion: ConditionalMotion, contact: KnownContact) -> Candidate | None:
     """The runs in which elements touch and the log odds of contact; None without a run."""
-    scales = segment.scales
-    ticks = motion.evidence(elements.c)
-    ratio = scales.likelihood_exponent * ticks.log_ratio
-    presence = most_probable(ratio, segment.log_change)
+    ticks, exponent = motion.evidence(contact.c), motion.ticks.scales.likelihood_exponent
+    presence = most_probable(exponent * ticks.log_ratio, motion.ticks.log_change)
     if not presence.runs:
         return None
-    run = longest_run(presence)
-    rows = np.concatenate([np.arange(*present) for present in presence.runs])
-    gain = float(ticks.gain[rows].sum())
-    part, mean = (motion.cut(*run), segment.window.cut(*run)), float(ticks.gain[slice(*run)].mean())
-    cost = elements_complexity(elements.model, elements.x, *part, scales, mean)
-    log_odds = presence.log_odds - scales.likelihood_exponent * min(cost, gain)
-    rms = float(np.sqrt(ticks.chi_sq[rows].mean()))
-    return Candidate(elements, Presence(presence.runs, log_odds), gain, rms)
+    rows = np.concatenate([np.arange(*run) for run in presence.runs])
+    gain, rms = float(ticks.gain[rows].sum()), float(np.sqrt(ticks.chi_sq[rows].mean()))
+    found = Candidate(contact, presence, gain, rms)
+    cost = elements_complexity(contact, motion.cut(*found.run), float(ticks.gain[slice(*found.run)].mean()))
+    return found._replace(presence=presence._replace(log_odds=presence.log_odds - exponent * min(cost, gain)))
 
 
-def best_of(candidates: Iterable[Candidate]) -> Candidate | None:
+def _best(candidates: Iterable[Candidate]) -> Candidate | None:
     """The most probable candidate with log odds above ``SURE_NATS``; None without one."""
     sure = [candidate for candidate in candidates if candidate.presence.log_odds > SURE_NATS]
-    return max(sure, key=lambda candidate: candidate.presence.log_odds) if sure else None
+    return max(sure, key=lambda candidate: candidate.presence.log_odds, default=None)
 
 
-def longest_run(presence: Presence) -> Run:
-    return max(presence.runs, key=lambda run: run.end - run.first)
-
-
-def inseparable_kinds(
-    segment: FormationTicks,
-    motion: ConditionalMotion,
-    best: Candidate,
-    rivals: Sequence[Candidate],
-    run: Run,
-    new: int,
+def _inseparable_kinds(
+    motion: ConditionalMotion, best: Candidate, rivals: Iterable[Candidate], new: int
 ) -> tuple[Contact, ...]:
     """Contact kinds that explain the motion as well as ``best``, which adds ``new`` constraints to it.
 
     A kind contained in one of these counts if it has at least ``new`` constraints. As the best was refined
-    on ``run``, rivals that fit less well are refined there as well.
+    on its run, rivals that fit less well are refined as well.
     """
-    alike = {best.elements.contact}
+    alike = {best.known.contact}
     for rival in rivals:
         if rival.rms > SAME_FIT_RATIO and rival.gain > EQUAL_GAIN * best.gain:
-            rival = refine(segment, motion, rival, run) or rival
+            rival = refine(motion, rival) or rival
         near = rival.presence.log_odds > best.presence.log_odds - DECISIVE
         fits = rival.rms < SAME_FIT_RATIO * max(1.0, best.rms) and rival.gain > EQUAL_GAIN * best.gain
         if near or fits:
-            alike.add(rival.elements.contact)
-    kinds = (kind for kind in segment.kinds if kind.codimension >= new and kind is not best.elements.contact)
-    return tuple(kind for kind in kinds if any(contact.contains(kind) for contact in alike))
+            alike.add(rival.known.contact)
+    kinds = (kind for kind in motion.ticks.kinds if kind.codimension >= new)
+    others = (kind for kind in kinds if kind is not best.known.contact)
+    return tuple(kind for kind in others if any(contact.contains(kind) for contact in alike))
 
 
-def named_by(known_map: Map, geometry: ContactGeometry) -> ContactGeometry:
-    """The geometry with the names of elements of the map that agree with it within their uncertainty."""
-    return ContactGeometry(
+def named_by(known_map: Map, geometry: ContactGeometry) -> ContactGeometry | None:
+    """The geometry with the names of elements of the map that agree with it within their uncertainty; None if
+    a complete map lacks them."""
+    named = ContactGeometry(
         _named(geometry.object, known_map.listed_object),
         _named(geometry.environment, known_map.listed_environment),
     )
+    complete = known_map.object_complete, known_map.environment_complete
+    is_unlisted = any(name is None and only for name, only in zip(named.names, complete, strict=True))
+    return None if is_unlisted else named
 
 
 def _named(element: Element, named: Sequence[NamedElement]) -> Element:

@@ -5,6 +5,7 @@ from typing import Final
 import numpy as np
 
 from contact_tracker.arrays import Array, Ints
+from contact_tracker.geometry.linalg import TINY
 
 MOST_PLAY: Final = 100.0
 """Largest ratio to the noise of errors beside those that follow the motion, for joints of one degree of
@@ -24,8 +25,6 @@ POWER: Final = np.concatenate([[0.0], np.geomspace(1e-2, 1e8, 45)])
 """Ratios of the variance of errors that follow the motion to that of the noise; the likeliest is used."""
 STEPS: Final = 8
 """Number of steps of expectation maximisation; with 4 one case of ``joint_play.py`` changes."""
-TINY: Final = 1e-12
-JITTER: Final = 1e-9
 
 
 def course_functions(travelled: Array) -> Array:
@@ -59,15 +58,17 @@ def turns_back(travelled: Array) -> bool:
     return bool(min(forth, back) > least)
 
 
-def misfit_log_likelihood(white: Array, course: Array) -> float:
+def misfit_log_likelihood(white: Array, course: Array | None) -> float:
     """Log-likelihood (nats) of whitened residuals (W, K), relative to zero residuals that are noise.
 
     They are errors that follow the motion, sums of the functions ``course`` (W, M) with normal amplitudes,
-    and noise. Both variances are the likeliest, by expectation maximisation; each that exceeds the least
-    costs half a log of the number of ticks.
+    and noise; without a course noise alone. Both variances are the likeliest, by expectation maximisation;
+    each that exceeds the least costs half a log of the number of ticks.
     """
+    if course is None:
+        return -0.5 * float(np.square(white).sum())
     (ticks, rows), best = white.shape, -np.inf
-    noise_sd, cost_nats = np.eye(rows), 0.5 * float(np.log(ticks))
+    noise_sd, deviation, cost_nats = np.eye(rows), np.ones(rows), 0.5 * float(np.log(ticks))
     functions, scale, _ = np.linalg.svd(course, full_matrices=False)
     variance_ratio = 1.0 + POWER[:, None] * np.square(scale)  # (P, M) with the errors, over noise alone
     power_cost = 0.5 * np.log(variance_ratio).sum(axis=1) + cost_nats * (POWER > 0.0)
@@ -78,13 +79,13 @@ def misfit_log_likelihood(white: Array, course: Array) -> float:
         amplitudes = functions.T @ scaled
         by_power = power_cost[:, None] + 0.5 * (1.0 / variance_ratio) @ np.square(amplitudes)
         remainder = 0.5 * float(np.square(scaled).sum() - np.square(amplitudes).sum())
-        deviation = np.linalg.eigvalsh(noise_sd)
-        wide = int((deviation > 1.0 + JITTER).sum())
+        wide = int((deviation > 1.0).sum())
         noise_cost = ticks * float(np.log(deviation).sum()) + 0.5 * cost_nats * wide * (wide + 1)
         best = max(best, -float(by_power.min(axis=0).sum()) - remainder - noise_cost)
         share = 1.0 - 1.0 / variance_ratio[by_power.argmin(axis=0)].T  # of errors in an amplitude
         residual, root = scaled - functions @ (share * amplitudes), noise_sd @ axes
         covariance = root @ (residual.T @ residual + np.diag(share.sum(axis=0))) @ root.T / ticks
         variance, axes = np.linalg.eigh(covariance)
-        noise_sd = (axes * np.sqrt(np.clip(variance, 1.0, MOST_PLAY**2))) @ axes.T
+        deviation = np.sqrt(np.clip(variance, 1.0, MOST_PLAY**2))
+        noise_sd = (axes * deviation) @ axes.T
     return best

@@ -13,18 +13,21 @@ import numpy as np
 
 from contact_tracker.arrays import Array, Ints
 from contact_tracker.geometry.lifted_pose import R, T
-from contact_tracker.geometry.linalg import cross_matrix, from_rotation_vectors, matrices, sphere_tangent
+from contact_tracker.geometry.linalg import (
+    TINY,
+    cross_matrix,
+    from_rotation_vectors,
+    matrices,
+    sphere_tangent,
+)
 
 S_X, S_Y, S_Z, TILT_X, TILT_Y, ANGLE = range(6)
 """Coordinates of the joint's body frame in its world frame: origin (m), tilt of the axis, and angle about the
 axis (rad)."""
-BODY_POINT: Final = np.arange(0, 3)
-WORLD_POINT: Final = np.arange(3, 6)
-BODY_TURN: Final = np.arange(6, 9)
-WORLD_TURN: Final = np.arange(9, 12)
+BODY_TURN, BODY_POINT, WORLD_TURN, WORLD_POINT = np.arange(12).reshape(4, 3)
+BODY, WORLD = np.arange(12).reshape(2, 6)
 PITCH: Final = 12
-_LEAST_TURN: Final = 1e-12
-"""Least mean square (rad^2) of the angle for an estimate of the initial pitch."""
+"""Parameters of a joint: turns of both frames, shifts of their origins, and the pitch."""
 
 
 class JointKind(StrEnum):
@@ -62,16 +65,19 @@ class JointFrames:
     world_point_m: Array
     pitch_m: float = 0.0
 
-    def moved(self, step: Array) -> Self:
-        """The frames after a ``step`` (13,): shifts along and turns about their own axes, and the pitch."""
-        body_turn, world_turn = matrices(from_rotation_vectors(step[[BODY_TURN, WORLD_TURN]]))
+    def moved(self, step: Array, free: Ints) -> Self:
+        """The frames after a ``step`` (P,) of the parameters ``free`` (P,): shifts along and turns about
+        their own axes, and the pitch."""
+        full = np.zeros(PITCH + 1)
+        full[free] = step
+        body_turn, world_turn = matrices(from_rotation_vectors(full[[BODY_TURN, WORLD_TURN]]))
         return replace(
             self,
             body_axes=self.body_axes @ body_turn,
-            body_point_m=self.body_point_m + self.body_axes @ step[BODY_POINT],
+            body_point_m=self.body_point_m + self.body_axes @ full[BODY_POINT],
             world_axes=self.world_axes @ world_turn,
-            world_point_m=self.world_point_m + self.world_axes @ step[WORLD_POINT],
-            pitch_m=self.pitch_m + float(step[PITCH]),
+            world_point_m=self.world_point_m + self.world_axes @ full[WORLD_POINT],
+            pitch_m=self.pitch_m + float(full[PITCH]),
         )
 
 
@@ -80,19 +86,13 @@ class JointModel:
     """One ``kind`` of joint.
 
     ``rows``: the coordinates, of ``S_X`` to ``ANGLE``, that it keeps at zero; ``free``: its parameters
-    among the 13 of ``JointFrames.moved``.
+    among the 13 of ``JointFrames``.
     """
 
     kind: JointKind
     rows: tuple[int, ...]
     free: Ints
     start: Callable[[Array], JointFrames]
-
-    def moved(self, frames: JointFrames, step: Array) -> JointFrames:
-        """The frames after a ``step`` (P,) of the free parameters."""
-        full_step = np.zeros(PITCH + 1)
-        full_step[self.free] = step
-        return frames.moved(full_step)
 
     def travelled(self, frames: JointFrames, zeta: Array) -> Array:
         """Way (W,) travelled by the joint: an angle (rad), for a slider a distance (m)."""
@@ -176,19 +176,14 @@ def _start_hinge(zeta: Array) -> JointFrames:
     world = world + axis * float(((rotation @ body + position - world) @ axis).mean())
     frames = JointFrames(_about(body_axis), body, _about(axis), world)
     angle = _coordinates(frames, zeta)[0][:, ANGLE]
-    full_step = np.zeros(PITCH + 1)
-    full_step[BODY_TURN[2]] = -angle.mean()  # centre the angles at zero, far from where they wrap
-    return frames.moved(full_step)
+    return frames.moved(-angle.mean(), BODY_TURN[2])  # angles about zero, far from where they wrap
 
 
 def _start_screw(zeta: Array) -> JointFrames:
     frames = _start_hinge(zeta)
     value = _coordinates(frames, zeta)[0]
     angle = value[:, ANGLE] - value[:, ANGLE].mean()
-    square = float(np.square(angle).mean())
-    if square < _LEAST_TURN:
-        return frames
-    return replace(frames, pitch_m=float((angle * value[:, S_Z]).mean()) / square)
+    return replace(frames, pitch_m=float(angle @ value[:, S_Z] / max(angle @ angle, TINY)))
 
 
 def _start_slider(zeta: Array) -> JointFrames:

@@ -19,20 +19,19 @@ class JointRun(NamedTuple):
 
 def joint_runs(segments: Sequence[Segment]) -> list[JointRun]:
     """The runs of ``segments`` with the same joint; between them the object may rest in the same contact."""
-    runs, longest_ns = list[JointRun](), 0
+    runs = list[JointRun]()
     for number, segment in enumerate(segments):
-        joint, duration_ns = segment.joint, segment.end_ns - segment.start_ns
-        if joint is None:
+        if segment.joint is None:
             continue
         run = runs[-1] if runs else None
-        is_same = run is not None and is_same_joint(run.joint, joint)
-        if run is None or not (is_same and _is_rest(segments[run.last : number + 1])):
-            runs.append(JointRun(joint, number, number))
-            longest_ns = duration_ns
+        if run is None or not (
+            is_same_joint(run.joint, segment.joint) and _is_rest(segments[run.last : number + 1])
+        ):
+            runs.append(JointRun(segment.joint, number, number))
             continue
-        if duration_ns > longest_ns:
-            run, longest_ns = run._replace(joint=joint), duration_ns
-        runs[-1] = run._replace(last=number)
+        parts = (part for part in segments[run.first : number + 1] if part.joint is not None)
+        longest = max(parts, key=lambda part: part.end_ns - part.start_ns)
+        runs[-1] = JointRun(longest.joint or run.joint, run.first, number)
     return runs
 
 

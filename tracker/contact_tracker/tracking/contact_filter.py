@@ -19,7 +19,7 @@ from contact_tracker.arrays import Array, Ints
 from contact_tracker.config.parameters import Model
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.explanations import online_contacts
-from contact_tracker.explanations.further_contacts import FormationTicks, KnownContact
+from contact_tracker.explanations.conditional_contact import ExplainedTicks, KnownContact
 from contact_tracker.geometry.elements import opposite
 from contact_tracker.geometry.lifted_pose import T
 from contact_tracker.hypotheses.bank import Bank
@@ -534,8 +534,7 @@ def label_sighting(state: FilterState, label: Contact, stamp_ns: int) -> Sightin
 def follow_formation(state: FilterState, belief: Belief, tick: Tick) -> tuple[FilterState, Belief]:
     """Update the further contacts after an informative tick; returns the state and the belief with them."""
     label = belief.contact
-    tracked = state.formation.tracked
-    least = STILL_ESTABLISHED if tracked and any(contact.is_present for contact in tracked) else ESTABLISHED
+    least = STILL_ESTABLISHED if state.formation.present else ESTABLISHED
     if label is Contact.FREE or belief.probability[label.column] < least:
         return state._replace(formation=online_contacts.suspend(state.formation)), belief
     window, (row, onset, _) = state.window, state.best[label.column].tolist()
@@ -545,12 +544,17 @@ def follow_formation(state: FilterState, belief: Belief, tick: Tick) -> tuple[Fi
     labelled = KnownContact(label, state.banks[label.column].rows["x"][row].copy())
     beyond, excess = state.model.noise.extra_contact_variance[label.column], window.innovation_excess[-1]
     moved_ticks = float((excess / (excess + window.variance[-1] + beyond)).max(initial=0.0))
-    formation = online_contacts.with_first(state.formation, labelled, window, moved_ticks)
-    if formation.tracked or formation.queue or formation.ticks_since_search >= formation.search_interval:
+    formation = state.formation._replace(unsearched_ticks=state.formation.unsearched_ticks + moved_ticks)
+    if formation.is_due:
         latest = window.cut(max(first_row, length - online_contacts.WINDOW_TICKS), None).with_error(beyond)
-        rate, known_map = state.model.transitions.leave_per_s, state.known_map
-        errors = state.model.systematic
-        ticks = FormationTicks(latest, state.scales, rate, state.origins, known_map, errors)
+        ticks = ExplainedTicks(
+            latest,
+            state.scales,
+            state.model.systematic,
+            state.model.transitions.leave_per_s,
+            state.origins,
+            state.known_map,
+        )
         formation = online_contacts.advance(formation, ticks, labelled)
     state = state._replace(formation=formation)
     if formation.tracked:
@@ -565,16 +569,15 @@ def _reported(state: FilterState, belief: Belief, tick: Tick) -> tuple[FurtherCo
     power, newest = state.model.certainty.posterior_power, state.ticks - 1
     return tuple(
         FurtherContact(
-            contact.elements.contact,
+            contact.known.contact,
             float(expit(power * contact.log_odds)) * ambiguity.most_beside(len(contact.inseparable)),
-            max(tick.start_ns - (newest - contact.since) * state.model.tick_ns, belief.onset_ns),
+            max(tick.start_ns - (newest - contact.runs[-1].first) * state.model.tick_ns, belief.onset_ns),
             None,
             contact.geometry,
             contact.inseparable,
             state.formation.constraints,
         )
-        for contact in state.formation.tracked
-        if contact.is_present
+        for contact in state.formation.present
     )
 
 

@@ -14,17 +14,11 @@ from contact_tracker.config.parameters import Model
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.contacts.contact_motion import ContactMotion, contact_motion
 from contact_tracker.contacts.task_frame import TaskFrame, task_frame
+from contact_tracker.explanations.conditional_contact import ExplainedTicks, KnownContact
 from contact_tracker.explanations.curved_contact import FaceNormals
-from contact_tracker.explanations.further_contacts import (
-    NO_FORMATION,
-    Formation,
-    FormationTicks,
-    KnownContact,
-    Ranks,
-    find_formation,
-)
+from contact_tracker.explanations.further_contacts import NO_FORMATION, Formation, Ranks, find_formation
 from contact_tracker.explanations.joint_evidence import Joint, joint_of
-from contact_tracker.explanations.joint_parts import JointOfTicks, find_joints, rests_in
+from contact_tracker.explanations.joint_parts import find_joints, rests_in
 from contact_tracker.geometry.elements import ContactGeometry, Origins, pack, shifted
 from contact_tracker.geometry.lifted_pose import R, T
 from contact_tracker.geometry.linalg import nearest
@@ -74,6 +68,11 @@ class SegmentTicks:
     """The evidence of measured wrenches."""
     touched: tuple[FaceNormals, ...] = ()
     """The normals of faces that touched in the recording."""
+
+    def explained(self, window: Window) -> ExplainedTicks:
+        """The ticks of ``window``, whose motion joints or further contacts may explain."""
+        model, of = self.model, (self.origins, self.known_map)
+        return ExplainedTicks(window, scales_of(model), model.systematic, model.transitions.leave_per_s, *of)
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,24 +128,18 @@ def _segment_fit(segment: SegmentTicks) -> SegmentFit:
     fit = _contact_fit(segment, window, fits)
     banks = zip(CONTACT_MODELS, fits, strict=True)
     contacts = [KnownContact(model.contact, bank.x[0]) for model, bank in banks if len(bank)]
-    scales = scales_of(segment.model)
     rests = rests_in(segment.window.index, at_rest(segment.window, segment.model.tick_s))
-    errors = segment.model.systematic
-    joints = find_joints(window, rests, scales, contacts, fit.constraints, errors)
+    joints, power = list[tuple[int, Joint]](), segment.model.certainty.posterior_power
+    for joint in find_joints(segment.explained(window), rests, contacts, fit.constraints):
+        probability = float(expit(power * joint.log_odds))
+        joints.append((int(joint.ticks.window.index[0]), joint_of(joint, probability)))
     if not joints:
         return fit
-    fit = replace(fit, joints=tuple(_joint_from(segment, window, joint) for joint in joints))
+    fit = replace(fit, joints=tuple(joints))
     if not fit.leaves_constraints_unnamed or fit.share is not None:
         return fit
     rivals = tuple(state for state in STATES if state is not fit.contact and segment.known_map.allows(state))
     return replace(fit, inseparable=rivals)
-
-
-def _joint_from(segment: SegmentTicks, window: Window, joint: JointOfTicks) -> tuple[int, Joint]:
-    """The number of the first tick of a joint, and the joint."""
-    probability = float(expit(segment.model.certainty.posterior_power * joint.fit.log_odds))
-    near_m = window.zeta[joint.first : joint.end, T].mean(axis=0)
-    return int(window.index[joint.first]), joint_of(joint.fit, probability, near_m, segment.origins)
 
 
 def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) -> SegmentFit:
@@ -172,10 +165,7 @@ def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
     extra_variance = model.noise.extra_contact_variance[label.column]
     window = window.with_error(extra_variance)
     fitted, information, located = _located(segment, contact, fit, window)
-    ticks = FormationTicks(
-        window, scales, model.transitions.leave_per_s, segment.origins, known_map, model.systematic
-    )
-    formation = find_formation(ticks, KnownContact(label, fitted.x[0]))
+    formation = find_formation(segment.explained(window), KnownContact(label, fitted.x[0]))
     alike = tuple(filter(known_map.allows, ambiguity.alike_in_formation(label, rivals)))
     if formation.further and alike and share is None:
         inseparable = united(inseparable, alike)

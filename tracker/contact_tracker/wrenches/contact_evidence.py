@@ -16,7 +16,8 @@ from contact_tracker.arrays import Array, Ints
 from contact_tracker.geometry.elements import Element, Line, Pair, Point, face_towards, shifted
 from contact_tracker.geometry.linalg import EYE, cross, cross_matrix, dot, sphere_tangent, unit
 from contact_tracker.states import CONTACTS, Contact
-from contact_tracker.wrenches.load import ContactWrenches
+from contact_tracker.wrenches.load import REACH_M, Load, contact_wrenches
+from contact_tracker.wrenches.wrenches import TickWrenches
 
 FLOOR_M: Final = 0.5e-3
 """Standard deviation of lines of action from their element (m): compliance, and tremor within ticks."""
@@ -24,8 +25,6 @@ TWIST_M: Final = 1e-3
 """Moment about the line of action over force (m) of a point contact."""
 WANDER_M: Final = 1.5e-3
 """Standard deviation from tick to tick of an unconstrained line of action (m)."""
-REACH_M: Final = 0.3
-"""Prior standard deviation (m) of elements from the origin of the window's frame."""
 CONE_RAD: Final = float(np.radians(4.0))
 """Deviation of forces from the normal by friction (rad)."""
 REPEATED: Final = 0.1
@@ -233,9 +232,22 @@ class WindowEvidence(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class WrenchEvidence:
-    """Contact wrenches of all ticks of a recording, and the evidence of any window of them."""
+    """The wrenches of all ticks of a recording, of a hand that carries a ``load``, and the evidence of any
+    window of them."""
 
-    wrenches: ContactWrenches
+    ticks: TickWrenches
+    load: Load
+
+    @cached_property
+    def contact(self) -> tuple[Array, Array, Array, Array]:
+        """Contact forces, moments and their errors, see ``contact_wrenches``."""
+        return contact_wrenches(self.ticks, self.load)
+
+    def _forces(self, rows: Ints) -> tuple[Array, Array]:
+        """Contact forces (n, 3) in the ticks ``rows``, and their variance (n,) per axis, by noise and by the
+        load's errors."""
+        force, _, errors, _ = (values[rows] for values in self.contact)
+        return force, self.ticks.force_variance[rows] + np.square(errors).sum(axis=(1, 2)) / 3.0
 
     def of_window(self, first_ns: int, last_ns: int) -> WindowEvidence | None:
         """The evidence from ``first_ns`` to ``last_ns``; None if there are too few measurements, or no
@@ -253,44 +265,43 @@ class WrenchEvidence:
 
     def shows_contact_at_start(self) -> bool:
         """Whether a contact force is measured in the first ``BEGINNING_S``; not if too few are measured."""
-        first_ns = int(self.wrenches.ticks.stamp_ns[0])
+        first_ns = int(self.ticks.stamp_ns[0])
         rows = self._measured(first_ns, first_ns + int(BEGINNING_S * 1e9))
         return len(rows) >= FEWEST_TICKS and self._against_free(rows) > 0.0
 
     def _measured(self, first_ns: int, last_ns: int) -> Ints:
         """Rows of the ticks with wrenches in this time, without its first and last tick."""
-        first, end = self.wrenches.ticks.stamp_ns.searchsorted([first_ns, last_ns + 1])
+        first, end = self.ticks.stamp_ns.searchsorted([first_ns, last_ns + 1])
         rows = np.arange(first + 1, end - 1)
-        return rows[self.wrenches.ticks.is_measured[rows]]
+        return rows[self.ticks.is_measured[rows]]
 
     @cached_property
     def _typical_square(self) -> float:
         """Typical squared contact force: the median of all ticks (N^2)."""
-        measured = self.wrenches.force_n[self.wrenches.ticks.is_measured]
+        measured = self.contact[0][self.ticks.is_measured]
         return float(np.median(dot(measured, measured))) + FREE_SD_N**2
 
     def _against_free(self, rows: Ints) -> float:
         """Log ratio (nats) of any contact force to no force in the ticks ``rows``."""
-        force = self.wrenches.force_n[rows]
+        force, variance = self._forces(rows)
         square = dot(force, force)
         typical = self._typical_square
-        variance = np.minimum(FREE_SD_N**2 + self.wrenches.force_variance(rows), typical)
+        variance = np.minimum(FREE_SD_N**2 + variance, typical)
         ratio = 0.5 * square * (1.0 / variance - 1.0 / typical) - 1.5 * np.log(typical / variance)
         return float(np.clip(ratio, *FREE_CLIP).sum())
 
     def _of_kinds(self, rows: Ints) -> tuple[Array, Mapping[Contact, Pair]]:
         """Log evidence (6,) of the contacts, and their elements, from the significant lines of action."""
-        wrenches = self.wrenches
-        force, variance = wrenches.force_n[rows], wrenches.force_variance(rows)
+        force, variance = self._forces(rows)
         strong = dot(force, force) > SIGNIFICANT**2 * 3.0 * variance
         rows, force = rows[strong], force[strong]
         if len(rows) < FEWEST_TICKS:
             return np.zeros(len(CONTACTS)), {}
-        moment, square, ticks = wrenches.moment_nm[rows], dot(force, force), wrenches.ticks.at(rows)
+        _, moment, common_n, common_nm = (values[rows] for values in self.contact)
+        square, ticks = dot(force, force), self.ticks.at(rows)
         foot, rotation = cross(force, moment) / square[:, None], ticks.rotation
         place = (ticks.moment_variance + dot(foot, foot) * ticks.force_variance) / square
         middle = foot.mean(axis=0)  # the prior of elements is centred where the force acts
-        common_n, common_nm = (errors[rows] for errors in wrenches.load_errors)
         common_nm = common_nm - cross_matrix(middle) @ common_n
         body = LinesOfAction(force, moment - cross(middle, force), place + FLOOR_M**2, common_n, common_nm)
         origin_m = np.einsum("tij,j->ti", rotation, middle) + ticks.position_m

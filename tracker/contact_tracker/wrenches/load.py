@@ -5,10 +5,8 @@ Newton and Euler about the body's origin, in its axes, for the wrench (f, m) of 
 T38).
 """
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -22,11 +20,7 @@ from contact_tracker.wrenches.wrenches import (
     about_body,
     average,
     reversed_wrenches,
-    turned_to_body,
 )
-
-Distance = tuple[float, float]
-"""A distance or angle, and its standard deviation."""
 
 GRAVITY: Final = 9.80665
 LEAST_SHARE: Final = 0.1
@@ -50,12 +44,9 @@ NEAR_N: Final = 1.0
 """Weights (N) that differ by less belong to the same load."""
 BIAS_SD: Final = (1.0, 0.1)
 """Prior standard deviations of the sensor's bias per axis (N, N m)."""
-FORCE_PRIOR: Final = np.diag([0.0] * 3 + [BIAS_SD[0] ** -2] * 3)
-"""Prior precision (1/N^2) of weight and force bias."""
-CENTRE_SD_M: Final = 0.3
-"""Prior standard deviation of the centre of mass about the body's origin (m)."""
-GYRATION_M: Final = 0.3
-"""Prior scale of the radius of gyration (m)."""
+REACH_M: Final = 0.3
+"""Prior standard deviation (m) of the centre of mass about the body's origin, scale of the radius of
+gyration, and prior standard deviation of touching elements from the origin of a window's frame."""
 AGREES: Final = 0.07
 """Relative standard deviation of a tick's weight, and largest one of the load's mass, from a given mass."""
 MASS_SHARE: Final = 0.02
@@ -92,12 +83,8 @@ class Load:
     force_covariance, moment_covariance : (6, 6) of weight and bias, (12, 12) of centre, inertia and bias.
     scale : mean squared residual of the free ticks over their noise.
     ticks : sum of the weights of the free ticks that fit.
-    unexplained : quantile ``EXPLAINED`` of the free ticks' residual force over their median force, and of its
-        square over its noise.
-    accelerated : ratio of the accelerated to the carried mass, 1 in theory, and its standard deviation.
-    turned_rad : angle by which the axes of the forces are turned against the body's, and its standard
-        deviation.
-    apart_m : distance of the centres of mass by forces and by moments, without a part that noise explains.
+    doubt : reason why no hand has this load, so that the wrenches have a wrong sign or frame; empty if there
+        is none.
     """
 
     weight_n: Array
@@ -109,10 +96,7 @@ class Load:
     moment_covariance: Array
     scale: float
     ticks: float
-    unexplained: tuple[float, float]
-    accelerated: tuple[float, float]
-    turned_rad: Distance
-    apart_m: Distance
+    doubt: str
 
     @property
     def fit(self) -> float:
@@ -122,70 +106,6 @@ class Load:
     @property
     def mass_kg(self) -> float:
         return float(np.linalg.norm(self.weight_n)) / GRAVITY
-
-    @property
-    def doubt(self) -> str:
-        """Reason why no hand has this load, so that the wrenches have a wrong sign or frame; empty if there
-        is none."""
-        share, sd = self.accelerated
-        if share < 0.0 and share + DOUBTED_DEVIATIONS * sd < 1.0:
-            return "in free motion the forces are as if the mass were negative"
-        weight_n = GRAVITY * self.mass_kg
-        moment_nm = weight_n * float(np.linalg.norm(self.centre_m))
-        for text, bias, usual, limit in (
-            ("force of {:.1f} N", self.force_bias_n, BIAS_SD[0], weight_n),
-            ("moment of {:.1f} N m", self.moment_bias_nm, BIAS_SD[1], moment_nm),
-        ):
-            size = float(np.linalg.norm(bias))
-            if size > max(DOUBTED_DEVIATIONS * usual, MOST_BIAS * limit):
-                return f"in free motion a {text.format(size)} turns with the object, as gravity does not"
-        values, axes = np.linalg.eigh(_inertia_times(EYE) @ self.inertia)
-        along = axes[:, 0] @ (axes[:, 0] @ _inertia_times(EYE))
-        variance = max(float(along @ self.moment_covariance[3:9, 3:9] @ along), 1e-30)
-        if values[0] < -DOUBTED_DEVIATIONS * math.sqrt(variance):
-            return "in free motion the moments are as if the inertia were negative"
-        angle, sd = self.turned_rad
-        if angle > max(DOUBTED_DEVIATIONS * sd, TURNED_RAD):
-            turn = f"{np.degrees(angle):.0f} deg against the object's"
-            return f"in free motion the forces are as if their axes were turned by {turn}"
-        distance, sd = self.apart_m
-        if distance > max(DOUBTED_DEVIATIONS * sd, CENTRES_APART_M):
-            return "in free motion the moments are not about the object's origin"
-        residual, misfit = self.unexplained
-        if self.ticks < FEWEST_TICKS or (residual > UNEXPLAINED and misfit > MISFIT):
-            return "in free motion the forces are not those of weight and inertia"
-        return ""
-
-
-@dataclass(frozen=True, eq=False)
-class ContactWrenches:
-    """Wrench of the surroundings on the object about the body's origin, in its axes, (T, 3) each.
-
-    Parameters
-    ----------
-    force_by_load, moment_by_load : (T, 3, 6), (T, 3, 12) derivatives of each by the load's parameters.
-    """
-
-    ticks: TickWrenches
-    load: Load
-    force_n: Array
-    moment_nm: Array
-    force_by_load: Array
-    moment_by_load: Array
-
-    def force_variance(self, rows: Ints) -> Array:
-        """(n,) variance of the force per axis in the ticks ``rows``, by noise and by the load's errors."""
-        design, covariance = self.force_by_load[rows], self.load.force_covariance
-        by_load = np.einsum("tij,jk,tik->t", design, covariance, design) / 3.0
-        return np.asarray(self.ticks.force_variance[rows] + by_load)
-
-    @cached_property
-    def load_errors(self) -> tuple[Array, Array]:
-        """(T, 3, 18) twice: derivatives of force and moment by independent standard errors of the load."""
-        force_errors = self.force_by_load @ _root(self.load.force_covariance)
-        moment_errors = self.moment_by_load @ _root(self.load.moment_covariance)
-        force = np.concatenate([force_errors, np.zeros_like(moment_errors)], axis=2)
-        return force, np.concatenate([np.zeros_like(force_errors), moment_errors], axis=2)
 
 
 def estimate_load(
@@ -252,7 +172,7 @@ def _refine(free: TickWrenches, weight_n: Array, mass_kg: float | None) -> Load:
         down = weight_n / max(float(np.linalg.norm(weight_n)), 1e-9)
         # the mass follows from the weight: a mass of its own would add up the errors of all rounds
         design[..., :3] += inertial[..., None] * down / max(GRAVITY * mass, 1e-9)
-        prior, pull = FORCE_PRIOR.copy(), np.zeros(6)
+        prior, pull = _force_prior(), np.zeros(6)
         if mass_kg is not None:  # its length is known, not its direction
             sd = MASS_SHARE * GRAVITY * mass_kg
             prior[:3, :3] += np.outer(down, down) / sd**2
@@ -262,8 +182,8 @@ def _refine(free: TickWrenches, weight_n: Array, mass_kg: float | None) -> Load:
         off_force = free.force_n - np.einsum("tij,j->ti", design, force)
         mass = float(np.linalg.norm(weight_n)) / GRAVITY
         design = _moment_design(free, _forces(free, weight_n, mass, centre)[0])
-        inertia = max(mass, 1e-3) * GYRATION_M**2
-        prior = np.diag([CENTRE_SD_M**-2] * 3 + [inertia**-2] * 6 + [BIAS_SD[1] ** -2] * 3)
+        inertia = max(mass, 1e-3) * REACH_M**2
+        prior = np.diag([REACH_M**-2] * 3 + [inertia**-2] * 6 + [BIAS_SD[1] ** -2] * 3)
         moment, by_moment = _solve(design, free.moment_nm, weight / moment_noise, prior)
         centre = moment[:3]
         off_moment = free.moment_nm - np.einsum("tij,j->ti", design, moment)
@@ -275,36 +195,59 @@ def _refine(free: TickWrenches, weight_n: Array, mass_kg: float | None) -> Load:
         scale = max(float((weight * squares).sum() / weight.sum()) / 6.0, 1.0)
         if np.abs(weight - previous).max() < CONVERGED:
             break
-    expected, squares = free.force_n - off_force - bias, (off_force**2).sum(axis=1)
-    usual_n = max(float(np.median(np.linalg.norm(free.force_n, axis=1))), NEAR_N)
-    unexplained = (
-        float(np.quantile(squares, EXPLAINED)) ** 0.5 / usual_n,
-        float(np.quantile(squares / force_noise, EXPLAINED)) / 3.0,
-    )
-    precision = weight / (force_noise * scale)
-    acceleration = inertial[..., None] / max(mass, 1e-9)
-    solution, covariance = _solve_with(free, precision, free.force_n, acceleration)
+    covariances = by_force * scale, by_moment * scale
+    explained = scale, float(weight.sum())
+    load = Load(weight_n, centre, moment[3:9], bias, moment[9:], *covariances, *explained, doubt="")
+    return replace(load, doubt=_doubt(load, free, weight / (force_noise * scale), off_force, inertial))
+
+
+def _doubt(load: Load, free: TickWrenches, precision: Array, off_force: Array, inertial: Array) -> str:
+    """Reason why no hand has this load; empty if there is none.
+
+    Parameters
+    ----------
+    precision : (n,) of the forces of the free ticks.
+    off_force, inertial : (n, 3) force that is not explained, and that accelerates the centre of mass (N).
+    """
+    mass, centre = load.mass_kg, load.centre_m
+    solution, covariance = _solve_with(free, precision, free.force_n, inertial[..., None] / max(mass, 1e-9))
     carried_kg = max(float(np.linalg.norm(solution[:3])) / GRAVITY, 1e-9)
-    turned, by_turn = _misfit(free, precision, expected, -cross_matrix(expected))
+    share, sd = float(solution[6]) / carried_kg, float(covariance[6, 6]) ** 0.5 / carried_kg
+    if share < 0.0 and share + DOUBTED_DEVIATIONS * sd < 1.0:
+        return "in free motion the forces are as if the mass were negative"
+    weight_n = GRAVITY * mass
+    moment_nm = weight_n * float(np.linalg.norm(centre))
+    for text, bias, usual, limit in (
+        ("force of {:.1f} N", load.force_bias_n, BIAS_SD[0], weight_n),
+        ("moment of {:.1f} N m", load.moment_bias_nm, BIAS_SD[1], moment_nm),
+    ):
+        size = float(np.linalg.norm(bias))
+        if size > max(DOUBTED_DEVIATIONS * usual, MOST_BIAS * limit):
+            return f"in free motion a {text.format(size)} turns with the object, as gravity does not"
+    values, axes = np.linalg.eigh(_inertia_times(EYE) @ load.inertia)
+    along = axes[:, 0] @ (axes[:, 0] @ _inertia_times(EYE))
+    if (
+        _beyond(values[:1], (along @ load.moment_covariance[3:9, 3:9] @ along)[None, None])
+        and values[0] < 0.0
+    ):
+        return "in free motion the moments are as if the inertia were negative"
+    expected = free.force_n - off_force - load.force_bias_n
+    angle = _beyond(*_misfit(free, precision, expected, -cross_matrix(expected)))
+    if angle > TURNED_RAD:
+        turn = f"{np.degrees(angle):.0f} deg against the object's"
+        return f"in free motion the forces are as if their axes were turned by {turn}"
     # noise of the poses enlarges accelerations: the distance from the line between origin and centre
     off_m, by_point = _misfit(free, precision, expected, mass * _acceleration_by_point(free))
-    centre_by_force = centre + off_m
-    share = float(np.clip(centre_by_force @ centre / max(float(centre @ centre), 1e-12), 0.0, 1.0))
-    return Load(
-        weight_n,
-        centre,
-        moment[3:9],
-        bias,
-        moment[9:],
-        by_force * scale,
-        by_moment * scale,
-        scale,
-        float(weight.sum()),
-        unexplained,
-        (float(solution[6]) / carried_kg, float(covariance[6, 6]) ** 0.5 / carried_kg),
-        _distance(turned, by_turn),
-        _distance(centre_by_force - share * centre, by_point),
-    )
+    place = float(np.clip((centre + off_m) @ centre / max(float(centre @ centre), 1e-12), 0.0, 1.0))
+    if _beyond(centre + off_m - place * centre, by_point) > CENTRES_APART_M:
+        return "in free motion the moments are not about the object's origin"
+    squares = (off_force**2).sum(axis=1)
+    usual_n = max(float(np.median(np.linalg.norm(free.force_n, axis=1))), NEAR_N)
+    residual = float(np.quantile(squares, EXPLAINED)) ** 0.5 / usual_n
+    misfit = float(np.quantile(squares / free.force_variance, EXPLAINED)) / 3.0
+    if load.ticks < FEWEST_TICKS or (residual > UNEXPLAINED and misfit > MISFIT):
+        return "in free motion the forces are not those of weight and inertia"
+    return ""
 
 
 def _misfit(ticks: TickWrenches, weight: Array, expected: Array, columns: Array) -> tuple[Array, Array]:
@@ -316,34 +259,36 @@ def _misfit(ticks: TickWrenches, weight: Array, expected: Array, columns: Array)
     return solution[6:9], covariance[6:9, 6:9]
 
 
-def _distance(apart: Array, covariance: Array) -> Distance:
-    """The length of a difference (3,), with its standard deviation."""
-    size = float(np.linalg.norm(apart))
-    along = apart / max(size, 1e-9)
-    return size, float(along @ covariance @ along) ** 0.5
+def _beyond(difference: Array, covariance: Array) -> float:
+    """The length of a ``difference`` (D,), or zero if it is not significant."""
+    size = float(np.linalg.norm(difference))
+    along = difference / max(size, 1e-9)
+    return size if size > DOUBTED_DEVIATIONS * float(along @ covariance @ along) ** 0.5 else 0.0
 
 
 def _solve_with(ticks: TickWrenches, weight: Array, force_n: Array, columns: Array) -> tuple[Array, Array]:
     """Solve the forces for weight, bias and coefficients of further ``columns`` (n, 3, k): the solution (6 +
     k,) and its covariance."""
     design = np.concatenate([_force_design(ticks), columns], axis=2)
-    return _solve(design, force_n, weight, np.pad(FORCE_PRIOR, (0, columns.shape[2])))
+    return _solve(design, force_n, weight, np.pad(_force_prior(), (0, columns.shape[2])))
 
 
-def contact_wrenches(ticks: TickWrenches, load: Load) -> ContactWrenches:
-    """The wrench of the surroundings: the load's less the measured wrench."""
+def contact_wrenches(ticks: TickWrenches, load: Load) -> tuple[Array, Array, Array, Array]:
+    """Force and moment (T, 3) of the surroundings on the object, about the body's origin in its axes: the
+    load's less the measured wrench; and their derivatives (T, 3, 18) by independent standard errors of the
+    load."""
     gravity, inertial = _forces(ticks, load.weight_n, load.mass_kg, load.centre_m)
-    force_design, moment_design = _force_design(ticks), _moment_design(ticks, gravity)
-    force = force_design @ np.append(load.weight_n, load.force_bias_n) + inertial
-    moment = moment_design @ np.concatenate([load.centre_m, load.inertia, load.moment_bias_nm])
-    return ContactWrenches(
-        ticks,
-        load,
-        force - ticks.force_n,
-        moment - ticks.moment_nm,
-        force_design,
-        moment_design,
-    )
+    by_force, by_moment = _force_design(ticks), _moment_design(ticks, gravity)
+    force = by_force @ np.append(load.weight_n, load.force_bias_n) + inertial - ticks.force_n
+    moment = by_moment @ np.concatenate([load.centre_m, load.inertia, load.moment_bias_nm]) - ticks.moment_nm
+    force_errors = np.pad(by_force @ _root(load.force_covariance), ((0, 0), (0, 0), (0, 12)))
+    moment_errors = np.pad(by_moment @ _root(load.moment_covariance), ((0, 0), (0, 0), (6, 0)))
+    return force, moment, force_errors, moment_errors
+
+
+def _force_prior() -> Array:
+    """Prior precision (6, 6) of weight and force bias (1/N^2)."""
+    return np.diag([0.0] * 3 + [BIAS_SD[0] ** -2] * 3)
 
 
 def _redescending(squares: Array) -> Array:
@@ -465,15 +410,13 @@ def _other_readings(poses: Poses, wrenches: Wrenches) -> Iterator[tuple[str, Wre
     """Other readings of the same numbers with their descriptions: with opposite signs, and in the axes of the
     world, about its origin or the body's."""
     reverse = "with the opposite sign: they act on the hand, not on the object"
-    in_world = {
-        "in the frame of the poses instead of the object's: set header.frame_id": about_body(wrenches, poses),
-        "in the axes of the poses' frame, about the object's origin: turn them into its axes": turned_to_body(
-            wrenches, poses
-        ),
-    }
     yield reverse, reversed_wrenches(wrenches)
     yield "with the opposite sign of the forces only", replace(wrenches, force_n=-wrenches.force_n)
     yield "with the opposite sign of the moments only", replace(wrenches, moment_nm=-wrenches.moment_nm)
-    yield from in_world.items()
-    for text, reading in in_world.items():
+    for text, from_world in (
+        ("in the frame of the poses instead of the object's: set header.frame_id", True),
+        ("in the axes of the poses' frame, about the object's origin: turn them into its axes", False),
+    ):
+        reading = about_body(wrenches, poses, from_world)
+        yield text, reading
         yield f"{reverse}, {text}", reversed_wrenches(reading)

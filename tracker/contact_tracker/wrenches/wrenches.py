@@ -71,42 +71,33 @@ def reversed_wrenches(wrenches: Wrenches) -> Wrenches:
     return replace(wrenches, force_n=-wrenches.force_n, moment_nm=-wrenches.moment_nm)
 
 
-def about_body(wrenches: Wrenches, poses: Poses) -> Wrenches:
-    """Wrenches given about the world's origin in its axes, about the body's origin in its own axes.
+def about_body(wrenches: Wrenches, poses: Poses, from_world: bool = True) -> Wrenches:
+    """Wrenches given in the world's axes about its origin, or if not ``from_world`` about the body's, about
+    the body's origin in its own axes.
 
     Each wrench is turned by the pose nearest in time; ``poses``: at least one, in order of time.
     """
-    moment_nm = wrenches.moment_nm - cross(_nearest(wrenches, poses).position_m, wrenches.force_n)
-    return turned_to_body(replace(wrenches, moment_nm=moment_nm), poses)
-
-
-def turned_to_body(wrenches: Wrenches, poses: Poses) -> Wrenches:
-    """Wrenches given about the body's origin in the world's axes, in the body's axes; poses as in
-    ``about_body``."""
-    return _turned(_nearest(wrenches, poses).rotation.swapaxes(1, 2), wrenches)
-
-
-def _nearest(wrenches: Wrenches, poses: Poses) -> Poses:
-    """The pose nearest in time to each wrench."""
     later = np.clip(poses.stamp_ns.searchsorted(wrenches.stamp_ns), 1, max(len(poses) - 1, 1))
     earlier = later - 1
     later = np.minimum(later, len(poses) - 1)
     is_nearer = poses.stamp_ns[later] - wrenches.stamp_ns < wrenches.stamp_ns - poses.stamp_ns[earlier]
-    return poses[np.where(is_nearer, later, earlier)]
-
-
-def _turned(rotation: Array, wrenches: Wrenches) -> Wrenches:
-    """Wrenches turned by rotations (N, 3, 3)."""
-    values = wrenches.force_n, wrenches.moment_nm
-    return Wrenches(wrenches.stamp_ns, *(np.einsum("tij,tj->ti", rotation, vectors) for vectors in values))
+    pose = poses[np.where(is_nearer, later, earlier)]
+    turn = pose.rotation.swapaxes(1, 2)
+    return _moved(wrenches, turn, np.einsum("tij,tj->ti", turn, -float(from_world) * pose.position_m))
 
 
 def about_parent(wrenches: Wrenches, frames: Poses) -> Wrenches:
     """Wrenches in moving frames, transformed to the parent of these; ``frames`` (one for each wrench) are
     their poses in the parent."""
-    turned = _turned(frames.rotation, wrenches)
-    moment_nm = turned.moment_nm + cross(frames.position_m, turned.force_n)
-    return replace(turned, moment_nm=moment_nm)
+    return _moved(wrenches, frames.rotation, frames.position_m)
+
+
+def _moved(wrenches: Wrenches, rotation: Array, position_m: Array) -> Wrenches:
+    """Wrenches in frames with ``rotation`` (N, 3, 3) at ``position_m`` (N, 3) of another one, in that one."""
+    force_n, moment_nm = (
+        np.einsum("tij,tj->ti", rotation, vectors) for vectors in (wrenches.force_n, wrenches.moment_nm)
+    )
+    return Wrenches(wrenches.stamp_ns, force_n, moment_nm + cross(position_m, force_n))
 
 
 STEADY: Final = 1.5

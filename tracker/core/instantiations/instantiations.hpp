@@ -2,7 +2,6 @@
 // compile in parallel; it defines HERE as the family's name.
 #pragma once
 
-#include "explanations/descent.hpp"
 #include "update/contact_update.hpp"
 
 namespace kernels {
@@ -18,8 +17,7 @@ namespace kernels {
     PREFIX template void accumulate_onsets<F>(const Kind&, const Table&, const Ticks&, const Lengths&,    \
                                               double);                                                    \
     PREFIX template void refit<F>(const Kind&, const Rows&, const Ticks&, int, const EvidenceParameters&, \
-                                  Work<F>&);                                                              \
-    PREFIX template void descend<F>(const FormationProblem<F>&, int, Lanes*);
+                                  Work<F>&);
 
 #ifndef HERE
 #define DECLARE(F) HEAVY(extern, Family<F>)

@@ -2,7 +2,6 @@
 #include "evidence/competing.hpp"
 #include "evidence/directions.hpp"
 #include "evidence/proximity.hpp"
-#include "explanations/constraints.hpp"
 #include "python/numpy_views.hpp"
 #include "python/read_settings.hpp"
 #include "python/test_bindings.hpp"
@@ -77,31 +76,6 @@ py::tuple weigh_births(const Model& model, const Floats& words, const Bools& kno
     return py::make_tuple(found.log_odds, found.gain, Ints(found.rows.size(), found.rows.data()), kept);
 }
 
-// Reference: `search.Problem.descend`, from starts (B, S) near `anchors` (6,); `matrices` (3, C, C).
-Floats descend_of(const Model& model, const Floats& matrices, double ticks, const Floats& anchors,
-                  const Floats& starts, int steps, const DescentLimits& limits) {
-    return visit(model, [&](auto family) {
-        using F = decltype(family);
-        const auto count = static_cast<int>(starts.shape(0));
-        require_shape(matrices, {3, F::C, F::C}, "not the forms of this contact");
-        require_shape(starts, {count, F::S}, "starts are not geometry of this contact");
-        require_shape(anchors, {6}, "two points are anchors");
-        FormationProblem<F> of{matrices.data(), ticks, limits, {}};
-        std::copy_n(anchors.data(), 6, of.prior.anchors);
-        of.prior.is_diagonal = true;
-        add_weak_prior<F>(model.kind, of.prior);
-        Floats found({count, F::S});
-        for (int first = 0; first < count; first += lanes) {
-            Lanes x[F::S];
-            const auto row = [&](int i) { return std::min(first + i, count - 1); };
-            gather(starts.data(), F::S, row, x);
-            descend<F>(of, steps, x);
-            scatter(x, F::S, row, found.mutable_data());
-        }
-        return found;
-    });
-}
-
 // Reference: `bank_update.fit_window`: refit all hypotheses of a bank to a window, and search minima of those
 // whose elements are open, from the directions of this `tick`.
 py::tuple fit_window(const Model& model, const Floats& words, const Floats& onsets, const TickArrays& window,
@@ -167,8 +141,6 @@ PYBIND11_MODULE(kernels, module) {
     module.def("motion_since", [](const TickArrays& window, std::int64_t onset) {
         return motion_since(window.ticks(), onset);
     });
-    module.def("count_constraints", &count_constraints);
-    module.def("descend", &descend_of);
     module.def("fit_window", &fit_window);
     parts::add(module.def_submodule("parts"));
 }

@@ -19,8 +19,6 @@ from contact_tracker.motion.window import Window
 weigh_births = kernels.weigh_births
 competing_evidence = kernels.competing_evidence
 motion_since = kernels.motion_since
-count_constraints = kernels.count_constraints
-descend = kernels.descend
 fit_window = kernels.fit_window
 
 

@@ -113,16 +113,6 @@ def competing_evidence(
     models: Sequence[Model], words: Sequence[Numbers], label: int, onset: int, slack: int
 ) -> tuple[Numbers, Numbers]: ...
 def motion_since(window: Ticks, onset: int) -> tuple[int, float]: ...
-def count_constraints(model: Model, window: Ticks, x: Numbers, same_row: float) -> int: ...
-def descend(
-    model: Model,
-    matrices: Numbers,
-    ticks: float,
-    anchors: Numbers,
-    starts: Numbers,
-    steps: int,
-    limits: tuple[float, float, float, float],
-) -> Numbers: ...
 def fit_window(
     model: Model,
     words: Numbers,
