@@ -128,7 +128,7 @@ def test_they_decide_what_motion_leaves_open(tmp_path: Path) -> None:
     geometry = by_wrenches.geometry  # a face whose normal is the axis of the hinge would move alike
     assert geometry.found_segments == geometry.true_segments == 2
     assert geometry.within_3_sd == 1.0
-    assert geometry.angle_deg.max() < 25.0  # friction turns the force, within 10 deg (one sd)
+    assert geometry.angle_deg.max() < 30.0  # friction turns the force, by 10 deg (one sd)
     assert geometry.distance_mm.max() < 5.0
 
 

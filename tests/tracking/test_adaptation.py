@@ -166,7 +166,7 @@ def test_the_calmest_rest_shows_which_noise_is_too_large() -> None:
             scatter = scatter.append(replace(tick, zeta=trembling), moves=False)
         return scatter
 
-    scales = np.array([[1.0, 1.0], [2.0, 2.0], [5.0, 5.0]]) ** 2 * variance
+    scales = np.array([[1.0, 1.0], [4.0, 4.0], [8.0, 8.0]]) ** 2 * variance
     assert scatter_of(0.0).allows(scales).tolist() == [True, True, False]
     held = RestScatter(least=scatter_of(0.0).least)
     for tick in rest:  # later, in a hand

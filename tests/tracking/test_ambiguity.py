@@ -284,6 +284,23 @@ def test_a_machine_may_be_programmed_to_keep_one_constraint_in_the_air(sigma_m, 
     assert Contact.FREE not in indistinguishable(Contact.EF, rivals(**evidence), window, older=False)
 
 
+@pytest.mark.parametrize(
+    ("turn_rad", "onset", "in_world", "is_flush"),
+    [
+        *((0.0, 0, True, True), (0.0, 0, False, True), (0.0, TICKS - 8, True, False)),
+        *((0.1, 0, True, False), (0.1, 0, False, False)),
+    ],
+)
+def test_a_face_that_has_not_turned_for_a_second_may_be_flush_now(turn_rad, onset, in_world, is_flush):
+    """Whether it lies on an edge or on a face; of a contact since then, and not of what was before."""
+    upright, angle = np.array([0.0, 0.0, 1.0]), np.linspace(0.0, 6.0, TICKS)
+    tilt = Rotation.from_rotvec(turn_rad * np.sin(angle)[:, None] * np.array([1.0, 0.0, 0.0]))
+    yaw = Rotation.from_rotvec(angle[:, None] * upright)
+    turn = (yaw * tilt if in_world else tilt * yaw).as_matrix()
+    window = ticks(turn, np.zeros((TICKS, 3)))
+    assert ambiguity.is_flush_now(upright, in_world, window, onset, 0.1) == is_flush
+
+
 @pytest.mark.parametrize(("shift_m", "is_open"), [(0.0, True), (0.01, False)])
 def test_an_edge_on_the_axis_of_an_arms_base_may_be_none(shift_m, is_open):
     """The arm moves its tool in planes through this axis, which is the z axis of the world."""

@@ -343,12 +343,28 @@ def may_be_flush(
     if count < NOW_TICKS:
         return flush
     spans = np.arange(len(rows) - count + 1)[:, None] + np.arange(count)
-    turn = normal[spans] - normal[spans].mean(axis=1, keepdims=True)
-    largest_rad2 = np.linalg.eigvalsh(turn.swapaxes(1, 2) @ turn / count)[:, -1]
-    keeps = largest_rad2 < FLUSH_RAD**2 + window.variance[rows][spans, 1].mean(axis=1)
+    keeps = _keeps(normal[spans], window.variance[rows][spans, 1])
     for first in np.flatnonzero(keeps):
         flush[rows[first] : rows[first + count - 1] + 1] = True
     return flush
+
+
+def is_flush_now(normal: Array, in_world: bool, window: Window, onset: int, tick_s: float) -> bool:
+    """Whether f-f is as possible in the newest tick as a contact since tick ``onset`` that has a face with
+    this ``normal`` (3,), of the world or of the body: it has not turned for ``FLUSH_S``."""
+    ticks = round(FLUSH_S / tick_s) + 1
+    if window.index[-1] + 1 < onset + ticks or window.index.size < ticks:
+        return False
+    R_world_body = window.zeta[-ticks:, R].reshape(-1, 3, 3)
+    normals = normal @ R_world_body if in_world else R_world_body @ normal
+    return bool(_keeps(normals[None], window.variance[None, -ticks:, 1])[0])
+
+
+def _keeps(normals: Array, variance: Array) -> NDArray[np.bool_]:
+    """Whether normals (S, n, 3) keep their direction in each span, with noise ``variance`` (S, n), rad^2."""
+    turn = normals - normals.mean(axis=1, keepdims=True)
+    largest_rad2 = np.linalg.eigvalsh(turn.swapaxes(1, 2) @ turn / normals.shape[1])[:, -1]
+    return np.asarray(largest_rad2 < FLUSH_RAD**2 + variance.mean(axis=1))
 
 
 def competing_evidence(banks: Sequence[Bank], label: Contact, onset: int, tick: int) -> CompetingEvidence:

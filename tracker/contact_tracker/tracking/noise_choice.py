@@ -204,13 +204,11 @@ def are_calm(rest_activity: Array, rest_ticks: int, may_be_filtered: bool) -> Bo
 
 REST_STEPS: Final = 10
 """Number of steps between ticks by which a rest shows their noise."""
-REST_RATIO: Final = 3.0
+REST_RATIO: Final = 5.0
 """Largest ratio of the noise of a tick by a filter to that in the calmest rest, in standard deviations. A jug
-that is tilted in the air within a millimetre of a plane is free for all of the time instead of 0.07; of 71
-recordings of handling and physics, 24 of them own, none changes, and with 2 one of 15 everyday ones is right
-for 0.932 instead of 0.986."""
-_MEDIAN: Final = 0.79
-"""Median of the mean square of three normal numbers of variance one."""
+that is tilted in the air within a millimetre of a plane is free for all of the time instead of 0.07. Neither
+71 recordings of handling and physics, 24 of them own, nor copies with a low pass at 8 Hz change; with 3 the
+choice is another one with a low pass at 12 to 20 Hz, as steps of filtered poses show too little."""
 
 
 class RestScatter(NamedTuple):
@@ -220,8 +218,8 @@ class RestScatter(NamedTuple):
     ----------
     zeta : the latest tick, if the object rests.
     squares : half the mean square (m^2, rad^2) of the steps of this rest that are not used yet.
-    least : least geometric mean (m rad) of the variances of a tick in position and orientation, by the median
-        of ``REST_STEPS``; infinite before the first. What a hand holds still moves more than what lies.
+    least : least geometric mean (m rad) of the variances of a tick in position and orientation, by
+        ``REST_STEPS``; infinite before the first. What a hand holds still moves more than what lies.
     """
 
     zeta: Array | None = None
@@ -239,8 +237,7 @@ class RestScatter(NamedTuple):
         squares = (*self.squares, (float(step[T] @ step[T]) / 6.0, float(step[R] @ step[R]) / 12.0))
         if len(squares) < REST_STEPS:
             return RestScatter(tick.zeta, squares, self.least)
-        variance = np.median(squares, axis=0) / _MEDIAN
-        return RestScatter(tick.zeta, least=min(self.least, sqrt(variance.prod())))
+        return RestScatter(tick.zeta, least=min(self.least, sqrt(np.mean(squares, axis=0).prod())))
 
     def allows(self, variances: Array) -> Bools:
         """Which of K filters have variances (K, 2) of a tick (m^2, rad^2) that are not much larger: with such

@@ -57,12 +57,26 @@ def beside_indistinguishable(state: FilterState, belief: Belief) -> Belief:
         alternatives = united(alternatives, before.inseparable)
     if label is Contact.FREE and (state.curved.probability > 0.5 or state.map.untested_sides):
         alternatives = CONTACTS
-    elif label is not Contact.FREE and Contact.FREE not in alternatives:
-        where = belief if belief.where is not None else label_fit(state, label)
-        if where is not None and where.geometry and ambiguity.may_be_free(label, where.geometry):
-            alternatives = united(alternatives, (Contact.FREE,))
+    elif label not in (Contact.FREE, Contact.FF) and (others := _open_by_elements(state, belief, onset)):
+        alternatives = united(alternatives, others)
     inseparable = tuple(filter(state.known_map.allows, alternatives))
     return replace(belief, inseparable=inseparable) if inseparable else belief
+
+
+def _open_by_elements(state: FilterState, belief: Belief, onset: int) -> list[Contact]:
+    """The states that are as possible as the label, other than f-f, by the elements that touch."""
+    label, window, others = belief.contact, state.window, list[Contact]()
+    contact, row = CONTACT_MODELS[label.column], state.best[label.column, 0]
+    form, x = contact.family.FORM, state.banks[label.column].rows["x"][row]
+    if form.h >= 0:  # the second element is a face
+        normal = x[form.d2 : form.d2 + 3]
+        if ambiguity.is_flush_now(normal, contact.body_in_1, window, onset, state.model.tick_s):
+            others.append(Contact.FF)
+    if label.codimension == 1 or label is Contact.FE:
+        fit = belief if belief.where is not None else label_fit(state, label)
+        if fit is not None and fit.geometry is not None and ambiguity.may_be_free(label, fit.geometry):
+            others.append(Contact.FREE)
+    return others
 
 
 def label_fit(state: FilterState, label: Contact) -> FittedContact | None:
