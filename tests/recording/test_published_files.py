@@ -661,3 +661,22 @@ def test_matrices_below_numbers_have_a_remedy(tmp_path: Path, monkeypatch: pytes
     assert call is not None
     exec(call[1], {"numpy": np})
     assert_read(tmp_path / "poses.npy", "--matrix", "rows", "--time-unit", "200Hz", "--columns", "matrix=c")
+
+
+@pytest.mark.parametrize(("column", "missing"), [("force", "nan"), ("note", ""), ("name", "")])
+def test_cells_without_a_value_are_no_name_of_a_body(tmp_path: Path, column: str, missing: str) -> None:
+    """Later values were bodies of their own after a stamp that goes back."""
+    cells = [missing] * (FIRST_ROWS + 10) + [str(0.1 * i) for i in range(COUNT - FIRST_ROWS - 10)]
+    time_s = T.copy()
+    time_s[-5] = time_s[-9]
+    path = write(tmp_path / "a.csv", [f"time,{column},x,y,z,qx,qy,qz,qw"], rows(time_s, cells, POSE))
+    assert [source.child_frame_id for source in list_sources(str(path))] == [""]
+
+
+def test_many_objects_beside_many_shared_values_are_not_copied(tmp_path: Path) -> None:
+    shared = {f"a{i}": i for i in range(4000)}
+    objects = [{"name": f"b{i}", "p": [0, 0, 0, 0, 0, 0, 1]} for i in range(4000)]
+    path = tmp_path / "a.jsonl"
+    path.write_text(json.dumps({"t": 0.0, "objects": objects, **shared}) + "\n")
+    with pytest.raises(UnreadableRecording):
+        list_sources(str(path))

@@ -301,13 +301,21 @@ def test_a_face_that_has_not_turned_for_a_second_may_be_flush_now(turn_rad, onse
     assert ambiguity.is_flush_now(upright, in_world, window, onset, 0.1) == is_flush
 
 
-@pytest.mark.parametrize(("shift_m", "is_open"), [(0.0, True), (0.01, False)])
-def test_an_edge_on_the_axis_of_an_arms_base_may_be_none(shift_m, is_open):
-    """The arm moves its tool in planes through this axis, which is the z axis of the world."""
-    edge = Line(np.array([0.0, 0.0, 1.0]), np.array([shift_m, 0.0, 0.4]), 1e-6 * np.eye(6))
+@pytest.mark.parametrize(
+    ("shift_m", "sigma_m", "name", "is_open"),
+    [
+        *((0.0, SIGMA_M, None, True), (0.0, SIGMA_M, "corner", False)),
+        *((0.01, SIGMA_M, None, False), (0.01, 1e-6, None, True)),
+    ],
+)
+def test_an_edge_on_the_axis_of_an_arms_base_may_be_none(shift_m, sigma_m, name, is_open):
+    """The arm moves its tool in planes through this axis: the z axis of the world, or one parallel to it if
+    the poses are those of a machine; not if the edge is listed."""
+    edge = Line(np.array([0.0, 0.0, 1.0]), np.array([shift_m, 0.0, 0.4]), 1e-6 * np.eye(6), name=name)
     face = Plane(np.array([0.0, 1.0, 0.0]), 0.0, 1e-6 * np.eye(4))
-    assert ambiguity.may_be_free(Contact.FE, ContactGeometry(face, edge)) == is_open
-    assert not ambiguity.may_be_free(Contact.EF, ContactGeometry(edge, face))
+    window = ticks(*kinds_of_motion()["all"][1:], variance=(sigma_m**2, SIGMA_RAD**2))
+    assert ambiguity.may_be_free(Contact.FE, ContactGeometry(face, edge), window) == is_open
+    assert not ambiguity.may_be_free(Contact.EF, ContactGeometry(edge, face), window)
 
 
 @pytest.mark.parametrize(("older", "others"), [(True, ()), (False, (Contact.FREE,))])

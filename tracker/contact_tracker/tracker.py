@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
-from typing import Any, Final, Self
+from typing import Final, Self
 
 from contact_tracker.checks.check import Stream
 from contact_tracker.checks.checks import INSPECTED, Checks
@@ -255,6 +255,6 @@ class Tracker:
         report = self._report(is_cut_short=True)
         return None if report is None else report._replace(is_cut_short=True)
 
-    def _report(self, **how: Any) -> Report | None:
-        findings = self.checks.findings(self.stream._replace(**how))
+    def _report(self, is_end: bool = False, is_cut_short: bool = False) -> Report | None:
+        findings = self.checks.findings(self.stream._replace(is_end=is_end, is_cut_short=is_cut_short))
         return report_of(self.filters, self.is_decided, findings)

@@ -240,9 +240,8 @@ class Checks(NamedTuple):
 
     def findings(self, stream: Stream) -> tuple[Finding, ...]:
         """Findings so far; at the end of the stream also what is still suspected."""
-        result = [
-            *findings(stream.inspection, self.conventions.fitting_units, stream.is_cut_short),
-        ]
+        units = self.conventions.fitting_units
+        result = list(findings(stream.inspection, units, stream.is_cut_short))
         if stream.is_filtered and not stream.inspection.bodies:
             result.append(Finding("filtered", FILTERED, False))
         for check in self:

@@ -180,9 +180,8 @@ class FittedJoint:
     def with_evidence(self, free: float) -> Self:
         """The joint with its evidence; ``free`` as for ``Misfit.log_ratio``."""
         evidence = self.misfit.log_ratio(self.course, free) - self.complexity
-        evidence -= (
-            0.5 * (self.frames.pitch_m / PITCH_M) ** 2
-        )  # a slider is also a screw of far too much pitch
+        # a slider is also a screw of far too much pitch
+        evidence -= 0.5 * (self.frames.pitch_m / PITCH_M) ** 2
         return replace(self, log_evidence=self.ticks.scales.likelihood_exponent * evidence)
 
     @property

@@ -201,7 +201,7 @@ def marginalise_expired_ticks(
 def fit_window(
     model: ContactModel, window: Window, scales: EvidenceParameters, proposals: BirthProposals | None = None
 ) -> Bank:
-    """A bank of one hypothesis, fitted to all ticks of the window,.
+    """A bank of one hypothesis, fitted to all ticks of the window.
 
     It is the best of the ``proposals``, if given; the bank is empty if there are none.
     """

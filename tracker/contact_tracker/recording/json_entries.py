@@ -35,6 +35,10 @@ def flattened(entry: Mapping[str, Any]) -> dict[str, str]:
     return fields
 
 
+MOST_SHARED: Final = 100_000
+"""Largest number of values that the objects of an entry share with it: each has a copy."""
+
+
 def rows_of(entry: Any) -> list[dict[str, str]]:
     """The values of an entry by their paths, or of each object with a name in its only list, as the places of
     objects may change."""
@@ -42,12 +46,15 @@ def rows_of(entry: Any) -> list[dict[str, str]]:
     keys = [key for key, value in entry.items() if _has_objects(value)]
     parts = [_named(part) for key in keys[:1] for part in entry[key]]
     if len(keys) == 1 and all(any(map(OF_BODY.fullmatch, part)) for part in parts):
-        rows = [flattened({**entry, keys[0]: part}) for part in parts]
-        begin = f"{keys[0]}."
-        own = ([value for name, value in row.items() if name.startswith(begin)] for row in rows)
-        shared = [value for name, value in rows[0].items() if not name.startswith(begin)]
-        if all(map(_may_be_pose, own)) and not _may_be_pose(shared):
-            return rows
+        shared = flattened({key: value for key, value in entry.items() if key != keys[0]})
+        own = [flattened({keys[0]: part}) for part in parts]
+        is_bounded = len(own) * len(shared) <= MOST_SHARED
+        if (
+            is_bounded
+            and not _may_be_pose([*shared.values()])
+            and all(_may_be_pose([*p.values()]) for p in own)
+        ):
+            return [{**shared, **part} for part in own]
     return [flattened(entry)]
 
 

@@ -21,6 +21,10 @@ _OF_OTHERS: Final = re.compile(r"(?:.*[._ ])?(?<!child_)frame_id|.*\[.*")
 """Names of columns of the names of parent frames, and of elements of lists, as of joints."""
 
 
+_MISSING: Final = ("", "nan", "NaN", "None", "null")
+"""Cells without a name."""
+
+
 def with_body(layout: TableLayout, columns: Columns, rows: Rows) -> TableLayout:
     """The layout with the column of the names of bodies, if the first rows are of several ones, or of one of
     which others may follow."""
@@ -33,8 +37,9 @@ def with_body(layout: TableLayout, columns: Columns, rows: Rows) -> TableLayout:
         if not names or not (is_text or OF_BODY.fullmatch(name)):
             continue
         if len({*names}) == 1:
-            is_body = is_text or (name.endswith("id") and names[0].isdigit())
-            constant += [place] * (is_body and not _OF_OTHERS.fullmatch(name))
+            is_name = OF_BODY.fullmatch(name) is not None and not _OF_OTHERS.fullmatch(name)
+            is_given = is_text or (name.endswith("id") and names[0].isdigit())
+            constant += [place] * (is_name and is_given and names[0] not in _MISSING)
             continue
         times = [row[layout.time] if layout.time >= 0 else str(i) for i, row in enumerate(first)]
         positions = np.array([numbers([row[i] for i in layout.bodies[0].columns[:3]]) for row in first])

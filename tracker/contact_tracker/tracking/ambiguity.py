@@ -6,6 +6,7 @@ surface, which is none of the six contacts (T42).
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import lru_cache
 from itertools import compress
 from math import inf
@@ -169,12 +170,15 @@ def agrees_by_chance(label: Contact, window: Window, onset: int, most_ticks: flo
     return freedom.underused and freedom.moved_ticks < most_ticks
 
 
-def may_be_free(label: Contact, geometry: ContactGeometry) -> bool:
+def may_be_free(label: Contact, geometry: ContactGeometry, window: Window) -> bool:
     """Whether free motion may keep the constraints of ``label``: its only one if the motion leaves directions
-    open, and those of an edge on the axis of an arm's base, in whose planes the arm may move its tool."""
+    open, and those of an edge on the axis of an arm's base, in whose planes the arm may move its tool. The
+    axis is the z axis of the world, or, of the exact poses of a machine, parallel to it."""
     edge = geometry.environment
-    if isinstance(edge, Line) and edge.covariance is not None and is_same_element(edge, BASE_AXIS):
-        return True
+    if isinstance(edge, Line) and edge.covariance is not None and not (edge.name or edge.unobserved):
+        base = replace(BASE_AXIS, point_m=edge.point_m) if are_exact(window) else BASE_AXIS
+        if is_same_element(edge, base):
+            return True
     return label.codimension == 1 and geometry.has_open_directions
 
 
@@ -353,7 +357,7 @@ def is_flush_now(normal: Array, in_world: bool, window: Window, onset: int, tick
     """Whether f-f is as possible in the newest tick as a contact since tick ``onset`` that has a face with
     this ``normal`` (3,), of the world or of the body: it has not turned for ``FLUSH_S``."""
     ticks = round(FLUSH_S / tick_s) + 1
-    if window.index[-1] + 1 < onset + ticks or window.index.size < ticks:
+    if window.index.size < ticks or window.index[-ticks] < onset:
         return False
     R_world_body = window.zeta[-ticks:, R].reshape(-1, 3, 3)
     normals = normal @ R_world_body if in_world else R_world_body @ normal

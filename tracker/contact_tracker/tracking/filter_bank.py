@@ -494,7 +494,9 @@ class FilterBank:
         self.rest_scatter = self.rest_scatter.append(tick, self.motion.moves)
         models = [filter_.state.model for filter_ in self.filters]
         variances = [tick_variances(tick.noise, np.array(float(tick.count)), model) for model in models]
-        is_calm &= self.rest_scatter.allows(np.array(variances))
+        # errors that vary over the volume do not show at rest
+        is_correlated = np.array([model.correlation > 0.0 for model in models])
+        is_calm &= is_correlated | self.rest_scatter.allows(np.array(variances))
         if (is_calm & is_kept).any():
             is_kept &= is_calm
         kept = np.flatnonzero(is_kept)

@@ -74,7 +74,8 @@ def _open_by_elements(state: FilterState, belief: Belief, onset: int) -> list[Co
             others.append(Contact.FF)
     if label.codimension == 1 or label is Contact.FE:
         fit = belief if belief.where is not None else label_fit(state, label)
-        if fit is not None and fit.geometry is not None and ambiguity.may_be_free(label, fit.geometry):
+        geometry = None if fit is None else fit.geometry
+        if geometry is not None and ambiguity.may_be_free(label, geometry, window):
             others.append(Contact.FREE)
     return others
 

@@ -171,7 +171,7 @@ def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
         inseparable = united(inseparable, alike)
     estimate = element_estimate(fitted, contact, scales, window, information)
     geometry, curved = located.geometry, np.zeros(1)
-    if ambiguity.may_be_free(label, geometry):
+    if ambiguity.may_be_free(label, geometry, window):
         inseparable = united(inseparable, (Contact.FREE,))
     tolerance = _tolerance(contact, fitted.x, window) if any(extra_variance) else None
     parts = share, formation, (), estimate, tolerance
