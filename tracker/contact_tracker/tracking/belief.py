@@ -99,7 +99,7 @@ class Belief:
     onset_ns : estimated onset of the labelled contact.
     where : the touching elements of the labelled contact, or the fit that has them; None for free.
     residual : (6,) for each contact, in the order of ``CONTACTS``, the whitened root mean square residual
-        (1: at the noise) at the minimum of its objective function over the last 25 ticks with motion, or a
+        (1: at the noise) at the minimum of its objective function over the last 24 ticks with motion, or a
         little more; nan before.
     inseparable : states that the motion since the onset does not distinguish from ``contact``.
     further : contacts beside the labelled one.

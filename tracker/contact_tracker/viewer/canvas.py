@@ -339,7 +339,7 @@ BACKGROUND = (25, 28, 33)
 """Colour behind the 3D scene, dark in light themes as well, as the object's elements are white."""
 TRAIL_S = 4.0
 LIVE_S = 10.0
-_RESIDUAL = "Residual over 25 ticks of motion (1 = noise)"
+_RESIDUAL = "Residual over 24 ticks of motion (1 = noise)"
 
 
 def offline_layout(eye: Eye, is_one_of_several: bool = False) -> rrb.Blueprint:
