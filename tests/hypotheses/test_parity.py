@@ -325,6 +325,6 @@ def test_kernels_refuse_unknown_arguments():
     with pytest.raises(ValueError, match="not in order"):
         kernels.prune(blank(model, 2).replace_columns(onset=[1, 0]), model, 1, 0.0, 10.0)
     sizes, tables = (1, 2, 3, 4), ((9, {}), (7, {}))
-    arrays = [], [], np.zeros((6, 2, 2)), 3, 0, 3, np.zeros((1, 2, 1))
+    arrays = [], [], 3, 0, 3, np.zeros((1, 2, 1))
     with pytest.raises(ValueError, match="no family of this form"):
         compiled_kernels.Model((0, 1, 2, 3, 4), sizes, *tables, True, 1.0, 2.0, *arrays)

@@ -13,7 +13,7 @@ from contact_tracker.states import CONTACTS, Contact
 from contact_tracker.tracking import ambiguity, segment_fit
 from contact_tracker.tracking.ambiguity import NO_CURVED_MOTION, most_beside, update_curved_motion
 from contact_tracker.tracking.offline_smoother import segment
-from contact_tracker.tracking.segment_fit import SegmentTicks, fit_segments
+from contact_tracker.tracking.segment_fit import SegmentTicks, fit_segment
 from contact_tracker.tracking.state import scales_of
 from contact_tracker.wrenches.contact_evidence import WindowEvidence
 from contact_tracker_lab.calibration.trellis import window_of
@@ -43,7 +43,7 @@ def test_curved_motion_is_tested_before_wrenches_decide(monkeypatch):
         """With this log evidence of wrenches by state."""
         evidence = WindowEvidence(np.array(nats), {}) if nats else None
         ticks = SegmentTicks(window, Contact.FREE, MODEL, EMPTY_MAP, Origins.zero(), evidence)
-        return fit_segments([ticks])[0]
+        return fit_segment(ticks)
 
     assert set(fitted().inseparable) == set(CONTACTS)
     touching = fitted(0.0, 0.0, 0.0, 40.0, 39.0, 0.0, -40.0)

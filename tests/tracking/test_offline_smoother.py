@@ -17,7 +17,7 @@ from contact_tracker.motion.window import Window
 from contact_tracker.states import Contact
 from contact_tracker.tracking.contact_filter import ContactFilter, FilteredTick, ticks_of
 from contact_tracker.tracking.offline_smoother import Segmenter, pieces
-from contact_tracker.tracking.segment_fit import SegmentTicks, fit_segments
+from contact_tracker.tracking.segment_fit import SegmentTicks, fit_segment
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker.tracking.transition_model import tick_transitions
 from contact_tracker_lab.calibration.trellis import window_of
@@ -232,9 +232,9 @@ def test_of_a_very_long_segment_the_moving_parts_are_fitted(monkeypatch):
     stretch = SegmentTicks(long, Contact.FF, MODEL, EMPTY_MAP, Origins.zero())
     monkeypatch.setattr("contact_tracker.tracking.segment_fit.PIECE_TICKS", 5)
     monkeypatch.setattr("contact_tracker.tracking.segment_fit.LONGEST_TICKS", 35)
-    some = fit_segments([stretch])[0]
+    some = fit_segment(stretch)
     monkeypatch.setattr("contact_tracker.tracking.segment_fit.LONGEST_TICKS", 1000)
-    everything = fit_segments([stretch])[0]
+    everything = fit_segment(stretch)
     normals = [fit.geometry.environment.normal for fit in (some, everything)]
     assert abs(normals[0] @ normals[1]) > np.cos(5e-3)  # the sign of the normal is arbitrary
     assert some.inseparable == everything.inseparable

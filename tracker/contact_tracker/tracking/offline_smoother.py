@@ -44,7 +44,7 @@ from contact_tracker.tracking.segment_fit import (
     SegmentFit,
     SegmentTicks,
     fit_on_map,
-    fit_segments,
+    fit_segment,
     joined_by_wrenches,
     without_short_gaps,
 )
@@ -270,7 +270,7 @@ class Segmenter:
         self._first, self._before = 0, np.zeros(0, _TICK)  # number of the oldest of these, ticks before it
         self._path: deque[hmm.PathSegment] = deque()
         self._finished: deque[FinishedSegment] = deque()
-        self._fits: deque[Future[list[SegmentFit]]] = deque()  # in other processes
+        self._fits: deque[Future[SegmentFit]] = deque()  # in other processes
         self._online: list[Belief] = []
         self._filtered: list[Beliefs] = []
 
@@ -422,7 +422,7 @@ class Segmenter:
             rests = without_short_gaps(resting[first : first + count])
             self._finished.append(FinishedSegment(state, rows, end_ns, posterior, ticks, rests))
             if self._executor is not None:
-                self._fits.append(self._executor.submit(fit_segments, [ticks]))
+                self._fits.append(self._executor.submit(fit_segment, ticks))
             self._first, self._before = self._first + count, around[: first + count][-margin:]
             decided -= count
 
@@ -460,9 +460,9 @@ class Segmenter:
         """The oldest ``count`` segments being fitted, and the online beliefs since the last piece."""
         finished = [self._finished.popleft() for _ in range(count)]
         if self._executor is None:
-            fits = fit_segments([segment.ticks for segment in finished])
+            fits = [fit_segment(segment.ticks) for segment in finished]
         else:
-            fits = [fit for _ in range(count) for fit in self._fits.popleft().result()]
+            fits = [self._fits.popleft().result() for _ in range(count)]
         fitted = joined_by_wrenches([*zip(finished, fits, strict=True)])
         results = [segment.with_fit(fit) for segment, fit in fitted]
         if self._record is not None:

@@ -116,13 +116,8 @@ class SegmentFit:
         return max(self.formation.constraints, self.contact.codimension)
 
 
-def fit_segments(segments: Sequence[SegmentTicks]) -> list[SegmentFit]:
-    """Fit all contacts to the ticks of each of these segments of one recording, from scratch."""
-    return [*map(_segment_fit, segments)]
-
-
-def _segment_fit(segment: SegmentTicks) -> SegmentFit:
-    """The fit of a segment: its contact, by the fits of all contacts, and its joint."""
+def fit_segment(segment: SegmentTicks) -> SegmentFit:
+    """The fit of a segment from scratch: its contact, by the fits of all contacts, and its joint."""
     window = _most_moving(segment.window)
     fits = [_fitted(contact, window, segment) for contact in CONTACT_MODELS]
     fit = _contact_fit(segment, window, fits)

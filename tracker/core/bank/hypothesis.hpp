@@ -26,14 +26,12 @@ struct OnsetLayout {
 
 // Reference: `contacts.ContactModel`. `needed` is the number of poses that determine the geometry,
 // `lifted` (C,) the entries of a pose that the family uses, `pull` (S,) the precision of the weak prior,
-// `relaxed` the number of starts from relaxed problems, `moves` (6, C, C) the changes of these entries by
-// small turns and shifts.
+// `relaxed` the number of starts from relaxed problems.
 struct Kind {
-    static constexpr int perturbations = 6;
     bool body_in_1;
     double needed, burn_in_ticks;
     std::vector<std::int64_t> lifted;
-    std::vector<double> pull, moves;
+    std::vector<double> pull;
     int relaxed;
     BankLayout where;
     OnsetLayout since;

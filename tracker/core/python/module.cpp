@@ -100,21 +100,13 @@ PYBIND11_MODULE(kernels, module) {
     py::class_<Model>(module, "Model")
         .def(py::init([](const Form& form, const Sizes& sizes, const Words& bank, const Words& onsets,
                          bool body_in_1, double needed, double burn_in_ticks,
-                         std::vector<std::int64_t> lifted, std::vector<double> pull, const Floats& moves,
-                         int relaxed, int column, int search_interval, const Floats& drawn) {
+                         std::vector<std::int64_t> lifted, std::vector<double> pull, int relaxed, int column,
+                         int search_interval, const Floats& drawn) {
             const Which which = which_of(form, sizes);
             require(pull.size() == static_cast<std::size_t>(sizes[0]), "not a pull of each of x");
             require(lifted.size() == static_cast<std::size_t>(sizes[1]), "not a column of each of the lift");
-            require_finite(moves, {Kind::perturbations, sizes[1], sizes[1]}, "not the changes of the lift");
-            const Kind kind{body_in_1,
-                            needed,
-                            burn_in_ticks,
-                            lifted,
-                            pull,
-                            {moves.data(), moves.data() + moves.size()},
-                            relaxed,
-                            bank_layout(bank),
-                            onset_layout(onsets)};
+            const Kind kind{body_in_1, needed,  burn_in_ticks,     lifted,
+                            pull,      relaxed, bank_layout(bank), onset_layout(onsets)};
             require(drawn.ndim() == 3 && drawn.shape(0) > 0 && drawn.shape(2) == sizes[0],
                     "directions are not geometry of this contact");
             return Model{kind, which, bank.first, onsets.first, column, search_interval, drawn};

@@ -37,7 +37,6 @@ def model_of(model: ContactModel, reach_m: float) -> kernels.Model:
         burn_in_ticks(model.needed),
         columns,
         (family.SPREAD / reach_m**2).tolist(),
-        model.moves,
         family.starts(np.eye(len(columns))[None]).shape[1],
         model.contact.column,
         schedule.SEARCH_INTERVAL,

@@ -38,7 +38,6 @@ class Model:
         burn_in: float,
         lifted: Sequence[int],
         pull: Sequence[float],
-        moves: Numbers,
         relaxed: int,
         column: int,
         search_interval: int,
