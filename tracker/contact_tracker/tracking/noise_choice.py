@@ -203,8 +203,8 @@ def are_calm(rest_activity: Array, rest_ticks: int, may_be_filtered: bool) -> Bo
 
 
 REST_STEPS: Final = 10
-"""Number of steps between ticks by which a rest shows their noise. With 5 the choice is the same; with 20, which
-few rests of a hand have, an object inspected in the air is free for 0.78 instead of 0.98 of the time."""
+"""Number of steps between ticks by which a rest shows their noise. With 5 the choice is the same; with 20,
+which few rests of a hand have, an object inspected in the air is free for 0.78 instead of 0.98."""
 REST_RATIO: Final = 5.0
 """Largest ratio of the noise of a tick by a filter to that in the calmest rest, in standard deviations. A jug
 that is tilted in the air within a millimetre of a plane is free for all of the time instead of 0.07. Neither
