@@ -118,7 +118,10 @@ def find_formation(ticks: ExplainedTicks, first: KnownContact) -> Formation:
         spans += [Run(start, start + SPAN_TICKS) for start in starts]
     further, is_open, motion = list[Further](), False, free.keeping(first.c)
     while len(further) < MAX_FURTHER:
-        found, is_open = find_contact(motion, spans, first, further)
+        search = begin_search(motion, spans)
+        while search is not None and search.kinds:
+            search = search.advance(motion)
+        found, is_open = conclude_search(search, motion, first, further)
         if found is None:
             break
         further.append(found)
@@ -148,41 +151,87 @@ def _ranks(motion: ConditionalMotion, first: KnownContact, further: Sequence[Fur
     return tuple(ranks)
 
 
-def find_contact(
-    motion: ConditionalMotion,
-    spans: Iterable[Run],
-    first: KnownContact,
-    further: Sequence[Further],
-    known: Iterable[KnownContact] = (),
-    lasts: bool = False,
-) -> tuple[Further | None, bool]:
-    """The most probable contact beside those that ``motion`` keeps, the ``first`` and ``further`` ones, and
-    whether there is one that no contact explains.
+class ContactSearch(NamedTuple):
+    """A search for one more contact, which fits one contact kind after the other.
+
+    Attributes
+    ----------
+    run : ticks to which elements are fitted, by their numbers.
+    kinds : contact kinds that are still to be fitted.
+    fitted : elements of the kinds before.
+    best : the contact whose rivals are fitted; None while single constraints are.
+    """
+
+    run: Run
+    kinds: tuple[Contact, ...]
+    fitted: tuple[KnownContact, ...] = ()
+    best: KnownContact | None = None
+
+    def advance(self, motion: ConditionalMotion, lasts: bool = False) -> "ContactSearch | None":
+        """The search after the fit of one more kind; None without a sure contact."""
+        rows = Run(*motion.ticks.window.index.searchsorted(self.run).tolist())
+        if rows.first == rows.end:  # the ticks have left the window
+            return None
+        kind, *kinds = self.kinds
+        elements = search_span(motion, CONTACT_MODELS[kind.column], rows)
+        fitted = self.fitted if elements is None else (*self.fitted, elements)
+        if kinds or self.best is not None:
+            return self._replace(kinds=tuple(kinds), fitted=fitted)
+        return _search_rivals(motion, fitted, lasts)
+
+
+def begin_search(
+    motion: ConditionalMotion, spans: Iterable[Run], known: Iterable[KnownContact] = (), lasts: bool = False
+) -> ContactSearch | None:
+    """The search for a contact beside those that ``motion`` keeps; None if nothing promises one.
 
     Parameters
     ----------
     spans : in which contacts are searched, if none of those with ``known`` elements holds.
     lasts : whether the contact has to hold in the newest tick.
     """
+    if (search := _search_rivals(motion, known, lasts)) is not None:
+        return search
+    span, models = _most_promising(motion, spans)
+    kinds = tuple(model.contact for model in models)
+    return ContactSearch(motion.ticks.numbered(span), kinds) if kinds else None
 
-    def held(candidates: Iterable[Candidate | None]) -> list[Candidate]:
-        newest = len(motion) if lasts else 0
-        return [found for found in candidates if found is not None and found.presence.runs[-1].end >= newest]
 
-    best = _best(held(evaluate(motion, contact) for contact in known))
+def _search_rivals(
+    motion: ConditionalMotion, contacts: Iterable[KnownContact], lasts: bool
+) -> ContactSearch | None:
+    best = _best(_held(motion, contacts, lasts))
     if best is None:
-        span, models = _most_promising(motion, spans)
-        best = _best(held(search_span(motion, model, span) for model in models))
-    if best is None:
+        return None
+    return ContactSearch(motion.ticks.numbered(best.run), motion.ticks.kinds, (), best.known)
+
+
+def _held(motion: ConditionalMotion, contacts: Iterable[KnownContact], lasts: bool) -> list[Candidate]:
+    newest = len(motion) if lasts else 0
+    found = (evaluate(motion, contact) for contact in contacts)
+    return [contact for contact in found if contact is not None and contact.presence.runs[-1].end >= newest]
+
+
+def conclude_search(
+    search: ContactSearch | None,
+    motion: ConditionalMotion,
+    first: KnownContact,
+    further: Sequence[Further],
+    lasts: bool = False,
+) -> tuple[Further | None, bool]:
+    """The most probable contact of a search beside the ``first`` and ``further`` ones, and whether there is
+    one that no contact explains."""
+    if search is None or search.best is None:
         return None, False
-    kinds = motion.ticks.kinds
-    rivals = held(search_span(motion, CONTACT_MODELS[kind.column], best.run) for kind in kinds)
-    best = _best(found for found in (best, *rivals) if found.known.contact in kinds)
-    refined = held([None if best is None else refine(motion, best)])
-    if not refined or (geometry := refined[0].geometry) is None:
+    kinds, rivals = motion.ticks.kinds, _held(motion, search.fitted, lasts)
+    candidates = (*_held(motion, [search.best], lasts), *rivals)
+    best = _best(found for found in candidates if found.known.contact in kinds)
+    refined = None if best is None else refine(motion, best)
+    newest = len(motion) if lasts else 0
+    if refined is None or refined.geometry is None or refined.presence.runs[-1].end < newest:
         return None, True
-    (best,) = refined
-    part, (run, *runs) = motion.cut(*best.run), map(motion.ticks.numbered, (best.run, *best.presence.runs))
+    best, part = refined, motion.cut(*refined.run)
+    run, *runs = map(motion.ticks.numbered, (best.run, *best.presence.runs))
     holding = [first.c, *(contact.known.c for contact in further if any(map(run.overlaps, contact.runs)))]
     fewer, constraints = (
         count_constraints(part.moved, contacts) for contacts in (holding, [*holding, best.known.c])
@@ -191,7 +240,7 @@ def find_contact(
     if constraints <= fewer or not uses_freedom:  # what the motion keeps beyond that is not explained
         return None, True
     inseparable = _inseparable_kinds(motion, best, rivals, constraints - fewer)
-    return Further(best.known, geometry, tuple(runs), best.presence.log_odds, inseparable), False
+    return Further(best.known, refined.geometry, tuple(runs), best.presence.log_odds, inseparable), False
 
 
 def refine(motion: ConditionalMotion, best: Candidate) -> Candidate | None:
@@ -226,13 +275,11 @@ def _most_promising(motion: ConditionalMotion, spans: Iterable[Run]) -> tuple[Ru
     return best
 
 
-def search_span(motion: ConditionalMotion, model: ContactModel, span: Run) -> Candidate | None:
-    """The best elements of ``model`` in one span, evaluated on all ticks; None if they do not fit it."""
+def search_span(motion: ConditionalMotion, model: ContactModel, span: Run) -> KnownContact | None:
+    """The best elements of ``model`` in one span; None if they do not fit it."""
     part = motion.cut(*span)
     elements = KnownContact(model.contact, search(model, part))
-    if np.sqrt(part.evidence(elements.c).chi_sq.mean()) < MAX_RMS:
-        return evaluate(motion, elements)
-    return None
+    return elements if np.sqrt(part.evidence(elements.c).chi_sq.mean()) < MAX_RMS else None
 
 
 def elements_complexity(

@@ -1,7 +1,7 @@
 """Online detection of further contacts (docs/theory.md, section 18).
 
-At intervals the latest ticks are searched for constraints beyond those of the known contacts. Contacts that
-were found are evaluated in every tick.
+At intervals the latest ticks are searched for constraints beyond those of the known contacts, one kind of
+contact in each tick. Contacts that were found are evaluated in every tick.
 """
 
 from typing import Final, NamedTuple
@@ -16,9 +16,11 @@ from contact_tracker.explanations.conditional_contact import (
 from contact_tracker.explanations.further_contacts import (
     MAX_FURTHER,
     SURE_NATS,
+    ContactSearch,
     Further,
+    begin_search,
+    conclude_search,
     evaluate,
-    find_contact,
     keeping,
     refine,
 )
@@ -48,7 +50,8 @@ class FormationState(NamedTuple):
     ----------
     tracked : further contacts found so far, present or not.
     remembered : elements of earlier contacts, which may touch again.
-    unsearched_ticks : ticks with motion since the last search.
+    unsearched_ticks : ticks with motion since the last search began.
+    search : the search that is under way.
     is_open : whether the motion keeps more constraints than the reported contacts explain.
     constraints : of the first contact and of all that are present.
     """
@@ -57,13 +60,14 @@ class FormationState(NamedTuple):
     tracked: tuple[TrackedContact, ...] = ()
     remembered: tuple[KnownContact, ...] = ()
     unsearched_ticks: float = 0.0
+    search: ContactSearch | None = None
     is_open: bool = False
     constraints: int = 0
 
     @property
     def is_due(self) -> bool:
         """Whether contacts are to be evaluated or sought."""
-        return bool(self.tracked) or self.unsearched_ticks >= SEARCH_INTERVAL_TICKS
+        return bool(self.tracked or self.search) or self.unsearched_ticks >= SEARCH_INTERVAL_TICKS
 
     @property
     def present(self) -> tuple[Further, ...]:
@@ -77,7 +81,7 @@ EMPTY_FORMATION: Final = FormationState()
 def suspend(state: FormationState) -> FormationState:
     """The state while there is no first contact: no further contact is present."""
     tracked = tuple(contact._replace(is_present=False) for contact in state.tracked)
-    return state._replace(tracked=tracked, is_open=False)
+    return state._replace(tracked=tracked, search=None, is_open=False)
 
 
 def advance(state: FormationState, ticks: ExplainedTicks, first: KnownContact) -> FormationState:
@@ -89,7 +93,7 @@ def advance(state: FormationState, ticks: ExplainedTicks, first: KnownContact) -
         tracked.append(_evaluated(contact, motion))
         motion = keeping(motion, contact.found.known, tracked[-1].found.runs)
     state = state._replace(tracked=tuple(tracked))
-    if len(state.present) < MAX_FURTHER and state.unsearched_ticks >= SEARCH_INTERVAL_TICKS:
+    if len(state.present) < MAX_FURTHER:
         state = _search(state, motion, first)
     contacts = [first.c, *(contact.known.c for contact in state.present)]
     return state._replace(constraints=count_constraints(free.moved[-1:], contacts))
@@ -138,11 +142,27 @@ def _refit_at(found: Further) -> int:
 
 
 def _search(state: FormationState, motion: ConditionalMotion, first: KnownContact) -> FormationState:
-    """The state after a search for one more contact that holds now."""
-    lengths = [min(span, len(motion)) for span in SEARCH_SPANS_TICKS if span < 2 * len(motion)]
-    spans = [Run(len(motion) - length, len(motion)) for length in lengths]
-    found, is_open = find_contact(motion, spans, first, state.present, state.remembered, lasts=True)
-    state = state._replace(unsearched_ticks=0.0, is_open=is_open)
+    """The state after one step of a search for one more contact that holds now."""
+    search, unsearched_ticks = state.search, state.unsearched_ticks
+    if search is not None and not search.kinds:
+        return _conclude(state, search, motion, first)
+    if search is not None:
+        search = search.advance(motion, lasts=True)
+    elif unsearched_ticks < SEARCH_INTERVAL_TICKS:
+        return state
+    else:
+        lengths = [min(span, len(motion)) for span in SEARCH_SPANS_TICKS if span < 2 * len(motion)]
+        spans = [Run(len(motion) - length, len(motion)) for length in lengths]
+        search, unsearched_ticks = begin_search(motion, spans, state.remembered, lasts=True), 0.0
+    is_open = state.is_open and search is not None
+    return state._replace(search=search, unsearched_ticks=unsearched_ticks, is_open=is_open)
+
+
+def _conclude(
+    state: FormationState, search: ContactSearch, motion: ConditionalMotion, first: KnownContact
+) -> FormationState:
+    found, is_open = conclude_search(search, motion, first, state.present, lasts=True)
+    state = state._replace(search=None, is_open=is_open)
     if found is None:
         return state
     present = (contact for contact in state.tracked if contact.is_present)
