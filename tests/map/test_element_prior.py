@@ -28,6 +28,7 @@ from contact_tracker.hypotheses.births import Birth, add, propose_births
 from contact_tracker.map.elements import is_same_element
 from contact_tracker.map.map import EMPTY_MAP, Accuracy, Map, NamedElement, Up, known_to
 from contact_tracker.map.pairs import UNLISTED, Frame, PairPrior, named_pairs, pair_priors
+from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.states import CONTACTS, Contact
 from contact_tracker_lab.simulate import Scenario, simulate
 from contact_tracker_lab.simulate.scenarios import Phase
@@ -72,7 +73,8 @@ def test_a_known_face_determines_the_normal_of_the_other(side):
     reversed_ = both.mean.copy()
     reversed_[face_face.M if side == "environment" else face_face.N] *= -1.0
     known_map = Map(**{f"listed_{side}": (NamedElement("table", elements[side == "environment"]),)})
-    begins = propose_births(model, known_map, None, 0.0, Frame.around(Origins.zero(), np.zeros(3)))
+    world = GrowingMap(1.0).with_prior(known_map.prior)
+    begins = propose_births(model, known_map, world.whole, 0.0, Frame.around(Origins.zero(), np.zeros(3)))
     turn = poses.rotation[0]
     bank = add(
         blank(model, 1).replace_columns(x=reversed_),
@@ -81,7 +83,8 @@ def test_a_known_face_determines_the_normal_of_the_other(side):
     )
     knows = bank.prior_index > 0
     assert knows.any()
-    np.testing.assert_allclose(bank.x[knows, :6], [both.mean[:6]] * knows.sum(), atol=1e-9)
+    sense = np.sign(bank.x[knows, :1] * both.mean[0])  # both normals may be reversed
+    np.testing.assert_allclose(sense * bank.x[knows, :6], [both.mean[:6]] * knows.sum(), atol=1e-9)
     np.testing.assert_array_equal(bank.x[~knows], [reversed_] * (~knows).sum())
 
 

@@ -127,7 +127,8 @@ class OfflineTracker:
             return report
         world = self._record.state.map  # which judges the map of another recording
         findings = (finding for finding in report.findings if finding.kind != "map")
-        return report._replace(findings=(*findings, *map_findings(world)), map_use=map_use(world))
+        about_map = map_findings(world, self._known_map)
+        return report._replace(findings=(*findings, *about_map), map_use=map_use(world, self._known_map))
 
     @property
     def _model(self) -> Model:

@@ -1,7 +1,6 @@
 """Further contacts in the ticks of a segment whose first contact is known (docs/theory.md, section 18)."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -21,15 +20,15 @@ from contact_tracker.explanations.conditional_contact import (
     relaxed,
     search,
 )
-from contact_tracker.geometry.elements import ContactGeometry, Element, canonical, opposite
+from contact_tracker.geometry.elements import ContactGeometry
 from contact_tracker.geometry.lifted_pose import T
 from contact_tracker.hypotheses import refinement
 from contact_tracker.hypotheses.bank import blank
+from contact_tracker.hypotheses.births import combine_with_listed
 from contact_tracker.hypotheses.evidence import DECISIVE, SAME_FIT_RATIO, complexity, weak_prior
 from contact_tracker.hypotheses.observability import fitted_contact
 from contact_tracker.hypotheses.refit import accumulate_window
-from contact_tracker.map.elements import is_same_element
-from contact_tracker.map.map import Map, NamedElement
+from contact_tracker.map.map import Map
 from contact_tracker.motion.window import DIRECTIONS, used_directions
 from contact_tracker.states import Contact
 
@@ -348,18 +347,7 @@ def _inseparable_kinds(
 def named_by(known_map: Map, geometry: ContactGeometry) -> ContactGeometry | None:
     """The geometry with the names of elements of the map that agree with it within their uncertainty; None if
     a complete map lacks them."""
-    named = ContactGeometry(
-        _named(geometry.object, known_map.listed_object),
-        _named(geometry.environment, known_map.listed_environment),
-    )
+    named = combine_with_listed(geometry, known_map)
     complete = known_map.object_complete, known_map.environment_complete
     is_unlisted = any(name is None and only for name, only in zip(named.names, complete, strict=True))
     return None if is_unlisted else named
-
-
-def _named(element: Element, named: Sequence[NamedElement]) -> Element:
-    for listed in (entry for entry in named if not entry.is_covered):
-        for side in (element, opposite(element)):  # the solid side of a plane is unknown
-            if type(listed.element) is type(side) and is_same_element(side, listed.element):
-                return replace(side, name=listed.name)
-    return canonical(element)

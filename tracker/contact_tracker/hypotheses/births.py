@@ -23,6 +23,7 @@ from contact_tracker.geometry.elements import (
     Pair,
     Plane,
     canonical,
+    opposite,
 )
 from contact_tracker.geometry.lifted_pose import R
 from contact_tracker.geometry.linalg import LEAST_SHARE
@@ -35,6 +36,7 @@ from contact_tracker.hypotheses.evidence import (
     residual_noise,
 )
 from contact_tracker.map.association import MapView
+from contact_tracker.map.elements import combined, is_same_element
 from contact_tracker.map.map import Map, NamedElement, Up
 from contact_tracker.map.pairs import (
     Frame,
@@ -307,6 +309,26 @@ def _fill_open(pair: NamedPair, object: NamedElement | None, environment: NamedE
     """The ``pair`` with these elements where it leaves them open."""
     environment = pair.environment or environment
     return NamedPair(pair.object or object, environment, pair.log_share, None if environment else pair.up)
+
+
+def combine_with_listed(geometry: ContactGeometry, known_map: Map) -> ContactGeometry:
+    """The geometry, estimated without listed elements, with those from which it differs by no more than the
+    uncertainty of both (T28)."""
+    return ContactGeometry(
+        _combined(geometry.object, known_map.listed_object),
+        _combined(geometry.environment, known_map.listed_environment),
+    )
+
+
+def _combined(estimate: Element, listed: Sequence[NamedElement]) -> Element:
+    """An estimate, combined with the first of the ``listed`` elements with which it agrees; the solid side of
+    an estimated plane is unknown."""
+    for named in (
+        entry for entry in listed if not entry.is_covered and type(entry.element) is type(estimate)
+    ):
+        if any(is_same_element(side, named.element) for side in (estimate, opposite(estimate))):
+            return replace(combined(named.element, estimate), name=named.name)
+    return canonical(estimate)
 
 
 def name_elements(geometry: ContactGeometry, pair: NamedPair) -> ContactGeometry:

@@ -30,13 +30,14 @@ from contact_tracker.geometry.lifted_pose import R, T
 from contact_tracker.geometry.linalg import cross
 from contact_tracker.hypotheses import gauss_newton
 from contact_tracker.hypotheses.bank import Bank
-from contact_tracker.hypotheses.births import name_elements
+from contact_tracker.hypotheses.births import combine_with_listed, name_elements
 from contact_tracker.hypotheses.evidence import EvidenceParameters, weak_prior
 from contact_tracker.hypotheses.refit import anchors_of
 from contact_tracker.hypotheses.schedule import REST_WEIGHT
 from contact_tracker.map.association import ElementEstimate
 from contact_tracker.map.elements import LOOSE_M, LOOSE_RAD
-from contact_tracker.map.pairs import NamedPair
+from contact_tracker.map.map import EMPTY_MAP, Map
+from contact_tracker.map.pairs import named_pairs
 from contact_tracker.motion.window import Window
 from contact_tracker.states import Contact
 
@@ -345,7 +346,7 @@ class FittedContact:
     rotation : (3, 3) of the body in the last tick.
     origins : origins of the bank's coordinates.
     systematic : covariance (S, S) of x by errors that are not noise.
-    pair : the pair of known elements that it assumes; None without names.
+    known_map : has the names of elements.
     information : as in ``observed_geometry``.
     """
 
@@ -356,7 +357,7 @@ class FittedContact:
     rotation: Array
     origins: Origins
     systematic: Array
-    pair: NamedPair | None
+    known_map: Map
     information: Array | None
 
     def __repr__(self) -> str:
@@ -371,7 +372,9 @@ class FittedContact:
             body_m = bank.weighted_position_sum[0] / bank.weight[0]
             local = ContactGeometry(by_foot(local.object, np.zeros(3)), by_foot(local.environment, body_m))
         geometry = _in_users_frames(local, self.rotation, self.origins)
-        return geometry if self.pair is None else name_elements(geometry, self.pair)
+        if self.known_map.fixes_elements:  # otherwise the hypothesis assumes elements of the map that grows
+            return name_elements(geometry, named_pairs(self.known_map, model)[bank.known_pair_index[0]])
+        return combine_with_listed(geometry, self.known_map)
 
 
 def fitted_contact(
@@ -383,7 +386,7 @@ def fitted_contact(
     origins: Origins,
     errors: SystematicErrors,
     information: Array | None = None,
-    pair: NamedPair | None = None,
+    known_map: Map = EMPTY_MAP,
 ) -> FittedContact:
     """The fit of hypothesis ``row`` of a bank.
 
@@ -397,7 +400,7 @@ def fitted_contact(
         )
     turn = window.zeta[-1, R].reshape(3, 3)
     return FittedContact(
-        hypothesis, model.contact, scales, window.variance, turn, origins, systematic, pair, information
+        hypothesis, model.contact, scales, window.variance, turn, origins, systematic, known_map, information
     )
 
 

@@ -12,6 +12,7 @@ from math import inf, sqrt
 from typing import Final
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from contact_tracker.contacts import ContactModel, face_face
 from contact_tracker.geometry import linalg
@@ -242,6 +243,19 @@ class LearnedElements:
     def __bool__(self) -> bool:
         return bool(self.elements)
 
+    def with_elements(self, elements: Iterable[tuple[int, Element]]) -> "LearnedElements":
+        """The same with further elements of a side, with covariances, as if one contact had touched each."""
+        known, counts, outward = dict(self.elements), dict(self.counts), dict(self.outward)
+        blocks = [self.information]
+        for side, element in elements:
+            key = side, 1 + max((number for _, number in known), default=0)
+            known[key], counts[key] = MapElement.of(element), 1
+            free = known[key].parameters()[1]
+            blocks.append(np.asarray(np.linalg.inv(free.T @ covariance_of(element) @ free)))
+            if isinstance(element, Plane):
+                outward[key] = element.normal
+        return replace(self, elements=known, counts=counts, information=block_diag(*blocks), outward=outward)
+
     @property
     def slots(self) -> dict[Key, slice]:
         """Rows of the free coordinates of each element."""
@@ -362,6 +376,17 @@ def mahalanobis(first: Element, second: Element) -> float:
     relative = covariance / (sd[:, None] * sd)
     np.fill_diagonal(relative, 1.0)  # also of a coordinate that is exact, as of a line through a known point
     return float(np.linalg.norm(whitening(relative, 0) @ (off / sd)))
+
+
+def combined(listed: Element, estimate: Element) -> Element:
+    """The mean and covariance of an element by two independent estimates, with the sense of the first."""
+    if isinstance(listed, Line) and isinstance(estimate, Line):
+        estimate = _aligned(estimate, listed)
+    start, end = MapElement.of(listed), MapElement.of(estimate)
+    free = start.parameters()[1]
+    own, other = (free.T @ covariance_of(element) @ free for element in (listed, estimate))
+    gain = np.linalg.solve(own + other, own).T
+    return start.moved(gain @ start.change_to(end)).with_covariance(own - gain @ own)
 
 
 def distance_of_planes_m(first: Plane, second: Plane) -> float:

@@ -99,6 +99,23 @@ class Map:
         listed = bool(self.listed_object or self.listed_environment) or self.up is not None
         return listed or self.environment_complete or self.object_complete
 
+    @cached_property
+    def fixes_elements(self) -> bool:
+        """Whether a side is complete, or a single pose shows if listed elements touch; otherwise the map of a
+        recording begins with them."""
+        return self.shows_touch or self.environment_complete or self.object_complete
+
+    @cached_property
+    def prior(self) -> LearnedElements:
+        """The elements with which the map of a recording begins: those learned, and those listed unless they
+        are fixed."""
+        if self.fixes_elements:
+            return self.learned
+        sides = self.listed_object, self.listed_environment
+        return self.learned.with_elements(
+            (side, named.element) for side in (0, 1) for named in sides[side] if not named.is_covered
+        )
+
     @property
     def shows_touch(self) -> bool:
         """Whether a single pose shows if listed elements touch: there are some on both sides."""

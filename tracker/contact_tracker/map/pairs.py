@@ -208,17 +208,18 @@ def _facing(up: Up) -> Element:
 
 @lru_cache(maxsize=64)
 def named_pairs(known_map: Map, model: ContactModel) -> tuple[NamedPair, ...]:
-    """All pairs that a contact may touch by what has names; empty if the map rules the contact out."""
+    """All pairs that a contact may touch by elements that are fixed; empty if the map rules it out."""
     if not known_map.allows(model.contact):
         return ()
     kinds = kinds_of(model)
+    bodies, worlds = known_map.listed_object, known_map.listed_environment
+    if not known_map.fixes_elements:  # the map of the recording has them
+        bodies, worlds = (), ()
     up = known_map.up if kinds[1] == "f" else None
     return tuple(
         NamedPair(body, world, body_share + world_share, up if world is None else None)
-        for body, body_share in _choices(known_map.listed_object, kinds[0], known_map.object_complete)
-        for world, world_share in _choices(
-            known_map.listed_environment, kinds[1], known_map.environment_complete
-        )
+        for body, body_share in _choices(bodies, kinds[0], known_map.object_complete)
+        for world, world_share in _choices(worlds, kinds[1], known_map.environment_complete)
     )
 
 

@@ -84,14 +84,14 @@ def predict_transitions(
     proposals = _proposals(state, Frame.around(state.origins, window.zeta[-1, T]))
     log_odds = np.zeros(len(STATES))
     exposure = max(window.latest_motion_ratio, REST_EXPOSURE) + state.deferred_exposure
-    if state.known_map.lists_elements:  # known elements come into contact by any displacement, however smooth
+    if state.known_map.fixes_elements:  # known elements come into contact by any displacement, however smooth
         exposure = max(exposure, window.displacement_ratio)
     ordinary = tick_transitions(model, exposure)
     transition, survival = lift_after_rest(ordinary) if rest.ends else ordinary
     if state.knows_elements:
         extra_variance = model.noise.extra_contact_variance
         proposals, odds, gain = weigh_births(proposals, window, extra_variance, state.scales)
-        if not state.known_map.lists_elements:
+        if not state.known_map.fixes_elements:
             odds, gain = share_with_faces(odds, gain, model.geometry.revisit_prior)
         log_odds[:-1] = odds
         transition, survival = reweight_transitions(transition, survival, log_odds[:-1], gain)
@@ -172,7 +172,7 @@ def pairs_touched_elsewhere(
         for s in state.map.sightings
         if (s.first < end and s.end > first) or not (shown is None or any(map(s.is_part_of, shown)))
     )
-    is_anything_known = state.known_map.lists_elements or len(within) < len(state.map.sightings)
+    is_anything_known = state.known_map.fixes_elements or len(within) < len(state.map.sightings)
     if label is Contact.FREE or not is_anything_known:
         return None
     frame = Frame.around(state.origins, window.zeta[:, T].mean(axis=0))
@@ -317,7 +317,7 @@ def is_uninformative(state: FilterState, tick: Tick, window: Window, rest: Newes
     strength of motion is known. Births at such a tick can wait for the next informative one without changing
     the posterior. With known elements every tick is informative, since it shows whether they touch; with
     elements of the map, every tick up to the one that completes a rest, except after a gap."""
-    if state.belief is None or state.known_map.lists_elements or tick.innovation_excess != NO_EXCESS:
+    if state.belief is None or state.known_map.fixes_elements or tick.innovation_excess != NO_EXCESS:
         return False
     if state.window.innovation_excess[-1].any() or rest.ends:
         return False

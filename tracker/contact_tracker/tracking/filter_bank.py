@@ -528,10 +528,10 @@ class Report(NamedTuple):
     moved_s: float = 0.0
 
 
-def map_use(world: GrowingMap) -> str:
+def map_use(world: GrowingMap, known_map: Map) -> str:
     """How many contacts touch elements of the map of another recording, in words; empty without one, and if
     it explains no contact (``map_findings``)."""
-    if not world.prior or len(world.unused_sides) == 2:
+    if not known_map.learned or len(world.unused_sides) == 2:
         return ""
     body, environment = (
         sum(pair[side] in world.prior.elements for pair in world.pairs.values()) for side in (0, 1)
@@ -540,9 +540,9 @@ def map_use(world: GrowingMap) -> str:
     return f"the learned map is used: of {len(world.pairs)} sure contacts {touches}"
 
 
-def map_findings(world: GrowingMap) -> tuple[Finding, ...]:
+def map_findings(world: GrowingMap, known_map: Map) -> tuple[Finding, ...]:
     """Sides on which the map of another recording explains no contact."""
-    if not world.unused_sides:
+    if not world.unused_sides or not known_map.learned:
         return ()
     what, of = {
         (0,): ("what the learned map has of the object", "object"),
@@ -563,12 +563,12 @@ def report_of(filters: FilterBank, is_decided: bool, findings: tuple[Finding, ..
     share = chosen.noise.estimate_share
     noise = share * estimate.sigma_position_m, share * estimate.sigma_rotation_rad
     lasting = chosen.noise.wander_position_m, chosen.noise.wander_rotation_rad
-    findings = (*findings, *map_findings(best.map))
+    findings = (*findings, *map_findings(best.map, filters.known_map))
     # at rest poses may repeat, and repeated ones do not lower the noise of a tick
     period_s = usual_period_s(filters.latest_ns)
     many = max(typical, chosen.tick_s / period_s) if period_s else typical
     figures, point_m = (noise, tick, lasting, many), tuple(filters.body_m.tolist())
-    use = map_use(best.map)
+    use = map_use(best.map, filters.known_map)
     return Report(
         filters.model, chosen, is_decided, *figures, findings, point_m, map_use=use, moved_s=filters.moved_s
     )

@@ -16,7 +16,6 @@ from contact_tracker.geometry.elements import ContactGeometry, Element, Plane, n
 from contact_tracker.geometry.lifted_pose import R
 from contact_tracker.map.association import log_prior_of_new
 from contact_tracker.map.elements import best_known_place, covariance_of
-from contact_tracker.map.map import Map
 from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion.tick_averaging import Tick
 from contact_tracker.states import STATES, Contact, united
@@ -69,10 +68,10 @@ def with_map(
     first = Segmentation.join(waiting)
     world, known_map, result = record.state.map, record.state.known_map, first
     allowed = known_map.allowed
-    if not known_map.lists_elements:
+    if not known_map.fixes_elements:
         result = _better_pass(record, executor) or first
         result = _with_touches(result, first, record.pace, record.state.model.certainty.posterior_power)
-    if not world.prior and not known_map.shows_touch:
+    if not known_map.shows_touch and {side for side, _ in world.prior.elements} != {0, 1}:
         result = _with_free_if_never_tilted(result, record.ticks)
     if world.untested_sides or any(world.prior_is_dropped):  # its price hid contacts in free motion
         result = _with_open(result, Contact.FREE, np.ones(len(result.beliefs), bool), lambda _: allowed)
@@ -128,8 +127,7 @@ def _pass(
 ) -> Segmentation:
     """A pass over the ticks of the first one with a map."""
     assert first.state is not None
-    possible = Map(states=first.state.known_map.states)
-    start = ContactFilter.start(first.state.model, known_map=possible)
+    start = ContactFilter.start(first.state.model, known_map=first.state.known_map)
     world = replace(world, origins=first.state.origins)
     start.state = start.state._replace(map=world, uses_later_contacts=True)
     return Segmentation.join(list(pieces(first.ticks, start, Segmenter(executor, record=record))))

@@ -7,7 +7,6 @@ import numpy as np
 from contact_tracker.arrays import Array
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.hypotheses.observability import FittedContact, fitted_contact
-from contact_tracker.map.pairs import named_pairs
 from contact_tracker.states import CONTACTS, STATES, Contact, united
 from contact_tracker.tracking import ambiguity
 from contact_tracker.tracking.belief import Belief
@@ -86,10 +85,11 @@ def label_fit(state: FilterState, label: Contact) -> FittedContact | None:
         return None
     bank, contact = state.banks[label.column], CONTACT_MODELS[label.column]
     row = int(state.best[label.column, 0])
-    pair = named_pairs(state.known_map, contact)[bank.rows["known_pair_index"][row]]
     window = state.window.with_error(state.model.noise.extra_contact_variance[label.column])
     errors, origins = state.model.systematic, state.origins
-    return fitted_contact(bank, row, contact, state.scales, window, origins, errors, pair=pair)
+    return fitted_contact(
+        bank, row, contact, state.scales, window, origins, errors, known_map=state.known_map
+    )
 
 
 def lagged_belief(state: FilterState, row: int) -> Belief:

@@ -36,7 +36,7 @@ from contact_tracker.hypotheses.refinement import refine
 from contact_tracker.map.association import ElementEstimate
 from contact_tracker.map.elements import is_same_element
 from contact_tracker.map.map import Map
-from contact_tracker.map.pairs import Frame, named_pairs
+from contact_tracker.map.pairs import Frame
 from contact_tracker.motion.free_motion import LONGEST_COAST_S, NOW_TICKS
 from contact_tracker.motion.window import Window, at_rest
 from contact_tracker.states import STATES, Contact, united
@@ -212,9 +212,8 @@ def _located(
     """The refined fit of a contact to a window, the information of its motion, and where its elements are."""
     scales = scales_of(segment.model)
     fitted, information = refine(fit, contact, window, scales)
-    pair = named_pairs(segment.known_map, contact)[fitted.known_pair_index[0]]
-    errors = segment.model.systematic
-    located = fitted_contact(fitted, 0, contact, scales, window, segment.origins, errors, information, pair)
+    parts = window, segment.origins, segment.model.systematic, information, segment.known_map
+    located = fitted_contact(fitted, 0, contact, scales, *parts)
     return fitted, information, located
 
 

@@ -108,7 +108,7 @@ class FilterState(NamedTuple):
     @property
     def knows_elements(self) -> bool:
         """Whether a pose shows if known elements touch."""
-        return bool(self.known_map.lists_elements or self.map.elements or self.map.contacts)
+        return bool(self.known_map.fixes_elements or self.map.elements or self.map.contacts)
 
     @property
     def current_pair(self) -> tuple[Key, Key] | None:
@@ -130,7 +130,7 @@ def start(model: Model, lag_s: float = 0.0, known_map: Map = EMPTY_MAP) -> Filte
     lag = round(lag_s / model.tick_s)
     length = lag + 1 if lag else 0
     banks = tuple(blank(contact, 0, length) for contact in CONTACT_MODELS)
-    empty = GrowingMap(model.geometry.reach_m).with_prior(known_map.learned)
+    empty = GrowingMap(model.geometry.reach_m).with_prior(known_map.prior)
     return FilterState(
         model,
         known_map,
