@@ -149,6 +149,13 @@ def are_exact(window: Window) -> bool:
     return bool(used.any() and np.median(variance) <= NOISY_M**2)
 
 
+def has_least_noise(window: Window) -> bool:
+    """Whether the noise of ticks is the least of the models rather than that of the poses."""
+    assert window.frames is not None
+    variance = window.variance[window.frames > 0.0, 0]
+    return bool(variance.size and np.median(variance) < 2.0 * LEAST_NOISE_M**2)
+
+
 def freedom_of(label: Contact, window: Window, onset: int) -> Freedom:
     """How far the motion since the onset uses the freedom that ``label`` leaves. Free motion also begins in
     one direction."""

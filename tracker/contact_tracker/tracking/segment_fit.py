@@ -41,7 +41,12 @@ from contact_tracker.motion.free_motion import LONGEST_COAST_S, NOW_TICKS
 from contact_tracker.motion.window import Window, at_rest
 from contact_tracker.states import STATES, Contact, united
 from contact_tracker.tracking import ambiguity
-from contact_tracker.tracking.ambiguity import curved_probabilities, is_mostly_curved
+from contact_tracker.tracking.ambiguity import (
+    CompetingEvidence,
+    Freedom,
+    curved_probabilities,
+    is_mostly_curved,
+)
 from contact_tracker.tracking.belief import FurtherContact, Segment
 from contact_tracker.tracking.segmentation import BELIEF, Beliefs
 from contact_tracker.tracking.state import scales_of
@@ -78,8 +83,9 @@ class SegmentTicks:
 @dataclass(frozen=True, eq=False)
 class SegmentFit:
     """The fit of one segment, with fields as in ``Belief``. ``curved`` is the probability in each tick (n,),
-    or (1,) in all of them, that free motion is on a curved surface; ``share`` (7,) is the share of each
-    indistinguishable contact in their total probability, if wrenches have decided it."""
+    or (1,) in all of them, that free motion is on a curved surface, 1 where it may be any contact; ``share``
+    (7,) is the share of each indistinguishable contact in their total probability, if wrenches have decided
+    it."""
 
     contact: Contact
     geometry: ContactGeometry | None
@@ -137,19 +143,48 @@ def fit_segment(segment: SegmentTicks) -> SegmentFit:
     return replace(fit, inseparable=rivals)
 
 
+PART_TICKS: Final = 30
+"""Ticks of free motion that are tested for contact together. Ten programs of a robot with 0.02 mm of noise
+that keep contact for 12 of 18 s are surely free for none of that, with 15 and 30, with 60 for 8 s in all, and
+without the test for 69 s. Six recordings of everyday handling are surely right for 0.493, 0.500 and 0.509."""
+
+
+def _rivals(label: Contact, window: Window, fits: Sequence[Bank]) -> tuple[CompetingEvidence, Freedom]:
+    """The evidence of the fits of all contacts to a window, and the freedom that its motion uses."""
+    evidence = np.array([*(fit.log_likelihood.max(initial=-np.inf) for fit in fits), 0.0])
+    rms = np.array([*(fit.rms.min(initial=np.inf) for fit in fits), 1.0])
+    return CompetingEvidence(evidence, rms), ambiguity.freedom_of(label, window, int(window.index[0]))
+
+
+def _may_touch_in_parts(segment: SegmentTicks) -> Array:
+    """In which ticks (n,) of free motion a contact explains the part around them as well (1 or 0).
+
+    Smooth motion of a machine is hardly larger than the least noise of ticks, which may be larger than that
+    of the poses. Then the prior decides, and the whole segment hides a contact in one of its parts.
+    """
+    window, may_touch = segment.window, np.zeros(len(segment.window))
+    if not ambiguity.has_least_noise(window):
+        return may_touch
+    last = max(len(window) - PART_TICKS, 0)
+    for first in {*range(0, last, PART_TICKS // 2), last}:
+        part = window.cut(first, first + PART_TICKS)
+        fits = [_fitted(contact, part, segment) for contact in CONTACT_MODELS]
+        if ambiguity.indistinguishable(Contact.FREE, *_rivals(Contact.FREE, part, fits)):
+            may_touch[first : first + PART_TICKS] = 1.0
+    return may_touch
+
+
 def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) -> SegmentFit:
     model, known_map, label = segment.model, segment.known_map, segment.contact
-    freedom = ambiguity.freedom_of(label, window, int(window.index[0]))
-    rivals = ambiguity.CompetingEvidence(
-        np.array([*(f.log_likelihood.max(initial=-np.inf) for f in fits), 0.0]),
-        np.array([*(f.rms.min(initial=np.inf) for f in fits), 1.0]),
-    )
+    rivals, freedom = _rivals(label, window, fits)
     inseparable = tuple(filter(known_map.allows, ambiguity.indistinguishable(label, rivals, freedom)))
     curved, none_fits, share = np.zeros(1), False, None
     if label is Contact.FREE:
         curved = curved_probabilities(segment.window, scales_of(model), known_map, segment.touched)
         none_fits = is_mostly_curved(curved) and not freedom.one_direction
         inseparable = known_map.allowed if none_fits else inseparable
+        if not inseparable:
+            curved = np.maximum(curved, _may_touch_in_parts(segment))
     if segment.wrenches is not None:
         evidence = segment.wrenches.log_evidence
         label, inseparable, share = ambiguity.decide_by_wrenches(label, inseparable, evidence)
