@@ -65,7 +65,6 @@ def test_every_equation_has_its_place_in_the_code() -> None:
 
 
 def test_errata_name_what_the_tests_show() -> None:
-    """Each row of the errata table has its test, and the other way round."""
     rows = re.findall(r"^\| \((\d+)\)", THEORY.partition("### Errata")[2].partition("###")[0], re.MULTILINE)
     tests = re.findall(
         r"def test_erratum_(\d+)_", (ROOT / "tests" / "paper" / "test_objectives.py").read_text("utf-8")

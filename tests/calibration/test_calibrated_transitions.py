@@ -6,7 +6,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from chain_oracle import NOTHING, N, noisy_trellis, prior, random_model, walk
+from chain_oracle import N, noisy_trellis, prior, random_model, walk
 from contact_tracker.config.parameters import TransitionCounts
 from contact_tracker.ground_truth import Truth, TruthInterval
 from contact_tracker.states import Contact
@@ -177,17 +177,6 @@ def test_evidence_excludes_the_durations_of_the_initial_model():
     assert expected[0].log_evidence == pytest.approx(expected[1].log_evidence)
     np.testing.assert_allclose(expected[0].changes, expected[1].changes, atol=1e-9)
     assert not expected[0].changes[:, FREE, FREE].any()
-
-
-def test_learning_does_not_use_earlier_counts():
-    rng = np.random.default_rng(10)
-    start = prior()
-    some = believed_chains(rng, random_model(rng), start, 0.4, 3)
-    once = learn_transitions(start, some)[0]
-    twice = learn_transitions(once, some)[0]
-    assert once.transitions.counts != NOTHING
-    np.testing.assert_allclose(twice.transitions.counts.changes, once.transitions.counts.changes, atol=0.05)
-    np.testing.assert_allclose(twice.transitions.counts.moving_s, once.transitions.counts.moving_s, atol=0.05)
 
 
 def test_ticks_take_their_label_from_the_truth_in_their_middle():

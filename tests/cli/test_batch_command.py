@@ -113,7 +113,6 @@ def test_a_killed_run_goes_on_to_the_same_dataset(
 
 
 def test_an_interrupt_ends_it_in_order(logs: Path, whole: dict[str, bytes], tmp_path: Path) -> None:
-    """All processes get it, as from a terminal; what was recorded is in the summary."""
     dataset = tmp_path / "dataset"
     with in_the_middle(logs, dataset) as process:
         os.killpg(process.pid, signal.SIGINT)

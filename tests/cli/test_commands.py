@@ -17,21 +17,18 @@ from mcap.writer import Writer
 from scipy.spatial.transform import Rotation
 
 from command_line import DEVNULL, ENVIRONMENT, PIPE, PROGRAM, ROOT, Done, run, started
-from contact_tracker.cli import info, main
 from contact_tracker.cli.arguments import output_file
 from contact_tracker.cli.commands import COMMANDS
 from contact_tracker.cli.main import LAB_COMMANDS
 from contact_tracker.cli.source import Source
 from contact_tracker.config.table_reading import AS_NAMED
-from contact_tracker.errors import ChoiceError, UsageError
+from contact_tracker.errors import UsageError
 from contact_tracker.ground_truth import Truth
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log, write_recording
 from contact_tracker.states import STATES
-from contact_tracker.tracker import Tracker
-from contact_tracker.tracking.belief import Belief, Detail
 from mcap_logs import START_NS as LOGS_START_NS
-from mcap_logs import Topic, poses_topic, smooth_poses, tf_topic, transform, write_log
+from mcap_logs import Topic, poses_topic, smooth_poses, tf_topic, write_log
 
 NAMES = [state.value for state in STATES]
 RATE_HZ = 100
@@ -303,21 +300,6 @@ def test_a_full_disk_under_stdout_is_one_line_and_1(log: Path) -> None:
     assert line.startswith("contact-tracker: error: cannot write")
 
 
-def test_a_signal_leaves_no_partial_file(log: Path, tmp_path: Path) -> None:
-    number = signal.SIGHUP
-    words = "segment", "-", "-o", tmp_path / "out.csv"
-    with started(*words, stdin=PIPE, preexec_fn=lambda: signal.signal(number, signal.SIG_DFL)) as process:
-        process.stdin.write(log.read_bytes())  # and there may be more
-        process.stdin.flush()
-        while not any(tmp_path.iterdir()):
-            assert process.poll() is None
-            time.sleep(0.01)
-        process.send_signal(number)
-        process.wait(timeout=30)
-    assert process.returncode == 128 + number
-    assert not any(tmp_path.iterdir())
-
-
 def test_view_of_a_pipe_has_every_pose(log: Path, tmp_path: Path) -> None:
     done = run("view", "-", "--save", tmp_path / "a.rrd", stdin=log.read_bytes())
     assert (done.returncode, done.stdout) == (0, ""), done.stderr
@@ -378,26 +360,6 @@ def test_a_pipe_in_a_folder_is_not_waited_for(log: Path, tmp_path: Path) -> None
     assert_one_line_error(done, 2, "a.mcap is not a regular file")
 
 
-@pytest.mark.parametrize(("start", "duration"), [(0.4, None), (0.1, 0.25), (9.0, None), (0.2, 1e-9)])
-def test_an_interval_is_the_same_in_columns(tmp_path, monkeypatch, start, duration):
-    monkeypatch.setattr("contact_tracker.recording.log.BATCH", 16)
-    path = str(write_log(tmp_path / "a.mcap", [poses_topic(smooth_poses(120))]))
-    args = argparse.Namespace(log=path, start=start, duration=duration, table=AS_NAMED)
-
-    def read(columns):
-        log = open_log(path)
-        source = Source(log, args.log, args)
-        try:
-            batches = source.batches() if columns else (arrival.poses for arrival in source.arrivals())
-            poses = [pose for batch in batches for pose in batch]
-        except ChoiceError as error:
-            poses = str(error)
-        return poses, log.origin_ns, log.first_ns, log.last_ns, log.valid
-
-    assert read(columns=True) == read(columns=False)
-    assert (read(columns=True)[-1] == 0) == (start > 1.0)
-
-
 def test_a_suspicion_that_lasts_is_said_once(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
     args = argparse.Namespace(log=str(log), start=0.0, duration=None, table=AS_NAMED)
     source = Source(open_log(str(log)), args.log, args)
@@ -424,32 +386,6 @@ def test_info_reads_a_file_of_many_sources_once(tmp_path: Path, monkeypatch: pyt
     assert "tracking" in single.stdout
     assert run("info", path, "--frame", "nothing").returncode == 2
 
-
-def test_info_of_many_bodies_takes_little_longer_than_of_one(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Each is tracked for its share of the updates that one has."""
-    poses, kind = smooth_poses(1500), "geometry_msgs/msg/TransformStamped"
-    bodies = [
-        Topic(f"/{name}", kind, [(pose.stamp_ns, transform(*pose, "world", name)) for pose in poses])
-        for name in "abc"
-    ]
-    path, updates, add = str(write_log(tmp_path / "x.mcap", bodies)), list[int](), Tracker.add
-
-    def counted(tracker: Tracker, batch: Poses, detail: Detail) -> list[Belief]:
-        beliefs = add(tracker, batch, detail)
-        updates.append(len(beliefs))
-        return beliefs
-
-    monkeypatch.setattr(Tracker, "add", counted)
-    monkeypatch.setattr(info, "MOST_UPDATES", 150)
-    assert main.run(["info", path]) == 0
-    out = capsys.readouterr().out
-    assert out.count("tracking  noise") == out.count("too short a part was read to estimate") == 3
-    assert 10 < sum(updates) < 150 // 3
-
-
-# --- a stream that carries on ----------------------------------------------------------------------------
 
 RECORDING = ROOT / "recordings" / "vision_30hz.mcap"
 
@@ -523,12 +459,10 @@ def test_a_live_stream_that_waits_ends_at_once_and_loses_no_pose(tmp_path: Path)
     "words", ["segment {} -o /proc/x.csv", "live {} --state /proc/x.state", "batch {} -o /proc/x"]
 )
 def test_an_output_that_cannot_be_made_is_wrong_usage(log: Path, words: str) -> None:
-    """As one in a folder that does not exist: another name would do, and it is known before the work."""
     assert_one_line_error(run(*words.format(log).split()), 2, "the folder /proc is not writable")
 
 
 def test_a_state_that_does_not_fit_is_refused_in_one_line(log: Path, tmp_path: Path) -> None:
-    """That of another source names both as sources are named."""
     state, other = tmp_path / "s.state", tmp_path / "other.mcap"
     run("live", log, "--state", state)
     write_log(other, [poses_topic(smooth_poses(60), "/other")])
@@ -541,18 +475,6 @@ def test_a_state_that_does_not_fit_is_refused_in_one_line(log: Path, tmp_path: P
     assert_one_line_error(run("live", log, "--state", state), 1, "it is damaged")
     assert_one_line_error(run("live", log, "--state", tmp_path), 1, "it is a folder")
     assert_one_line_error(run("live", log, "--state", tmp_path / "none" / "s.state"), 2, "no folder")
-
-
-def test_a_table_resumes_from_its_next_part_in_another_folder(tmp_path: Path) -> None:
-    poses, state = smooth_poses(120), tmp_path / "s.state"
-    for i, part in enumerate((poses[:60], poses[60:])):
-        path = tmp_path / f"{i}" / "a.csv"
-        path.parent.mkdir()
-        numbers = np.column_stack([1e-9 * part.stamp_ns, part.position_m, part.quat_xyzw])
-        np.savetxt(path, numbers, "%.9f", ",", header="time [s],x,y,z,qx,qy,qz,qw", comments="")
-        done = run("live", path, "--state", state)
-        assert done.returncode == 0, done.stderr
-    assert f"resumed from {state}" in done.stderr
 
 
 @pytest.mark.parametrize("later_s", [0.1, 40.0])

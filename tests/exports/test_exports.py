@@ -162,7 +162,6 @@ def test_data_frames_of_both_libraries_are_equal_with_one_schema(result, poses, 
 
 
 def test_rows_of_json_have_the_same_keys_and_types_for_all_contacts(folder, result) -> None:
-    """Arrow reads all of them, with complete elements."""
     rows = [json.loads(line) for line in (folder / "out.jsonl").read_text().splitlines()]
     assert [row["contact"] for row in rows] == [b.contact.value for b in result.beliefs]
     table = read_json(folder / "out.jsonl")
@@ -494,7 +493,6 @@ def test_a_saved_result_is_loaded_whole(folder, result, tmp_path, monkeypatch) -
 @pytest.mark.long
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 def test_a_forged_result_is_refused_or_can_be_used(result, tmp_path) -> None:
-    """Whatever one of its values is."""
     trajectory = result.trajectory[0:3.0]
     contact_tracker.segment(trajectory).save(tmp_path / "a.contacts")
     refused = 0

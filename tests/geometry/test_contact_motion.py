@@ -11,7 +11,6 @@ from scipy.spatial.transform import Rotation
 from contact_tracker.contacts.contact_motion import (
     STICK_SLIP,
     ContactMotion,
-    _marginal_covariances,
     contact_motion,
     smooth_rates,
 )
@@ -180,20 +179,6 @@ def test_few_ticks_and_parallel_edges_say_nothing() -> None:
     assert contact_motion(parallel, stamps, TIME_S, quat_xyzw, place, variance) is None
     few = (one[:3] for one in (stamps, TIME_S, quat_xyzw, place, variance))
     assert contact_motion(GEOMETRY["v-f"], *few) is None
-
-
-def test_covariances_of_ticks_are_those_of_the_dense_inverse() -> None:
-    rng = np.random.default_rng(3)
-    root = rng.normal(size=(6, 60))
-    root[0] = rng.uniform(2.0, 3.0, 60)
-    for offset in range(1, 6):  # of blocks of three, each beside the next one
-        inside = np.arange(60) % 3 + offset < 6
-        root[offset] *= 0.3 * (inside & (np.arange(60) < 60 - offset))
-    lower = sum(np.diag(root[offset, : 60 - offset], -offset) for offset in range(6))
-    expected = np.linalg.inv(lower @ lower.T)
-    for tick, covariance in enumerate(_marginal_covariances(root)):
-        rows = slice(3 * tick, 3 * tick + 3)
-        np.testing.assert_allclose(covariance, expected[rows, rows], rtol=1e-9, atol=1e-12)
 
 
 def test_a_long_contact_takes_memory_for_its_ticks_only() -> None:

@@ -117,12 +117,6 @@ def test_ill_conditioned_fits_agree(model, kind, seed):
 
 
 @each_model
-def test_each_window_takes_its_own_steps(model):
-    steps = np.arange(COUNT) % 4
-    assert_same_fits(*both_fits(model, problem(model, np.random.default_rng(3)), steps), 1e-7)
-
-
-@each_model
 def test_nan_stays_in_its_row(model):
     given_ = list(problem(model, np.random.default_rng(4)))
     whole = kernels.minimise(model, *given_, 3)

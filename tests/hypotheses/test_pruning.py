@@ -7,17 +7,14 @@ from typing import Final
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 import pruning
 from contact_tracker.config.loading import load_model
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.hypotheses import compiled
 from contact_tracker.hypotheses.bank import blank
 from contact_tracker.hypotheses.births import Birth, add, uninformed_proposal
-from contact_tracker.hypotheses.evidence import DECISIVE, SAME_FIT_RATIO
 from contact_tracker.hypotheses.global_search import is_due, prune, select_for_search
-from contact_tracker.hypotheses.refit import accumulate, are_near, recover_fallen, refit
+from contact_tracker.hypotheses.refit import are_near
 from contact_tracker.hypotheses.schedule import (
     IS_SEARCH_AGE,
     NEAR_NATS,
@@ -27,19 +24,11 @@ from contact_tracker.hypotheses.schedule import (
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log
 from contact_tracker.states import STATES, Contact
-from contact_tracker.tracking.state import scales_of
-from pose_filter import after as after_tick
 from pose_filter import forward
 from short_recordings import FACE_TO_EDGE, MODEL, recorded
 
 EDGE_FACE: Final = CONTACT_MODELS[Contact.EF.column]
 SHIPPED: Final = sorted((Path(__file__).parents[2] / "recordings").glob("[rv]*.mcap"))
-
-
-KERNELS_OR_NOT: Final = [
-    False,
-    pytest.param(True, marks=pytest.mark.skipif(not compiled.in_use(), reason="no kernels")),
-]
 
 
 @pytest.mark.long
@@ -101,33 +90,6 @@ def test_margins_are_relative_to_the_best_and_known_elements_have_no_burn_in():
 def ticks_seen():
     """A recording, tick by tick."""
     return list(forward(recorded(FACE_TO_EDGE).poses[:860], MODEL))
-
-
-@pytest.mark.parametrize("in_use", KERNELS_OR_NOT)
-def test_falling_hypotheses_are_refitted_until_they_fit(in_use, monkeypatch):
-    """In the same tick, with more steps than others."""
-    model, scales, ticks = EDGE_FACE, scales_of(MODEL), ticks_seen()
-    monkeypatch.setattr(compiled, "in_use", lambda: in_use)
-    state, window = ticks[39].state, ticks[40].state.window
-    assert not is_due(model, 40)
-    bank = state.banks[model.contact.column]
-    near = (bank.log_weight > -NEAR_NATS) & (bank.effective_ticks > 10.0)
-    off = model.turned(bank.x, Rotation.from_rotvec([0.9, 0.0, 0.0]).as_matrix())
-    displaced = bank.replace_columns(x=np.where(near[:, None], off, bank.x))
-    stepped = refit(accumulate(displaced, model, window, scales), model, window, scales)
-    fallen = near & (stepped.log_weight < bank.log_weight - DECISIVE) & (stepped.rms > SAME_FIT_RATIO)
-    assert fallen.any()
-    state = state._replace(
-        banks=(*state.banks[: model.contact.column], displaced, *state.banks[model.contact.column + 1 :])
-    )
-    after = after_tick(state, ticks[40].tick)[0].banks[model.contact.column]
-    right = ticks[40].state.banks[model.contact.column]
-    for number in bank.number[fallen]:
-        assert after.log_weight[after.number == number] == pytest.approx(
-            right.log_weight[right.number == number], abs=0.2
-        )
-    far = recover_fallen(stepped, bank.log_weight - 1.1 * NEAR_NATS, model, window, scales)
-    np.testing.assert_array_equal(far.words, stepped.words)
 
 
 def test_young_hypotheses_are_pruned_only_after_a_search():

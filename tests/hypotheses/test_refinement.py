@@ -16,7 +16,6 @@ from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.geometry.elements import Plane
 from contact_tracker.geometry.lifted_pose import lift
 from contact_tracker.hypotheses.bank_update import fit_window
-from contact_tracker.hypotheses.observability import MOST_TICKS, added_covariance, representatives
 from contact_tracker.hypotheses.refinement import (
     Ar1Noise,
     estimate_ar1,
@@ -127,9 +126,6 @@ def test_frames_of_the_previous_contact_do_not_bias_the_geometry():
     assert deviation(early.object, true.object, np.zeros(3)).sd < 3.0
 
 
-# --- the bound itself --------------------------------------------------------------------------------------
-
-
 @cache
 def simulated(contact):
     scenario = Scenario((Phase(contact, 3.0),), sigma_position_m=0.0, sigma_rotation_rad=0.0)
@@ -139,16 +135,6 @@ def simulated(contact):
 
 def bounds(contact, poses, sigma_m, sigma_rad):
     return cramer_rao(CONTACT_MODELS[contact.column], simulated(contact)[1], poses, (sigma_m, sigma_rad))
-
-
-def test_the_height_of_a_face_is_known_as_well_as_a_mean():
-    """For f-f: errors of angles turn the face about the body's mean position."""
-    poses, _ = simulated(Contact.FF)
-    of_environment = bounds(Contact.FF, poses, 1e-3, 1e-2)[1]
-    assert np.sqrt(of_environment[2, 2]) == pytest.approx(1e-3 / np.sqrt(len(poses)), rel=1e-3)
-
-
-# --- little to go by ---------------------------------------------------------------------------------------
 
 
 @each_contact
@@ -248,43 +234,6 @@ def test_what_exact_poses_do_not_show_is_as_wide_as_the_prior_with_errors_too(co
     covariance, _ = covariances(flat, contact, with_errors(1e-2, 1e-2))
     sd_m = np.sqrt(np.linalg.eigvalsh(covariance[3:, 3:])[-1])  # of a line's point, or a plane's offset
     assert 0.9 < sd_m / SHIPPED.geometry.reach_m < 1.01
-
-
-def test_directions_without_information_and_huge_errors_are_no_fault():
-    """Not even where errors are so large that rounding makes a sum singular."""
-    errors = with_errors(1.0, 1.0).systematic
-    zeta = np.tile(lift(np.eye(3), np.zeros(3)), (5, 1))
-    by_error = np.zeros((6, 3, 5))
-    by_error[:, 0] = 1e12
-    information = np.diag([1e10, 1e-9, 0.0])
-    added = added_covariance(information, np.diag([1.0, 1.0, 1e-4]), by_error, zeta, errors)
-    assert np.isfinite(added).all()
-    assert 0.5 < added[0, 0] < 1.1
-    assert abs(added[2, 2]) < 1.0
-
-
-@pytest.mark.parametrize("information", [1e2, 1e6, 1e12])
-def test_errors_add_no_more_than_the_prior_allows_where_exact_poses_show_nothing(information):
-    """Four of six directions are observed, which are no axes of the parameters; the errors are 1 mm."""
-    rng, prior = np.random.default_rng(0), np.diag([11.0, 11.0, 11.0, 1.0, 1.0, 1.0])
-    seen = np.linalg.qr(rng.normal(size=(6, 4)))[0]
-    slopes = rng.normal(size=(30, 6)) @ seen @ seen.T
-    by_error = np.zeros((6, 6, 30))
-    by_error[3] = information * slopes.T
-    zeta, errors = rng.normal(size=(30, 25)), with_errors(1e-3, 0.0).systematic
-    added = added_covariance(information * slopes.T @ slopes, prior, by_error, zeta, errors)
-    assert 1e-4 < np.sqrt(np.linalg.eigvalsh(added)[-1]) < 1e-3
-
-
-def test_ticks_that_represent_a_window_count_as_many_as_it_has():
-    rng, ticks = np.random.default_rng(0), 1000
-    excess = np.where(np.arange(ticks)[:, None] < 100, 1.0, 0.0) * np.ones(2)
-    window = Window(np.arange(ticks), rng.normal(size=(ticks, 25)), np.ones((ticks, 2)), excess)
-    some, count = representatives(window)
-    assert count.sum() == ticks
-    assert len(some) <= MOST_TICKS
-    assert (some.index < 100).sum() > 50
-    assert representatives(window.cut(0, 50))[0].index.tolist() == list(range(50))
 
 
 def test_online_and_offline_deviations_agree():

@@ -60,19 +60,8 @@ def smoothly(count: int) -> Array:
     return s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
 
 
-# --- what is dropped ---------------------------------------------------------------------------------------
-
 POSES = smooth_poses(1000)
 STRETCHES = [*range(0, 300), *range(400, 401), *range(500, 580), *range(990, 1000)]
-
-
-@pytest.mark.parametrize("where", [STRETCHES, range(0, 1000, 8), range(0, 1000, 3), range(1, 1000, 2)])
-@pytest.mark.parametrize("rate_hz", [30.0, 200.0, 1000.0])
-def test_the_origin_is_dropped_away_from_the_motion(where: Iterable[int], rate_hz: float) -> None:
-    poses = far_from_the_origin(smooth_poses(1000, rate_hz))
-    kept, counts = pass_through(hidden(poses, where, IDENTITY))
-    assert [p.stamp_ns for p in kept] == left_out(poses, where)
-    assert counts == {"default_pose": len(list(where))}
 
 
 def test_the_origin_with_the_last_orientation_is_dropped() -> None:
@@ -117,9 +106,6 @@ def test_the_origin_is_dropped_at_any_place_and_no_other_pose(
     kept, counts = pass_through(hidden(poses, where, reported))
     assert [p.stamp_ns for p in kept] == left_out(poses, where)
     assert counts.get("default_pose", 0) == len(where)
-
-
-# --- what is not -------------------------------------------------------------------------------------------
 
 
 def there_and_back(rest: int, count: int, reach_m: float) -> Array:
@@ -177,9 +163,6 @@ def test_a_spike_does_not_make_the_motion_look_away() -> None:
     rows[300] = rows[300]._replace(position_m=(9.0, 9.0, 9.0))
     kept, counts = pass_through(rows)
     assert (len(kept), counts) == (998, {"excursion": 2})
-
-
-# --- what waits --------------------------------------------------------------------------------------------
 
 
 def test_only_possible_default_poses_are_held() -> None:

@@ -1,8 +1,5 @@
 """The estimated sensor noise equals the simulated noise."""
 
-from dataclasses import replace
-from itertools import pairwise
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -53,63 +50,12 @@ def test_the_stream_corrects_a_wrong_model(rate_hz, sigma_m, sigma_rad, seconds,
 
 @pytest.mark.parametrize("tick", [1, 3, 20])
 def test_long_repeats_of_a_pose_do_not_reduce_the_noise(tick):
-    """With one frame per tick each repeats the pose of the tick before: the sensor is not free of noise."""
     poses = moving(np.random.default_rng(4), 60.0, 20.0, 3e-4, 2e-3)
     source = np.arange(len(poses)) // 10 * 10
     held = Poses(poses.stamp_ns, poses.position_m[source], poses.quat_xyzw[source])
     *_, estimate = streamed(held, tick, (3e-4, 2e-3))
     assert estimate.sigma_position_m > 1e-4
     assert estimate.sigma_rotation_rad > 1e-3
-
-
-def test_the_stream_in_any_portions_is_the_whole():
-    """Third differences extend over the ends of ticks: each is used once."""
-    poses = moving(np.random.default_rng(3), 5.0, 200.0, 3e-4, 2e-3)
-    ((whole, _),) = estimates(poses, len(poses), (1.0, 1.0))
-    for tick in (1, 7, 20):
-        *_, (portions, _) = estimates(poses, tick, (1.0, 1.0))
-        count = portions.differences.shape[1]
-        assert count > 0.9 * whole.differences.shape[1]
-        np.testing.assert_allclose(portions.differences, whole.differences[:, :count], rtol=1e-6, atol=1e-12)
-
-
-@each_sensor
-def test_estimates_at_intervals_equal_those_of_each_tick(monkeypatch, rate_hz, sigma_m, sigma_rad, seconds):
-    """The difference is far below the uncertainty of the estimate."""
-    off, unknown = [], []
-    for seed in range(21, 25):
-        poses = moving(np.random.default_rng(seed), 1.5 * seconds, rate_hz, sigma_m, sigma_rad)
-        tick, prior = max(1, round(rate_hz / 10.0)), (sigma_m, sigma_rad)
-        sigmas = []
-        for share in (sensor_noise.NEW_SHARE, 0.0):
-            monkeypatch.setattr(sensor_noise, "NEW_SHARE", share)
-            estimates_ = list(streamed(poses, tick, prior))
-            sigmas.append(
-                [(e.sigma_position_m / sigma_m, e.sigma_rotation_rad / sigma_rad) for e in estimates_]
-            )
-            monkeypatch.undo()
-            changes = sum(a is not b for a, b in pairwise(estimates_))
-            assert changes < 0.5 * len(estimates_) if share and tick < 40 else changes > 0.4 * len(estimates_)
-        off.append(np.log(sigmas[0]) - np.log(sigmas[1]))
-        unknown.append(np.log(sigmas[1]))
-    start = len(off[0]) // 5
-    error, doubt = (np.sqrt(np.mean(np.square(rows)[:, start:], axis=(0, 1))) for rows in (off, unknown))
-    assert (error < 0.4 * doubt).all()
-    assert (error < 0.01).all()
-
-
-def test_memory_is_bounded_and_the_noise_may_change():
-    rng = np.random.default_rng(4)
-    quiet, loud = moving(rng, 30.0, 100.0, 1e-4, 1e-3), moving(rng, 30.0, 100.0, 1e-3, 5e-3)
-    both = Poses.join([quiet, replace(loud, stamp_ns=loud.stamp_ns + 30 * 10**9)])
-    for state, _ in estimates(both, 10, (5e-4, 4e-3)):
-        assert state.differences.shape[1] <= sensor_noise.MEMORY
-        assert (
-            state.frame_count
-            <= sensor_noise.NEW_SHARE * sensor_noise.MEMORY * sensor_noise.STRIDE + 10 + sensor_noise.ORDER
-        )
-    *_, estimate = streamed(both, 10, (5e-4, 4e-3))
-    assert estimate.sigma_position_m == pytest.approx(1e-3, rel=0.1)
 
 
 def test_two_percent_of_outliers_hardly_matter():

@@ -30,9 +30,6 @@ def skew(rotation):
     return np.block([[o, r3, -r2], [-r3, o, r1], [r2, -r1, o]])
 
 
-# --- direct form, Kronecker form, incidence -----------------------------------------------------------
-
-
 @each_contact
 @settings(max_examples=10, deadline=None)
 @given(seed=seeds)
@@ -61,9 +58,6 @@ def test_vanishes_where_the_elements_touch_and_only_there(contact, seed):
 def test_free_motion_has_no_objective():
     with pytest.raises(ValueError, match="free"):
         direct(Contact.FREE, *random_motion(np.random.default_rng(0)), np.zeros(4), np.zeros(4))
-
-
-# --- errata: what is printed disagrees with incidence, what is corrected agrees ------------------------
 
 
 def printed_7(rotation, p):
@@ -169,9 +163,6 @@ def test_erratum_21_columns_for_rows():
 def test_erratum_21_the_third_block_is_incomplete():
     rotation, p, o, e = one_touching_pose(Contact.EE)
     assert len(printed_21(rotation, p)) == len(np.kron(e, o)) - 3
-
-
-# --- minimisation --------------------------------------------------------------------------------------
 
 
 def noisy_window(contact, rng, sigma_m=3e-4, sigma_rad=2e-3, frames=200):
@@ -302,7 +293,6 @@ def test_minima_are_low_for_the_true_contact_and_contained_ones(contact):
 
 
 def test_a_window_without_neighbours_is_no_higher_than_slsqp():
-    """One in which the relaxed problems alone lead to a minimum that is higher by 40 %."""
     rng, model = np.random.default_rng(1), CONTACT_MODELS[Contact.EE.column]
     poses = simulate(Scenario((Phase(Contact.EE, 2.5),)), 3).poses
     position_m = poses.position_m - poses.position_m.mean(axis=0)

@@ -65,7 +65,6 @@ def test_each_motion_is_between_the_label_and_a_rival_and_the_same_in_both_frame
 
 
 def test_a_described_motion_is_the_finite_motion() -> None:
-    """A turn about the axis and a shift along it take the tracked point where the twist takes it."""
     _, filter_ = held_in(Contact.VF, 2, np.zeros(3))
     state = filter_.state
     zeta = state.window.zeta[-1]

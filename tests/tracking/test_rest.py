@@ -9,7 +9,6 @@ from scipy.spatial.transform import Rotation
 
 import as_values
 from contact_tracker.config.loading import load_model
-from contact_tracker.hypotheses.bank_update import LiveHypotheses
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.tick_averaging import EMPTY_PER_TICK, EMPTY_TICKS, TickGrid
 from contact_tracker.motion.window import rest_ticks
@@ -82,16 +81,6 @@ def test_rest_changes_no_hypothesis_and_opens_the_belief_once():
     assert all({Contact.VF, Contact.FREE}.isdisjoint(belief.inseparable) for belief in beliefs[opened:])
     assert beliefs[opened].probability.max() < 0.76 < beliefs[opened - 1].probability.max()
     assert not {*REMAIN_OPEN} <= {*ticks[waited[-1] + 1].belief.inseparable}
-
-
-def test_time_at_rest_counts_once_the_object_moves_on():
-    ticks = seen(5.0)
-    activity = [float(tick.state.window.motion_ratio[-1]) for tick in ticks]
-    exposed = np.array([tick.state.hazard_exposure for tick in ticks])
-    waited = still(ticks)
-    assert exposed[waited[-1] + 1] > len(waited) * REST_EXPOSURE
-    np.testing.assert_allclose(exposed.sum(), np.maximum(activity, REST_EXPOSURE).sum())
-    assert ticks[-1].state.deferred_exposure == 0.0
 
 
 def test_after_rest_the_belief_is_the_former_one_less_certain_by_time():
@@ -188,18 +177,6 @@ def test_a_quick_change_between_two_rests_is_where_it_is(tip_s: float) -> None:
     segments = segment(Poses(np.round(time_s * 1e9).astype(np.int64), position_m, quat_xyzw), MODEL).segments
     on_edge = next(one for one in segments if one.contact is Contact.EF)
     assert on_edge.start_ns * 1e-9 == pytest.approx(9.1, abs=0.4), segments
-
-
-def test_live_and_best_hypotheses_are_up_to_date_after_every_tick():
-    ticks = seen(5.0)
-    assert still(ticks)
-    for tick in ticks:
-        state = tick.state
-        for found, expected in zip(
-            state.live_hypotheses, LiveHypotheses.of(state.banks, state.ticks - 1), strict=True
-        ):
-            np.testing.assert_array_equal(found, expected)
-        np.testing.assert_array_equal(state.best, [bank.leader for bank in state.banks])
 
 
 # --- gaps in a stream: each is tracked for some seconds, tick by tick, in little time and memory ---

@@ -151,7 +151,6 @@ def test_without_data_the_chain_is_a_distribution_that_changes_at_its_rate(tick_
 
 @pytest.mark.parametrize("exposed", [1.5, 30.0, 600.0])
 def test_after_a_long_rest_states_may_have_changed_more_than_once(exposed):
-    """Against as many small steps of the chain."""
     contacts = np.arange(len(STATES)) != FREE
     step = np.exp(tick_transitions(MODEL, 1e-3).log_transition) + np.diag(
         contacts * np.exp(tick_transitions(MODEL, 1e-3).log_survival)
