@@ -9,14 +9,12 @@ from scipy.spatial.transform import Rotation
 
 from contact_motions import touching
 from contact_tracker.config.loading import limits, load_model
-from contact_tracker.config.parameters import TransitionCounts
 from contact_tracker.errors import UsageError
 from contact_tracker.geometry.lifted_pose import lift
 from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS, Contact
 from contact_tracker_lab.calibration.parameters import (
     EVALUATIONS,
-    LEARNED,
     How,
     coordinate_search,
     select,
@@ -153,15 +151,6 @@ def test_parameters_change_only_for_a_lower_loss_and_within_range():
         start = with_value(MODEL, key, 0.9)
         assert coordinate_search(start, [key], flat)[0] == start
     assert coordinate_search(MODEL, [], lambda model: 1 / 0) == (MODEL, ())
-
-
-def test_the_table_names_parameters_of_the_model():
-    for key, how in LEARNED.items():
-        value = value_of(MODEL, key)
-        kind = {How.COUNTS: TransitionCounts, How.CONTACTS: tuple}.get(how, float)
-        assert isinstance(value, kind)
-        assert with_value(MODEL, key, value) == MODEL
-    assert with_value(MODEL, "tick_s", 0.2).tick_s == 0.2
 
 
 def test_parameters_are_chosen_by_key_or_by_table():

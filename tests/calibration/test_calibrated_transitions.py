@@ -11,7 +11,6 @@ from contact_tracker.config.parameters import TransitionCounts
 from contact_tracker.ground_truth import Truth, TruthInterval
 from contact_tracker.states import Contact
 from contact_tracker.tracking.transition_model import (
-    FREE,
     REST_EXPOSURE,
     destinations,
     initial,
@@ -165,18 +164,6 @@ def test_certain_beliefs_give_the_counts_of_known_states():
     np.testing.assert_allclose(b.moving_s, a.moving_s, rtol=0.02, atol=0.1)
     off = np.array(b.changes) - np.array(a.changes)
     assert np.abs(off).max() < 0.3  # the elements may have changed between two contacts
-
-
-def test_evidence_excludes_the_durations_of_the_initial_model():
-    """Two passes over the same data by different models give the same counts."""
-    rng = np.random.default_rng(8)
-    state, exposure = walk(random_model(rng), np.ones(40), rng), np.ones(40)
-    known = KnownStates(state, exposure)
-    starts = prior(), random_model(rng)
-    expected = [believed(known, one, np.random.default_rng(9), 0.5).expect(prior()) for one in starts]
-    assert expected[0].log_evidence == pytest.approx(expected[1].log_evidence)
-    np.testing.assert_allclose(expected[0].changes, expected[1].changes, atol=1e-9)
-    assert not expected[0].changes[:, FREE, FREE].any()
 
 
 def test_ticks_take_their_label_from_the_truth_in_their_middle():

@@ -163,17 +163,6 @@ def test_names_come_on_standard_input_and_bad_ones_are_3(tmp_path: Path) -> None
     assert parquet.read_table(tmp_path / "dataset" / "summary.parquet")["exit_code"].to_pylist().count(0) == 1
 
 
-def test_a_later_run_names_what_is_damaged_as_before(tmp_path: Path) -> None:
-    (whole,) = write_recordings(tmp_path, 1, poses=400)
-    damaged = tmp_path / "logs" / "damaged.mcap"
-    damaged.parent.mkdir()
-    damaged.write_bytes(whole.read_bytes()[:-3000])
-    first, again = (batch(damaged.parent, "--output", tmp_path / "dataset") for _ in range(2))
-    assert (first.returncode, again.returncode) == (3, 3)
-    assert f"{damaged}: it is cut off" in first.stderr
-    assert f"{damaged}: as before: see the column damage of the summary" in again.stderr
-
-
 @pytest.mark.parametrize(
     ("arguments", "stdin", "said"),
     [

@@ -9,11 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import geometry
 from contact_tracker.errors import UsageError
 from contact_tracker.ground_truth import Truth
 from contact_tracker.states import STATES, Contact
-from contact_tracker.tracking.belief import Segment
 from contact_tracker_lab.benchmark import benchmark, bic, fixed_windows, others, tracked
 from contact_tracker_lab.benchmark.fixed_windows import Windows
 from contact_tracker_lab.benchmark.scores import OFFLINE, Answer, Method, Score
@@ -229,11 +227,3 @@ def test_intervals_have_the_width_of_a_binomial_share() -> None:
     twice = (score + score).band()
     assert twice[1] - twice[0] == pytest.approx(width / np.sqrt(2), rel=0.15)
     assert np.isnan(Score.of(answer, scored.within(Subset.AMBIGUOUS)).band()).all()
-
-
-def test_only_segments_that_are_mostly_right_have_true_elements() -> None:
-    truth = truth_of(("f-f", 1.0), ("e-f", 1.0), ("f-f", 1.0), ("e-f", 1.0))
-    spans = [(0.0, 1.4), (0.4, 1.9), (1.4, 2.9), (5.0, 6.0)]
-    segments = [Segment(round(a * SECOND), round(b * SECOND), Contact.FF, 1.0, None) for a, b in spans]
-    right = geometry.correctly_labelled(segments, scoring(stamps(4.0, 0.05), truth))
-    assert right == [segments[0], segments[2]]

@@ -144,7 +144,7 @@ def test_each_joint_is_named_with_its_place(kind: JointKind) -> None:
 
 
 PLAY = JointKind.HINGE, JointKind.SCREW
-"""Of a hinge: its play follows the angle, as no freedom of a ball joint does; it may look like a small pitch."""
+"""Play of a hinge follows the angle, as no freedom of a ball joint does; it may look like a small pitch."""
 FITTED = [
     *((Case("hinge", *one, 0, 0), PLAY) for one in (("waves", 2e-3, 60.0, 0.15), ("sign", 5e-3, 90.0, 0.15))),
     (Case("hinge", "sides", 2e-3, 60.0, 0.3, 0, 0), PLAY),

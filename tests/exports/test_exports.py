@@ -36,8 +36,6 @@ from contact_tracker.exports.formats import ROWS, rows_of, write_outcome
 from contact_tracker.geometry.elements import ContactGeometry, Line, Plane, Point, Unobserved, flat
 from contact_tracker.motion.poses import Poses
 from contact_tracker.outputs.outcome import Outcome
-from contact_tracker.outputs.parts import Part
-from contact_tracker.outputs.scene import EMPTY
 from contact_tracker.paper import window_curves
 from contact_tracker.recording import write_recording
 from contact_tracker.saved_result import RESULT
@@ -406,20 +404,6 @@ def test_doubtful_labels_are_open_and_the_figure_says_why(tmp_path) -> None:
     assert own.name == "face 1 (place not known)"
     assert max(*np.abs(own.label_m), *np.abs(surroundings.label_m - centre_m)) < 20.0
     pyplot.close(figure)
-
-
-def test_no_face_or_edge_is_seen_from_its_side() -> None:
-    ring = np.stack([np.cos(np.arange(8.0)), np.sin(np.arange(8.0)), np.zeros(8)], axis=1)
-    for turn in Rotation.random(50, rng=np.random.default_rng(3)):
-        axes = turn.as_matrix()
-        face = Part(0, "face", EMPTY, (ring @ axes.T + 5.0,), np.zeros(3))
-        edge = face._replace(outline=(np.outer([-1.0, 1.0], axes[:, 0]),))
-        unknown = [face._replace(outline=(outline,)) for outline in (np.full((8, 3), np.nan), ring[:0])]
-        up, level, roll = np.deg2rad(_view_of([*unknown, face, edge]))
-        towards = np.array([np.cos(up) * np.cos(level), np.cos(up) * np.sin(level), np.sin(up)])
-        assert abs(towards @ axes[:, 2]) > 0.7
-        assert np.linalg.norm(np.cross(towards, axes[:, 0])) > 0.7
-        assert abs(roll) < 1e-9
 
 
 def test_a_known_upward_is_upward_in_the_figure() -> None:

@@ -8,12 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from contact_tracker.contacts.contact_motion import (
-    STICK_SLIP,
-    ContactMotion,
-    contact_motion,
-    smooth_rates,
-)
+from contact_tracker.contacts.contact_motion import STICK_SLIP, ContactMotion, contact_motion, smooth_rates
 from contact_tracker.geometry.elements import Array, ContactGeometry, Line, Plane, Point
 from contact_tracker.tracking.offline_smoother import segment
 from short_recordings import FACE_TO_EDGE, MODEL, recorded

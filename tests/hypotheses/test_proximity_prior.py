@@ -21,7 +21,6 @@ from contact_tracker.hypotheses.births import (
 )
 from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.map.file import map_from
-from contact_tracker.map.map import EMPTY_MAP
 from contact_tracker.map.pairs import Frame, named_pairs
 from contact_tracker.motion.poses import Pose, Poses
 from contact_tracker.motion.window import Window
@@ -96,21 +95,6 @@ def test_touching_elements_are_likely_and_others_are_not():
     assert edge[Contact.FF] < -50
     for height_m in (0.25, -0.5):
         assert all(odds < -50 for odds in log_odds(np.eye(3), height_m).values())
-
-
-def test_the_touching_elements_are_named():
-    pairs, evidence = proximity(tick(ON_EDGE, CUBE_M / 2 * np.sqrt(2)))[Contact.EF.column]
-    assert pairs[int(np.argmax(evidence.log_share))].touching == ("edge -y -z", "table")
-    assert np.exp(evidence.log_share).sum() == pytest.approx(1.0)
-    assert evidence.log_share.max() > -1e-6
-
-
-def test_without_known_pairs_nothing_changes():
-    for known_map in (EMPTY_MAP, map_from({"environment": {"plane": [TABLE]}})):
-        evidence = [m for _, m in proximity(tick(np.eye(3), 0.1), known_map)]
-        change, stay = tick_transitions(MODEL, 1.0)
-        for ours, theirs in zip(reweighted(change, stay, evidence), (change, stay), strict=True):
-            np.testing.assert_allclose(ours, theirs, atol=1e-12)
 
 
 @pytest.mark.parametrize("height_m", [0.1, 0.1003, 0.15])

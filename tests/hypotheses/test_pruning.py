@@ -12,18 +12,12 @@ import pruning
 from contact_tracker.config.loading import load_model
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.hypotheses.bank import blank
-from contact_tracker.hypotheses.births import Birth, add, uninformed_proposal
-from contact_tracker.hypotheses.global_search import is_due, prune, select_for_search
+from contact_tracker.hypotheses.global_search import is_due, prune
 from contact_tracker.hypotheses.refit import are_near
-from contact_tracker.hypotheses.schedule import (
-    IS_SEARCH_AGE,
-    NEAR_NATS,
-    UNTHINNED_TICKS,
-    burn_in_ticks,
-)
+from contact_tracker.hypotheses.schedule import NEAR_NATS, UNTHINNED_TICKS, burn_in_ticks
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log
-from contact_tracker.states import STATES, Contact
+from contact_tracker.states import Contact
 from pose_filter import forward
 from short_recordings import FACE_TO_EDGE, MODEL, recorded
 
@@ -54,25 +48,6 @@ def test_a_wider_margin_does_not_change_the_beliefs() -> None:
     assert len(row) == len(pruning.COLUMNS)
     assert row[:2] == ["short", "none"]
     assert pruning.row("short", 40.0, own, own)[2:8] == ["1.000", *["0.0000"] * 4, "1.00"]
-
-
-@pytest.mark.parametrize("model", CONTACT_MODELS, ids=lambda model: model.contact.value)
-def test_weak_hypotheses_are_kept_until_their_geometry_can_converge(model):
-    """For f-f this is sooner (5 unknowns, 3 rows a pose) than for e-e (8 unknowns, 1 row)."""
-    birth = Birth(uninformed_proposal(model), 0, 0, 0, 0.0, np.zeros((0, len(STATES))), np.eye(3))
-    needs_search = int(add(blank(model, 0), model, birth).needs_search[0])
-    ages = np.array([0.9, 1.1]) * burn_in_ticks(model.family.PARAMETERS / model.family.ROWS)
-    bank = blank(model, 2).replace_columns(
-        log_likelihood=-1000.0, rms=10.0, number=[0, 1], needs_search=needs_search
-    )
-    bank = bank.replace_onset_columns(effective_ticks=ages)
-    assert prune(bank, model, 5, 0.0, 40.0).number.tolist() == [0]
-    weak, near = bank.pick(np.array([1])), bank.replace_columns(log_likelihood=-1.0).pick(np.array([1]))
-    assert not len(select_for_search(weak, model))
-    assert len(select_for_search(near, model)) == IS_SEARCH_AGE[int(ages[1])]
-    due = int(np.flatnonzero(IS_SEARCH_AGE[: int(ages[0]) + 1])[-1])
-    young = bank.replace_onset_columns(effective_ticks=float(due)).pick(np.array([0]))
-    assert len(select_for_search(young, model)) == 1
 
 
 def test_margins_are_relative_to_the_best_and_known_elements_have_no_burn_in():

@@ -16,12 +16,7 @@ from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.geometry.elements import Plane
 from contact_tracker.geometry.lifted_pose import lift
 from contact_tracker.hypotheses.bank_update import fit_window
-from contact_tracker.hypotheses.refinement import (
-    Ar1Noise,
-    estimate_ar1,
-    refine,
-    whiten_ar1,
-)
+from contact_tracker.hypotheses.refinement import Ar1Noise, estimate_ar1, refine, whiten_ar1
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS, Contact

@@ -178,18 +178,6 @@ def test_motion_is_continuous_and_possible_for_a_hand() -> None:
         assert acceleration[:, 1].max() < 12.0
 
 
-def test_acceleration_is_continuous_where_contacts_change() -> None:
-    """At twice the rate steps of acceleration between frames are half as large, unlike at a discontinuity."""
-    steps = []
-    for rate in (1000.0, 2000.0):
-        whole = named_scenario("all_states", 0)
-        scenario = replace(whole, phases=whole.phases[:6], rate_hz=rate, **QUIET)
-        simulated = simulate(scenario, 5)
-        acceleration = np.diff(twist(simulated.poses, middle(simulated))[:, 3:], axis=0) * rate
-        steps.append(np.linalg.norm(np.diff(acceleration, axis=0), axis=1).max())
-    assert steps[1] < 0.6 * steps[0]
-
-
 @pytest.mark.parametrize("contact", CONTACTS)
 def test_motion_excites_every_free_direction(contact: Contact) -> None:
     """The object rotates about all free axes of the contact, and slides in both directions."""
@@ -348,13 +336,6 @@ def test_every_shape_can_do_every_contact(object_name: str, surroundings: str) -
 def test_impossible_scenarios_are_refused(name: str, change: dict[str, object], message: str) -> None:
     with pytest.raises(UsageError, match=message):
         replace(named_scenario(name, 0), **change)  # type: ignore[arg-type]
-
-
-def test_unknown_names_and_negative_seeds_are_refused() -> None:
-    with pytest.raises(UsageError, match="choose from paper_experiment"):
-        simulate("nothing", 0)
-    with pytest.raises(UsageError, match="seed"):
-        simulate("all_states", -1)
 
 
 @pytest.mark.parametrize("name", FORMATIONS)

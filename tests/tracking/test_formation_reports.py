@@ -21,12 +21,7 @@ from contact_tracker.states import Contact
 from contact_tracker.tracking.ambiguity import FLUSH_RAD
 from contact_tracker.tracking.belief import Belief, FurtherContact, Segment
 from contact_tracker.tracking.posterior import lagged_belief
-from contact_tracker.tracking.segment_fit import (
-    FinishedSegment,
-    SegmentFit,
-    SegmentTicks,
-    joined_by_wrenches,
-)
+from contact_tracker.tracking.segment_fit import FinishedSegment, SegmentFit, SegmentTicks, joined_by_wrenches
 from contact_tracker.tracking.state import start
 
 MODEL = load_model()

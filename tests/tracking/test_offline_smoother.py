@@ -65,15 +65,6 @@ def test_geometry_lies_within_its_standard_deviations(contacts):
     assert np.median(errors.distance_mm) < 10.0
 
 
-def test_every_tick_has_the_noise_that_is_known_at_the_end():
-    first, *_, last = ticks = list(forward(recorded(FACE_TO_EDGE).poses[:200], MODEL))
-    deviation_m, _ = np.sqrt(window_of([filtered.tick for filtered in ticks], MODEL).variance).T
-    frames = np.sqrt([filtered.tick.count for filtered in ticks])
-    per_tick = np.hypot(last.tick.noise.sigma_position_m / frames, MODEL.noise.floor_position_m)
-    np.testing.assert_allclose(deviation_m, per_tick, rtol=1e-9)
-    assert np.sqrt(first.state.window.variance[-1, 0]) > 1.05 * per_tick[0]
-
-
 @each_recording
 def test_smoothing_is_better_than_filtering(contacts):
     result = segmented(contacts)

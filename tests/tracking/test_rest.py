@@ -15,9 +15,7 @@ from contact_tracker.motion.window import rest_ticks
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Detail
 from contact_tracker.tracking.contact_filter import FilteredTick
-from contact_tracker.tracking.offline_smoother import end_at_rest, segment
-from contact_tracker.tracking.transition_model import REST_EXPOSURE
-from pose_filter import after as after_tick
+from contact_tracker.tracking.offline_smoother import segment
 from pose_filter import forward
 from short_recordings import FACE_TO_EDGE, recorded
 from smooth_motion import least_jerk, with_noise
@@ -83,20 +81,6 @@ def test_rest_changes_no_hypothesis_and_opens_the_belief_once():
     assert not {*REMAIN_OPEN} <= {*ticks[waited[-1] + 1].belief.inseparable}
 
 
-def test_after_rest_the_belief_is_the_former_one_less_certain_by_time():
-    ticks = seen(5.0)
-    last = still(ticks)[-1]
-    rested, next_tick = ticks[last].state, ticks[last + 1].tick
-    contact = ticks[last].belief.contact
-
-    def after(rest_s: float) -> float:
-        state = rested._replace(deferred_exposure=rest_s / MODEL.tick_s * REST_EXPOSURE)
-        return float(after_tick(state, next_tick)[1].probability[contact.column])
-
-    assert after(5.0) > 0.75 * ticks[MOVED // 20 + 5].belief.probability[contact.column] > 0.5
-    assert after(5.0) > after(60.0) > after(600.0)
-
-
 def test_a_rest_in_the_middle_is_a_row_of_its_own_and_shows_no_further_constraint():
     """Also one that is longer than the window; the rows beside it are as without it."""
     rest_s = 40.0
@@ -151,15 +135,6 @@ def test_a_lid_that_opens_after_a_rest_longer_than_the_window_is_not_surely_flat
     opening = [belief for belief in beliefs if belief.stamp_ns > 30.3e9]
     assert len(opening) > 8
     assert not [belief for belief in opening if belief.probability[Contact.FF.column] > 0.9]
-
-
-def test_a_segment_ends_with_the_rest_that_it_is_in_or_just_beside() -> None:
-    resting = np.repeat([False, True, False], [20, 30, 20])
-    expected = dict(zip([8, 17, 21, 33, 37, 50, 53, 54], [8, 20, 20, 20, 50, 50, 50, 54], strict=True))
-    assert {end: end_at_rest(resting, end, 20) for end in expected} == expected
-    assert [end_at_rest(~resting, end, 20) for end in (0, 70)] == [0, 70]  # nothing is known beyond
-    assert end_at_rest(np.zeros(9, bool), 4, 20) == 4
-    assert end_at_rest(resting, 35, 10) == 35  # as if its ends had not been seen
 
 
 @pytest.mark.parametrize("tip_s", [0.15, 0.25])

@@ -10,7 +10,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from contact_tracker.geometry.elements import Line, Plane, Point
-from contact_tracker.motion.free_motion import SETTLING_TICKS
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.window import rest_ticks
 from contact_tracker.states import CONTACTS, STATES, Contact
@@ -169,24 +168,6 @@ def test_a_stream_continued_after_its_end_is_as_after_a_pause(pause_s):
     whole, parts = in_parts(poses, []), in_parts(poses, [100])
     assert len(whole) == len(parts) == 15 + min(round(pause_s / MODEL.tick_s), 49)
     assert [b.to_json() for b in whole] == [b.to_json() for b in parts]
-
-
-def test_an_end_within_a_tick_causes_no_jump():
-    """For uniform motion: no outliers after it; the strength of motion is estimated again, as after a gap."""
-    seconds = np.arange(800) / 200.0
-    position_m = np.outer(seconds, [0.5, 0.0, 0.0]) + np.random.default_rng(0).normal(size=(800, 3)) * 3e-4
-    poses = Poses((seconds * 1e9).astype(np.int64), position_m, np.tile([0.0, 0.0, 0.0, 1.0], (800, 1)))
-    one, cuts = PoseFilter(MODEL), [211, 212]
-    assert one.finish() == []
-    for first, end in pairwise([0, *cuts, 800]):
-        for pose in poses[first:end]:
-            one.update(pose)
-        one.finish()
-    state = one.state
-    assert state.outliers.total == 0
-    rest = 10 + len(cuts)  # the row of the rest of the tick; each end has added one
-    assert not state.window.motion_ratio[rest : rest + SETTLING_TICKS].any()
-    assert state.window.motion_ratio[rest + SETTLING_TICKS :].any()
 
 
 @pytest.mark.filterwarnings("error")
