@@ -6,7 +6,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -93,15 +93,18 @@ def test_stays_at_another_pose_are_dropped_as_a_whole() -> None:
 
 
 @given(
-    st.lists(st.integers(0, 299), max_size=120, unique=True),
+    st.lists(st.integers(0, 299), max_size=299, unique=True),
     st.sampled_from([IDENTITY, TURNED_ORIGIN]),
+    st.sampled_from([30.0, 200.0, 1000.0]),
     st.integers(0, 10**6),
 )
+@example(where=[*range(0, 100), 150, *range(290, 300)], reported=IDENTITY, rate_hz=200.0, seed=1)
+@example(where=[*range(1, 300, 2)], reported=IDENTITY, rate_hz=30.0, seed=1)
 def test_the_origin_is_dropped_at_any_place_and_no_other_pose(
-    where: list[int], reported: tuple[tuple[float, ...], tuple[float, ...]], seed: int
+    where: list[int], reported: tuple[tuple[float, ...], tuple[float, ...]], rate_hz: float, seed: int
 ) -> None:
     rng = np.random.default_rng(seed)
-    poses = far_from_the_origin(smooth_poses(300, seed=seed))
+    poses = far_from_the_origin(smooth_poses(300, rate_hz, seed=seed))
     poses = replace(poses, position_m=poses.position_m + rng.normal(0.0, 0.001, (300, 3)))
     kept, counts = pass_through(hidden(poses, where, reported))
     assert [p.stamp_ns for p in kept] == left_out(poses, where)
