@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import contact_tracker
+from contact_tracker import Tracker, Trajectory
 from contact_tracker.cli.main import run
 from contact_tracker.errors import DAMAGED, DONE
 from contact_tracker.motion.losses import remark_on_loss
@@ -76,6 +77,17 @@ def test_it_comes_before_the_results_or_as_soon_as_it_is_seen(
     lines = capsys.readouterr().out.splitlines()
     assert ["80 of 100 poses are left out" in line for line in lines if "left out" in line] == [True]
     assert any("noted: bad_quaternion 380" in line for line in lines)
+
+
+def test_from_arrays_and_online() -> None:
+    quat_xyzw = scaled(POSES.quat_xyzw)
+    quat_xyzw[:100] = POSES.quat_xyzw[:100]
+    trajectory = Trajectory.from_arrays(POSES.stamp_ns, POSES.position_m, quat_xyzw, unit="ns")
+    assert "300 of 400 poses" in trajectory.damage
+    tracker = Tracker()
+    for stamp, position, quat in zip(POSES.stamp_ns.tolist(), POSES.position_m, quat_xyzw, strict=True):
+        tracker.update(stamp, position, quat)
+    assert "300 of 400 poses" in tracker.warnings[0]
 
 
 @pytest.mark.parametrize(
