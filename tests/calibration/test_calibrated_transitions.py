@@ -112,14 +112,6 @@ def test_partial_truth_is_learned_from_in_its_part_only():
     assert not expected.begins.any()  # how it began is unknown
 
 
-@pytest.mark.parametrize("label", [[], [UNKNOWN], [2], [UNKNOWN] * 30], ids=str)
-def test_uninformative_data_keep_the_prior(label):
-    chain = KnownStates(np.array(label, np.int64), np.ones(len(label)))
-    learned = learn_transitions(prior(), [chain])[0].transitions
-    np.testing.assert_allclose(destinations(learned), destinations(prior().transitions))
-    np.testing.assert_allclose(leave_per_s(learned), leave_per_s(prior().transitions))
-
-
 def believed(known, start, rng, blur):
     trellis = noisy_trellis(known.label, start, known.exposure, rng, blur)
     return EstimatedStates.of(trellis, known.exposure, start)

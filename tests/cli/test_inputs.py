@@ -141,12 +141,6 @@ def test_info_reports_why_no_pose_is_usable(tmp_path: Path) -> None:
     assert "/a" in done.stdout
 
 
-def test_what_is_no_recording_names_the_kinds_that_are_read(tmp_path: Path) -> None:
-    (tmp_path / "README.md").write_text("# Logs\n\nOf a cup, a table\nof, a, b, c\n")
-    done = run("segment", "README.md", cwd=tmp_path)
-    assert_one_line_error(done, 1, "neither a recording nor a table of poses", "MCAP files, ROS bags")
-
-
 @pytest.mark.parametrize(
     ("words", "code"),
     [
@@ -160,13 +154,6 @@ def test_a_link_to_itself_is_one_line(tmp_path: Path, words: list[str], code: in
     (tmp_path / "loop").symlink_to("loop")
     paths = [str(tmp_path / word) if word in ("loop", "log.mcap") else word for word in words]
     assert_one_line_error(run(*paths), code, "loop")
-
-
-def test_an_empty_table_is_empty_whatever_is_said_of_its_columns(tmp_path: Path) -> None:
-    (tmp_path / "a.csv").touch()
-    for options in ((), ("--unit", "mm", "--euler", "xyz:deg")):
-        done = run("segment", tmp_path / "a.csv", *options)
-        assert (done.returncode, done.stderr.endswith("a.csv: it is empty\n")) == (1, True)
 
 
 def test_a_pattern_that_the_shell_has_not_replaced(tmp_path: Path) -> None:

@@ -23,7 +23,7 @@ from contact_tracker.explanations.conditional_contact import (
 )
 from contact_tracker.explanations.further_contacts import MIN_RATIO
 from contact_tracker.geometry.lifted_pose import lift
-from contact_tracker.hypotheses.evidence import EvidenceParameters, log_ratio
+from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS, Contact
 
@@ -75,26 +75,6 @@ def test_units_of_a_row_do_not_matter(contact: Contact, unit: float, seed: int) 
     c = coefficients(CONTACT_MODELS[contact.column], x)
     one, other = motion.evidence(c), motion.evidence(c * unit)
     np.testing.assert_allclose(other.log_ratio, one.log_ratio, rtol=1e-6, atol=1e-6)
-
-
-@pytest.mark.parametrize("contact", [Contact.VF, Contact.FV])
-def test_without_a_contact_before_it_is_the_evidence_against_free_motion(contact: Contact) -> None:
-    window, x = kept(contact, 3)
-    model = CONTACT_MODELS[contact.column]
-    ratio = log_ratio(model, x[None], window, SCALES)
-    found = ConditionalMotion.of(ExplainedTicks(window, SCALES)).evidence(coefficients(model, x))
-    np.testing.assert_allclose(found.gain, ratio.gain[0, :, 0], rtol=0.02)
-    np.testing.assert_allclose(found.chi_sq, ratio.chi_sq[0, :, 0], rtol=0.05, atol=0.01)
-
-
-def test_correlated_errors_are_evaluated_by_their_innovations() -> None:
-    window, x = kept(Contact.VF, 4)
-    c = coefficients(CONTACT_MODELS[Contact.VF.column], x)
-    scales = EvidenceParameters(0.3, 0.0, 0.2, 0.6, 0.1, correlation=0.9)
-    residual = window.zeta @ c[0]
-    new = np.append(residual[0] * scales.alone, residual[1:] - 0.9 * residual[:-1])
-    motion = ConditionalMotion.of(ExplainedTicks(window, scales))
-    np.testing.assert_allclose(motion.new @ c[0], new, atol=1e-12)
 
 
 @pytest.mark.parametrize(("contact", "seed"), [*product(CONTACTS, range(3))])

@@ -128,10 +128,7 @@ def test_a_further_contact_begins_and_ends() -> None:
 
 
 @needs_kernels
-@pytest.mark.parametrize(
-    "contact",
-    [Contact.FF, pytest.param(Contact.VF, marks=pytest.mark.long)],
-)
+@pytest.mark.parametrize("contact", [Contact.FF, pytest.param(Contact.VF, marks=pytest.mark.long)])
 def test_a_single_contact_has_no_further_ones_and_is_no_joint(contact: Contact) -> None:
     """Two vertices on the table would be an edge, three a face."""
     poses = simulate(Scenario((Phase(contact, 10.0),)), 1).poses

@@ -12,7 +12,6 @@ from contact_tracker.contacts.contact_motion import STICK_SLIP, ContactMotion, c
 from contact_tracker.geometry.elements import Array, ContactGeometry, Line, Plane, Point
 from contact_tracker.tracking.offline_smoother import segment
 from short_recordings import FACE_TO_EDGE, MODEL, recorded
-from traced_memory import memory_below
 
 TICKS: Final = 120
 TIME_S: Final = np.arange(TICKS) * 0.1
@@ -174,13 +173,6 @@ def test_few_ticks_and_parallel_edges_say_nothing() -> None:
     assert contact_motion(parallel, stamps, TIME_S, quat_xyzw, place, variance) is None
     few = (one[:3] for one in (stamps, TIME_S, quat_xyzw, place, variance))
     assert contact_motion(GEOMETRY["v-f"], *few) is None
-
-
-def test_a_long_contact_takes_memory_for_its_ticks_only() -> None:
-    ticks = 9_000
-    values = SIGMA_M * np.random.default_rng(3).normal(size=(ticks, 3))
-    with memory_below(15e6):  # before, 65 MB in one of several arrays
-        smooth_rates(0.1 * np.arange(ticks), values, np.full(ticks, SIGMA_M**2))
 
 
 def test_rates_are_as_far_off_as_their_deviations_say() -> None:

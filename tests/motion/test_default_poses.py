@@ -15,7 +15,7 @@ from contact_tracker.motion.excursions import KNOWN_POSES, MOST_WAITING
 from contact_tracker.motion.pose_validation import PoseGate
 from contact_tracker.motion.poses import Pose, Poses
 from mcap_logs import smooth_poses
-from smooth_motion import pass_through
+from smooth_motion import least_jerk, pass_through
 
 Array = NDArray[np.float64]
 IDENTITY = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
@@ -55,9 +55,7 @@ def along(x: Array) -> Array:
 
 
 def smoothly(count: int) -> Array:
-    """From 0 to 1 with minimum jerk."""
-    s = np.linspace(0.0, 1.0, count)
-    return s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+    return least_jerk(np.linspace(0.0, 1.0, count))
 
 
 POSES = smooth_poses(1000)

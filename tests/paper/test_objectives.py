@@ -173,17 +173,6 @@ def noisy_window(contact, rng, sigma_m=3e-4, sigma_rad=2e-3, frames=200):
 
 
 @each_contact
-def test_slsqp_finds_the_contact(contact):
-    rng = np.random.default_rng(3)
-    t = touching(contact, rng, 200)
-    k = matrix(contact, *motion(t.rotation, t.position_m - t.position_m.mean(axis=0)))
-    minimum = minimise_slsqp(contact, k, rng, starts=6)
-    assert minimum.converged > 0
-    assert minimum.value < 1e-8
-    assert value(contact, k, minimum.object, minimum.environment) == pytest.approx(minimum.value, abs=1e-12)
-
-
-@each_contact
 def test_batched_minima_are_no_higher_than_slsqps(contact):
     """On the paper's objective, with and without contact, from the same number of starts."""
     rng = np.random.default_rng(5)
