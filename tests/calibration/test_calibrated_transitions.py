@@ -8,8 +8,6 @@ import pytest
 
 from chain_oracle import N, noisy_trellis, prior, random_model, walk
 from contact_tracker.config.parameters import TransitionCounts
-from contact_tracker.ground_truth import Truth, TruthInterval
-from contact_tracker.states import Contact
 from contact_tracker.tracking.transition_model import (
     REST_EXPOSURE,
     destinations,
@@ -25,9 +23,7 @@ from contact_tracker_lab.calibration.transitions import (
     count,
     learn_transitions,
     log_prior,
-    runs,
 )
-from contact_tracker_lab.evaluation.scoring import scoring
 
 
 def chains(rng, model, count_, ticks, silence=0.0):
@@ -144,25 +140,3 @@ def test_em_increases_the_posterior_up_to_its_maximum():
         )
         other = replace(learned, transitions=replace(learned.transitions, counts=moved))
         assert log_posterior(other) < top
-
-
-def test_certain_beliefs_give_the_counts_of_known_states():
-    rng = np.random.default_rng(7)
-    start = prior()
-    known = chains(rng, random_model(rng, new_elements=False), 3, 80)
-    sure = [believed(one, start, rng, 0.05) for one in known]
-    a, b = (learn_transitions(start, some)[0].transitions.counts for some in (known, sure))
-    np.testing.assert_allclose(b.begins, a.begins, atol=0.02)
-    np.testing.assert_allclose(b.moving_s, a.moving_s, rtol=0.02, atol=0.1)
-    off = np.array(b.changes) - np.array(a.changes)
-    assert np.abs(off).max() < 0.3  # the elements may have changed between two contacts
-
-
-def test_ticks_take_their_label_from_the_truth_in_their_middle():
-    rows = (0, 9, Contact.FF), (10, 19, None), (20, 29, Contact.FREE), (50, 60, Contact.EE)
-    truth = Truth(tuple(TruthInterval(*row) for row in rows))
-    found = scoring(np.array([-5, 0, 9, 15, 20, 29, 30, 49, 50, 61]), truth).truth
-    assert found.tolist() == [-1, 0, 0, -1, 6, 6, -1, -1, 5, -1]
-    assert runs(found) == [(0, 1, 3), (6, 4, 6), (5, 8, 9)]
-    assert runs(np.zeros(0, np.int64)) == []
-    assert scoring(np.array([3]), Truth(())).truth.tolist() == [-1]

@@ -27,7 +27,7 @@ from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import SystematicErrors
 from contact_tracker.explanations.conditional_contact import ExplainedTicks, KnownContact
 from contact_tracker.explanations.joint_evidence import FittedJoint, Joint, joint_of, likeliest_joint
-from contact_tracker.explanations.joint_models import JOINT_MODELS, JointFrames, JointKind, JointModel
+from contact_tracker.explanations.joint_models import JointFrames, JointKind
 from contact_tracker.explanations.joint_parts import find_joints, rests_in
 from contact_tracker.geometry.elements import Line, Point
 from contact_tracker.geometry.lifted_pose import T, lift
@@ -95,27 +95,6 @@ def joint_in(found: Segmentation) -> Joint:
     longest = max(found.segments, key=lambda one: one.end_ns - one.start_ns)
     assert longest.joint is not None
     return longest.joint
-
-
-@pytest.mark.parametrize("model", JOINT_MODELS, ids=lambda model: model.kind)
-def test_true_joints_have_zero_residuals_and_exact_derivatives(model: JointModel) -> None:
-    rng = np.random.default_rng(3)
-    frames = some_frames(rng)
-    if model.kind is JointKind.SLIDER:  # it is given by the motion of the body's origin
-        frames = JointFrames(frames.body_axes, np.zeros(3), frames.world_axes, frames.world_point_m)
-    rotation, position = poses_in(model.kind, frames, rng, np.arange(0.0, 8.0, 0.1))
-    at = model.residual(frames, lift(rotation.as_matrix(), position))
-    np.testing.assert_allclose(at.value, 0.0, atol=1e-9)
-    step = 1e-6
-    for column, parameter in enumerate(np.eye(len(model.free))):
-        there = model.residual(
-            frames.moved(step * parameter, model.free), lift(rotation.as_matrix(), position)
-        )
-        np.testing.assert_allclose(there.value / step, at.by_x[:, :, column], atol=1e-4)
-    for column, direction in enumerate(np.eye(6)):
-        turned = rotation * Rotation.from_rotvec(step * direction[:3])
-        there = model.residual(frames, lift(turned.as_matrix(), position + step * direction[3:]))
-        np.testing.assert_allclose(there.value / step, at.by_pose[:, :, column], atol=1e-4)
 
 
 @needs_kernels

@@ -2,39 +2,21 @@
 
 from functools import cache
 from itertools import pairwise
-from pathlib import Path
 from typing import Final
 
 import numpy as np
-import pytest
 
 import pruning
-from contact_tracker.config.loading import load_model
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.hypotheses.bank import blank
 from contact_tracker.hypotheses.global_search import is_due, prune
 from contact_tracker.hypotheses.refit import are_near
 from contact_tracker.hypotheses.schedule import NEAR_NATS, UNTHINNED_TICKS, burn_in_ticks
-from contact_tracker.motion.poses import Poses
-from contact_tracker.recording import open_log
 from contact_tracker.states import Contact
 from pose_filter import forward
 from short_recordings import FACE_TO_EDGE, MODEL, recorded
 
 EDGE_FACE: Final = CONTACT_MODELS[Contact.EF.column]
-SHIPPED: Final = sorted((Path(__file__).parents[2] / "recordings").glob("[rv]*.mcap"))
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
-def test_pruning_does_not_change_the_beliefs(path: Path) -> None:
-    poses, model = Poses.collect(open_log(str(path))), load_model()
-    own = pruning.track(poses, model)
-    other = pruning.track(poses, pruning.with_margin(model, np.inf))
-    assert other.hypotheses > 1.3 * own.hypotheses
-    tied = np.diff(np.sort(own.probability, axis=1)[:, -2:], axis=1)[:, 0] < 1e-6  # decided by rounding
-    assert (tied | (own.probability.argmax(axis=1) == other.probability.argmax(axis=1))).all()
-    assert np.abs(own.probability - other.probability).max() < 1e-3
 
 
 def test_a_wider_margin_does_not_change_the_beliefs() -> None:

@@ -38,16 +38,6 @@ def _bank(model, reach_m, bank):
     return model_of(model, reach_m), bank.words, bank.onsets.words
 
 
-def select_for_search(bank, model):
-    """As ``global_search.select_for_search``."""
-    return parts.select_for_search(*_bank(model, 1.0, bank))
-
-
-def starts(model, moments):
-    """As ``Family.starts`` of moments (B, C, C), and their number (B,)."""
-    return parts.relax(model_of(model, 1.0), moments)
-
-
 def prune(bank, model, now, best, margin):
     """As ``global_search.prune``: rows, words, words of the onsets, log total weight, residual, best row."""
     return parts.keep_best(*_bank(model, 1.0, bank), now, best, margin)

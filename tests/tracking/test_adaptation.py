@@ -138,21 +138,6 @@ def after_rest(poses: Poses, rest_s: float) -> Poses:
     return Poses.join([replace(still, quat_xyzw=quat * sign), poses])
 
 
-@pytest.mark.long
-@needs_kernels
-def test_offline_has_the_online_beliefs_after_its_start(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Before the choice of the model and after it, except for frames that only a tracker with other noise
-    leaves out."""
-    monkeypatch.setattr(segmenting, "INITIAL_AUTOCORRELATION", 0.0)
-    poses = moving_average(shipped(PAPER), 3)[:3000]
-    state, online = as_values.advance(as_values.start(MODEL), poses, Detail.SHARED)
-    assert state.is_decided
-    filtered = segmenting.segment(poses, MODEL).filtered
-    assert len(online) == len(filtered) - 1  # the last tick is not over
-    pairs = zip(online, filtered, strict=False)
-    assert max(np.abs(a.probability - b.probability).max() for a, b in pairs) < 0.01
-
-
 @cache
 def at_once(lag_s: float) -> tuple[Poses, Tracker, list[Belief]]:
     poses = moving_average(recorded(FACE_TO_EDGE).poses, 3)[:400]

@@ -7,7 +7,6 @@ import pytest
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
-import as_values
 from contact_tracker.config.loading import load_model
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.tick_averaging import EMPTY_PER_TICK, EMPTY_TICKS, TickGrid
@@ -19,7 +18,6 @@ from contact_tracker.tracking.offline_smoother import segment
 from pose_filter import forward
 from short_recordings import FACE_TO_EDGE, recorded
 from smooth_motion import least_jerk, with_noise
-from traced_memory import memory_below
 
 MODEL = load_model()
 RATE_HZ = 200.0
@@ -158,13 +156,6 @@ def test_a_quick_change_between_two_rests_is_where_it_is(tip_s: float) -> None:
 SECOND = 1_000_000_000
 
 
-def with_gaps(count: int, gap_s: float, steady: int = 0) -> Poses:
-    """Poses with a gap before each except the first ``steady`` ones."""
-    poses = recorded(FACE_TO_EDGE).poses[: 10 * count : 10]
-    periods_ns = np.where(np.arange(count) < steady, SECOND // 20, int(gap_s * SECOND))
-    return Poses(np.cumsum(periods_ns), poses.position_m, poses.quat_xyzw)
-
-
 @pytest.mark.parametrize(("gap_s", "is_open"), [(1.5, False), (4.0, True)])
 def test_in_a_long_gap_no_contact_is_certain(gap_s: float, is_open: bool) -> None:
     """A box slides on a table and is at another place of it after the gap: it may have been carried there."""
@@ -198,13 +189,3 @@ def test_thousands_of_gaps_are_not_all_filled() -> None:
     for row in range(count):
         one_by_one += [tick.stamp_ns for tick in grid.add(poses[row : row + 1])]
     assert one_by_one == [tick.stamp_ns for tick in ticks]
-
-
-@pytest.mark.long
-def test_trackers_side_by_side_take_little_memory_in_gaps():
-    """Poses of one batch close up to 50 ticks each, in several trackers."""
-    poses = with_gaps(100, 5.0, steady=14)
-    state, _ = as_values.advance(as_values.start(MODEL), poses[:80])
-    assert len(state.filters.filters) > 3
-    with memory_below(20e6):
-        as_values.advance(state, poses[80:], Detail.WEIGHTS)
