@@ -61,6 +61,25 @@ def test_ticks_do_not_depend_on_how_poses_are_batched(seed, batch, rate_hz):
         np.testing.assert_array_equal(a.zeta, b.zeta)
 
 
+@settings(max_examples=5, deadline=None)
+@given(seed=seeds, batch=st.sampled_from([7, 20, 333]), rate_hz=st.sampled_from([30.0, 200.0]))
+def test_a_follower_with_the_same_noise_shares_the_leaders_ticks(seed, batch, rate_hz):
+    """Bit-identical, with outliers, gaps, and a stream that continues after an end within a tick."""
+    rng = np.random.default_rng(seed)
+    poses, _ = spiked(rng, moving(rng, 600 / rate_hz, rate_hz, 3e-4, 2e-3), 0.02)
+    late = rng.choice([0, 10**9, 10**10], p=[0.996, 0.002, 0.002], size=len(poses)).cumsum()
+    poses = replace(poses, stamp_ns=poses.stamp_ns + late)
+    grid, motion = TickGrid(MODEL), None
+    ended = int(rng.integers(len(poses)))
+    for first in range(0, len(poses), batch):
+        closed = grid.add(poses[first : first + batch])
+        closed += grid.close() if first <= ended < first + batch else []
+        for expected in closed:
+            motion, own = with_excess(motion, replace(expected, innovation_excess=NO_EXCESS), MODEL)
+            assert own.innovation_excess == expected.innovation_excess
+    assert (motion is None) == (grid.stream.free_motion is None)
+
+
 def test_a_follower_with_other_noise_computes_its_own_innovations():
     """With white noise and without outliers: as from its own average of the frames."""
     poses = moving(np.random.default_rng(2), 20.0, 200.0, 3e-4, 2e-3)
