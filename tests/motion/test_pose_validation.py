@@ -49,6 +49,12 @@ def test_another_body_at_the_same_stamp_is_passed_on_and_no_third_pose() -> None
     assert counts == {"simultaneous": 1, "repeated_stamp": 2}
 
 
+def test_a_held_pose_is_kept_and_counted() -> None:
+    kept, counts = pass_through([pose(0), pose(5 * MS), pose(10 * MS, 1.0)])
+    assert len(kept) == 3
+    assert counts == {"held": 1}
+
+
 def test_a_gap_is_longer_than_half_a_second_and_ten_periods() -> None:
     fast = [0, 5, 10, 15, 515, 520, 1025, 1030]
     assert pass_through([pose(s * MS, float(s)) for s in fast])[1] == {"gap": 1}
