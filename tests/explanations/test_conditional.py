@@ -1,4 +1,4 @@
-"""Evidence of a further contact, without constraints that the first one implies, in any units."""
+"""A further contact: the constraints that it adds, and the times at which it holds."""
 
 from itertools import pairwise, product
 

@@ -1,4 +1,4 @@
-"""Joints: their derivatives, and their identification, with and without a joint."""
+"""Joints: their identification, with and without a joint."""
 
 from collections.abc import Sequence
 from dataclasses import replace

@@ -1,12 +1,10 @@
-"""Curved contacts: residuals vanish in contact, and only true contact has evidence."""
+"""Curved contacts: only true contact has evidence."""
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from contact_tracker.explanations.curved_contact import (
-    fit_curved,
-)
+from contact_tracker.explanations.curved_contact import fit_curved
 from contact_tracker.geometry import lifted_pose
 from contact_tracker.motion.window import Window
 from contact_tracker.tracking.state import scales_of

@@ -27,9 +27,17 @@ from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking.contact_filter import predict_transitions, ticks_of
 from contact_tracker.tracking.transition_model import tick_transitions
-from cube_on_table import CUBE_M, CUBE_ON_TABLE, TABLE
 from pose_filter import PoseFilter
 
+ACCURACY = {"sigma_position_m": 1e-4, "sigma_rotation_deg": 0.05}
+CUBE_M = 0.2
+TABLE = {"normal": [0, 0, 1], "offset_m": 0.0, "name": "table", **ACCURACY}
+CUBE_ON_TABLE = map_from(
+    {
+        "environment": {"plane": [TABLE], "complete": True},
+        "object": {"box": {"size_m": [CUBE_M] * 3, **ACCURACY}},
+    }
+)
 MODEL = load_model()
 SCALES = EvidenceParameters(0.3, 0.1, 0.03, 1.0, 0.1)
 ON_EDGE = np.array([[1, 0, 0], [0, 1, -1], [0, 1, 1]]) / np.sqrt([[1], [2], [2]])
