@@ -16,7 +16,7 @@ import contact_tracker
 from as_values import finish, start, take
 from contact_tracker import ContactTrackerWarning, Trajectory
 from contact_tracker.config.loading import load_model
-from contact_tracker.errors import MissingExtra, UsageError
+from contact_tracker.errors import MissingExtra, NoPoses, UsageError
 from contact_tracker.explanations.joint_evidence import Joint
 from contact_tracker.explanations.joint_models import JointKind
 from contact_tracker.geometry.elements import Line
@@ -234,6 +234,18 @@ def test_slides_along_two_lines_have_a_row_each() -> None:
     seconds, noise_m = np.arange(len(position_m)) / hz, 2e-4 * rng.normal(size=position_m.shape)
     moved = Trajectory.from_arrays(seconds, position_m + noise_m, turns, time_unit="s")
     assert str(contact_tracker.segment(moved)).count("= slider") == 3
+
+
+def test_mistakes_are_errors_of_the_package(poses) -> None:
+    stamps, places, turns = arrays(poses)
+    for kind, text, mistake in (
+        (UsageError, "standard input", lambda: contact_tracker.read("-")),
+        (UsageError, r"\(N, 3\)", lambda: Trajectory.from_arrays(stamps, places.T, turns)),
+        (NoPoses, "unit of the stamps", lambda: Trajectory.from_arrays(stamps, places, turns)),
+        (NoPoses, "no pose", lambda: Trajectory.from_arrays([], np.zeros((0, 3)), np.zeros((0, 4)))),
+    ):
+        with pytest.raises(kind, match=text):
+            mistake()
 
 
 def test_a_frame_in_another_is_composed_of_the_transforms_between(tmp_path) -> None:

@@ -17,6 +17,7 @@ from mcap.writer import Writer
 from scipy.spatial.transform import Rotation
 
 from command_line import DEVNULL, ENVIRONMENT, PIPE, PROGRAM, ROOT, Done, run, started
+from contact_tracker.cli import info, main
 from contact_tracker.cli.arguments import output_file
 from contact_tracker.cli.commands import COMMANDS
 from contact_tracker.cli.main import LAB_COMMANDS
@@ -27,8 +28,10 @@ from contact_tracker.ground_truth import Truth
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log, write_recording
 from contact_tracker.states import STATES
+from contact_tracker.tracker import Tracker
+from contact_tracker.tracking.belief import Belief, Detail
 from mcap_logs import START_NS as LOGS_START_NS
-from mcap_logs import Topic, poses_topic, smooth_poses, tf_topic, write_log
+from mcap_logs import Topic, poses_topic, smooth_poses, tf_topic, transform, write_log
 
 NAMES = [state.value for state in STATES]
 RATE_HZ = 100
@@ -385,6 +388,30 @@ def test_info_reads_a_file_of_many_sources_once(tmp_path: Path, monkeypatch: pyt
     assert single.stdout.startswith("/tf world->body 7")
     assert "tracking" in single.stdout
     assert run("info", path, "--frame", "nothing").returncode == 2
+
+
+def test_info_of_many_bodies_takes_little_longer_than_of_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Each is tracked for its share of the updates that one has."""
+    poses, kind = smooth_poses(1500), "geometry_msgs/msg/TransformStamped"
+    bodies = [
+        Topic(f"/{name}", kind, [(pose.stamp_ns, transform(*pose, "world", name)) for pose in poses])
+        for name in "abc"
+    ]
+    path, updates, add = str(write_log(tmp_path / "x.mcap", bodies)), list[int](), Tracker.add
+
+    def counted(tracker: Tracker, batch: Poses, detail: Detail) -> list[Belief]:
+        beliefs = add(tracker, batch, detail)
+        updates.append(len(beliefs))
+        return beliefs
+
+    monkeypatch.setattr(Tracker, "add", counted)
+    monkeypatch.setattr(info, "MOST_UPDATES", 150)
+    assert main.run(["info", path]) == 0
+    out = capsys.readouterr().out
+    assert out.count("tracking  noise") == out.count("too short a part was read to estimate") == 3
+    assert 10 < sum(updates) < 150 // 3
 
 
 RECORDING = ROOT / "recordings" / "vision_30hz.mcap"

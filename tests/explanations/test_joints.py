@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
+from io import StringIO
 
 import numpy as np
 import pytest
@@ -29,6 +30,7 @@ from contact_tracker.explanations.conditional_contact import ExplainedTicks, Kno
 from contact_tracker.explanations.joint_evidence import FittedJoint, Joint, joint_of, likeliest_joint
 from contact_tracker.explanations.joint_models import JointFrames, JointKind
 from contact_tracker.explanations.joint_parts import find_joints, rests_in
+from contact_tracker.exports.formats import open_text
 from contact_tracker.geometry.elements import Line, Point
 from contact_tracker.geometry.lifted_pose import T, lift
 from contact_tracker.motion.poses import Poses
@@ -327,6 +329,17 @@ def test_a_slider_is_no_screw_of_metres_per_radian() -> None:
     slider = replace(named_scenario("slider", 2), phases=(Phase(Contact.FREE, 5.0),))
     joint = joint_in(segmenting.segment(simulate(slider, 2).poses, MODEL))
     assert joint.kind is JointKind.SLIDER
+
+
+@needs_kernels
+def test_rows_of_a_table_contain_the_joint() -> None:
+    found = segmented(JointKind.HINGE, 1)
+    rows = StringIO(newline="")
+    with open_text(".csv", rows, "segments", lambda: 0) as append:
+        append(found.segments)
+    header, *lines = rows.getvalue().splitlines()
+    assert ",joint,decided," in header
+    assert any('""kind"": ""hinge""' in line for line in lines)
 
 
 def bent_window(poses: Poses, errors: SystematicErrors, seed: int) -> Window:

@@ -16,6 +16,7 @@ from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.geometry.elements import Plane
 from contact_tracker.geometry.lifted_pose import lift
 from contact_tracker.hypotheses.bank_update import fit_window
+from contact_tracker.hypotheses.observability import MOST_TICKS, representatives
 from contact_tracker.hypotheses.refinement import Ar1Noise, estimate_ar1, refine, whiten_ar1
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.window import Window
@@ -229,6 +230,17 @@ def test_what_exact_poses_do_not_show_is_as_wide_as_the_prior_with_errors_too(co
     covariance, _ = covariances(flat, contact, with_errors(1e-2, 1e-2))
     sd_m = np.sqrt(np.linalg.eigvalsh(covariance[3:, 3:])[-1])  # of a line's point, or a plane's offset
     assert 0.9 < sd_m / SHIPPED.geometry.reach_m < 1.01
+
+
+def test_ticks_that_represent_a_window_count_as_many_as_it_has():
+    rng, ticks = np.random.default_rng(0), 1000
+    excess = np.where(np.arange(ticks)[:, None] < 100, 1.0, 0.0) * np.ones(2)
+    window = Window(np.arange(ticks), rng.normal(size=(ticks, 25)), np.ones((ticks, 2)), excess)
+    some, count = representatives(window)
+    assert count.sum() == ticks
+    assert len(some) <= MOST_TICKS
+    assert (some.index < 100).sum() > 50
+    assert representatives(window.cut(0, 50))[0].index.tolist() == list(range(50))
 
 
 def test_online_and_offline_deviations_agree():

@@ -338,6 +338,13 @@ def test_impossible_scenarios_are_refused(name: str, change: dict[str, object], 
         replace(named_scenario(name, 0), **change)  # type: ignore[arg-type]
 
 
+def test_unknown_names_and_negative_seeds_are_refused() -> None:
+    with pytest.raises(UsageError, match="choose from paper_experiment"):
+        simulate("nothing", 0)
+    with pytest.raises(UsageError, match="seed"):
+        simulate("all_states", -1)
+
+
 @pytest.mark.parametrize("name", FORMATIONS)
 def test_table_and_wall_are_touched_as_in_the_truth(name: str) -> None:
     simulated = quiet(name, 2)

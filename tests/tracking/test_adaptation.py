@@ -37,6 +37,7 @@ from contact_tracker.tracking.filter_bank import (
     period_for_all_s,
     with_ticks_for,
 )
+from contact_tracker.tracking.noise_choice import are_kept
 from contact_tracker.tracking.offline_smoother import segment
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.tracking.transition_model import log_initial, tick_transitions
@@ -313,6 +314,13 @@ def test_the_tracker_with_the_best_evidence_remains() -> None:
     assert known.is_decided
     assert known.filters.grid.last.noise.sigma_position_m == pytest.approx(3e-4)
     assert given == known.best.model
+
+
+@pytest.mark.parametrize(("ahead", "chosen"), [(14.0, 0), (16.0, 1)])
+def test_the_price_of_a_tolerance_also_counts_in_the_end(ahead: float, chosen: int) -> None:
+    price = np.array([0.0, -15.0])
+    assert are_kept(np.array([0.0, ahead - 15.0]), price, 12.0, price).all() == (chosen == 0)
+    assert are_kept(np.array([0.0, ahead - 15.0]), price, 30.0, price).argmax() == chosen
 
 
 def rolling(seed: int) -> Poses:
