@@ -1,7 +1,5 @@
 """Pruning of weak hypotheses hardly changes the beliefs."""
 
-from functools import cache
-from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -9,11 +7,10 @@ import numpy as np
 import pruning
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.hypotheses.bank import blank
-from contact_tracker.hypotheses.global_search import is_due, prune
+from contact_tracker.hypotheses.global_search import prune
 from contact_tracker.hypotheses.refit import are_near
-from contact_tracker.hypotheses.schedule import NEAR_NATS, UNTHINNED_TICKS, burn_in_ticks
+from contact_tracker.hypotheses.schedule import NEAR_NATS, burn_in_ticks
 from contact_tracker.states import Contact
-from pose_filter import forward
 from short_recordings import FACE_TO_EDGE, MODEL, recorded
 
 EDGE_FACE: Final = CONTACT_MODELS[Contact.EF.column]
@@ -41,21 +38,3 @@ def test_margins_are_relative_to_the_best_and_known_elements_have_no_burn_in():
     assert prune(
         bank.replace_onset_columns(effective_ticks=ages), EDGE_FACE, 3, 0.0, 20.0
     ).number.tolist() == [1]
-
-
-@cache
-def ticks_seen():
-    """A recording, tick by tick."""
-    return list(forward(recorded(FACE_TO_EDGE).poses[:860], MODEL))
-
-
-def test_young_hypotheses_are_pruned_only_after_a_search():
-    dropped = 0
-    for before, after in pairwise(ticks_seen()):
-        now = before.state.ticks
-        for model, bank, left in zip(CONTACT_MODELS, before.state.banks, after.state.banks, strict=True):
-            young = bank.number[bank.onset > now + 1 - UNTHINNED_TICKS]
-            gone = len(set(young) - set(left.number))
-            assert not gone or is_due(model, now)
-            dropped += gone
-    assert dropped

@@ -6,8 +6,6 @@ from functools import cache
 import numpy as np
 import pytest
 from benchmarks.simulated_fits import NOISES, fit_simulated, fitted_geometry
-from hypothesis import example, given
-from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
@@ -17,7 +15,7 @@ from contact_tracker.geometry.elements import Plane
 from contact_tracker.geometry.lifted_pose import lift
 from contact_tracker.hypotheses.bank_update import fit_window
 from contact_tracker.hypotheses.observability import MOST_TICKS, representatives
-from contact_tracker.hypotheses.refinement import Ar1Noise, estimate_ar1, refine, whiten_ar1
+from contact_tracker.hypotheses.refinement import refine
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS, Contact
@@ -84,28 +82,6 @@ def test_covariances_are_consistent_where_the_model_knows_that_errors_wander(con
     wanders = NOISES["mocap"]._replace(wander_m=0.5e-3, wander_deg=0.15)
     deviations = [d for seed in range(SEEDS) for d in fit_simulated(contact, wanders, seed).deviation]
     assert 0.4 < sum(d.squared for d in deviations) / sum(d.freedom for d in deviations) < 2.5
-
-
-@given(st.integers(0, 10_000), st.floats(0.0, 0.7))
-@example(seed=138, correlation=0.6875).via("squares of other ticks than those of the products had it at 0.92")
-def test_size_and_correlation_of_errors_are_estimated_from_residuals(seed, correlation):
-    """Of residuals, before and after the fit of a line and a wave."""
-    rng, count = np.random.default_rng(seed), 400
-    index = np.cumsum(rng.integers(1, 3, count))
-    new = rng.normal(size=(1, count))
-    errors = new.copy()
-    for tick in range(1, count):
-        left = correlation ** (index[tick] - index[tick - 1])
-        errors[:, tick] = left * errors[:, tick - 1] + np.sqrt(1.0 - left**2) * new[:, tick]
-    np.testing.assert_allclose(whiten_ar1(errors, np.full(1, correlation), index), new, atol=1e-9)
-    shapes = np.stack([np.ones(count), index / 400.0, np.sin(index / 5.0), np.cos(index / 5.0)], axis=1)
-    left_over = errors - (shapes @ np.linalg.lstsq(shapes, errors.T, rcond=None)[0]).T
-    start = Ar1Noise(np.ones(1), np.zeros(1))
-    for residuals, fitted in ((errors, 0.0 * shapes), (left_over, shapes)):
-        rows = np.concatenate([fitted[None], 2.0 * residuals[..., None]], axis=2)
-        found = estimate_ar1(start, rows, np.zeros((4, 4)), index)
-        assert abs(found.correlation - correlation) < 0.3
-        assert 0.5 < 4.0 * found.weight < 2.0
 
 
 def test_frames_of_the_previous_contact_do_not_bias_the_geometry():

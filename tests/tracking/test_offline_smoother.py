@@ -21,7 +21,6 @@ from contact_tracker.tracking.segment_fit import SegmentTicks, fit_segment
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker.tracking.transition_model import tick_transitions
 from contact_tracker_lab.calibration.trellis import window_of
-from contact_tracker_lab.evaluation.geometry_errors import geometry_errors
 from pose_filter import forward
 from short_recordings import EDGE_TO_EDGES, FACE_TO_EDGE, MODEL, recorded, segmented, true_contacts
 
@@ -52,17 +51,6 @@ def test_segments_are_the_true_ones_and_cover_the_recording_once(contacts):
         (mine,) = (s for s in found.segments if s.start_ns <= belief.stamp_ns <= s.end_ns)
         assert (belief.contact, belief.onset_ns) == (mine.contact, mine.start_ns)
         assert belief.probability.sum() == pytest.approx(1.0)
-
-
-@each_recording
-def test_geometry_lies_within_its_standard_deviations(contacts):
-    simulated = recorded(contacts)
-    errors = geometry_errors(simulated.poses, simulated.truth, segmented(contacts).segments)
-    assert errors.found_segments == errors.true_segments == 2
-    assert all(row.deviation.sd < 3.5 for row in errors.rows)
-    assert errors.within_3_sd >= 0.75
-    assert np.median(errors.angle_deg) < 3.0
-    assert np.median(errors.distance_mm) < 10.0
 
 
 @each_recording
