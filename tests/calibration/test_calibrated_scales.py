@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from contact_motions import touching
-from contact_tracker.config.loading import limits, load_model
+from contact_tracker.config.loading import load_model
 from contact_tracker.errors import UsageError
 from contact_tracker.geometry.lifted_pose import lift
 from contact_tracker.motion.window import Window
@@ -29,9 +29,7 @@ from contact_tracker_lab.calibration.residuals import (
     fit_contact_segments,
     learn_contact_errors,
     learn_floors,
-    observe,
 )
-from smooth_motion import moving
 
 MODEL = load_model()
 SENSOR_M, SENSOR_RAD = 0.05e-3, 0.4e-3
@@ -59,12 +57,6 @@ def contact_segments(contact, floor_m, floor_rad, ticks=120, bounced=0.0, seed=0
     )
     observed = Observed(np.arange(ticks), window, np.ones(ticks), SENSOR_M, SENSOR_RAD)
     return fit_contact_segments(observed, np.full(ticks, contact.column), MODEL)
-
-
-def test_the_noise_of_a_recording_is_the_estimate_at_its_end():
-    poses = moving(np.random.default_rng(3), 10.0, 200.0, 5.0 * MODEL.noise.sigma_position_m, 2e-3)
-    found = observe(poses, MODEL)
-    assert found.sigma_position_m == pytest.approx(5.0 * MODEL.noise.sigma_position_m, rel=0.1)
 
 
 @cache
@@ -140,17 +132,6 @@ def test_a_search_finds_the_least_loss_along_each_parameter():
     assert learned[0].before == loss(MODEL)
     assert learned[0].after == learned[1].before
     assert learned[1].after == loss(model) < learned[1].before
-
-
-def test_parameters_change_only_for_a_lower_loss_and_within_range():
-    def flat(model):
-        assert limits(key)[0] < value_of(model, key) < limits(key)[1]
-        return 1.0 - 1e-5 * value_of(model, key)
-
-    for key in ("motion.prior_predictive_share", "geometry.reach_m"):
-        start = with_value(MODEL, key, 0.9)
-        assert coordinate_search(start, [key], flat)[0] == start
-    assert coordinate_search(MODEL, [], lambda model: 1 / 0) == (MODEL, ())
 
 
 def test_parameters_are_chosen_by_key_or_by_table():

@@ -1,13 +1,10 @@
 """The benchmark: lags, other methods and tables, by brute force or by hand, on short data."""
 
-from itertools import pairwise, product
 from operator import add
 from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from contact_tracker.errors import UsageError
 from contact_tracker.ground_truth import Truth
@@ -19,34 +16,6 @@ from contact_tracker_lab.evaluation.scoring import Scoring, Subset, scoring
 from short_recordings import FACE_TO_EDGE, MODEL, recorded
 
 SECOND = 1_000_000_000
-SEEDS = st.integers(0, 2**32 - 1)
-
-
-@settings(max_examples=25, deadline=None)
-@given(SEEDS)
-def test_a_chain_over_windows_is_the_sum_over_its_paths(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    count, states = 5, 3
-    log_density = 2.0 * rng.normal(size=(count, states))
-    initial = np.log(rng.dirichlet(np.ones(states)))
-    transition = np.log(rng.dirichlet(np.ones(states), states))
-
-    def weigh(path: tuple[int, ...], until: int) -> float:
-        moves = sum(transition[a, b] for a, b in pairwise(path[:until]))
-        return float(initial[path[0]] + moves + log_density[np.arange(until), path[:until]].sum())
-
-    def brute(until: int) -> np.ndarray:
-        posterior = np.zeros((until, states))
-        for path in product(range(states), repeat=until):
-            posterior[np.arange(until), path] += np.exp(weigh(path, until))
-        return posterior / posterior.sum(axis=1, keepdims=True)
-
-    online = fixed_windows.filtered(log_density, initial, transition)
-    for window in range(count):
-        np.testing.assert_allclose(online[window], brute(window + 1)[window], atol=1e-9)
-    posterior, label = fixed_windows.smoothed(log_density, initial, transition)
-    np.testing.assert_allclose(posterior, brute(count), atol=1e-9)
-    assert tuple(label) == max(product(range(states), repeat=count), key=lambda path: weigh(path, count))
 
 
 def truth_of(*phases: tuple[str, float]) -> Truth:

@@ -275,17 +275,6 @@ def test_outliers_drops_repeated_poses_and_jitter_are_as_specified() -> None:
     assert off.max() < 0.07
 
 
-def test_one_seed_is_one_recording() -> None:
-    short = Scenario((Phase(Contact.VF, 2.0),), outlier_probability=0.01, drop_probability=0.05)
-    first, second, other = (simulate(short, seed) for seed in (6, 6, 7))
-    assert first.metadata == second.metadata
-    assert first.truth.to_json() == second.truth.to_json()
-    np.testing.assert_array_equal(first.poses.position_m, second.poses.position_m)
-    np.testing.assert_array_equal(first.poses.quat_xyzw, second.poses.quat_xyzw)
-    assert first.metadata["object_vertices_m"] != other.metadata["object_vertices_m"]
-    assert quiet("random", 0).metadata["scenario"] == "random"
-
-
 @pytest.mark.parametrize(
     ("object_name", "surroundings"), [*zip(OBJECTS, [*SURROUNDINGS, "desk"], strict=True)]
 )
