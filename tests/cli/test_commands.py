@@ -303,6 +303,21 @@ def test_a_full_disk_under_stdout_is_one_line_and_1(log: Path) -> None:
     assert line.startswith("contact-tracker: error: cannot write")
 
 
+def test_a_signal_leaves_no_partial_file(log: Path, tmp_path: Path) -> None:
+    number = signal.SIGHUP
+    words = "segment", "-", "-o", tmp_path / "out.csv"
+    with started(*words, stdin=PIPE, preexec_fn=lambda: signal.signal(number, signal.SIG_DFL)) as process:
+        process.stdin.write(log.read_bytes())  # and there may be more
+        process.stdin.flush()
+        while not any(tmp_path.iterdir()):
+            assert process.poll() is None
+            time.sleep(0.01)
+        process.send_signal(number)
+        process.wait(timeout=30)
+    assert process.returncode == 128 + number
+    assert not any(tmp_path.iterdir())
+
+
 def test_view_of_a_pipe_has_every_pose(log: Path, tmp_path: Path) -> None:
     done = run("view", "-", "--save", tmp_path / "a.rrd", stdin=log.read_bytes())
     assert (done.returncode, done.stdout) == (0, ""), done.stderr

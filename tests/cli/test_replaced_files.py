@@ -230,6 +230,23 @@ def test_a_recording_is_replaced_with_overwrite_and_other_results_always(
         assert Path(output).stat().st_size > 50
 
 
+def test_a_recording_that_cannot_be_read_may_be_one(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    Path("out.csv").write_text("secret")
+    real = open
+
+    def refuse(path, *arguments, **options):
+        if Path(path).name == "out.csv":
+            raise PermissionError(13, "Permission denied", path)
+        return real(path, *arguments, **options)
+
+    monkeypatch.setattr("contact_tracker.recording.reading.open", refuse, raising=False)
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "read_bytes", lambda path: b"")
+        assert "--overwrite" in refusal(capsys, *["segment", "log.mcap", "-o", "out.csv"])
+
+
 @pytest.mark.parametrize("name", ["take.csv", "take.parquet"])
 def test_tables_of_poses_are_recordings(folder: Path, capsys: pytest.CaptureFixture[str], name: str) -> None:
     poses = smooth_poses()

@@ -72,6 +72,15 @@ def test_results_equal_those_of_numpy_and_scipy():
         np.testing.assert_allclose(vectors * np.sign(vectors[0]), true * np.sign(true[0]), atol=1e-9)
 
 
+def test_arguments_are_not_modified():
+    given = SYMMETRIC.copy(order="F"), AGAINST.copy(order="F")
+    linalg.solve(*given)
+    linalg.eigenvalues(given[0])
+    linalg.eigenvectors(given[0])
+    linalg.eigenvectors(*given)
+    np.testing.assert_array_equal(given, (SYMMETRIC, AGAINST))
+
+
 def test_singular_systems_have_no_result():
     with pytest.raises(np.linalg.LinAlgError):
         linalg.solve(np.zeros((3, 3)), np.ones((3, 1)))

@@ -124,3 +124,13 @@ def test_predictions_continue_the_motion():
         assert off[0] < 0.01
         assert off[2] < 0.15
     assert np.linalg.norm(at[1] - 0.5 * (at[0] + at[2])) < 0.01
+
+
+def test_a_jump_has_no_lasting_effect():
+    """One jump of a metre must not count as motion forever."""
+    rng = np.random.default_rng(6)
+    position, turn = still(120)
+    position[60:] += 1.0
+    excess = follow(*noisy(rng, position, turn))[1]
+    assert np.isfinite(excess).all()
+    assert np.mean(excess[75:, 0] < 1e-9 * VARIANCES[0]) > 0.9

@@ -20,12 +20,14 @@ from contact_tracker.arrays import Array
 from contact_tracker.geometry.lifted_pose import T
 from contact_tracker.motion.pose_validation import LONGEST_WAIT_NS, PoseGate
 from contact_tracker.motion.poses import Poses
+from contact_tracker.motion.tick_averaging import tick_variances
 from contact_tracker.recording import read_truth
 from contact_tracker.segmenting import OfflineTracker
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracker import Tracker
 from contact_tracker.tracking.ambiguity import at_most
 from contact_tracker.tracking.belief import Belief, Detail
+from contact_tracker.tracking.contact_filter import ticks_of
 from contact_tracker.tracking.filter_bank import (
     LASTING_TICKS,
     RATE_POSES,
@@ -37,7 +39,7 @@ from contact_tracker.tracking.filter_bank import (
     period_for_all_s,
     with_ticks_for,
 )
-from contact_tracker.tracking.noise_choice import are_kept
+from contact_tracker.tracking.noise_choice import NO_RESTS, RestScatter, are_kept
 from contact_tracker.tracking.offline_smoother import segment
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.tracking.transition_model import log_initial, tick_transitions
@@ -123,6 +125,32 @@ def test_a_long_rest_does_not_count_as_motion() -> None:
     _, beliefs = as_values.advance(state, poses[rest:], Detail.WEIGHTS)
     moving = [belief.contact for belief in beliefs if belief.stamp_ns > shipped(PAPER).stamp_ns[1000]]
     assert np.mean([contact is Contact.FF for contact in moving]) > 0.75
+
+
+def test_the_calmest_rest_shows_which_noise_is_too_large() -> None:
+    """A hand that holds the object nearly still moves it more than noise does; it is no noise."""
+    rest = [tick for tick in ticks_of([after_rest(shipped(PAPER)[:2], 3.0)[:-2]], MODEL) if tick.count]
+    variance = float(np.prod(tick_variances(rest[-1].noise, np.array(20.0), MODEL)) ** 0.5)
+
+    def scatter_of(size: float) -> RestScatter:
+        scatter, rng = NO_RESTS, np.random.default_rng(1)
+        for tick in rest:
+            trembling = tick.zeta + size * rng.normal(size=tick.zeta.shape)
+            scatter = scatter.append(replace(tick, zeta=trembling), moves=False)
+        return scatter
+
+    scales = np.array([[1.0, 1.0], [4.0, 4.0], [8.0, 8.0]]) ** 2 * variance
+    assert scatter_of(0.0).allows(scales).tolist() == [True, True, False]
+    held = RestScatter(least=scatter_of(0.0).least)
+    for tick in rest:  # later, in a hand
+        held = held.append(replace(tick, zeta=tick.zeta + 1e-2 * (tick.start_ns % 7)), moves=False)
+    assert held.least == scatter_of(0.0).least
+    assert scatter_of(1e-2).allows(scales).all()
+    for same in (
+        NO_RESTS.append(rest[0], moves=False).append(rest[0], moves=False),
+        NO_RESTS.append(rest[0], True),
+    ):
+        assert same.allows(scales).all(), "equal poses and motion show nothing"
 
 
 def after_rest(poses: Poses, rest_s: float) -> Poses:
@@ -314,6 +342,22 @@ def test_the_tracker_with_the_best_evidence_remains() -> None:
     assert known.is_decided
     assert known.filters.grid.last.noise.sigma_position_m == pytest.approx(3e-4)
     assert given == known.best.model
+
+
+def test_the_prior_has_an_effect_in_the_first_seconds_only() -> None:
+    """The prior favours the second by 12 nats, the evidence is 5 against it, and the third is behind."""
+    log_prior = np.array([0.0, 12.0, -2.0])
+    log_weight = np.array([10.0, 5.0, -45.0]) + log_prior
+    for moved_s, expected in (
+        (1.0, [True, True, True]),
+        (2.0, [True, True, False]),
+        (12.0, [True, True, False]),
+        (30.0, [True, False, False]),
+    ):
+        assert are_kept(log_weight, log_prior, moved_s).tolist() == expected
+    more_evidence = log_weight + np.array([8.0, 0.0, 0.0])  # 13 nats against it: both agree
+    assert are_kept(more_evidence, log_prior, 9.0).tolist() == [True, True, False]
+    assert are_kept(more_evidence, log_prior, 10.0).tolist() == [True, False, False]
 
 
 @pytest.mark.parametrize(("ahead", "chosen"), [(14.0, 0), (16.0, 1)])

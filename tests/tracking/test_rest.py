@@ -15,6 +15,8 @@ from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Detail
 from contact_tracker.tracking.contact_filter import FilteredTick
 from contact_tracker.tracking.offline_smoother import segment
+from contact_tracker.tracking.transition_model import REST_EXPOSURE
+from pose_filter import after as after_tick
 from pose_filter import forward
 from short_recordings import FACE_TO_EDGE, recorded
 from smooth_motion import least_jerk, with_noise
@@ -77,6 +79,20 @@ def test_rest_changes_no_hypothesis_and_opens_the_belief_once():
     assert all({Contact.VF, Contact.FREE}.isdisjoint(belief.inseparable) for belief in beliefs[opened:])
     assert beliefs[opened].probability.max() < 0.76 < beliefs[opened - 1].probability.max()
     assert not {*REMAIN_OPEN} <= {*ticks[waited[-1] + 1].belief.inseparable}
+
+
+def test_after_rest_the_belief_is_the_former_one_less_certain_by_time():
+    ticks = seen(5.0)
+    last = still(ticks)[-1]
+    rested, next_tick = ticks[last].state, ticks[last + 1].tick
+    contact = ticks[last].belief.contact
+
+    def after(rest_s: float) -> float:
+        state = rested._replace(deferred_exposure=rest_s / MODEL.tick_s * REST_EXPOSURE)
+        return float(after_tick(state, next_tick)[1].probability[contact.column])
+
+    assert after(5.0) > 0.75 * ticks[MOVED // 20 + 5].belief.probability[contact.column] > 0.5
+    assert after(5.0) > after(60.0) > after(600.0)
 
 
 def test_a_rest_in_the_middle_is_a_row_of_its_own_and_shows_no_further_constraint():

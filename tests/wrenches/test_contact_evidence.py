@@ -121,6 +121,14 @@ def test_missing_measurements_have_no_evidence() -> None:
     assert evidence_of(made).of_window(made.touch_ns, made.touch_ns + 10) is None
 
 
+def test_a_gap_does_not_change_the_result() -> None:
+    made = pressed(Contact.VF)
+    middle = made.touch_ns + 2_000_000_000
+    kept = np.abs(made.wrenches.stamp_ns - middle) > 500_000_000
+    with_gap = Wrenches(*(column[kept] for column in vars(made.wrenches).values()))
+    assert log_evidence_of(replace(made, wrenches=with_gap)).argmax() == Contact.VF.column
+
+
 def test_two_contacts_in_one_window_have_no_evidence() -> None:
     one, other = pressed(Contact.FV, 0), pressed(Contact.VF, 0)
     late = other.poses.stamp_ns >= other.touch_ns
