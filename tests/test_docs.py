@@ -219,7 +219,7 @@ def test_links_lead_somewhere() -> None:
             assert "://" in target or (path.parent / target).exists(), f"{path.name} links to {target}"
 
 
-@pytest.mark.parametrize("page", ["architecture.md", "glossary.md"])
+@pytest.mark.parametrize("page", ["architecture.md", "glossary.md", "theory.md"])
 def test_names_in_pages_on_the_code_exist(page):
     text = (ROOT / "docs" / page).read_text(encoding="utf-8")
     named = re.findall(r"`([a-z_0-9/]+(?:\.[a-z]{2,3}|/))(?:: ([a-z_]+))?`", text)

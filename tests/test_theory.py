@@ -48,14 +48,6 @@ def test_equations_cited_in_docstrings_exist() -> None:
     assert not wrong
 
 
-def test_every_file_that_is_named_exists() -> None:
-    table = THEORY.partition("Where in the code")[2]
-    named = re.findall(r"`([\w/]+(?:\.py|/))`", table)
-    assert len(named) > 12
-    missing = [name for name in named if not any((base / name).exists() for base in (*PACKAGES, ROOT))]
-    assert not missing
-
-
 def test_every_equation_has_its_place_in_the_code() -> None:
     table = THEORY.partition("Where in the code")[2].partition("## References")[0]
     placed = {int(n) for n in re.findall(r"\bT(\d+)", table)}
