@@ -173,7 +173,6 @@ def test_the_core_does_no_io() -> None:
 
 
 def test_only_one_file_prints() -> None:
-    """It escapes control characters."""
     for path in (p for p in PARTS if ids(p) not in READS_FILES | {PRINTS}):
         for node in ast.walk(tree(path)):
             match node:

@@ -43,7 +43,6 @@ def with_short_recording(folder: Path, name: str) -> Path:
 
 
 def test_the_python_of_the_readme_runs(tmp_path: Path) -> None:
-    """On the first two seconds of the recording that it names."""
     (block,) = [text for language, text in FENCED.findall(README) if language == "python"]
     (name,) = set(re.findall(r"recordings/\w+\.mcap", block))
     done = carried_out(Step("python", block, ""), with_short_recording(tmp_path, name))
@@ -56,7 +55,6 @@ def test_the_python_of_the_readme_runs(tmp_path: Path) -> None:
 
 
 def test_the_first_command_of_the_readme_makes_a_figure(tmp_path: Path) -> None:
-    """Of a table as it says there."""
     step = next(steps(README))
     names = re.findall(r"\(`(time,\S+)`\)", README)
     first = Poses.collect(islice(open_log(str(ROOT / "recordings/mug_first_take.mcap")), 200, 250))
@@ -70,7 +68,6 @@ def test_the_first_command_of_the_readme_makes_a_figure(tmp_path: Path) -> None:
 
 @pytest.mark.long
 def test_the_output_in_the_readme_is_printed() -> None:
-    """By the first command, which installs as well."""
     code, shown = next((step.code, step.shown) for step in steps(README) if step.shown)
     (command,) = re.findall(r"contact-tracker live \S+$", code)
     step = Step("bash", command, shown)
@@ -98,7 +95,6 @@ def test_the_page_on_python_runs_from_top_to_bottom(tmp_path: Path) -> None:
 
 @pytest.mark.long
 def test_the_page_on_batches_runs_from_top_to_bottom(tmp_path: Path) -> None:
-    """With short recordings in the folder of the page, one of them broken."""
     page = (ROOT / "docs" / "batch.md").read_text(encoding="utf-8")
     for name in ("paper_experiment", "vision_30hz"):
         with_short_recording(tmp_path, f"recordings/{name}.mcap")
@@ -126,7 +122,6 @@ def test_the_page_on_batches_names_every_column() -> None:
 
 @pytest.mark.long
 def test_the_notebook_runs(monkeypatch: pytest.MonkeyPatch) -> None:
-    """In a separate kernel, in its folder; it shows a table and a figure."""
     monkeypatch.setenv("PYTHONPATH", str(ROOT / "tracker"))
     notebook = nbformat.read(EXAMPLES / "first_steps.ipynb", as_version=4)
     resources = {"metadata": {"path": str(EXAMPLES)}}
@@ -170,7 +165,6 @@ def test_the_conventions_name_every_count() -> None:
 
 
 def test_every_input_format_names_existing_tests() -> None:
-    """Each row of docs/formats.md, and each test by its name."""
     text = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
     rows = [line for line in text.splitlines() if re.match(r"\| (?!---|file|type|encoding)", line)]
     assert len(rows) > 20
@@ -225,9 +219,8 @@ def test_links_lead_somewhere() -> None:
             assert "://" in target or (path.parent / target).exists(), f"{path.name} links to {target}"
 
 
-@pytest.mark.parametrize("page", ["architecture.md", "glossary.md"])
+@pytest.mark.parametrize("page", ["architecture.md", "glossary.md", "theory.md"])
 def test_names_in_pages_on_the_code_exist(page):
-    """Files and folders by their path in the package, and functions behind a colon."""
     text = (ROOT / "docs" / page).read_text(encoding="utf-8")
     named = re.findall(r"`([a-z_0-9/]+(?:\.[a-z]{2,3}|/))(?:: ([a-z_]+))?`", text)
     assert len(named) > 25
@@ -240,7 +233,6 @@ def test_names_in_pages_on_the_code_exist(page):
 
 
 def test_the_tables_of_the_benchmarks_are_those_of_the_kept_files() -> None:
-    """As ``tests/benchmarks/document.py`` writes them."""
     assert document.main(["--check"]) == 0
     texts = [one.read_text(encoding="utf-8") for one in document.DOCUMENTS]
     counts = [len(document.SECTION.findall(text)) for text in texts]

@@ -190,3 +190,5 @@ def test_a_short_part_of_a_recording_is_segmented(tmp_path: Path, capsys: Any) -
     assert doubt == "The motion leaves the contact open for 0.02 of 0.02 s."
     assert "4 poses" in captured.err
     assert "no contact is decided: move the object in more directions" in captured.err
+    assert run(["live", str(log), "--start", "0.5", "--duration", "0.02"]) == 0
+    assert "4 poses" in capsys.readouterr().err

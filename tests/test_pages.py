@@ -104,7 +104,6 @@ def recorded(seconds: float) -> Poses:
 def test_the_page_on_the_paper_is_the_output_of_its_command(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Except for numbers, which differ with fewer and shorter recordings."""
     monkeypatch.syspath_prepend(str(DOCS / "examples"))
     import paper
     import paper_replication

@@ -170,12 +170,6 @@ def test_an_error_of_the_caller_ends_workers_without_the_work_that_waits(tmp_pat
     assert not active_children()
 
 
-def test_more_processes_than_the_platform_allows_are_not_started(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(processes, "MOST_WORKERS", 2)
-    with Workers(5, prepare) as workers:
-        assert workers._max_workers == 2
-
-
 class Killing:
     """An argument that kills the process to which it is given."""
 

@@ -77,7 +77,6 @@ def test_committed_recordings_are_reproduced_by_their_commands(name: str, tmp_pa
 
 
 def test_a_long_log_plays_forward_and_backward_at_the_same_rate(tmp_path: Path) -> None:
-    """As the benchmark of speed takes it."""
     write_recording(str(tmp_path / "short.mcap"), smooth_poses(60, rate_hz=100.0), None, {})
     short = poses_of(tmp_path / "short.mcap")
     opened = open_log(str(write_long_log(tmp_path / "short.mcap", 3.0, tmp_path / "long.mcap")))

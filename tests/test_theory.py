@@ -48,14 +48,6 @@ def test_equations_cited_in_docstrings_exist() -> None:
     assert not wrong
 
 
-def test_every_file_that_is_named_exists() -> None:
-    table = THEORY.partition("Where in the code")[2]
-    named = re.findall(r"`([\w/]+(?:\.py|/))`", table)
-    assert len(named) > 12
-    missing = [name for name in named if not any((base / name).exists() for base in (*PACKAGES, ROOT))]
-    assert not missing
-
-
 def test_every_equation_has_its_place_in_the_code() -> None:
     table = THEORY.partition("Where in the code")[2].partition("## References")[0]
     placed = {int(n) for n in re.findall(r"\bT(\d+)", table)}
@@ -65,7 +57,6 @@ def test_every_equation_has_its_place_in_the_code() -> None:
 
 
 def test_errata_name_what_the_tests_show() -> None:
-    """Each row of the errata table has its test, and the other way round."""
     rows = re.findall(r"^\| \((\d+)\)", THEORY.partition("### Errata")[2].partition("###")[0], re.MULTILINE)
     tests = re.findall(
         r"def test_erratum_(\d+)_", (ROOT / "tests" / "paper" / "test_objectives.py").read_text("utf-8")

@@ -159,12 +159,6 @@ def test_names_of_columns_have_units_as_in_files(poses) -> None:
         Trajectory.from_dataframe(columns, "time [ms]", ["x [ft]", *names[1:]])
 
 
-def test_a_result_has_the_true_contacts(result) -> None:
-    assert [s.contact.value for s in result.segments] == ["f-f", "e-f"]
-    assert str(result).splitlines()[1].split()[2] == "f-f"
-    assert result.warnings == ()
-
-
 def test_progress_is_written_or_given(poses, capsys) -> None:
     done = list[int]()
     for progress in (done.append, True):

@@ -262,7 +262,6 @@ def test_an_unknown_argument_is_named(given: Given, call: Callable[[Given], Any]
     ],
 )
 def test_a_refusal_proposes_the_call(tmp_path: Path, head: str, message: str, how: dict[str, str]) -> None:
-    """And the proposed call reads the poses."""
     path = tmp_path / "it's {a} file.csv"
     rows = np.c_[np.arange(FEW), np.ones((FEW, 3)), np.linspace(0.0, 0.5, FEW), np.zeros((FEW, 2))]
     np.savetxt(path, rows, delimiter=",", header=head, comments="")
@@ -286,7 +285,6 @@ def test_a_wrong_argument_is_an_error_of_the_package(name, argument, given) -> N
 
 
 def test_numbers_of_other_libraries_are_numbers(given) -> None:
-    """Scalars and arrays that are not numpy's or Python's own floats."""
     ct.Tracker(lag_s=Fraction(1, 2), noise=(np.float32(3e-4), Decimal("0.003")))
     update(position_m=np.zeros(3, np.float32))
     update(np.int32(7))

@@ -47,15 +47,15 @@ class Trace(NamedTuple):
         return Counter(file for file, _ in self.calls.elements())
 
 
-def traced_ticks(log: Path, first_pose: int = FIRST_POSE, ticks: int = TICKS) -> list[Trace]:
-    """The traces of the first ticks that are closed after so many poses, by one filter."""
-    return list(islice(_traces(log, first_pose), ticks))
+def traced_ticks(log: Path) -> list[Trace]:
+    """The traces of the ``TICKS`` ticks that are closed after ``FIRST_POSE`` poses, by one filter."""
+    return list(islice(_traces(log), TICKS))
 
 
-def _traces(log: Path, first_pose: int) -> Iterator[Trace]:
+def _traces(log: Path) -> Iterator[Trace]:
     tracker, gate = Tracker.start(load_model()), PoseGate()
     for number, pose in enumerate(open_log(str(log))):
-        if number < first_pose:
+        if number < FIRST_POSE:
             tracker.update(gate.arrive(pose))
             continue
         if not tracker.is_decided:

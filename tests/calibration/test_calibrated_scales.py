@@ -8,15 +8,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from contact_motions import touching
-from contact_tracker.config.loading import limits, load_model
-from contact_tracker.config.parameters import TransitionCounts
+from contact_tracker.config.loading import load_model
 from contact_tracker.errors import UsageError
 from contact_tracker.geometry.lifted_pose import lift
 from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS, Contact
 from contact_tracker_lab.calibration.parameters import (
     EVALUATIONS,
-    LEARNED,
     How,
     coordinate_search,
     select,
@@ -31,10 +29,7 @@ from contact_tracker_lab.calibration.residuals import (
     fit_contact_segments,
     learn_contact_errors,
     learn_floors,
-    observe,
-    refined,
 )
-from smooth_motion import moving
 
 MODEL = load_model()
 SENSOR_M, SENSOR_RAD = 0.05e-3, 0.4e-3
@@ -64,12 +59,6 @@ def contact_segments(contact, floor_m, floor_rad, ticks=120, bounced=0.0, seed=0
     return fit_contact_segments(observed, np.full(ticks, contact.column), MODEL)
 
 
-def test_the_noise_of_a_recording_is_the_estimate_at_its_end():
-    poses = moving(np.random.default_rng(3), 10.0, 200.0, 5.0 * MODEL.noise.sigma_position_m, 2e-3)
-    found = observe(poses, MODEL)
-    assert found.sigma_position_m == pytest.approx(5.0 * MODEL.noise.sigma_position_m, rel=0.1)
-
-
 @cache
 def of_all_contacts(floor_m, floor_rad, **options):
     made = [contact_segments(c, floor_m, floor_rad, seed=s, **options) for c in CONTACTS for s in range(3)]
@@ -88,13 +77,6 @@ def test_floors_of_simulated_contacts_are_recovered(bounced):
     position, rotation = floors_of(MODEL, segments)
     assert position == pytest.approx(0.2e-3, rel=0.15 if bounced else 0.06)
     assert rotation == pytest.approx(1e-3, rel=0.15 if bounced else 0.06)
-
-
-def test_floors_do_not_depend_on_where_the_search_began():
-    segments = of_all_contacts(0.2e-3, 1e-3)
-    low = floors_of(with_floors(1e-6, 1e-6), segments)
-    high = floors_of(with_floors(5e-3, 20e-3), segments)
-    np.testing.assert_allclose(low, high, rtol=5e-3)
 
 
 def test_a_floor_is_learned_alone_and_reported_by_contact():
@@ -131,21 +113,6 @@ def test_too_few_residuals_leave_the_floor_unchanged():
     assert contact_segments(Contact.VF, 0.0, 0.0, ticks=SHORTEST_TICKS) == []
 
 
-@pytest.mark.parametrize("contact", CONTACTS)
-def test_leverages_add_up_to_the_number_of_parameters(contact):
-    """Fewer if a direction is determined by the prior only."""
-    (segment,) = contact_segments(contact, 0.0, 0.0)
-    _, found = refined(segment, with_floors(1e-6, 1e-6))
-    taken = (1.0 - found.free).sum()
-    parameters = {"f-f": 5, "e-f": 7, "f-e": 7, "v-f": 6, "f-v": 6, "e-e": 8}[contact.value]
-    assert parameters - 0.5 < taken <= parameters + 1e-6
-    variance = np.vstack([np.tile(found.variance[:, 1], (len(found.residual) - 1, 1)), found.variance[:, 0]])
-    variance[-1] += found.variance[:, 1] * found.lever_sq
-    square = (found.residual**2 / variance).sum()
-    freedom = found.free.sum()
-    assert abs(square - freedom) < 4.0 * np.sqrt(2.0 * freedom)
-
-
 def test_a_search_finds_the_least_loss_along_each_parameter():
     wanted = {"motion.body_radius_m": 0.13, "geometry.reach_m": 0.55}
     asked = []
@@ -165,26 +132,6 @@ def test_a_search_finds_the_least_loss_along_each_parameter():
     assert learned[0].before == loss(MODEL)
     assert learned[0].after == learned[1].before
     assert learned[1].after == loss(model) < learned[1].before
-
-
-def test_parameters_change_only_for_a_lower_loss_and_within_range():
-    def flat(model):
-        assert limits(key)[0] < value_of(model, key) < limits(key)[1]
-        return 1.0 - 1e-5 * value_of(model, key)
-
-    for key in ("motion.prior_predictive_share", "geometry.reach_m"):
-        start = with_value(MODEL, key, 0.9)
-        assert coordinate_search(start, [key], flat)[0] == start
-    assert coordinate_search(MODEL, [], lambda model: 1 / 0) == (MODEL, ())
-
-
-def test_the_table_names_parameters_of_the_model():
-    for key, how in LEARNED.items():
-        value = value_of(MODEL, key)
-        kind = {How.COUNTS: TransitionCounts, How.CONTACTS: tuple}.get(how, float)
-        assert isinstance(value, kind)
-        assert with_value(MODEL, key, value) == MODEL
-    assert with_value(MODEL, "tick_s", 0.2).tick_s == 0.2
 
 
 def test_parameters_are_chosen_by_key_or_by_table():

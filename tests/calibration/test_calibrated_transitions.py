@@ -6,12 +6,9 @@ from itertools import product
 import numpy as np
 import pytest
 
-from chain_oracle import NOTHING, N, noisy_trellis, prior, random_model, walk
+from chain_oracle import N, noisy_trellis, prior, random_model, walk
 from contact_tracker.config.parameters import TransitionCounts
-from contact_tracker.ground_truth import Truth, TruthInterval
-from contact_tracker.states import Contact
 from contact_tracker.tracking.transition_model import (
-    FREE,
     REST_EXPOSURE,
     destinations,
     initial,
@@ -26,9 +23,7 @@ from contact_tracker_lab.calibration.transitions import (
     count,
     learn_transitions,
     log_prior,
-    runs,
 )
-from contact_tracker_lab.evaluation.scoring import scoring
 
 
 def chains(rng, model, count_, ticks, silence=0.0):
@@ -113,14 +108,6 @@ def test_partial_truth_is_learned_from_in_its_part_only():
     assert not expected.begins.any()  # how it began is unknown
 
 
-@pytest.mark.parametrize("label", [[], [UNKNOWN], [2], [UNKNOWN] * 30], ids=str)
-def test_uninformative_data_keep_the_prior(label):
-    chain = KnownStates(np.array(label, np.int64), np.ones(len(label)))
-    learned = learn_transitions(prior(), [chain])[0].transitions
-    np.testing.assert_allclose(destinations(learned), destinations(prior().transitions))
-    np.testing.assert_allclose(leave_per_s(learned), leave_per_s(prior().transitions))
-
-
 def believed(known, start, rng, blur):
     trellis = noisy_trellis(known.label, start, known.exposure, rng, blur)
     return EstimatedStates.of(trellis, known.exposure, start)
@@ -153,48 +140,3 @@ def test_em_increases_the_posterior_up_to_its_maximum():
         )
         other = replace(learned, transitions=replace(learned.transitions, counts=moved))
         assert log_posterior(other) < top
-
-
-def test_certain_beliefs_give_the_counts_of_known_states():
-    rng = np.random.default_rng(7)
-    start = prior()
-    known = chains(rng, random_model(rng, new_elements=False), 3, 80)
-    sure = [believed(one, start, rng, 0.05) for one in known]
-    a, b = (learn_transitions(start, some)[0].transitions.counts for some in (known, sure))
-    np.testing.assert_allclose(b.begins, a.begins, atol=0.02)
-    np.testing.assert_allclose(b.moving_s, a.moving_s, rtol=0.02, atol=0.1)
-    off = np.array(b.changes) - np.array(a.changes)
-    assert np.abs(off).max() < 0.3  # the elements may have changed between two contacts
-
-
-def test_evidence_excludes_the_durations_of_the_initial_model():
-    """Two passes over the same data by different models give the same counts."""
-    rng = np.random.default_rng(8)
-    state, exposure = walk(random_model(rng), np.ones(40), rng), np.ones(40)
-    known = KnownStates(state, exposure)
-    starts = prior(), random_model(rng)
-    expected = [believed(known, one, np.random.default_rng(9), 0.5).expect(prior()) for one in starts]
-    assert expected[0].log_evidence == pytest.approx(expected[1].log_evidence)
-    np.testing.assert_allclose(expected[0].changes, expected[1].changes, atol=1e-9)
-    assert not expected[0].changes[:, FREE, FREE].any()
-
-
-def test_learning_does_not_use_earlier_counts():
-    rng = np.random.default_rng(10)
-    start = prior()
-    some = believed_chains(rng, random_model(rng), start, 0.4, 3)
-    once = learn_transitions(start, some)[0]
-    twice = learn_transitions(once, some)[0]
-    assert once.transitions.counts != NOTHING
-    np.testing.assert_allclose(twice.transitions.counts.changes, once.transitions.counts.changes, atol=0.05)
-    np.testing.assert_allclose(twice.transitions.counts.moving_s, once.transitions.counts.moving_s, atol=0.05)
-
-
-def test_ticks_take_their_label_from_the_truth_in_their_middle():
-    rows = (0, 9, Contact.FF), (10, 19, None), (20, 29, Contact.FREE), (50, 60, Contact.EE)
-    truth = Truth(tuple(TruthInterval(*row) for row in rows))
-    found = scoring(np.array([-5, 0, 9, 15, 20, 29, 30, 49, 50, 61]), truth).truth
-    assert found.tolist() == [-1, 0, 0, -1, 6, 6, -1, -1, 5, -1]
-    assert runs(found) == [(0, 1, 3), (6, 4, 6), (5, 8, 9)]
-    assert runs(np.zeros(0, np.int64)) == []
-    assert scoring(np.array([3]), Truth(())).truth.tolist() == [-1]

@@ -17,17 +17,15 @@ from chain_oracle import NOTHING, random_model
 from contact_tracker import __version__
 from contact_tracker.cli.main import run
 from contact_tracker.config.loading import load_model
-from contact_tracker.ground_truth import Truth
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log, read_truth, write_recording
 from contact_tracker.states import Contact
-from contact_tracker_lab.calibration.calibrate import Plan, Source, calibrate, score_model, study_recording
+from contact_tracker_lab.calibration.calibrate import Plan, Source, calibrate, score_model
 from contact_tracker_lab.calibration.parameters import How, model_text, select
 from contact_tracker_lab.evaluation.metrics import Tally
 from contact_tracker_lab.simulate import Scenario, simulate
 from contact_tracker_lab.simulate.scenarios import Phase
 
-ROOT = Path(__file__).resolve().parents[2]
 MODEL = load_model()
 
 
@@ -231,25 +229,3 @@ def test_a_written_model_is_the_model(tmp_path_factory, name, seed, sigma, empty
     path = tmp_path_factory.mktemp("written") / "model.toml"
     path.write_text(model_text(model, [header, "a\nb"]), encoding="utf-8")
     assert load_model(str(path)) == model
-
-
-@settings(max_examples=3, deadline=None)
-@given(end=st.floats(0.0, 4.5), begin=st.floats(0.0, 4.5))
-def test_truth_of_any_part_is_learned_from(logs, begin, end):
-    """Also if the truth begins after the end of the recording, or is empty."""
-    source = Source(str(logs / "log_0.mcap"))
-    truth = read_truth(source.name)
-    first = truth.intervals[0].start_ns
-    begin_ns, end_ns = first + begin * 1e9, first + end * 1e9
-    part = tuple(one for one in truth.intervals if one.end_ns >= begin_ns and one.start_ns <= end_ns)
-    folder = logs.parent / "parts"
-    folder.mkdir(exist_ok=True)
-    log = folder / "part.mcap"
-    poses = Poses.collect(open_log(source.name))
-    write_recording(str(log), poses, Truth(part), {})
-    study = study_recording(Source(str(log)), MODEL, False, True)
-    expected = study.chain.expect(MODEL)
-    seconds = sum(i.end_ns - i.start_ns for i in part) * 1e-9
-    assert study.labelled
-    assert (expected.stays.sum() + expected.changes.sum()) * MODEL.tick_s <= seconds + 1.0
-    assert np.isfinite(expected.log_evidence)

@@ -113,7 +113,6 @@ def test_a_killed_run_goes_on_to_the_same_dataset(
 
 
 def test_an_interrupt_ends_it_in_order(logs: Path, whole: dict[str, bytes], tmp_path: Path) -> None:
-    """All processes get it, as from a terminal; what was recorded is in the summary."""
     dataset = tmp_path / "dataset"
     with in_the_middle(logs, dataset) as process:
         os.killpg(process.pid, signal.SIGINT)
@@ -162,17 +161,6 @@ def test_names_come_on_standard_input_and_bad_ones_are_3(tmp_path: Path) -> None
         assert any(said in line for line in lines)
         assert f"{BROKEN + 1} unusable" in last
     assert parquet.read_table(tmp_path / "dataset" / "summary.parquet")["exit_code"].to_pylist().count(0) == 1
-
-
-def test_a_later_run_names_what_is_damaged_as_before(tmp_path: Path) -> None:
-    (whole,) = write_recordings(tmp_path, 1, poses=400)
-    damaged = tmp_path / "logs" / "damaged.mcap"
-    damaged.parent.mkdir()
-    damaged.write_bytes(whole.read_bytes()[:-3000])
-    first, again = (batch(damaged.parent, "--output", tmp_path / "dataset") for _ in range(2))
-    assert (first.returncode, again.returncode) == (3, 3)
-    assert f"{damaged}: it is cut off" in first.stderr
-    assert f"{damaged}: as before: see the column damage of the summary" in again.stderr
 
 
 @pytest.mark.parametrize(

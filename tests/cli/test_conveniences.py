@@ -7,7 +7,6 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from mcap.reader import make_reader
 from pyarrow import parquet
 
 from command_line import PIPE, ROOT, run, shown_on_a_terminal, started
@@ -101,14 +100,6 @@ def test_a_report_has_what_was_warned_of_before_the_first_pose(log: Path, tmp_pa
     assert "is not convex" in (tmp_path / "out.html").read_text(encoding="utf-8")
 
 
-def test_standard_input_gives_result_channels_alone(log: Path, tmp_path: Path) -> None:
-    done = run("segment", "-", "-o", tmp_path / "out.mcap", stdin=log.read_bytes())
-    assert done.returncode == 0, done.stderr
-    with (tmp_path / "out.mcap").open("rb") as file:
-        topics = {channel.topic for channel in make_reader(file).get_summary().channels.values()}
-    assert topics == {"/contact/belief", "/contact/frames", "/contact/scene"}
-
-
 def test_live_writes_the_lines_that_it_prints(log: Path, tmp_path: Path) -> None:
     done = run("live", log, "--json", "-o", tmp_path / "out.PARQUET")
     assert done.returncode == 0, done.stderr
@@ -134,7 +125,6 @@ def test_live_leaves_its_ticks_and_a_summary_when_it_is_interrupted(log: Path, t
 
 
 def test_the_table_of_outputs_has_all_of_them() -> None:
-    """As many rows of ``segment -o`` and ``live -o`` as their help names, and the extras that exist."""
     import tomllib
 
     page = (ROOT / "docs" / "conventions.md").read_text(encoding="utf-8").partition("## Outputs")[2]

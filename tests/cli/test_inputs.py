@@ -69,7 +69,6 @@ def test_in_another_frame_elements_are_not_compared(tmp_path: Path) -> None:
     ],
 )
 def test_info_summarises_composed_poses(tmp_path: Path, words: list[str], source: str) -> None:
-    """Those that the other commands take with the same words."""
     path = str(write_chain(tmp_path / "a.mcap", poses_topic(smooth_poses(300, seed=2), "/object/pose")))
     done = run("info", path, *words)
     assert done.returncode == 0, done.stderr
@@ -106,7 +105,6 @@ def test_info_composes_nothing_of_standard_input_and_says_so(tmp_path: Path) -> 
 def test_the_tracker_knows_that_a_frame_moves(
     command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Poses in the frame of another body are not taken for inverse ones then."""
     few = smooth_poses(60)
     path = write_log(tmp_path / "a.mcap", [poses_topic(few, "/table"), poses_topic(few, "/cup")])
     start, told = Tracker.start, list[bool]()
@@ -136,18 +134,11 @@ def test_a_warning_comes_while_the_stream_goes_on_with_the_option_that_is_tried(
 
 
 def test_info_reports_why_no_pose_is_usable(tmp_path: Path) -> None:
-    """As the commands that track do."""
     path = write_log(tmp_path / "a.mcap", [Topic("/a", "std_msgs/msg/String", [(1, {"data": "hello"})])])
     done = run("info", path)
     assert done.returncode == 1
     assert done.stderr == run("segment", path).stderr
     assert "/a" in done.stdout
-
-
-def test_what_is_no_recording_names_the_kinds_that_are_read(tmp_path: Path) -> None:
-    (tmp_path / "README.md").write_text("# Logs\n\nOf a cup, a table\nof, a, b, c\n")
-    done = run("segment", "README.md", cwd=tmp_path)
-    assert_one_line_error(done, 1, "neither a recording nor a table of poses", "MCAP files, ROS bags")
 
 
 @pytest.mark.parametrize(
@@ -163,13 +154,6 @@ def test_a_link_to_itself_is_one_line(tmp_path: Path, words: list[str], code: in
     (tmp_path / "loop").symlink_to("loop")
     paths = [str(tmp_path / word) if word in ("loop", "log.mcap") else word for word in words]
     assert_one_line_error(run(*paths), code, "loop")
-
-
-def test_an_empty_table_is_empty_whatever_is_said_of_its_columns(tmp_path: Path) -> None:
-    (tmp_path / "a.csv").touch()
-    for options in ((), ("--unit", "mm", "--euler", "xyz:deg")):
-        done = run("segment", tmp_path / "a.csv", *options)
-        assert (done.returncode, done.stderr.endswith("a.csv: it is empty\n")) == (1, True)
 
 
 def test_a_pattern_that_the_shell_has_not_replaced(tmp_path: Path) -> None:
@@ -190,21 +174,3 @@ def test_a_truth_without_contacts_is_nothing_to_compare_with(tmp_path: Path) -> 
     assert "1 interval of truth in" in done.stderr
     done = run("evaluate", "slider.mcap", cwd=tmp_path)
     assert_one_line_error(done, 1, "its truth names no contact")
-
-
-@pytest.mark.parametrize("count", [50, 150])
-def test_all_poses_are_inspected(tmp_path: Path, count: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Also those of the last batch before the noise is chosen: `info` tells a wrong unit by fifty."""
-    poses, path = shipped("paper_experiment")[:count], tmp_path / "a.csv"
-    numbers = np.column_stack([1e-9 * poses.stamp_ns, 1e3 * poses.position_m, poses.quat_xyzw])
-    np.savetxt(path, numbers, "%.9f", ",", header="time [s],x,y,z,qx,qy,qz,qw", comments="")
-    assert "read them by contact-tracker info" in run("info", path).stdout
-    inspected, inspect_poses = list[int](), Tracker.inspect_poses
-
-    def counted(tracker: Tracker, some: Poses) -> None:
-        inspected.append(len(some))
-        inspect_poses(tracker, some)
-
-    monkeypatch.setattr(Tracker, "inspect_poses", counted)
-    assert run("segment", path, "--unit", "mm").returncode == 0
-    assert sum(inspected) == count

@@ -10,8 +10,6 @@ from pathlib import Path
 import pytest
 
 from command_line import ENVIRONMENT, ROOT
-from contact_tracker import errors
-from contact_tracker.__main__ import INTERRUPTED
 
 LOG = str(ROOT / "recordings" / "paper_experiment.mcap")
 AS_A_MODULE = "import runpy; runpy.run_module('contact_tracker', run_name='__main__')"
@@ -50,10 +48,6 @@ def assert_ended_in_order(code: int, messages: str) -> None:
     assert code == 130, messages
 
 
-def test_there_is_one_code_for_it() -> None:
-    assert INTERRUPTED == errors.INTERRUPTED
-
-
 @pytest.mark.long
 @pytest.mark.parametrize("start", [AS_A_MODULE, AS_A_PROGRAM], ids=["module", "program"])
 def test_an_interrupt_during_imports_ends_in_order(start: str) -> None:
@@ -74,7 +68,6 @@ def test_an_interrupt_during_imports_ends_in_order(start: str) -> None:
     ids=["live", "segment"],
 )
 def test_an_interrupt_at_any_time_ends_in_order(start: str, arguments: list[str], tmp_path: Path) -> None:
-    """It is sent to all processes of the command, as by a terminal."""
     for delay_s in [i / 30 for i in range(start is AS_A_PROGRAM, 30, 15)]:
         with subprocess.Popen(
             [sys.executable, "-c", ONCE_STARTED + start, *arguments],

@@ -82,7 +82,6 @@ def test_names_of_any_kind_are_printed_in_lines(code: int, arguments: list[str],
     ("command", "progress"), [("live", r" s  \S+ for \d\.\d s   "), ("evaluate", r"/200 .* poses/s")]
 )
 def test_names_of_any_kind_are_shown_in_progress(command: str, progress: str, folder: Path) -> None:
-    """On a terminal, in which progress and status may move the cursor, but no name."""
     shown = shown_on_a_terminal(command, LOG, cwd=folder)
     assert "\r" in shown
     assert re.search(progress, shown)

@@ -15,7 +15,6 @@ from pyarrow import parquet
 from contact_tracker import files
 from contact_tracker.cli.main import run
 from contact_tracker.config import shipped
-from contact_tracker.files import whole_file
 from contact_tracker.ground_truth import Truth
 from contact_tracker.recording import write_recording
 from mcap_logs import START_NS, smooth_poses
@@ -85,7 +84,6 @@ READ = [
 def test_inputs_are_not_overwritten(
     read: str, command: str, output: str, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """By a link, or by their own name."""
     is_even = READ.index((read, command, output)) % 2 == 0
     if not Path(read).exists():
         os.rename("log.mcap", read)
@@ -109,7 +107,6 @@ OUTPUTS = [
 def test_outputs_do_not_overwrite_each_other(
     name: str, command: str, kind: str, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Under any name, also before there is such a file."""
     words = command.split()
     if words[0] == "live":
         words.append("parts/../z.jsonl" if kind == "name" else "out.jsonl")
@@ -177,7 +174,6 @@ def test_a_recording_that_takes_the_place_of_the_output_meanwhile_is_not_replace
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """If it is an input, not even by a link, or if recordings may be replaced."""
     before = Path(source).read_bytes()
     appears_at_the_end(monkeypatch, lambda: how(source, output))
     assert run(command.split()) == 2
@@ -207,7 +203,6 @@ CONTENTS = {
 def test_a_recording_is_replaced_only_with_overwrite(
     command: str, output: str, content: str, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """With any name, also if it is truncated."""
     Path("other").write_bytes(CONTENTS[content](Path("log.mcap").read_bytes()))
     os.rename("other", output)
     Path("link" + output).symlink_to(output)
@@ -276,7 +271,6 @@ LABELS = (
 def test_labels_of_a_user_are_replaced_only_with_overwrite(
     folder: Path, capsys: pytest.CaptureFixture[str], labels: str
 ) -> None:
-    """Before, ``-o log.labels.csv`` replaced them without a word; results are replaced, of any rows."""
     Path("log.labels.csv").write_text(labels)
     for command in ("segment log.mcap", "live log.mcap", "compare log.mcap log.mcap"):
         line = refusal(capsys, *command.split(), "-o", "log.labels.csv")
@@ -284,14 +278,3 @@ def test_labels_of_a_user_are_replaced_only_with_overwrite(
     assert run(["segment", "log.mcap", "-o", "log.labels.csv", "--overwrite"]) == 0
     for command in ("segment log.mcap --rows ticks", "compare log.mcap log.mcap", "segment log.mcap"):
         assert run([*command.split(), "-o", "log.labels.csv"]) == 0
-
-
-def test_errors_of_a_temporary_file_name_the_target(tmp_path: Path) -> None:
-    path = tmp_path / "out.csv"
-    with pytest.raises(NotADirectoryError) as error, whole_file(path) as temporary:
-        (temporary / "no folder").touch()
-    assert error.value.filename == str(temporary / "no folder")  # of something else as it is
-    with pytest.raises(FileNotFoundError) as error, whole_file(path) as temporary:
-        temporary.unlink()
-    assert error.value.filename == str(path)
-    assert list(tmp_path.iterdir()) == []

@@ -6,18 +6,13 @@ import tomllib
 from dataclasses import asdict, fields, is_dataclass, replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from contact_tracker.config import preset_names
 from contact_tracker.config.loading import MAY_BE_ZERO, load_model
 from contact_tracker.config.parameters import Model
 from contact_tracker.errors import ModelError, UsageError
-from contact_tracker.states import CONTACTS, Contact
 from contact_tracker_lab.calibration.parameters import model_text
-from contact_tracker_lab.simulate import Scenario, simulate
-from contact_tracker_lab.simulate.scenarios import Phase
-from pose_filter import PoseFilter
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
 DEFAULT = tomllib.loads((MODELS / "default.toml").read_text(encoding="utf-8"))
@@ -229,9 +224,6 @@ def test_files_that_cannot_be_read_are_refused(tmp_path):
             load_model(str(binary))
 
 
-# --- errors of single contacts -----------------------------------------------------------------------------
-
-
 def with_errors(**tables):
     return replace(load_model(), noise=replace(load_model().noise, **tables))
 
@@ -240,31 +232,6 @@ def test_errors_of_contacts_may_be_left_out_and_are_read_again(tmp_path):
     loose = loaded(tmp_path, toml(changed("noise", "contact_position_m", {"v-f": 0.001})))
     assert loose == with_errors(contact_position_m=(0.0, 0.0, 0.0, 0.001, 0.0, 0.0, 0.0))
     assert loaded(tmp_path, model_text(loose)) == loose
-
-
-def test_the_error_of_a_contact_changes_the_evidence_of_that_contact_alone():
-    poses = simulate(Scenario((Phase(Contact.VF, 1.0),)), 0).poses
-    plain, same, loose = (
-        banks_of(poses, model)
-        for model in (
-            load_model(),
-            with_errors(contact_position_m=(0.0,) * 7),
-            with_errors(contact_position_m=(0.0, 0.0, 0.0, 0.1, 0.0, 0.0, 0.0)),
-        )
-    )
-    for contact, a, b, c in zip(CONTACTS, plain, same, loose, strict=True):
-        np.testing.assert_array_equal(a.log_likelihood, b.log_likelihood)
-        if contact is Contact.VF:
-            assert c.log_likelihood.max() < a.log_likelihood.max() - 1.0
-        else:
-            np.testing.assert_allclose(a.log_likelihood, c.log_likelihood, atol=1e-6)
-
-
-def banks_of(poses, model):
-    one = PoseFilter(model)
-    for pose in poses:
-        one.update(pose)
-    return one.state.banks
 
 
 def test_optional_keys_have_defaults(tmp_path):

@@ -67,9 +67,6 @@ def test_the_parts_of_a_model_have_their_sizes_and_order(model):
         np.testing.assert_array_equal(geometry.environment.covariance, covariance[first:, first:])
 
 
-# --- the exact relation to the paper's objectives -------------------------------------------------------
-
-
 @each_case
 def test_rows_give_the_papers_objective(model, seed):
     """f-f with h_o = 0, v-f, f-v and e-e: equal. e-f, f-e: the paper weights the angle by 1 + |q|^2."""
@@ -96,9 +93,6 @@ def test_papers_f_f_with_any_offset(seed, offset):
     expected = (1.0 + offset**2) * np.sum(angles**2) + np.sum(distance**2)
     found = direct(Contact.FF, *motion(rotation, t), np.append(x[:3], offset), x[3:7])
     assert found == pytest.approx(expected, rel=1e-9)
-
-
-# --- true incidence --------------------------------------------------------------------------------------
 
 
 @each_case
@@ -131,7 +125,6 @@ def test_measure_agrees_with_rows(model, seed):
 
 @each_case
 def test_the_lever_is_the_change_of_the_distance_per_turn_of_the_body(model, seed):
-    """A small random turn of the body about its origin changes the distance by lever times angle."""
     rng = np.random.default_rng(seed)
     t = touching(model.contact, rng, frames=1)
     x = x_of(model.contact, t.object, t.environment)
@@ -148,7 +141,6 @@ def test_the_lever_is_the_change_of_the_distance_per_turn_of_the_body(model, see
 
 @each_case
 def test_the_distance_is_measured_along_its_direction_in_the_world(model, seed):
-    """Where the elements touch, shifting the body changes the distance by its share along that direction."""
     rng = np.random.default_rng(seed)
     t = touching(model.contact, rng, frames=2)
     x = x_of(model.contact, t.object, t.environment)
@@ -162,9 +154,6 @@ def test_the_distance_is_measured_along_its_direction_in_the_world(model, seed):
     along = model.measure(x[None], lifted_pose.lift(t.rotation, t.position_m)).along[0]
     side = np.sign(np.sum(np.transpose(slopes) * along, axis=1))[:, None]
     np.testing.assert_allclose(np.transpose(slopes), side * along, atol=1e-5)
-
-
-# --- derivatives and constraints --------------------------------------------------------------------------
 
 
 @each_case
@@ -214,9 +203,6 @@ def test_the_scale_is_the_sine_of_crossing_edges_and_otherwise_one(model, seed):
         for e in np.eye(len(x))
     ]
     np.testing.assert_allclose(model.family.log_scale_sq_derivative(x, moments), numeric, atol=1e-6)
-
-
-# --- edges that are nearly parallel, and relaxed problems that leave much open ---------------------------
 
 
 @pytest.mark.parametrize("angle_deg", [0.0, 0.01, 0.3, 45.0])

@@ -1,60 +1,21 @@
 """The benchmark: lags, other methods and tables, by brute force or by hand, on short data."""
 
-from itertools import pairwise, product
 from operator import add
 from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
-import geometry
 from contact_tracker.errors import UsageError
 from contact_tracker.ground_truth import Truth
 from contact_tracker.states import STATES, Contact
-from contact_tracker.tracking.belief import Segment
 from contact_tracker_lab.benchmark import benchmark, bic, fixed_windows, others, tracked
-from contact_tracker_lab.benchmark.fixed_windows import Emission, Windows
+from contact_tracker_lab.benchmark.fixed_windows import Windows
 from contact_tracker_lab.benchmark.scores import OFFLINE, Answer, Method, Score
 from contact_tracker_lab.evaluation.scoring import Scoring, Subset, scoring
 from short_recordings import FACE_TO_EDGE, MODEL, recorded
 
 SECOND = 1_000_000_000
-SEEDS = st.integers(0, 2**32 - 1)
-
-
-# --- lags ------------------------------------------------------------------------------------------------
-
-
-@settings(max_examples=25, deadline=None)
-@given(SEEDS)
-def test_a_chain_over_windows_is_the_sum_over_its_paths(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    count, states = 5, 3
-    log_density = 2.0 * rng.normal(size=(count, states))
-    initial = np.log(rng.dirichlet(np.ones(states)))
-    transition = np.log(rng.dirichlet(np.ones(states), states))
-
-    def weigh(path: tuple[int, ...], until: int) -> float:
-        moves = sum(transition[a, b] for a, b in pairwise(path[:until]))
-        return float(initial[path[0]] + moves + log_density[np.arange(until), path[:until]].sum())
-
-    def brute(until: int) -> np.ndarray:
-        posterior = np.zeros((until, states))
-        for path in product(range(states), repeat=until):
-            posterior[np.arange(until), path] += np.exp(weigh(path, until))
-        return posterior / posterior.sum(axis=1, keepdims=True)
-
-    online = fixed_windows.filtered(log_density, initial, transition)
-    for window in range(count):
-        np.testing.assert_allclose(online[window], brute(window + 1)[window], atol=1e-9)
-    posterior, label = fixed_windows.smoothed(log_density, initial, transition)
-    np.testing.assert_allclose(posterior, brute(count), atol=1e-9)
-    assert tuple(label) == max(product(range(states), repeat=count), key=lambda path: weigh(path, count))
-
-
-# --- fixed windows ---------------------------------------------------------------------------------------
 
 
 def truth_of(*phases: tuple[str, float]) -> Truth:
@@ -115,21 +76,6 @@ def test_an_hmm_that_learned_on_some_recordings_is_right_on_others() -> None:
     assert {score.main.accuracy() for one in untrained for score in one.values()} == {0.0}
 
 
-def test_emissions_are_the_densities_of_the_states_that_occur() -> None:
-    rng = np.random.default_rng(3)
-    state = np.repeat([0, 4], 400)
-    values = rng.normal(size=(800, 6)) + 3.0 * (state == 4)[:, None]
-    emission = Emission.fit(values, state)
-    assert emission.states.tolist() == [0, 4]
-    assert emission.states[emission.log_density(values).argmax(axis=1)].tolist() == state.tolist()
-    # the ratio of two normal densities of unit covariance, 3 apart in all six directions, at the first mean
-    ratio = np.diff(emission.log_density(emission.mean[:1]))[0, 0]
-    assert ratio == pytest.approx(-0.5 * 6 * 9, rel=0.15)
-
-
-# --- BIC -------------------------------------------------------------------------------------------------
-
-
 def test_the_criterion_by_hand() -> None:
     chi_sq, parameters = np.zeros(7), np.array([5, 7, 7, 6, 6, 8, 0])
     exact = bic.criteria(chi_sq, parameters, 100)
@@ -147,7 +93,6 @@ def test_the_criterion_by_hand() -> None:
 
 @pytest.mark.long
 def test_a_short_recording_by_every_method() -> None:
-    """f-f, then e-f."""
     simulated = recorded(FACE_TO_EDGE)
     poses = simulated.poses[:1200]
     scored, ticks = scoring(poses.stamp_ns, simulated.truth), bic.Ticks.of(poses, MODEL)
@@ -175,8 +120,6 @@ def test_a_short_recording_by_every_method() -> None:
     assert online[tracked.NAME].log_loss < online[fixed_windows.SMALLEST].log_loss
 
 
-# --- others' methods and the table ------------------------------------------------------------------------
-
 OWN_METHOD = """
 import numpy as np
 
@@ -187,7 +130,6 @@ def always_free(stamp_ns, position_m, quat_xyzw):
 
 
 def test_others_add_a_function_or_labels(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The table has a row for each; both splits of a set of recordings in folders of a user's own."""
     folder, labels, script = tmp_path / "recordings", tmp_path / "theirs", tmp_path / "own.py"
     for place in (folder / "short", labels):
         place.mkdir(parents=True)
@@ -237,9 +179,6 @@ def test_splits_and_takes_are_by_name() -> None:
     assert benchmark.earlier_take(no_takes[1], no_takes) is None
 
 
-# --- intervals -------------------------------------------------------------------------------------------
-
-
 def test_intervals_have_the_width_of_a_binomial_share() -> None:
     """The standard deviation of a share p of n phases is sqrt(p (1 - p) / n)."""
     for phases in (30, 270):
@@ -257,11 +196,3 @@ def test_intervals_have_the_width_of_a_binomial_share() -> None:
     twice = (score + score).band()
     assert twice[1] - twice[0] == pytest.approx(width / np.sqrt(2), rel=0.15)
     assert np.isnan(Score.of(answer, scored.within(Subset.AMBIGUOUS)).band()).all()
-
-
-def test_only_segments_that_are_mostly_right_have_true_elements() -> None:
-    truth = truth_of(("f-f", 1.0), ("e-f", 1.0), ("f-f", 1.0), ("e-f", 1.0))
-    spans = [(0.0, 1.4), (0.4, 1.9), (1.4, 2.9), (5.0, 6.0)]
-    segments = [Segment(round(a * SECOND), round(b * SECOND), Contact.FF, 1.0, None) for a, b in spans]
-    right = geometry.correctly_labelled(segments, scoring(stamps(4.0, 0.05), truth))
-    assert right == [segments[0], segments[2]]

@@ -18,7 +18,7 @@ from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.tracking.belief import Belief, FurtherContact, Segment
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker_lab.evaluation.evaluate import Answers, Evaluation, FurtherScore, evaluate
-from contact_tracker_lab.evaluation.geometry_errors import angle_rad, deviation, distance_m, geometry_errors
+from contact_tracker_lab.evaluation.geometry_errors import deviation, geometry_errors
 from contact_tracker_lab.evaluation.report import Report
 from smooth_motion import unturned
 
@@ -65,28 +65,6 @@ def interval(contact: Contact, first: int, last: int, true: ContactGeometry | No
 
 def segment(contact: Contact, first: int, last: int, found: ContactGeometry | None) -> Segment:
     return Segment(first * STEP_NS, last * STEP_NS, contact, 0.9, found)
-
-
-# --- elements --------------------------------------------------------------------------------------------
-
-
-@settings(max_examples=25, deadline=None)
-@given(SEEDS, st.sampled_from("fev"))
-def test_the_nearest_point_is_nearest(seed: int, kind: str) -> None:
-    rng = np.random.default_rng(seed)
-    known, place = element(kind, rng), rng.normal(size=3)
-    foot = nearest(known, place)
-    assert distance_m(known, foot) == pytest.approx(0, abs=1e-9)
-    for point in (nearest(known, foot + 0.01 * rng.normal(size=3)) for _ in range(20)):
-        assert np.linalg.norm(point - place) >= distance_m(known, place) - 1e-9
-
-
-def test_angles_are_sign_free_and_exact_when_small() -> None:
-    turned = Rotation.from_rotvec([0, 1e-7, 0]).apply([0, 0, 1.0])
-    assert angle_rad(Plane(turned, 0.0), Plane(np.array([0, 0, -1.0]), 0.0)) == pytest.approx(1e-7, rel=1e-6)
-    x, y = (Line(axis, np.zeros(3)) for axis in np.eye(3)[:2])
-    assert angle_rad(x, y) == pytest.approx(np.pi / 2)
-    assert np.isnan(angle_rad(Point(np.zeros(3)), Point(np.zeros(3))))
 
 
 def scattered(kind: str, true: Element, place: Array, rng: np.random.Generator) -> Element:
@@ -138,9 +116,6 @@ def test_deviations_are_known_only_with_a_covariance_and_far_ones_stay_finite() 
     assert deviation(sure, Point(np.array([0, 0, 1.0])), np.zeros(3)).sd == pytest.approx(1000)
     on_line = Point(np.zeros(3), np.diag([0.01, 0, 0]))  # by its one free direction
     assert deviation(on_line, Point(np.array([0.25, 0, 0])), np.zeros(3)).sd == pytest.approx(2.5)
-
-
-# --- segments --------------------------------------------------------------------------------------------
 
 
 @settings(max_examples=30, deadline=None)
@@ -218,9 +193,6 @@ def test_a_true_segment_is_compared_with_the_one_that_overlaps_it_most() -> None
     assert np.all(errors.distance_mm < 1e-9)
 
 
-# --- whole recordings ------------------------------------------------------------------------------------
-
-
 def evaluation(seed: int = 0, right: float = 0.8) -> Evaluation:
     return evaluate(*recorded(seed, right))
 
@@ -260,16 +232,6 @@ def test_wrong_elements_in_the_truth_are_refused_before_scoring() -> None:
     truth = Truth((interval(Contact.EE, 0, 9, geometry(Contact.VF, np.random.default_rng(0))),))
     with pytest.raises(NoTruth, match="not those of e-e"):
         evaluate(random_poses(np.random.default_rng(0), 5), truth, Segmentation())
-
-
-def test_online_scores_use_the_beliefs_reported_in_time() -> None:
-    result = evaluation(right=1.0)
-    assert result.offline.accuracy() == pytest.approx(1.0)
-    # each tick is reported with its last frame: until then frames have the label before, at first none
-    assert result.online.accuracy() == pytest.approx(1 - 7 * 0.09 / 7.0)
-    assert result.online.confusion_s[0, 0, -1] == pytest.approx(0.09)
-    assert result.online.delay_s == pytest.approx(np.full(6, 0.09))
-    assert result.offline.delay_s == pytest.approx(np.zeros(6))
 
 
 def test_the_open_share_is_that_of_segments_offline_and_of_beliefs_online() -> None:
@@ -361,20 +323,6 @@ def test_shares_of_time_are_those_of_the_frames() -> None:
     ],
 )
 def test_the_reported_set_matches(truth, label, others, right, is_open) -> None:
-    """In any order."""
     beliefs = [belief(i, label, *(further(*kinds) for kinds in others)) for i in range(FRAMES)]
     scores = score(true(EF, *((contact, 0, FRAMES) for contact in truth)), beliefs)
     assert (scores.right, scores.open) == pytest.approx((right, is_open))
-
-
-def test_frames_without_truth_are_not_scored() -> None:
-    beliefs = [belief(i, EF, further(VF)) for i in range(FRAMES)]
-    scores = score(Truth((TruthInterval(0, FRAMES * STEP_NS, None),)), beliefs)
-    assert (scores.several_s, scores.alone_s) == (0.0, 0.0)
-    assert np.isnan([scores.right, scores.open, scores.false]).all()
-
-
-def test_without_beliefs_nothing_is_found() -> None:
-    scores = score(true(EF, (VF, 0, FRAMES)), [])
-    assert (scores.right, scores.false_s) == (0.0, 0.0)
-    assert scores.several_s > 0.9

@@ -60,9 +60,6 @@ def figures(result: Tally) -> list[float]:
     return [*accuracy, *(getattr(result, name) for name in FIGURES)]
 
 
-# --- by hand ---------------------------------------------------------------------------------------------
-
-
 def test_within_an_unscored_gap_every_time_of_change_is_right() -> None:
     stamps = frames(4000)
     scored = scoring(stamps, make_truth(("free", 2000), ("?", 100), ("v-f", 1900)))
@@ -117,19 +114,6 @@ def test_metrics_of_few_frames_or_no_truth_are_well_defined(count: int, truth: T
     assert quantile(result.delay_s, 0.5) != quantile(result.delay_s, 0.5)
 
 
-def test_missing_beliefs_count_as_wrong_and_uninformative() -> None:
-    scored = scoring(frames(1000), make_truth(("f-f", 1000)))
-    result = tally(scored, np.full(100, -1), np.zeros(0, np.int64), np.zeros((0, 7)))
-    assert result.accuracy() == 0.0
-    assert result.confusion_s[Subset.ALL, Contact.FF.column, -1] == pytest.approx(1.0)
-    assert result.log_loss == pytest.approx(np.log(7))
-    assert result.sure_wrong == 0.0
-    assert result.macro_f1 == 0.0
-
-
-# --- state by state --------------------------------------------------------------------------------------
-
-
 def test_figures_by_state_by_hand() -> None:
     """2 s f-f, 1 s e-f, 1 s free; throughout the posterior has 0.7 for f-f and 0.3 for e-f."""
     stamps = frames(4000)
@@ -145,9 +129,6 @@ def test_figures_by_state_by_hand() -> None:
     assert tally_of(scored, np.zeros(400, np.int64)).sure_wrong == pytest.approx(0.5)
     assert result.into.tolist() == [ef, free]
     assert np.isnan(result.detection_delay_s).all()
-
-
-# --- reference: sums over every millisecond ----------------------------------------------------------------
 
 
 def random_case(seed: int, unscored: bool) -> tuple[Scoring, Truth, Ints, Ints, Ints, Array]:
@@ -245,9 +226,6 @@ def test_changes_agree_with_every_millisecond(seed: int) -> None:
     for found_s, expected_ms in ((result.boundary_error_s, boundary), (result.detection_delay_s, delay)):
         expected = [np.nan if ms is None else ms * 1e-3 for ms in expected_ms]
         assert found_s == pytest.approx(expected, nan_ok=True)
-
-
-# --- invariants ------------------------------------------------------------------------------------------
 
 
 @settings(max_examples=20, deadline=None)

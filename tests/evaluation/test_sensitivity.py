@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 import contact_tracker
-from sensitivity import Constant, Outcome, basis_of, run_apart, table, tuned_constants
+from sensitivity import Constant, basis_of, run_apart, tuned_constants
 
 LOG = Path(__file__).parents[2] / "recordings" / "robot_1khz.mcap"
 CONSTANTS = {one.name: one for one in tuned_constants(Path(contact_tracker.__file__).parent)}
@@ -32,23 +32,6 @@ def test_a_constant_is_multiplied_in_a_process_of_its_own() -> None:
     assert other.digest != base.digest
     assert list(base.accuracy) == ["recordings"]
     assert "no such file" in run_apart(None, 1.0, [Path("gone.mcap")], 3.0).error
-
-
-def test_the_table_tells_no_effect_from_a_failure() -> None:
-    names = "CURVED", "FLUSH_S", "FIRST_CHOICE", "SAME_SPAN"
-    idle, failing, felt, slight = constants = [CONSTANTS[name] for name in names]
-    base = Outcome({"set": (0.9, 0.8)}, "base")
-    found = {("", "", 1.0): base}
-    for factor in (0.5, 2.0):
-        found[idle.module, idle.name, factor] = base
-        found[failing.module, failing.name, factor] = Outcome({}, "", "it fails")
-        found[felt.module, felt.name, factor] = Outcome({"set": (0.9, 0.7)}, "other")
-        found[slight.module, slight.name, factor] = Outcome({"set": (0.9, 0.8)}, "another")
-    lines = table(constants, found)
-    assert lines[2].endswith("| fails | fails |")
-    assert lines[3].endswith("| 0 / -0.100 | 0 / -0.100 |")
-    assert "- `tracking/ambiguity.py`: `SAME_SPAN`" in lines[4:-2]
-    assert lines[-1] == "- `tracking/ambiguity.py`: `CURVED`"
 
 
 def test_outcomes_are_of_recordings_and_their_length() -> None:

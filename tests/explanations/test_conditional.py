@@ -1,4 +1,4 @@
-"""Evidence of a further contact, without constraints that the first one implies, in any units."""
+"""A further contact: the constraints that it adds, and the times at which it holds."""
 
 from itertools import pairwise, product
 
@@ -12,18 +12,14 @@ from contact_tracker.arrays import Array
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.explanations.conditional_contact import (
     AT_FIRST,
-    RELAXED,
     ConditionalMotion,
     ExplainedTicks,
     coefficients,
     count_constraints,
-    moments,
     most_probable,
-    relaxed,
 )
-from contact_tracker.explanations.further_contacts import MIN_RATIO
 from contact_tracker.geometry.lifted_pose import lift
-from contact_tracker.hypotheses.evidence import EvidenceParameters, log_ratio
+from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS, Contact
 
@@ -42,61 +38,6 @@ def kept(contact: Contact, seed: int) -> tuple[Window, Array]:
     return window, x_of(contact, motion.object, motion.environment)
 
 
-@pytest.mark.parametrize("contact", CONTACTS)
-def test_a_repeated_contact_has_no_evidence(contact: Contact) -> None:
-    window, x = kept(contact, 1)
-    c = coefficients(CONTACT_MODELS[contact.column], x)
-    motion = ConditionalMotion.of(ExplainedTicks(window, SCALES))
-    assert motion.evidence(c).gain.min() > 1.0
-    again = motion.keeping(c).evidence(c)
-    np.testing.assert_allclose(again.gain, 0.0, atol=1e-6)
-    np.testing.assert_allclose(again.log_ratio, 0.0, atol=1e-6)
-
-
-def test_vertices_and_lines_of_an_edge_on_a_face_are_implied() -> None:
-    window, x = kept(Contact.EF, 2)
-    direction, foot, normal, offset = x[:3], x[3:6], x[6:9], x[9:]
-    motion = ConditionalMotion.of(ExplainedTicks(window, SCALES)).keeping(coefficients(CONTACT_MODELS[1], x))
-    for along_m in (-0.1, 0.0, 0.3):
-        vertex = np.concatenate([foot + along_m * direction, normal, offset])
-        found = motion.evidence(coefficients(CONTACT_MODELS[Contact.VF.column], vertex))
-        np.testing.assert_allclose(found.log_ratio, 0.0, atol=1e-6)
-    beside = np.concatenate([foot + 0.1 * np.cross(direction, normal), normal, offset])
-    found = motion.evidence(coefficients(CONTACT_MODELS[Contact.VF.column], beside))
-    assert np.median(found.gain) > 0.5  # not implied
-    assert found.log_ratio.sum() < -100.0  # nor kept
-
-
-@given(st.sampled_from(CONTACTS), st.floats(1e-4, 1e4), st.integers(0, 99))
-@settings(max_examples=40)
-def test_units_of_a_row_do_not_matter(contact: Contact, unit: float, seed: int) -> None:
-    window, x = kept(contact, seed)
-    motion = ConditionalMotion.of(ExplainedTicks(window, SCALES))
-    c = coefficients(CONTACT_MODELS[contact.column], x)
-    one, other = motion.evidence(c), motion.evidence(c * unit)
-    np.testing.assert_allclose(other.log_ratio, one.log_ratio, rtol=1e-6, atol=1e-6)
-
-
-@pytest.mark.parametrize("contact", [Contact.VF, Contact.FV])
-def test_without_a_contact_before_it_is_the_evidence_against_free_motion(contact: Contact) -> None:
-    window, x = kept(contact, 3)
-    model = CONTACT_MODELS[contact.column]
-    ratio = log_ratio(model, x[None], window, SCALES)
-    found = ConditionalMotion.of(ExplainedTicks(window, SCALES)).evidence(coefficients(model, x))
-    np.testing.assert_allclose(found.gain, ratio.gain[0, :, 0], rtol=0.02)
-    np.testing.assert_allclose(found.chi_sq, ratio.chi_sq[0, :, 0], rtol=0.05, atol=0.01)
-
-
-def test_correlated_errors_are_evaluated_by_their_innovations() -> None:
-    window, x = kept(Contact.VF, 4)
-    c = coefficients(CONTACT_MODELS[Contact.VF.column], x)
-    scales = EvidenceParameters(0.3, 0.0, 0.2, 0.6, 0.1, correlation=0.9)
-    residual = window.zeta @ c[0]
-    new = np.append(residual[0] * scales.alone, residual[1:] - 0.9 * residual[:-1])
-    motion = ConditionalMotion.of(ExplainedTicks(window, scales))
-    np.testing.assert_allclose(motion.new @ c[0], new, atol=1e-12)
-
-
 @pytest.mark.parametrize(("contact", "seed"), [*product(CONTACTS, range(3))])
 def test_constraints_are_counted_once(contact: Contact, seed: int) -> None:
     window, x = kept(contact, seed)
@@ -104,17 +45,6 @@ def test_constraints_are_counted_once(contact: Contact, seed: int) -> None:
     c = coefficients(CONTACT_MODELS[contact.column], x)
     assert count_constraints(motion.moved, [c]) == contact.codimension
     assert count_constraints(motion.moved, [c, c]) == contact.codimension
-
-
-@pytest.mark.parametrize("contact", CONTACTS)
-def test_the_relaxed_problem_indicates_only_unknown_contacts(contact: Contact) -> None:
-    window, x = kept(contact, 5)
-    motion = ConditionalMotion.of(ExplainedTicks(window, SCALES))
-    known = motion.keeping(coefficients(CONTACT_MODELS[contact.column], x))
-    before = max(relaxed(moments(model, motion))[0][-1] for model in RELAXED)
-    after = max(relaxed(moments(model, known))[0][-1] for model in RELAXED)
-    assert before > 100.0
-    assert after < MIN_RATIO
 
 
 @given(st.lists(st.floats(-5.0, 5.0), min_size=1, max_size=8), st.floats(0.01, 0.6))

@@ -22,7 +22,7 @@ from contact_tracker.states import Contact
 from contact_tracker.tracker import Tracker
 from contact_tracker.tracking import offline_smoother
 from contact_tracker.tracking.belief import Belief, FurtherContact, Segment
-from contact_tracker.tracking.segmentation import Beliefs, Segmentation
+from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker_lab.evaluation.evaluate import evaluate
 from contact_tracker_lab.evaluation.geometry_errors import geometry_errors
 from contact_tracker_lab.simulate import Phase, Scenario, Simulated, named_scenario, simulate
@@ -128,10 +128,7 @@ def test_a_further_contact_begins_and_ends() -> None:
 
 
 @needs_kernels
-@pytest.mark.parametrize(
-    "contact",
-    [Contact.FF, pytest.param(Contact.VF, marks=pytest.mark.long)],
-)
+@pytest.mark.parametrize("contact", [Contact.FF, pytest.param(Contact.VF, marks=pytest.mark.long)])
 def test_a_single_contact_has_no_further_ones_and_is_no_joint(contact: Contact) -> None:
     """Two vertices on the table would be an edge, three a face."""
     poses = simulate(Scenario((Phase(contact, 10.0),)), 1).poses
@@ -165,20 +162,6 @@ def test_a_saved_stream_resumes_with_its_formation(tmp_path) -> None:
     _, again = as_values.advance(restored, poses[2000:2400])
     assert list(map(json_line, again)) == list(map(json_line, rest))
     assert any(belief.further for belief in rest)
-
-
-def test_beliefs_keep_their_formations_through_columns() -> None:
-    geometry = ContactGeometry(Point(np.zeros(3)), Plane(np.array([1.0, 0.0, 0.0]), 0.0))
-    further = (FurtherContact(Contact.VF, 0.9, 5, None, geometry, (), 2),)
-    beliefs = [
-        Belief(stamp, Contact.VF, np.full(7, 1 / 7), 0, None, np.zeros(6), further=some)
-        for stamp, some in enumerate([(), further, further, ()])
-    ]
-    kept = Beliefs.join([Beliefs.of(beliefs[:2]), Beliefs.of(beliefs[2:])])
-    assert [len(belief.further) for belief in kept] == [0, 1, 1, 0]
-    assert [one.probability for belief in kept for one in belief.further] == pytest.approx([0.9 / 7] * 2)
-    assert [belief.constraints for belief in kept] == [1, 2, 2, 1]
-    assert [len(belief.contacts_json) for belief in kept] == [1, 2, 2, 1]
 
 
 @needs_kernels

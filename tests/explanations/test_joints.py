@@ -1,4 +1,4 @@
-"""Joints: their derivatives, and their identification, with and without a joint."""
+"""Joints: their identification, with and without a joint."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -28,7 +28,7 @@ from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import SystematicErrors
 from contact_tracker.explanations.conditional_contact import ExplainedTicks, KnownContact
 from contact_tracker.explanations.joint_evidence import FittedJoint, Joint, joint_of, likeliest_joint
-from contact_tracker.explanations.joint_models import JOINT_MODELS, SCREW, JointFrames, JointKind, JointModel
+from contact_tracker.explanations.joint_models import JointFrames, JointKind
 from contact_tracker.explanations.joint_parts import find_joints, rests_in
 from contact_tracker.exports.formats import open_text
 from contact_tracker.geometry.elements import Line, Point
@@ -99,33 +99,6 @@ def joint_in(found: Segmentation) -> Joint:
     return longest.joint
 
 
-@pytest.mark.parametrize("model", JOINT_MODELS, ids=lambda model: model.kind)
-def test_true_joints_have_zero_residuals_and_exact_derivatives(model: JointModel) -> None:
-    rng = np.random.default_rng(3)
-    frames = some_frames(rng)
-    if model.kind is JointKind.SLIDER:  # it is given by the motion of the body's origin
-        frames = JointFrames(frames.body_axes, np.zeros(3), frames.world_axes, frames.world_point_m)
-    rotation, position = poses_in(model.kind, frames, rng, np.arange(0.0, 8.0, 0.1))
-    at = model.residual(frames, lift(rotation.as_matrix(), position))
-    np.testing.assert_allclose(at.value, 0.0, atol=1e-9)
-    step = 1e-6
-    for column, parameter in enumerate(np.eye(len(model.free))):
-        there = model.residual(
-            frames.moved(step * parameter, model.free), lift(rotation.as_matrix(), position)
-        )
-        np.testing.assert_allclose(there.value / step, at.by_x[:, :, column], atol=1e-4)
-    for column, direction in enumerate(np.eye(6)):
-        turned = rotation * Rotation.from_rotvec(step * direction[:3])
-        there = model.residual(frames, lift(turned.as_matrix(), position + step * direction[3:]))
-        np.testing.assert_allclose(there.value / step, at.by_pose[:, :, column], atol=1e-4)
-
-
-def test_the_search_for_a_screw_starts_near_its_pitch() -> None:
-    frames, poses = moved(JointKind.SCREW, 5)
-    start = SCREW.start(lift(poses.rotation, poses.position_m)[::20])
-    assert start.pitch_m == pytest.approx(frames.pitch_m, abs=0.002)
-
-
 @needs_kernels
 @pytest.mark.parametrize("kind", EACH_KIND)
 def test_each_joint_is_named_with_its_place(kind: JointKind) -> None:
@@ -151,57 +124,42 @@ def test_each_joint_is_named_with_its_place(kind: JointKind) -> None:
         assert joint.pitch_m_per_rad == pytest.approx(PITCH_M, abs=4.0 * joint.pitch_sd_m_per_rad)
 
 
-@pytest.mark.parametrize(
-    ("errors", "play_m", "swing_deg", "arm_m"),
-    [
-        ("waves", 2e-3, 60.0, 0.15),
-        ("sign", 5e-3, 90.0, 0.15),
-        ("sides", 2e-3, 60.0, 0.3),
-        ("waves", 5e-3, 20.0, 0.15),
-        ("sign", 2e-3, 11.0, 0.15),
-        ("sign", 5e-3, 6.0, 0.15),
-        ("sides", 5e-3, 17.0, 0.3),
-    ],
-)
-@pytest.mark.parametrize("seed", range(3))
-def test_a_hinge_with_play_is_a_hinge(
-    errors: str, play_m: float, swing_deg: float, arm_m: float, seed: int
-) -> None:
-    """Such errors follow the angle: they are no freedom of a ball joint. They may look like a small pitch.
+PLAY = JointKind.HINGE, JointKind.SCREW
+"""Play of a hinge follows the angle, as no freedom of a ball joint does; it may look like a small pitch."""
+FITTED = [
+    *((Case("hinge", *one, 0, 0), PLAY) for one in (("waves", 2e-3, 60.0, 0.15), ("sign", 5e-3, 90.0, 0.15))),
+    (Case("hinge", "sides", 2e-3, 60.0, 0.3, 0, 0), PLAY),
+    # where the play is as large as a small swing, no joint may be named
+    (Case("hinge", "waves", 5e-3, 20.0, 0.15, 0, 0), (*PLAY, None)),
+    (Case("hinge", "sign", 2e-3, 11.0, 0.15, 0, 0), (*PLAY, None)),
+    (Case("hinge", "sign", 5e-3, 6.0, 0.15, 0, 0), (*PLAY, None)),
+    (Case("hinge", "sides", 5e-3, 17.0, 0.3, 0, 0), (*PLAY, None)),
+    # turned once by a part of a turn it shows no play: its path may be any that is near a circle
+    (Case("hinge once", "waves", 5e-3, 60.0, 0.3, 1, 0), (None,)),
+    (Case("hinge once", "waves", 5e-3, 800.0, 0.3, 1, 0), tuple(JointKind)),
+    # of two turns, as large, that about the arm of a metre does not move the object's origin
+    (Case("ball", "1 1 0", 0.0, 17.0, 1.0, 0, 0), (JointKind.BALL,)),
+    # a lid with markers on its axis: only the pitch, 4 mm a turn, moves its origin
+    (Case("screw", "", 0.64e-3, 57.0, 0.0, 0, 0), (JointKind.SCREW,)),
+    # a bent curve, a turn and a slide of their own, and a slide by hand with a turn are no joint
+    *((Case("curve", "", *one, 0.0, 0, 0), (None,)) for one in ((0.02, 34.0), (0.05, 70.0), (0.05, 0.0))),
+    *(
+        (Case("turn and slide", "", 0.0, *one, 0, 0), (None,))
+        for one in ((45.0, 0.1), (5.0, 0.3), (25.0, 1.0))
+    ),
+    *((Case("slide", "", length_m, 60.0, 0.1, 0, 0), (None,)) for length_m in (0.1, 0.2)),
+]
 
-    Where they are as large as a small swing, no joint is named."""
-    found = fitted(Case("hinge", errors, play_m, swing_deg, arm_m, 0, seed))
-    if found is None:
-        assert swing_deg < 25.0
-    else:
-        assert found.model.kind in (JointKind.HINGE, JointKind.SCREW)
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("case", "kinds"), FITTED, ids=str)
+def test_the_joint_of_a_motion_is_named(case: Case, kinds: tuple[JointKind | None, ...], seed: int) -> None:
+    found = fitted(case._replace(seed=seed))
+    assert (found and found.model.kind) in kinds
+    if case.joint == "screw":
+        assert found.frames.pitch_m == pytest.approx(case.play_m, abs=1e-4)
+    elif found is not None and kinds[:2] == PLAY:
         assert abs(found.frames.pitch_m) < 0.005
-
-
-@pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize(
-    ("joint", "bend_m", "swing_deg", "arm_m"),
-    [
-        ("curve", 0.02, 34.0, 0.0),
-        ("curve", 0.05, 70.0, 0.0),
-        ("curve", 0.05, 0.0, 0.0),
-        ("turn and slide", 0.0, 45.0, 0.1),
-        ("turn and slide", 0.0, 5.0, 0.3),
-        ("turn and slide", 0.0, 25.0, 1.0),
-    ],
-)
-def test_motion_along_a_bent_curve_and_a_turn_and_a_slide_of_their_own_are_no_joint(
-    joint: str, bend_m: float, swing_deg: float, arm_m: float, seed: int
-) -> None:
-    assert fitted(Case(joint, "", bend_m, swing_deg, arm_m, 0, seed)) is None
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_a_ball_joint_needs_no_second_turn_that_moves_far(seed: int) -> None:
-    """Of its two turns, as large, that about the arm of a metre does not move the object's origin."""
-    found = fitted(Case("ball", "1 1 0", 0.0, 17.0, 1.0, 0, seed))
-    assert found is not None
-    assert found.model.kind is JointKind.BALL
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -215,15 +173,6 @@ def test_a_shift_along_the_axis_shows_a_screw_over_a_wide_swing_alone(
     assert found.model.kind in (JointKind.HINGE, JointKind.SCREW)
     assert (found.log_odds > 5.0) is is_sure
     assert is_sure or found.log_odds < 1.0
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_a_lid_with_markers_on_its_axis_is_a_screw(seed: int) -> None:
-    """Of 4 mm a turn. Only the pitch moves its origin, so free motion does not explain a hinge's misfit."""
-    found = fitted(Case("screw", "", 0.64e-3, 57.0, 0.0, 0, seed))
-    assert found is not None
-    assert found.model.kind is JointKind.SCREW
-    assert found.frames.pitch_m == pytest.approx(0.64e-3, abs=1e-4)
 
 
 APART_M = 0.03
@@ -260,17 +209,6 @@ def test_a_rest_divides_joints_also_if_its_ticks_are_left_out() -> None:
     assert sum(len(part.ticks) for part in found) == len(moving)
     for part, y_m in zip(found, (0.0, APART_M), strict=True):
         assert np.linalg.norm(part.frames.world_point_m[:2] - [0.0, y_m]) < 1e-3
-
-
-def test_a_rest_at_the_end_divides_nothing() -> None:
-    window = window_of(TUMBLE)
-    rests = rests_in(window.index, at_rest(window, MODEL.tick_s))
-    first = window.cut(0, int(rests[0, 1]))
-    (found,) = joints_in(first, rests)
-    assert len(found.ticks) == len(first)
-    assert np.linalg.norm(found.frames.world_point_m[:2]) < 1e-3
-    (alike,) = joints_in(first, np.zeros((0, 2), int))
-    assert alike.log_odds == found.log_odds
 
 
 @pytest.mark.parametrize("errors", ["none", "harmonics", "waves", "sign", "sides", "shift"])
@@ -320,20 +258,6 @@ def test_a_slide_and_a_turn_after_it_are_two_joints(seed: int) -> None:
     assert second.frames.world_point_m[[0, 2]] == pytest.approx([0.3, 0.0], abs=1e-3)
 
 
-def test_the_first_tick_of_the_next_motion_divides_no_joints_from_a_rest() -> None:
-    """The last tick of a segment may belong to a rest and move already, as the object is pushed on."""
-    turn, place = motion(TUMBLE)
-    rested = Rotation.concatenate([turn, *[turn[-1]] * RATE_HZ])
-    place = np.concatenate([place, np.tile(place[-1], (RATE_HZ, 1))])
-    window = ticks_of(rested, place, TUMBLE.noise, 0)
-    rests = rests_in(window.index, at_rest(window, MODEL.tick_s))
-    assert rests[-1, 1] == len(window)
-    zeta = window.zeta.copy()
-    zeta[-1, T] += 5e-3
-    found = joints_in(replace(window, zeta=zeta), rests)
-    assert [part.model.kind for part in found] == [JointKind.HINGE] * 2
-
-
 @pytest.mark.parametrize("arm_m", [0.1, 0.3])
 def test_a_slide_by_hand_after_a_turn_is_no_hinge(arm_m: float) -> None:
     """It is near a turn about another axis, but has larger errors than a hinge that moves once."""
@@ -347,7 +271,6 @@ def test_a_slide_by_hand_after_a_turn_is_no_hinge(arm_m: float) -> None:
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("length_m", [0.1, 0.2])
 def test_slides_by_hand_one_after_another_are_no_joints(length_m: float, seed: int) -> None:
-    """Each is straight with a turn, in another direction."""
     way, rng = strokes(np.arange(8 * RATE_HZ) / RATE_HZ, 2)[:, None], np.random.default_rng(seed)
     angle, place = np.zeros_like(way), np.zeros((len(way), 3))
     for number, toward in enumerate(rng.uniform(0.0, 2.0 * np.pi, 2)):
@@ -371,21 +294,6 @@ def test_segments_have_the_joint_of_their_turn(apart_m: float) -> None:
         assert isinstance(joint.environment, Line)
         assert joint.environment.point_m[:2] == pytest.approx([0.0, y_m], abs=1e-3)
     assert {id(one.joint) for one in found.beliefs if one.joint is not None} == {*map(id, joints)}
-
-
-@pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize("length_m", [0.1, 0.2])
-def test_a_slide_by_hand_with_a_turn_is_no_hinge(length_m: float, seed: int) -> None:
-    """Its straight path is near a circle, and its errors follow its way, as those of any single motion do."""
-    assert fitted(Case("slide", "", length_m, 60.0, 0.1, 0, seed)) is None
-
-
-@pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize(("swing_deg", "is_named"), [(60.0, False), (800.0, True)])
-def test_a_wheel_shows_its_play_as_it_comes_round(swing_deg: float, is_named: bool, seed: int) -> None:
-    """A hinge that turns once by a part of a turn shows none: its path may be any that is near a circle."""
-    found = fitted(Case("hinge once", "waves", 5e-3, swing_deg, 0.3, 1, seed))
-    assert (found is not None) is is_named
 
 
 @needs_kernels

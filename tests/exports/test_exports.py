@@ -36,8 +36,6 @@ from contact_tracker.exports.formats import ROWS, rows_of, write_outcome
 from contact_tracker.geometry.elements import ContactGeometry, Line, Plane, Point, Unobserved, flat
 from contact_tracker.motion.poses import Poses
 from contact_tracker.outputs.outcome import Outcome
-from contact_tracker.outputs.parts import Part
-from contact_tracker.outputs.scene import EMPTY
 from contact_tracker.paper import window_curves
 from contact_tracker.recording import write_recording
 from contact_tracker.saved_result import RESULT
@@ -162,7 +160,6 @@ def test_data_frames_of_both_libraries_are_equal_with_one_schema(result, poses, 
 
 
 def test_rows_of_json_have_the_same_keys_and_types_for_all_contacts(folder, result) -> None:
-    """Arrow reads all of them, with complete elements."""
     rows = [json.loads(line) for line in (folder / "out.jsonl").read_text().splitlines()]
     assert [row["contact"] for row in rows] == [b.contact.value for b in result.beliefs]
     table = read_json(folder / "out.jsonl")
@@ -409,20 +406,6 @@ def test_doubtful_labels_are_open_and_the_figure_says_why(tmp_path) -> None:
     pyplot.close(figure)
 
 
-def test_no_face_or_edge_is_seen_from_its_side() -> None:
-    ring = np.stack([np.cos(np.arange(8.0)), np.sin(np.arange(8.0)), np.zeros(8)], axis=1)
-    for turn in Rotation.random(50, rng=np.random.default_rng(3)):
-        axes = turn.as_matrix()
-        face = Part(0, "face", EMPTY, (ring @ axes.T + 5.0,), np.zeros(3))
-        edge = face._replace(outline=(np.outer([-1.0, 1.0], axes[:, 0]),))
-        unknown = [face._replace(outline=(outline,)) for outline in (np.full((8, 3), np.nan), ring[:0])]
-        up, level, roll = np.deg2rad(_view_of([*unknown, face, edge]))
-        towards = np.array([np.cos(up) * np.cos(level), np.cos(up) * np.sin(level), np.sin(up)])
-        assert abs(towards @ axes[:, 2]) > 0.7
-        assert np.linalg.norm(np.cross(towards, axes[:, 0])) > 0.7
-        assert abs(roll) < 1e-9
-
-
 def test_a_known_upward_is_upward_in_the_figure() -> None:
     axes = pyplot.figure().add_subplot(projection="3d")
     axes.set(box_aspect=(1.0, 1.0, 1.0), xlim=(-1.0, 1.0), ylim=(-1.0, 1.0), zlim=(-1.0, 1.0))
@@ -494,7 +477,6 @@ def test_a_saved_result_is_loaded_whole(folder, result, tmp_path, monkeypatch) -
 @pytest.mark.long
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 def test_a_forged_result_is_refused_or_can_be_used(result, tmp_path) -> None:
-    """Whatever one of its values is."""
     trajectory = result.trajectory[0:3.0]
     contact_tracker.segment(trajectory).save(tmp_path / "a.contacts")
     refused = 0

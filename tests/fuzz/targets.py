@@ -21,7 +21,6 @@ from contact_tracker.motion.pose_validation import gate
 from contact_tracker.saved_state import load
 
 CODES = {0, 1, 2, 3}
-RECORDING = corpus.ROOT / "recordings" / "vision_30hz.mcap"
 
 
 class Violation(Exception):

@@ -8,17 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from contact_tracker.contacts.contact_motion import (
-    STICK_SLIP,
-    ContactMotion,
-    _marginal_covariances,
-    contact_motion,
-    smooth_rates,
-)
+from contact_tracker.contacts.contact_motion import STICK_SLIP, ContactMotion, contact_motion, smooth_rates
 from contact_tracker.geometry.elements import Array, ContactGeometry, Line, Plane, Point
 from contact_tracker.tracking.offline_smoother import segment
 from short_recordings import FACE_TO_EDGE, MODEL, recorded
-from traced_memory import memory_below
 
 TICKS: Final = 120
 TIME_S: Final = np.arange(TICKS) * 0.1
@@ -180,27 +173,6 @@ def test_few_ticks_and_parallel_edges_say_nothing() -> None:
     assert contact_motion(parallel, stamps, TIME_S, quat_xyzw, place, variance) is None
     few = (one[:3] for one in (stamps, TIME_S, quat_xyzw, place, variance))
     assert contact_motion(GEOMETRY["v-f"], *few) is None
-
-
-def test_covariances_of_ticks_are_those_of_the_dense_inverse() -> None:
-    rng = np.random.default_rng(3)
-    root = rng.normal(size=(6, 60))
-    root[0] = rng.uniform(2.0, 3.0, 60)
-    for offset in range(1, 6):  # of blocks of three, each beside the next one
-        inside = np.arange(60) % 3 + offset < 6
-        root[offset] *= 0.3 * (inside & (np.arange(60) < 60 - offset))
-    lower = sum(np.diag(root[offset, : 60 - offset], -offset) for offset in range(6))
-    expected = np.linalg.inv(lower @ lower.T)
-    for tick, covariance in enumerate(_marginal_covariances(root)):
-        rows = slice(3 * tick, 3 * tick + 3)
-        np.testing.assert_allclose(covariance, expected[rows, rows], rtol=1e-9, atol=1e-12)
-
-
-def test_a_long_contact_takes_memory_for_its_ticks_only() -> None:
-    ticks = 9_000
-    values = SIGMA_M * np.random.default_rng(3).normal(size=(ticks, 3))
-    with memory_below(15e6):  # before, 65 MB in one of several arrays
-        smooth_rates(0.1 * np.arange(ticks), values, np.full(ticks, SIGMA_M**2))
 
 
 def test_rates_are_as_far_off_as_their_deviations_say() -> None:

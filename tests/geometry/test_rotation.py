@@ -44,7 +44,6 @@ def test_rotation_vectors_there_and_back(seed, angle):
 @settings(max_examples=30, deadline=None)
 @given(seed=seeds, spread=st.sampled_from([0.0, 1e-6, 0.1, 1.0]))
 def test_the_nearest_rotation_of_a_mean(seed, spread):
-    """Against singular values, as in scipy: of one rotation, and of the mean of several."""
     rng = np.random.default_rng(seed)
     turns = Rotation.random(random_state=rng) * Rotation.from_rotvec(spread * rng.normal(size=(20, 3)))
     same_rotation(linalg.nearest(turns.as_matrix().mean(axis=0)), turns.mean().as_quat())

@@ -43,7 +43,6 @@ def test_posterior_changes_evidence_and_path_are_those_of_all_paths(seed, scale)
 
 
 def test_weights_of_a_long_recording_neither_overflow_nor_underflow():
-    """Probabilities remain normalised in spite of rounding."""
     case = Case(3, sizes=((3, 6),))
     unshifted, unshifted_changes, _ = expect(case.trellis, *case.model)
     case.value -= 1e9 * (np.arange(case.ticks + 1) - case.onset[:, None])

@@ -123,9 +123,6 @@ def test_hypotheses_may_agree_on_late_ticks_and_differ_on_earlier_ones():
     np.testing.assert_allclose(posterior[[10, 30, 50]], [[0, 0.5, 0.5], [0.5, 0, 0.5], [1, 0, 0]], atol=1e-12)
 
 
-# --- long streams ------------------------------------------------------------------------------------------
-
-
 def hours(ticks, evidence, rng, states=3):
     """A stream of ticks with ``evidence`` per tick and state; onsets are thinned by age as in the tracker."""
     onset = [np.zeros(0, np.int64) for _ in range(states - 1)]

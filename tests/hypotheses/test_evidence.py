@@ -168,13 +168,9 @@ def test_anisotropic_noise_counts_by_its_direction(model):
 
 @each_model
 def test_a_tick_at_rest_has_no_evidence(model):
-    """For any residual of the hypothesis and any touching point."""
     seen, x = window(np.random.default_rng(1), model)
     still = Window(seen.index, seen.zeta, seen.variance, np.zeros_like(seen.innovation_excess))
     np.testing.assert_array_equal(evidence.log_ratio(model, x, still, SCALES).log_ratio, 0.0)
-
-
-# --- the complexity of the geometry -------------------------------------------------------------------------
 
 
 @cache

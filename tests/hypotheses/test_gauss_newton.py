@@ -7,7 +7,6 @@ from scipy.spatial.transform import Rotation
 from contact_motions import elements_of, touching
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.geometry import lifted_pose
-from contact_tracker.hypotheses import gauss_newton
 from contact_tracker.hypotheses.gauss_newton import Prior, minimise
 from contact_tracker.paper import direct, matrix, minimise_slsqp, motion
 from contact_tracker.states import Contact
@@ -107,12 +106,8 @@ def test_hessian_is_the_curvature_of_the_cost(model):
         assert direction @ information @ direction == pytest.approx(curvature, rel=1e-3, abs=1e-6)
 
 
-# --- status, not exception --------------------------------------------------------------------------------
-
-
 @each_model
 def test_too_few_steps_or_poses_are_a_status_and_give_a_finite_fit(model):
-    """Also no pose, one, an object at rest, or no window at all."""
     rotation, position = window(Contact.VF, 8)
     size, rows = model.family.SIZE, model.family.ROWS
     x = model.family.normalise(np.random.default_rng(8).normal(size=(1, size)), ANCHORS)
@@ -132,11 +127,3 @@ def test_too_few_steps_or_poses_are_a_status_and_give_a_finite_fit(model):
         model.family, moments[nothing], weight[nothing], no_prior(model, 0), anchors[nothing], x[nothing], 5
     )
     assert (none.x.shape, none.converged.shape) == ((0, size), (0,))
-
-
-def test_curvature_that_is_singular_in_rounding_has_a_step() -> None:
-    """As of exact poses: all parameters together are known far better than each alone."""
-    family = CONTACT_MODELS[Contact.VF.column].family
-    zeros = np.zeros((1, 5))
-    args = np.ones((1, 5)), np.full((1, 1, 5, 5), 1e17), np.zeros((1, 5, 5)), zeros[:, 0]
-    assert np.isfinite(gauss_newton._step(family, *args)).all()

@@ -13,14 +13,13 @@ from contact_motions import touching
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.geometry.elements import Origins
 from contact_tracker.geometry.lifted_pose import lift
-from contact_tracker.hypotheses import gauss_newton, global_search
+from contact_tracker.hypotheses import gauss_newton
 from contact_tracker.hypotheses.bank import blank
 from contact_tracker.hypotheses.bank_update import fit_window
 from contact_tracker.hypotheses.births import propose_births, weigh_births
 from contact_tracker.hypotheses.evidence import EvidenceParameters, weak_prior
 from contact_tracker.hypotheses.gauss_newton import Prior
 from contact_tracker.hypotheses.global_search import prune, residual
-from contact_tracker.hypotheses.schedule import NEAR_NATS, burn_in_ticks
 from contact_tracker.map.file import map_from
 from contact_tracker.map.pairs import Frame
 from contact_tracker.motion.poses import batches
@@ -117,12 +116,6 @@ def test_ill_conditioned_fits_agree(model, kind, seed):
 
 
 @each_model
-def test_each_window_takes_its_own_steps(model):
-    steps = np.arange(COUNT) % 4
-    assert_same_fits(*both_fits(model, problem(model, np.random.default_rng(3)), steps), 1e-7)
-
-
-@each_model
 def test_nan_stays_in_its_row(model):
     given_ = list(problem(model, np.random.default_rng(4)))
     whole = kernels.minimise(model, *given_, 3)
@@ -166,16 +159,6 @@ def states():
     return [tracked_ticks()[k].state for k in (4, 12, 30)]
 
 
-@each_model
-def test_relaxed_problems_of_too_few_poses_are_left_out(model):
-    """Otherwise the directions of a rank-deficient matrix depend on the axes."""
-    lifted = np.random.default_rng(6).normal(size=(20, len(model.family.COLUMNS)))
-    moments = np.array([lifted[:count].T @ lifted[:count] for count in (1, 20)])
-    x, many = kernels.starts(model, moments)
-    of_mean_rotation = 3 if model.family.FORM.d1 >= 0 and model.family.FORM.q2 < 0 else 0
-    np.testing.assert_array_equal(many, [of_mean_rotation, x.shape[1]])
-
-
 @pytest.mark.parametrize("k", [0, 3, 4, 5, 13, 29])
 @pytest.mark.parametrize("name", FILTERS)
 def test_updates_by_a_tick_agree(name, k):
@@ -198,23 +181,6 @@ def test_updates_by_a_tick_agree(name, k):
         np.testing.assert_allclose(compiled_.log_weight[near], reference.log_weight[near], atol=2e-2)
     np.testing.assert_allclose(kernel.log_state_weight, numpy.log_state_weight, atol=1e-2)
     np.testing.assert_allclose(kernel.residual, numpy.residual, rtol=1e-3)
-
-
-@settings(max_examples=20, deadline=None)
-@given(seed=seeds, model=st.sampled_from(CONTACT_MODELS))
-def test_the_same_hypotheses_search(seed, model):
-    rng, count = np.random.default_rng(seed), 60
-    bank = blank(model, count).replace_onset_columns(effective_ticks=rng.uniform(0.0, 40.0, count))
-    bank = bank.replace_columns(
-        needs_search=rng.random(count) > 0.2,
-        prior_index=rng.random(count) > 0.5,
-        rms=rng.uniform(1.0, 3.0, count),
-        log_likelihood=np.where(np.arange(count) == 7, np.nan, -40.0 * rng.random(count)),
-    )
-    found = global_search.select_for_search(bank, model)
-    assert set(kernels.select_for_search(bank, model)) == set(found)
-    negligible = (bank.log_weight < -NEAR_NATS) & (bank.effective_ticks > burn_in_ticks(model.needed))
-    assert not negligible[found].any()
 
 
 @settings(max_examples=20, deadline=None)

@@ -1,57 +1,19 @@
 """Pruning of weak hypotheses hardly changes the beliefs."""
 
-from functools import cache
-from itertools import pairwise
-from pathlib import Path
 from typing import Final
 
 import numpy as np
-import pytest
-from scipy.spatial.transform import Rotation
 
 import pruning
-from contact_tracker.config.loading import load_model
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.hypotheses import compiled
 from contact_tracker.hypotheses.bank import blank
-from contact_tracker.hypotheses.births import Birth, add, uninformed_proposal
-from contact_tracker.hypotheses.evidence import DECISIVE, SAME_FIT_RATIO
-from contact_tracker.hypotheses.global_search import is_due, prune, select_for_search
-from contact_tracker.hypotheses.refit import accumulate, are_near, recover_fallen, refit
-from contact_tracker.hypotheses.schedule import (
-    IS_SEARCH_AGE,
-    NEAR_NATS,
-    UNTHINNED_TICKS,
-    burn_in_ticks,
-)
-from contact_tracker.motion.poses import Poses
-from contact_tracker.recording import open_log
-from contact_tracker.states import STATES, Contact
-from contact_tracker.tracking.state import scales_of
-from pose_filter import after as after_tick
-from pose_filter import forward
+from contact_tracker.hypotheses.global_search import prune
+from contact_tracker.hypotheses.refit import are_near
+from contact_tracker.hypotheses.schedule import NEAR_NATS, burn_in_ticks
+from contact_tracker.states import Contact
 from short_recordings import FACE_TO_EDGE, MODEL, recorded
 
 EDGE_FACE: Final = CONTACT_MODELS[Contact.EF.column]
-SHIPPED: Final = sorted((Path(__file__).parents[2] / "recordings").glob("[rv]*.mcap"))
-
-
-KERNELS_OR_NOT: Final = [
-    False,
-    pytest.param(True, marks=pytest.mark.skipif(not compiled.in_use(), reason="no kernels")),
-]
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
-def test_pruning_does_not_change_the_beliefs(path: Path) -> None:
-    poses, model = Poses.collect(open_log(str(path))), load_model()
-    own = pruning.track(poses, model)
-    other = pruning.track(poses, pruning.with_margin(model, np.inf))
-    assert other.hypotheses > 1.3 * own.hypotheses
-    tied = np.diff(np.sort(own.probability, axis=1)[:, -2:], axis=1)[:, 0] < 1e-6  # decided by rounding
-    assert (tied | (own.probability.argmax(axis=1) == other.probability.argmax(axis=1))).all()
-    assert np.abs(own.probability - other.probability).max() < 1e-3
 
 
 def test_a_wider_margin_does_not_change_the_beliefs() -> None:
@@ -67,25 +29,6 @@ def test_a_wider_margin_does_not_change_the_beliefs() -> None:
     assert pruning.row("short", 40.0, own, own)[2:8] == ["1.000", *["0.0000"] * 4, "1.00"]
 
 
-@pytest.mark.parametrize("model", CONTACT_MODELS, ids=lambda model: model.contact.value)
-def test_weak_hypotheses_are_kept_until_their_geometry_can_converge(model):
-    """For f-f this is sooner (5 unknowns, 3 rows a pose) than for e-e (8 unknowns, 1 row)."""
-    birth = Birth(uninformed_proposal(model), 0, 0, 0, 0.0, np.zeros((0, len(STATES))), np.eye(3))
-    needs_search = int(add(blank(model, 0), model, birth).needs_search[0])
-    ages = np.array([0.9, 1.1]) * burn_in_ticks(model.family.PARAMETERS / model.family.ROWS)
-    bank = blank(model, 2).replace_columns(
-        log_likelihood=-1000.0, rms=10.0, number=[0, 1], needs_search=needs_search
-    )
-    bank = bank.replace_onset_columns(effective_ticks=ages)
-    assert prune(bank, model, 5, 0.0, 40.0).number.tolist() == [0]
-    weak, near = bank.pick(np.array([1])), bank.replace_columns(log_likelihood=-1.0).pick(np.array([1]))
-    assert not len(select_for_search(weak, model))
-    assert len(select_for_search(near, model)) == IS_SEARCH_AGE[int(ages[1])]
-    due = int(np.flatnonzero(IS_SEARCH_AGE[: int(ages[0]) + 1])[-1])
-    young = bank.replace_onset_columns(effective_ticks=float(due)).pick(np.array([0]))
-    assert len(select_for_search(young, model)) == 1
-
-
 def test_margins_are_relative_to_the_best_and_known_elements_have_no_burn_in():
     bank = blank(EDGE_FACE, 3).replace_columns(log_birth_weight=1.0)
     behind = np.array([-NEAR_NATS, -1.01 * NEAR_NATS, np.nan])
@@ -95,48 +38,3 @@ def test_margins_are_relative_to_the_best_and_known_elements_have_no_burn_in():
     assert prune(
         bank.replace_onset_columns(effective_ticks=ages), EDGE_FACE, 3, 0.0, 20.0
     ).number.tolist() == [1]
-
-
-@cache
-def ticks_seen():
-    """A recording, tick by tick."""
-    return list(forward(recorded(FACE_TO_EDGE).poses[:860], MODEL))
-
-
-@pytest.mark.parametrize("in_use", KERNELS_OR_NOT)
-def test_falling_hypotheses_are_refitted_until_they_fit(in_use, monkeypatch):
-    """In the same tick, with more steps than others."""
-    model, scales, ticks = EDGE_FACE, scales_of(MODEL), ticks_seen()
-    monkeypatch.setattr(compiled, "in_use", lambda: in_use)
-    state, window = ticks[39].state, ticks[40].state.window
-    assert not is_due(model, 40)
-    bank = state.banks[model.contact.column]
-    near = (bank.log_weight > -NEAR_NATS) & (bank.effective_ticks > 10.0)
-    off = model.turned(bank.x, Rotation.from_rotvec([0.9, 0.0, 0.0]).as_matrix())
-    displaced = bank.replace_columns(x=np.where(near[:, None], off, bank.x))
-    stepped = refit(accumulate(displaced, model, window, scales), model, window, scales)
-    fallen = near & (stepped.log_weight < bank.log_weight - DECISIVE) & (stepped.rms > SAME_FIT_RATIO)
-    assert fallen.any()
-    state = state._replace(
-        banks=(*state.banks[: model.contact.column], displaced, *state.banks[model.contact.column + 1 :])
-    )
-    after = after_tick(state, ticks[40].tick)[0].banks[model.contact.column]
-    right = ticks[40].state.banks[model.contact.column]
-    for number in bank.number[fallen]:
-        assert after.log_weight[after.number == number] == pytest.approx(
-            right.log_weight[right.number == number], abs=0.2
-        )
-    far = recover_fallen(stepped, bank.log_weight - 1.1 * NEAR_NATS, model, window, scales)
-    np.testing.assert_array_equal(far.words, stepped.words)
-
-
-def test_young_hypotheses_are_pruned_only_after_a_search():
-    dropped = 0
-    for before, after in pairwise(ticks_seen()):
-        now = before.state.ticks
-        for model, bank, left in zip(CONTACT_MODELS, before.state.banks, after.state.banks, strict=True):
-            young = bank.number[bank.onset > now + 1 - UNTHINNED_TICKS]
-            gone = len(set(young) - set(left.number))
-            assert not gone or is_due(model, now)
-            dropped += gone
-    assert dropped

@@ -6,8 +6,6 @@ from functools import cache
 import numpy as np
 import pytest
 from benchmarks.simulated_fits import NOISES, fit_simulated, fitted_geometry
-from hypothesis import example, given
-from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
@@ -16,13 +14,8 @@ from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.geometry.elements import Plane
 from contact_tracker.geometry.lifted_pose import lift
 from contact_tracker.hypotheses.bank_update import fit_window
-from contact_tracker.hypotheses.observability import MOST_TICKS, added_covariance, representatives
-from contact_tracker.hypotheses.refinement import (
-    Ar1Noise,
-    estimate_ar1,
-    refine,
-    whiten_ar1,
-)
+from contact_tracker.hypotheses.observability import MOST_TICKS, representatives
+from contact_tracker.hypotheses.refinement import refine
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS, Contact
@@ -91,28 +84,6 @@ def test_covariances_are_consistent_where_the_model_knows_that_errors_wander(con
     assert 0.4 < sum(d.squared for d in deviations) / sum(d.freedom for d in deviations) < 2.5
 
 
-@given(st.integers(0, 10_000), st.floats(0.0, 0.7))
-@example(seed=138, correlation=0.6875).via("squares of other ticks than those of the products had it at 0.92")
-def test_size_and_correlation_of_errors_are_estimated_from_residuals(seed, correlation):
-    """Of residuals, before and after the fit of a line and a wave."""
-    rng, count = np.random.default_rng(seed), 400
-    index = np.cumsum(rng.integers(1, 3, count))
-    new = rng.normal(size=(1, count))
-    errors = new.copy()
-    for tick in range(1, count):
-        left = correlation ** (index[tick] - index[tick - 1])
-        errors[:, tick] = left * errors[:, tick - 1] + np.sqrt(1.0 - left**2) * new[:, tick]
-    np.testing.assert_allclose(whiten_ar1(errors, np.full(1, correlation), index), new, atol=1e-9)
-    shapes = np.stack([np.ones(count), index / 400.0, np.sin(index / 5.0), np.cos(index / 5.0)], axis=1)
-    left_over = errors - (shapes @ np.linalg.lstsq(shapes, errors.T, rcond=None)[0]).T
-    start = Ar1Noise(np.ones(1), np.zeros(1))
-    for residuals, fitted in ((errors, 0.0 * shapes), (left_over, shapes)):
-        rows = np.concatenate([fitted[None], 2.0 * residuals[..., None]], axis=2)
-        found = estimate_ar1(start, rows, np.zeros((4, 4)), index)
-        assert abs(found.correlation - correlation) < 0.3
-        assert 0.5 < 4.0 * found.weight < 2.0
-
-
 def test_frames_of_the_previous_contact_do_not_bias_the_geometry():
     """A contact begins within the first tick of its segment, here with a landing at 8 cm/s."""
     made = simulate(Scenario((Phase(Contact.VF, 5.0),)), 3)
@@ -127,9 +98,6 @@ def test_frames_of_the_previous_contact_do_not_bias_the_geometry():
     assert deviation(early.object, true.object, np.zeros(3)).sd < 3.0
 
 
-# --- the bound itself --------------------------------------------------------------------------------------
-
-
 @cache
 def simulated(contact):
     scenario = Scenario((Phase(contact, 3.0),), sigma_position_m=0.0, sigma_rotation_rad=0.0)
@@ -139,16 +107,6 @@ def simulated(contact):
 
 def bounds(contact, poses, sigma_m, sigma_rad):
     return cramer_rao(CONTACT_MODELS[contact.column], simulated(contact)[1], poses, (sigma_m, sigma_rad))
-
-
-def test_the_height_of_a_face_is_known_as_well_as_a_mean():
-    """For f-f: errors of angles turn the face about the body's mean position."""
-    poses, _ = simulated(Contact.FF)
-    of_environment = bounds(Contact.FF, poses, 1e-3, 1e-2)[1]
-    assert np.sqrt(of_environment[2, 2]) == pytest.approx(1e-3 / np.sqrt(len(poses)), rel=1e-3)
-
-
-# --- little to go by ---------------------------------------------------------------------------------------
 
 
 @each_contact
@@ -248,32 +206,6 @@ def test_what_exact_poses_do_not_show_is_as_wide_as_the_prior_with_errors_too(co
     covariance, _ = covariances(flat, contact, with_errors(1e-2, 1e-2))
     sd_m = np.sqrt(np.linalg.eigvalsh(covariance[3:, 3:])[-1])  # of a line's point, or a plane's offset
     assert 0.9 < sd_m / SHIPPED.geometry.reach_m < 1.01
-
-
-def test_directions_without_information_and_huge_errors_are_no_fault():
-    """Not even where errors are so large that rounding makes a sum singular."""
-    errors = with_errors(1.0, 1.0).systematic
-    zeta = np.tile(lift(np.eye(3), np.zeros(3)), (5, 1))
-    by_error = np.zeros((6, 3, 5))
-    by_error[:, 0] = 1e12
-    information = np.diag([1e10, 1e-9, 0.0])
-    added = added_covariance(information, np.diag([1.0, 1.0, 1e-4]), by_error, zeta, errors)
-    assert np.isfinite(added).all()
-    assert 0.5 < added[0, 0] < 1.1
-    assert abs(added[2, 2]) < 1.0
-
-
-@pytest.mark.parametrize("information", [1e2, 1e6, 1e12])
-def test_errors_add_no_more_than_the_prior_allows_where_exact_poses_show_nothing(information):
-    """Four of six directions are observed, which are no axes of the parameters; the errors are 1 mm."""
-    rng, prior = np.random.default_rng(0), np.diag([11.0, 11.0, 11.0, 1.0, 1.0, 1.0])
-    seen = np.linalg.qr(rng.normal(size=(6, 4)))[0]
-    slopes = rng.normal(size=(30, 6)) @ seen @ seen.T
-    by_error = np.zeros((6, 6, 30))
-    by_error[3] = information * slopes.T
-    zeta, errors = rng.normal(size=(30, 25)), with_errors(1e-3, 0.0).systematic
-    added = added_covariance(information * slopes.T @ slopes, prior, by_error, zeta, errors)
-    assert 1e-4 < np.sqrt(np.linalg.eigvalsh(added)[-1]) < 1e-3
 
 
 def test_ticks_that_represent_a_window_count_as_many_as_it_has():

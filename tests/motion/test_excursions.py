@@ -163,7 +163,6 @@ def test_one_pose_that_stays_bit_for_bit_is_dropped_until_the_motion_is_seen_aga
 
 
 def test_the_number_of_held_poses_is_bounded() -> None:
-    """Also where stamps hardly go on, as those that are numbers of frames."""
     clean = hand(10, 20.0)
     poses = shifted(clean, np.arange(4000) >= 400, np.array([0.0, 0.5, 0.0]), 0.0)
     poses, gate = replace(poses, stamp_ns=np.arange(4000)), PoseGate()

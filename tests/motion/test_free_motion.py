@@ -1,10 +1,6 @@
 """Excess of free motion: zero at rest, small for predictable motion, else that of the motion."""
 
 import numpy as np
-import pytest
-from filterpy.common import Q_continuous_white_noise
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from contact_tracker.motion import free_motion
@@ -12,7 +8,6 @@ from smooth_motion import smooth
 
 TICK_S, MEMORY_S = 0.1, 0.8
 VARIANCES = np.array([0.5e-4**2, 0.5e-3**2])
-seeds = st.integers(0, 2**32 - 1)
 
 
 def follow(position, turn):
@@ -47,7 +42,6 @@ def by_hand(rng, ticks, bandwidth_hz=2.0):
 
 
 def test_at_rest_there_is_no_excess():
-    """Noise has no excess in most ticks, and nearly none on average."""
     for seed in range(3):
         excess = follow(*noisy(np.random.default_rng(seed), *still(200)))[1] / VARIANCES
         assert np.mean(excess < 1e-9) > 0.9
@@ -107,19 +101,7 @@ def test_spread_is_the_variance_that_cannot_be_predicted():
         assert 0.1 < np.exp(np.mean(np.log(excess))) / actual < 1.2
 
 
-@settings(max_examples=5, deadline=None)
-@given(seed=seeds)
-def test_excess_is_the_same_in_every_frame(seed):
-    rng = np.random.default_rng(seed)
-    position, turn = noisy(rng, *by_hand(rng, 60))
-    world, body = Rotation.random(2, random_state=rng)
-    expected = follow(position, turn)[1]
-    shifted = world.apply(position) + rng.normal(size=3)
-    np.testing.assert_allclose(follow(shifted, world * turn * body)[1], expected, rtol=1e-5, atol=1e-14)
-
-
 def test_many_turns_are_one_motion():
-    """Orientation is integrated, without jumps at half a turn."""
     time_s = np.arange(150) * TICK_S
     spin = Rotation.from_rotvec(np.outer(time_s, [0.0, 0.0, 2.0]))
     excess = follow(*noisy(np.random.default_rng(3), np.zeros((150, 3)), spin))[1][40:]
@@ -152,11 +134,3 @@ def test_a_jump_has_no_lasting_effect():
     excess = follow(*noisy(rng, position, turn))[1]
     assert np.isfinite(excess).all()
     assert np.mean(excess[75:, 0] < 1e-9 * VARIANCES[0]) > 0.9
-
-
-@pytest.mark.parametrize("tick_s", [0.01, 0.1, 0.7])
-def test_white_jerk_propagates_as_in_filterpy(tick_s):
-    jerk = Q_continuous_white_noise(3, tick_s, 1.0)
-    np.testing.assert_allclose(
-        free_motion.transition(tick_s).jerk_covariance, np.kron(np.eye(2), jerk), rtol=1e-14
-    )

@@ -84,7 +84,6 @@ def test_stamps_come_after_the_last_one(after_ns: int | None, taken: bool) -> No
 
 
 def test_the_first_of_many_that_is_wrong_is_named() -> None:
-    """Only this one; a stamp is compared with the one before it."""
     poses = [SOUND._replace(stamp_ns=n) for n in range(6)]
     poses[4] = poses[4]._replace(position_m=(0.0, nan, 0.0))
     with pytest.raises(InvalidPose, match="pose 4 of 6 has a position"):

@@ -1,8 +1,5 @@
 """The estimated sensor noise equals the simulated noise."""
 
-from dataclasses import replace
-from itertools import pairwise
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -53,76 +50,12 @@ def test_the_stream_corrects_a_wrong_model(rate_hz, sigma_m, sigma_rad, seconds,
 
 @pytest.mark.parametrize("tick", [1, 3, 20])
 def test_long_repeats_of_a_pose_do_not_reduce_the_noise(tick):
-    """With one frame per tick each repeats the pose of the tick before: the sensor is not free of noise."""
     poses = moving(np.random.default_rng(4), 60.0, 20.0, 3e-4, 2e-3)
     source = np.arange(len(poses)) // 10 * 10
     held = Poses(poses.stamp_ns, poses.position_m[source], poses.quat_xyzw[source])
     *_, estimate = streamed(held, tick, (3e-4, 2e-3))
     assert estimate.sigma_position_m > 1e-4
     assert estimate.sigma_rotation_rad > 1e-3
-
-
-def test_the_stream_in_any_portions_is_the_whole():
-    """Third differences extend over the ends of ticks: each is used once."""
-    poses = moving(np.random.default_rng(3), 5.0, 200.0, 3e-4, 2e-3)
-    ((whole, _),) = estimates(poses, len(poses), (1.0, 1.0))
-    for tick in (1, 7, 20):
-        *_, (portions, _) = estimates(poses, tick, (1.0, 1.0))
-        count = portions.differences.shape[1]
-        assert count > 0.9 * whole.differences.shape[1]
-        np.testing.assert_allclose(portions.differences, whole.differences[:, :count], rtol=1e-6, atol=1e-12)
-
-
-@each_sensor
-def test_estimates_at_intervals_equal_those_of_each_tick(monkeypatch, rate_hz, sigma_m, sigma_rad, seconds):
-    """The difference is far below the uncertainty of the estimate."""
-    off, unknown = [], []
-    for seed in range(21, 25):
-        poses = moving(np.random.default_rng(seed), 1.5 * seconds, rate_hz, sigma_m, sigma_rad)
-        tick, prior = max(1, round(rate_hz / 10.0)), (sigma_m, sigma_rad)
-        sigmas = []
-        for share in (sensor_noise.NEW_SHARE, 0.0):
-            monkeypatch.setattr(sensor_noise, "NEW_SHARE", share)
-            estimates_ = list(streamed(poses, tick, prior))
-            sigmas.append(
-                [(e.sigma_position_m / sigma_m, e.sigma_rotation_rad / sigma_rad) for e in estimates_]
-            )
-            monkeypatch.undo()
-            changes = sum(a is not b for a, b in pairwise(estimates_))
-            assert changes < 0.5 * len(estimates_) if share and tick < 40 else changes > 0.4 * len(estimates_)
-        off.append(np.log(sigmas[0]) - np.log(sigmas[1]))
-        unknown.append(np.log(sigmas[1]))
-    start = len(off[0]) // 5
-    error, doubt = (np.sqrt(np.mean(np.square(rows)[:, start:], axis=(0, 1))) for rows in (off, unknown))
-    assert (error < 0.4 * doubt).all()
-    assert (error < 0.01).all()
-
-
-def test_memory_is_bounded_and_the_noise_may_change():
-    rng = np.random.default_rng(4)
-    quiet, loud = moving(rng, 30.0, 100.0, 1e-4, 1e-3), moving(rng, 30.0, 100.0, 1e-3, 5e-3)
-    both = Poses.join([quiet, replace(loud, stamp_ns=loud.stamp_ns + 30 * 10**9)])
-    for state, _ in estimates(both, 10, (5e-4, 4e-3)):
-        assert state.differences.shape[1] <= sensor_noise.MEMORY
-        assert (
-            state.frame_count
-            <= sensor_noise.NEW_SHARE * sensor_noise.MEMORY * sensor_noise.STRIDE + 10 + sensor_noise.ORDER
-        )
-    *_, estimate = streamed(both, 10, (5e-4, 4e-3))
-    assert estimate.sigma_position_m == pytest.approx(1e-3, rel=0.1)
-
-
-def test_two_percent_of_outliers_hardly_matter():
-    """Each outlier is in four differences: the median rises by a tenth."""
-    rng = np.random.default_rng(5)
-    poses = moving(rng, 30.0, 200.0, 3e-4, 2e-3)
-    wrong = rng.random(len(poses)) < 0.02
-    position = poses.position_m + np.where(wrong, 0.05, 0.0)[:, None]
-    turn = Rotation.from_quat(poses.quat_xyzw) * Rotation.from_rotvec(
-        np.outer(np.where(wrong, 0.3, 0.0), [1, 1, 0])
-    )
-    spoiled = Poses(poses.stamp_ns, position, turn.as_quat())
-    assert sensor_noise.estimate_noise(spoiled) == pytest.approx((3e-4, 2e-3), rel=0.15)
 
 
 def test_an_object_that_turns_in_place_is_not_held():
@@ -157,38 +90,6 @@ def test_each_axis_has_its_noise():
     assert np.abs(cross - np.eye(3)).max() < 0.15
     assert estimate.sigma_position_m == pytest.approx(mean_square[0], rel=0.1)
     assert sensor_noise.estimate_noise(poses) == pytest.approx(mean_square, rel=0.1)
-
-
-def test_the_centre_of_the_noise_is_found_wherever_the_body_frame_is():
-    """The centre is at the markers: an origin half a metre away moves with each error of orientation."""
-    rng = np.random.default_rng(12)
-    poses, centre = moving(rng, 20.0, 200.0, 3e-4, 2.6e-3), np.array([-0.3, 0.3, -0.3])
-    turn = Rotation.from_quat(poses.quat_xyzw)
-    beside = Poses(poses.stamp_ns, poses.position_m - turn.apply(centre), poses.quat_xyzw)
-    here, there = last(poses), last(beside)
-    np.testing.assert_allclose(here.centre_m, 0.0, atol=0.02)
-    np.testing.assert_allclose(there.centre_m, centre, atol=0.02)
-    np.testing.assert_allclose(there.position_m2, here.position_m2, atol=0.15 * 3e-4**2)
-    np.testing.assert_allclose(there.rotation_rad2, here.rotation_rad2, rtol=1e-6, atol=1e-9)
-    swung = np.hypot(3e-4, np.sqrt(2.0 / 3.0) * 2.6e-3 * np.linalg.norm(centre))
-    assert there.sigma_position_m == pytest.approx(swung, rel=0.1)
-
-
-def test_noise_of_axes_turns_with_the_frames():
-    """Also far from the origin, and for either sign of the quaternion."""
-    rng = np.random.default_rng(13)
-    poses = moving(rng, 10.0, 200.0, np.array([1e-4, 3e-4, 5e-4]), np.array([1e-3, 2e-3, 4e-3]))
-    world, body = Rotation.random(2, random_state=rng)
-    turned = world * Rotation.from_quat(poses.quat_xyzw) * body
-    sign = rng.choice([-1.0, 1.0], size=(len(poses), 1))
-    moved = Poses(poses.stamp_ns, world.apply(poses.position_m) + 100.0, turned.as_quat() * sign)
-    found, same = last(moved), last(poses)
-    w, b = world.as_matrix(), body.as_matrix()
-    np.testing.assert_allclose(found.position_m2, w @ same.position_m2 @ w.T, atol=1e-12)
-    np.testing.assert_allclose(found.rotation_rad2, b.T @ same.rotation_rad2 @ b, atol=1e-10)
-    np.testing.assert_allclose(found.centre_m, b.T @ same.centre_m, atol=1e-6)
-    assert found.sigma_position_m == pytest.approx(same.sigma_position_m, rel=1e-6)
-    assert sensor_noise.estimate_noise(moved) == pytest.approx(sensor_noise.estimate_noise(poses), rel=1e-6)
 
 
 @pytest.mark.parametrize("count", [0, 1, 3])

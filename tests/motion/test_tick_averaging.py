@@ -176,7 +176,6 @@ def test_flips_of_a_robot_stand_out_of_three_frames():
 
 
 def test_spikes_of_a_camera_stand_out_of_three_frames():
-    """Outliers of 3 cm at 30 Hz and 1.5 mm: the motion between neighbours is smaller than in a tick."""
     rng = np.random.default_rng(4)
     clean = moving(rng, 60.0, 30.0, 1.5e-3, 1.2e-2)
     poses, wrong = spiked(rng, clean, 0.02, size_m=0.03)
@@ -210,9 +209,6 @@ def test_an_object_that_jumps_is_followed():
     ticks = averaged(replace(poses, position_m=position))
     assert all(tick.count > 0 for tick in ticks)
     np.testing.assert_allclose(ticks[-1].zeta[T], position[-20:].mean(axis=0) - position[0], atol=1e-3)
-
-
-# --- the grid ---------------------------------------------------------------------------------------------
 
 
 def test_the_last_tick_may_be_short_and_the_first_may_be_all():
@@ -263,7 +259,6 @@ def test_ticks_of_a_pose_that_got_stuck_are_empty():
 
 @pytest.mark.parametrize("rate_hz", [30.0, 125.0, 500.0])
 def test_a_robot_that_stops_rests(rate_hz):
-    """It repeats its pose bit for bit; if it repeats one in full motion, the pose is stuck."""
     time_s = np.arange(0.0, 4.0, 1.0 / rate_hz)
     way = np.clip((time_s - 1.0) / 1.5, 0.0, 1.0)
     place_m = np.outer(0.3 * way**3 * (10.0 - 15.0 * way + 6.0 * way**2), [1.0, 0.5, 0.2])

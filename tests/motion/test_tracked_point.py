@@ -42,7 +42,6 @@ def test_the_point_is_found_wherever_the_origin_is(seed: int, away_m: float) -> 
 
 @given(st.integers(0, 2**32 - 1))
 def test_a_far_origin_is_found_by_the_first_poses(seed: int) -> None:
-    """Those that decide online."""
     rng = np.random.default_rng(seed)
     point_m = 10.0 * Rotation.random(random_state=rng).as_matrix()[0]
     point = independent_point(noisy_poses(point_m, rng)[:RATIO_POSES])
@@ -104,7 +103,6 @@ def test_online_it_is_found_within_the_first_poses() -> None:
 
 
 def test_poses_without_noise_have_no_point_far_away():
-    """Their errors are those of rounding: the centre would be 1700 km away."""
     poses = exact_transfers(np.random.default_rng(0), 20, 125.0)
     assert np.linalg.norm(independent_point(poses[:200])) < 100.0
 

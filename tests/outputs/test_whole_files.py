@@ -122,7 +122,6 @@ def test_the_owner_and_group_of_a_file_are_kept(tmp_path, before, refused, after
 
 
 def test_an_interrupt_while_the_temporary_file_is_made_leaves_nothing(tmp_path, monkeypatch) -> None:
-    """Python raises it only when the call has returned, and the file is there."""
     open_file = os.open
 
     def interrupted(*arguments: object, **options: object) -> int:
@@ -133,25 +132,6 @@ def test_an_interrupt_while_the_temporary_file_is_made_leaves_nothing(tmp_path, 
     with pytest.raises(KeyboardInterrupt), whole_file(tmp_path / "out.csv"):
         pass
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_file_refused_by_the_last_check_is_kept(tmp_path) -> None:
-    target, checked = tmp_path / "out.csv", list[str]()
-
-    def check() -> None:
-        checked.append(target.read_text())
-        raise OSError("not that one")
-
-    def make() -> None:
-        with whole_file(target, check) as temporary:
-            temporary.write_text("new")
-            assert not checked
-            target.write_text("there since")
-
-    with pytest.raises(OSError, match="not that one"):
-        make()
-    assert checked == [target.read_text()] == ["there since"]
-    assert os.listdir(tmp_path) == ["out.csv"]
 
 
 @pytest.mark.parametrize("mask", [0o022, 0o027, 0o002])

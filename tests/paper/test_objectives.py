@@ -30,9 +30,6 @@ def skew(rotation):
     return np.block([[o, r3, -r2], [-r3, o, r1], [r2, -r1, o]])
 
 
-# --- direct form, Kronecker form, incidence -----------------------------------------------------------
-
-
 @each_contact
 @settings(max_examples=10, deadline=None)
 @given(seed=seeds)
@@ -61,9 +58,6 @@ def test_vanishes_where_the_elements_touch_and_only_there(contact, seed):
 def test_free_motion_has_no_objective():
     with pytest.raises(ValueError, match="free"):
         direct(Contact.FREE, *random_motion(np.random.default_rng(0)), np.zeros(4), np.zeros(4))
-
-
-# --- errata: what is printed disagrees with incidence, what is corrected agrees ------------------------
 
 
 def printed_7(rotation, p):
@@ -171,25 +165,11 @@ def test_erratum_21_the_third_block_is_incomplete():
     assert len(printed_21(rotation, p)) == len(np.kron(e, o)) - 3
 
 
-# --- minimisation --------------------------------------------------------------------------------------
-
-
 def noisy_window(contact, rng, sigma_m=3e-4, sigma_rad=2e-3, frames=200):
     t = touching(contact, rng, frames, swing=0.5)
     turn = Rotation.from_rotvec(rng.normal(size=(frames, 3)) * sigma_rad).as_matrix()
     position = t.position_m - t.position_m.mean(axis=0) + rng.normal(size=(frames, 3)) * sigma_m
     return motion(turn @ t.rotation, position)
-
-
-@each_contact
-def test_slsqp_finds_the_contact(contact):
-    rng = np.random.default_rng(3)
-    t = touching(contact, rng, 200)
-    k = matrix(contact, *motion(t.rotation, t.position_m - t.position_m.mean(axis=0)))
-    minimum = minimise_slsqp(contact, k, rng, starts=6)
-    assert minimum.converged > 0
-    assert minimum.value < 1e-8
-    assert value(contact, k, minimum.object, minimum.environment) == pytest.approx(minimum.value, abs=1e-12)
 
 
 @each_contact
@@ -302,7 +282,6 @@ def test_minima_are_low_for_the_true_contact_and_contained_ones(contact):
 
 
 def test_a_window_without_neighbours_is_no_higher_than_slsqp():
-    """One in which the relaxed problems alone lead to a minimum that is higher by 40 %."""
     rng, model = np.random.default_rng(1), CONTACT_MODELS[Contact.EE.column]
     poses = simulate(Scenario((Phase(Contact.EE, 2.5),)), 3).poses
     position_m = poses.position_m - poses.position_m.mean(axis=0)

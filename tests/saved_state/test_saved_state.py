@@ -168,7 +168,6 @@ def test_only_classes_of_a_state_are_built(tmp_path: Path, saved: tuple[Path, Tr
 @needs_kernels
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 def test_a_forged_state_is_refused_or_goes_on(tmp_path: Path) -> None:
-    """Whatever one of its values is; 12 of 70 ended in a traceback."""
     poses = list(shipped("vision_30hz")[:330])
     tracker = contact_tracker.Tracker(MODEL)
     for pose in poses[:300]:

@@ -147,7 +147,6 @@ def test_a_moved_step_is_elsewhere_by_how_far(first) -> None:
 @pytest.mark.parametrize("kind", [Plane, Line])
 @pytest.mark.parametrize("angle_deg", [0.5, 30.0, 88.0])
 def test_the_angle_of_two_elements(first, kind, angle_deg) -> None:
-    """Standard deviations of 0.1 deg, of each direction."""
     step, sd_rad = steps_of(first)[1], np.radians(0.1)
     parts = []
     for angle in np.radians([0.0, angle_deg]):
@@ -250,7 +249,6 @@ def test_what_python_makes_of_it(first, tmp_path) -> None:
 
 
 def test_the_command(first, simulated, tmp_path, monkeypatch) -> None:
-    """Its exit code says whether the takes differ; the segmentations are those of above."""
     takes = iter([first, with_segments(first, first.segments[:2]), first, first])
     monkeypatch.setattr("contact_tracker.cli.source.segmented", lambda *_, **__: next(takes))
     for name in "ab":

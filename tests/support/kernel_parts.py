@@ -1,13 +1,10 @@
 """Parts of the kernels, with the interfaces of the numpy functions."""
 
-from dataclasses import replace
-
-import numpy as np
 import pytest
 
 from contact_tracker.hypotheses import compiled, gauss_newton
 from contact_tracker.hypotheses.bank import blank, entries
-from contact_tracker.hypotheses.compiled.calls import model_of, ticks_of, weights_of
+from contact_tracker.hypotheses.compiled.calls import model_of
 from contact_tracker.hypotheses.compiled.kernels import parts
 
 
@@ -22,19 +19,10 @@ def both(function, *args, **options):
 
 
 def minimise(model, moments, row_weight, prior, anchors, x, iterations):
-    """As ``gauss_newton.minimise``; windows with the same number of steps are fitted together."""
-    steps, found = np.broadcast_to(iterations, len(x)), {}
-    for count in np.unique(steps):
-        rows = np.flatnonzero(steps == count)
-        part = _problem(model, moments[rows], row_weight[rows], prior.pick(rows), anchors[rows])
-        x_, cost, upper, converged = parts.minimise(*part, count, x[rows])
-        hessian = upper[..., entries(model.family.PARAMETERS)]
-        found |= zip(rows, zip(x_, cost, hessian, x_, converged, strict=True), strict=True)
-    return gauss_newton.Fit(*map(np.array, zip(*(found[row] for row in range(len(x))), strict=True)))
-
-
-def complete(model, moments, row_weight, prior, anchors, x):
-    return parts.minimise(*_problem(model, moments, row_weight, prior, anchors), -1, x)[:2]
+    """As ``gauss_newton.minimise``."""
+    part = _problem(model, moments, row_weight, prior, anchors)
+    x, cost, upper, converged = parts.minimise(*part, iterations, x)
+    return gauss_newton.Fit(x, cost, upper[..., entries(model.family.PARAMETERS)], x, converged)
 
 
 def _problem(model, moments, row_weight, prior, anchors):
@@ -48,23 +36,6 @@ def _problem(model, moments, row_weight, prior, anchors):
 
 def _bank(model, reach_m, bank):
     return model_of(model, reach_m), bank.words, bank.onsets.words
-
-
-def accumulate(bank, model, window, scales, log_stay):
-    """As ``refit.accumulate``."""
-    updated = replace(bank.copy(), onsets=bank.onsets.copy())
-    parts.accumulate(*_bank(model, 1.0, updated), ticks_of(window), weights_of(scales), log_stay)
-    return updated
-
-
-def select_for_search(bank, model):
-    """As ``global_search.select_for_search``."""
-    return parts.select_for_search(*_bank(model, 1.0, bank))
-
-
-def starts(model, moments):
-    """As ``Family.starts`` of moments (B, C, C), and their number (B,)."""
-    return parts.relax(model_of(model, 1.0), moments)
 
 
 def prune(bank, model, now, best, margin):

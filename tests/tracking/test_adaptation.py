@@ -17,8 +17,7 @@ from scipy.spatial.transform import Rotation
 import as_values
 from contact_tracker import segmenting
 from contact_tracker.arrays import Array
-from contact_tracker.config.loading import load_model
-from contact_tracker.geometry.lifted_pose import T, lift
+from contact_tracker.geometry.lifted_pose import T
 from contact_tracker.motion.pose_validation import LONGEST_WAIT_NS, PoseGate
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.tick_averaging import tick_variances
@@ -40,15 +39,7 @@ from contact_tracker.tracking.filter_bank import (
     period_for_all_s,
     with_ticks_for,
 )
-from contact_tracker.tracking.noise_choice import (
-    NO_RESTS,
-    RestScatter,
-    TickEvidence,
-    are_calm,
-    are_kept,
-    candidates,
-    relative_evidence,
-)
+from contact_tracker.tracking.noise_choice import NO_RESTS, RestScatter, are_kept
 from contact_tracker.tracking.offline_smoother import segment
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.tracking.transition_model import log_initial, tick_transitions
@@ -136,24 +127,6 @@ def test_a_long_rest_does_not_count_as_motion() -> None:
     assert np.mean([contact is Contact.FF for contact in moving]) > 0.75
 
 
-@needs_kernels
-def test_at_rest_filtered_poses_show_which_noise_is_too_small() -> None:
-    """By their differences they have a thirtieth of it, which contacts between new elements would fit."""
-    rest = low_pass(after_rest(shipped(PAPER)[:1000], 8.0), 8.0)[: 7 * 200]
-    state, _ = as_values.advance(as_values.start(MODEL), rest, Detail.WEIGHTS)
-    models = [one.state.model for one in state.filters.filters]
-    assert 1 < len(models) < 10
-    assert all(
-        model.noise.floor_position_m > 4e-5 or model.noise.wander_position_m > 3e-4 for model in models
-    )
-    activity, calm = np.array([10.0, 4.0]), [(20, False), (14, True), (20, True)]
-    assert [are_calm(activity, ticks, is_filtered).tolist() for ticks, is_filtered in calm] == [
-        [True, True],  # unfiltered: a hand may tremble
-        [True, True],  # too short a rest
-        [False, True],
-    ]
-
-
 def test_the_calmest_rest_shows_which_noise_is_too_large() -> None:
     """A hand that holds the object nearly still moves it more than noise does; it is no noise."""
     rest = [tick for tick in ticks_of([after_rest(shipped(PAPER)[:2], 3.0)[:-2]], MODEL) if tick.count]
@@ -192,21 +165,6 @@ def after_rest(poses: Poses, rest_s: float) -> Poses:
     quat = turned(still, 2.6e-3 * rng.normal(size=(count, 3)))
     sign = np.sign((quat * still.quat_xyzw).sum(axis=1, keepdims=True))
     return Poses.join([replace(still, quat_xyzw=quat * sign), poses])
-
-
-@pytest.mark.long
-@needs_kernels
-def test_offline_has_the_online_beliefs_after_its_start(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Before the choice of the model and after it, except for frames that only a tracker with other noise
-    leaves out."""
-    monkeypatch.setattr(segmenting, "INITIAL_AUTOCORRELATION", 0.0)
-    poses = moving_average(shipped(PAPER), 3)[:3000]
-    state, online = as_values.advance(as_values.start(MODEL), poses, Detail.SHARED)
-    assert state.is_decided
-    filtered = segmenting.segment(poses, MODEL).filtered
-    assert len(online) == len(filtered) - 1  # the last tick is not over
-    pairs = zip(online, filtered, strict=False)
-    assert max(np.abs(a.probability - b.probability).max() for a, b in pairs) < 0.01
 
 
 @cache
@@ -260,17 +218,6 @@ def test_no_tick_is_answered_twice_where_the_other_filters_begin(lag_s: float) -
         assert stamps_ns[-1] == poses.stamp_ns[count - 1]
 
 
-def test_of_filters_side_by_side_the_reported_belief_has_its_elements() -> None:
-    gate, state, reported = PoseGate(), Tracker.start(MODEL), 0
-    for pose in recorded(FACE_TO_EDGE).poses[:450]:
-        for belief in state.update(gate.arrive(pose)):
-            own = [one.state.belief for one in state.filters.filters]
-            alike = [one.geometry for one in own if one.contact is belief.contact is not Contact.FREE]
-            assert any(belief.geometry is one is not None for one in alike) == bool(alike)
-            reported += len(own) > 1 and bool(alike)
-    assert reported > 10
-
-
 def test_evidence_is_that_of_all_paths() -> None:
     """As by smoothing over all hypotheses, except for those that were pruned."""
     whole = RecordedPass()
@@ -279,20 +226,6 @@ def test_evidence_is_that_of_all_paths() -> None:
     steps = np.array([tick_transitions(MODEL, exposed).log_transition for exposed in whole.exposure])
     _, expected = smooth(whole.trellis, log_initial(MODEL), steps)
     assert last.state.log_evidence == pytest.approx(expected, abs=0.05)
-
-
-def test_free_motion_is_the_same_for_all_trackers_of_a_comparison() -> None:
-    """Of two trackers with the same gain, the one with more motion taken for noise has more evidence."""
-    face = np.eye(7)[Contact.FF.column]
-    small = TickEvidence(1.0, face, np.array([1e-6, 1e-4]), 1.0)
-    large = TickEvidence(1.0, face, np.array([1e-8, 1e-6]), 1.0)
-    one, other = relative_evidence([small, large], MODEL.motion)
-    assert one == 1.0
-    three_constraints = 3 * 0.5 * np.log(100.0) * MODEL.motion.likelihood_exponent
-    assert other - one == pytest.approx(three_constraints, rel=0.01)
-    free = np.eye(7)[Contact.FREE.column]
-    still_free = [tick._replace(posterior=free) for tick in (small, large)]
-    assert relative_evidence(still_free, MODEL.motion) == pytest.approx([1.0, 1.0])
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(1e-6, 1e-2))
@@ -306,17 +239,6 @@ def test_noise_of_any_size_is_no_motion(seed: int, sigma: float) -> None:
     assert np.mean([is_moving(latest(zeta[:i])) for i in range(SPAN_TICKS + LASTING_TICKS, 200)]) > 0.9
 
 
-def test_ticks_without_poses_are_no_motion() -> None:
-    count = SPAN_TICKS + LASTING_TICKS
-    zeta = np.repeat(lift(np.eye(3)[None], np.zeros((1, 3))), count, axis=0)
-    assert not is_moving(latest(zeta))
-    assert not is_moving(latest(zeta[:4]))
-    for first in range(1, count):  # one step, after a gap
-        stepped = zeta.copy()
-        stepped[first:, T] += 0.01
-        assert not is_moving(latest(stepped))
-
-
 def latest(zeta: np.ndarray) -> np.ndarray:
     return zeta[-SPAN_TICKS - LASTING_TICKS :]
 
@@ -324,7 +246,6 @@ def latest(zeta: np.ndarray) -> np.ndarray:
 @pytest.mark.long
 @needs_kernels
 def test_correlated_errors_are_found_by_the_evidence() -> None:
-    """Contacts are found in spite of them."""
     lasting_m, poses, rng = 5e-4, shipped(PAPER), np.random.default_rng(4)
     white = np.sqrt(1.0 - AUTOCORRELATION**2) * rng.normal(size=(len(poses) + 2000, 6))
     errors = lfilter([1.0], [1.0, -AUTOCORRELATION], white, axis=0)
@@ -346,30 +267,6 @@ def test_contacts_are_found_in_few_poses() -> None:
     segmentation = Segmentation.join(list(tracked.pieces(poses)))
     assert accuracies(poses, segmentation)[0] > 0.9
     assert tracked.report.chosen.noise.estimate_share < 1.0
-
-
-def test_candidates_are_larger_than_white_noise_and_in_its_ratio() -> None:
-    clean = moving(np.random.default_rng(1), 2.0, 200.0, 3e-4, 3e-3)
-    (first, _), *others = candidates(MODEL, clean)
-    assert first == MODEL
-    white = np.sqrt(3e-4 * 3e-3 / 20)
-    loose = [
-        model.noise.extra_contact_variance for model, _ in others if any(model.noise.contact_rotation_rad)
-    ]
-    innovation = 1.0 - np.exp(-2.0 * MODEL.tick_s / MODEL.noise.wander_s)
-    tight, wide = sorted({f_f for f_f, *_ in loose})
-    assert tight == pytest.approx((0.0, 1e-4 * innovation))
-    assert wide == pytest.approx((1e-6 * innovation, 1e-4 * innovation))
-    assert not np.any([exact for _, *exact in loose])
-    for one, _ in others:
-        if one.correlation:
-            assert one.noise.wander_position_m > 3e-4 / np.sqrt(20)
-            continue
-        assert one.noise.floor_rotation_rad / one.noise.floor_position_m == pytest.approx(10.0, rel=0.2)
-        assert np.sqrt(one.noise.floor_rotation_rad * one.noise.floor_position_m) > white
-    assert len(candidates(MODEL, moving_average(clean, 5))) > len(others) + 1
-    assert len(candidates(MODEL.with_noise(3e-4, 3e-3), clean)) == 1
-    assert len(candidates(load_model("impacts"), clean)) == 1
 
 
 @pytest.mark.parametrize(
@@ -529,9 +426,6 @@ def test_ticks_follow_the_mean_period_of_jittered_stamps_without_gaps(seed: int)
     rows[10:] += 200
     state, _ = as_values.advance(as_values.start(MODEL), shipped(PAPER)[rows], Detail.WEIGHTS)
     assert state.filters.filters[0].state.model.tick_s == pytest.approx(0.15, abs=0.008)
-
-
-# --- the rate of the stream, and the time of answers -------------------------------------------------------
 
 
 def test_ticks_follow_a_lasting_change_of_the_rate() -> None:

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
 from contact_motions import touching
@@ -67,17 +66,6 @@ def waves(number, seed=1):
     return np.sin(2.0 * np.pi * rng.uniform(0.2, 0.8, (5, number)) * time_s + phase).mean(axis=1)
 
 
-def test_fast_rotation_within_a_tick_uses_all_directions():
-    """The mean of its orientations is no rotation: it may be a reflection or zero."""
-    rng = np.random.default_rng(0)
-    rotation = Rotation.random(20 * TICKS, random_state=rng).as_matrix()
-    position = rng.normal(size=(20 * TICKS, 3))
-    zeta = lifted_pose.lift(rotation, position).reshape(TICKS, 20, -1).mean(axis=1)
-    zeta[3, lifted_pose.R] = 0.0
-    rows = np.tile([SIGMA_M**2, SIGMA_RAD**2], (TICKS, 1))
-    assert used_directions(Window(np.arange(TICKS), zeta, rows, 1e4 * rows)) == 6
-
-
 def turning(axis, angle):
     return Rotation.from_rotvec(np.outer(angle, axis)).as_matrix()
 
@@ -91,43 +79,6 @@ def found(contact, window):
 
 def ways(element, how):
     return np.array([way.direction for way in element.unobserved if way.how == how])
-
-
-# --- directions of the geometry ----------------------------------------------------------------------------
-
-
-@given(seeds)
-@settings(max_examples=10, deadline=None)
-def test_perturbations_are_the_derivative_of_the_lift(seed):
-    rng = np.random.default_rng(seed)
-    rotation, position = Rotation.random(random_state=rng), rng.normal(size=3)
-    off = rng.normal(size=6)
-    zeta = lifted_pose.lift(rotation.as_matrix(), position)
-    a_little = 1e-6
-    moved = lifted_pose.lift(
-        (rotation * Rotation.from_rotvec(a_little * off[:3])).as_matrix(), position + a_little * off[3:]
-    )
-    change = np.einsum("i,ijk,k->j", off, lifted_pose.perturbations(), zeta)
-    np.testing.assert_allclose((moved - zeta) / a_little, change, atol=1e-4)
-
-
-@each_contact
-def test_the_information_of_noise_is_as_predicted(contact):
-    """For an object at rest with noise, beyond the information of the resting pose."""
-    model = CONTACT_MODELS[contact.column]
-    rest = np.tile(touching(contact, np.random.default_rng(2), 1).rotation, (1000, 1, 1))
-    window = ticks(rest, np.zeros((1000, 3)))
-    bank = fit_window(model, window, SCALES)
-    anchors = model.anchors(bank.weighted_position_sum / bank.weight[:, None])
-    tangent = model.family.tangent(bank.x, anchors)[0]
-    information, of_noise = observability.information_of_ticks(bank, model, tangent, window.variance[0])
-    ridge = 1e-6 * np.trace(of_noise) * np.eye(len(of_noise))
-    eigenvalues = eigh(information, of_noise + ridge, eigvals_only=True)
-    noisy = eigenvalues[: -model.family.ROWS]
-    assert (noisy < 1.5).all()
-    assert noisy.max() > 0.6
-    if contact is not Contact.EE:  # without constant part at rest: two lines through the origin
-        assert eigenvalues[-model.family.ROWS :].min() > 100.0
 
 
 @each_contact
@@ -181,9 +132,6 @@ def test_a_hinge_determines_the_vertex_except_along_the_axis(seed):
     np.testing.assert_allclose(off - shifts.T @ (shifts @ off), 0.0, atol=0.01)
     assert np.linalg.norm(shifts @ axis) > 0.99
     assert len(ways(geometry.environment, "turns_about")) >= 1
-
-
-# --- contacts ----------------------------------------------------------------------------------------------
 
 
 def kinds_of_motion():
@@ -346,8 +294,6 @@ def test_the_true_contact_is_among_the_indistinguishable_ones(contact, motion):
     assert json.loads(json_line(done.filtered[-1]))["inseparable"] == list(done.filtered[-1].inseparable)
 
 
-# --- in words and rows -------------------------------------------------------------------------------------
-
 UP = np.array([0.0, 0.0, 1.0])
 SHIFTS, TURNS = Unobserved("shifts_along", UP), Unobserved("turns_about", UP)
 PARTLY = ContactGeometry(Point(np.zeros(3), None, (SHIFTS,)), Plane(UP, 0.25, None, (TURNS,)))
@@ -390,7 +336,6 @@ def exact_inverse(matrix):
 @settings(max_examples=10, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.lists(st.floats(-3.0, 18.0), min_size=5, max_size=5))
 def test_precise_knowledge_does_not_hide_other_unobserved_directions(seed, digits):
-    """Against the inverse of the sum in exact arithmetic."""
     rng = np.random.default_rng(seed)
     ways, root = (rng.normal(size=(5, 5)) + 3.0 * np.eye(5) for _ in range(2))
     eigenvalues, prior = 1.0 + 10.0 ** np.array(digits), root @ root.T

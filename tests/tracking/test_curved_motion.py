@@ -1,20 +1,16 @@
 """Motion along a curved surface is none of the six contacts, and is not reported as free."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
 from contact_tracker.geometry.elements import Origins, Plane
 from contact_tracker.map.map import EMPTY_MAP, Accuracy, Map, NamedElement, known_to
 from contact_tracker.motion.pose_validation import gate
-from contact_tracker.motion.window import Window
 from contact_tracker.states import CONTACTS, Contact
-from contact_tracker.tracking import ambiguity, segment_fit
-from contact_tracker.tracking.ambiguity import NO_CURVED_MOTION, most_beside, update_curved_motion
+from contact_tracker.tracking import segment_fit
+from contact_tracker.tracking.ambiguity import most_beside
 from contact_tracker.tracking.offline_smoother import segment
 from contact_tracker.tracking.segment_fit import SegmentTicks, fit_segment
-from contact_tracker.tracking.state import scales_of
 from contact_tracker.wrenches.contact_evidence import WindowEvidence
 from contact_tracker_lab.calibration.trellis import window_of
 from pose_filter import forward
@@ -94,20 +90,3 @@ def test_free_motion_is_free():
     assert longest.contact is Contact.FREE
     assert longest.inseparable == ()
     assert longest.probability > 0.9
-
-
-def test_free_motion_is_tested_at_intervals(monkeypatch):
-    """After a minimum duration, then after each growth by half; it starts again after a contact."""
-    asked = []
-    curved = SimpleNamespace(log_evidence=9.0)
-    monkeypatch.setattr(ambiguity, "fit_curved", lambda span, *_, **__: asked.append(len(span)) or curved)
-    known = NO_CURVED_MOTION
-    for tick in range(100):
-        window = Window(np.arange(tick + 1), np.zeros((tick + 1, 25)), *np.ones((2, tick + 1, 2)))
-        known = update_curved_motion(known, window, 0, scales_of(MODEL), EMPTY_MAP)
-        assert (known.probability > 0.9) == (tick >= 39)
-    assert asked == [40, 60, 60]
-    known = update_curved_motion(known, window, 90, scales_of(MODEL), EMPTY_MAP)
-    assert known.probability == 0.0
-    complete = update_curved_motion(NO_CURVED_MOTION, window, 0, scales_of(MODEL), Map(object_complete=True))
-    assert complete.probability == 0.0

@@ -21,12 +21,7 @@ from contact_tracker.states import Contact
 from contact_tracker.tracking.ambiguity import FLUSH_RAD
 from contact_tracker.tracking.belief import Belief, FurtherContact, Segment
 from contact_tracker.tracking.posterior import lagged_belief
-from contact_tracker.tracking.segment_fit import (
-    FinishedSegment,
-    SegmentFit,
-    SegmentTicks,
-    joined_by_wrenches,
-)
+from contact_tracker.tracking.segment_fit import FinishedSegment, SegmentFit, SegmentTicks, joined_by_wrenches
 from contact_tracker.tracking.state import start
 
 MODEL = load_model()
@@ -66,7 +61,6 @@ def fitted(contact: Contact, **more: object) -> SegmentFit:
 
 
 def test_constraints_are_those_of_all_contacts_of_the_time() -> None:
-    """The first to be found begins last: constraints are those of simultaneous contacts."""
     later = Further(KnownContact(Contact.EF, np.zeros(0)), GEOMETRY, (Run(6, 10),), 9.0, ())
     earlier = Further(KnownContact(Contact.VF, np.zeros(0)), GEOMETRY, (Run(2, 8),), 9.0, ())
     ranks = ((frozenset([0]), 4), (frozenset([1]), 3), (frozenset([0, 1]), 5))

@@ -10,11 +10,10 @@ import contact_tracker
 from command_line import run
 from contact_tracker.config.loading import load_model
 from contact_tracker.contacts import CONTACT_MODELS
-from contact_tracker.geometry.lifted_pose import T
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.window import LEVER_M
 from contact_tracker.states import Contact
-from contact_tracker.tracking.informative_motion import SHIFT_M, _described, informative_motions
+from contact_tracker.tracking.informative_motion import SHIFT_M, informative_motions
 from informative_motion import Held, poses_of, suggested
 from pose_filter import PoseFilter
 
@@ -62,22 +61,6 @@ def test_each_motion_is_between_the_label_and_a_rival_and_the_same_in_both_frame
     # none repeats the direction of others
     sizes = np.linalg.svd(np.array(twists) / np.linalg.norm(twists, axis=1)[:, None])[1]
     assert (sizes > 0.5).all()
-
-
-def test_a_described_motion_is_the_finite_motion() -> None:
-    """A turn about the axis and a shift along it take the tracked point where the twist takes it."""
-    _, filter_ = held_in(Contact.VF, 2, np.zeros(3))
-    state = filter_.state
-    zeta = state.window.zeta[-1]
-    for twist in np.random.default_rng(1).normal(0.0, 0.02, (20, 6)):
-        found = _described(state, zeta, twist, (Contact.VF, Contact.EF), 1.0)
-        point_m = found.point_world_m - state.origins.world_m
-        turned = Rotation.from_rotvec(found.turn_world_rad).apply(zeta[T] - point_m)
-        np.testing.assert_allclose(point_m + turned + found.shift_world_m, zeta[T] + twist[3:], atol=1e-12)
-        np.testing.assert_allclose(np.cross(found.turn_world_rad, found.shift_world_m), 0.0, atol=1e-12)
-    shift = _described(state, zeta, np.array([1e-9, 0, 0, 0.02, 0, 0]), (Contact.VF, Contact.EF), 1.0)
-    assert not shift.turn_world_rad.any(), "its axis would be a thousand kilometres away"
-    np.testing.assert_array_equal(shift.shift_world_m, [0.02, 0, 0])
 
 
 def test_following_the_suggestions_decides() -> None:

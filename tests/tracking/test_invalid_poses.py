@@ -25,7 +25,6 @@ FAULTS = {
 
 @pytest.mark.parametrize("name", FAULTS)
 def test_a_pose_that_did_not_pass_the_gate_is_refused_online_and_offline(name: str) -> None:
-    """Its limits are those of test_gate_limits."""
     state, _ = as_values.advance(as_values.start(MODEL), SOUND[:30])
     with pytest.raises(InvalidPose) as caught:
         state.add(FAULTS[name])

@@ -76,9 +76,6 @@ def degrees(a, b):
     return np.degrees(np.arccos(min(abs(a @ b), 1.0)))
 
 
-# --- frames ------------------------------------------------------------------------------------------------
-
-
 @given(seeds)
 @once
 def test_the_world_frame(seed):
@@ -113,9 +110,6 @@ def test_the_body_frame(seed):
     same_geometry(done, body=body, body_shift=shift)
 
 
-# --- time --------------------------------------------------------------------------------------------------
-
-
 def test_the_clock():
     """Bit-identical: stamps are integer nanoseconds, and only their differences are converted to seconds."""
     shift_ns = 1_700_000_000_123_456_789
@@ -134,7 +128,6 @@ def test_the_frame_rate():
 
 
 def test_the_direction_of_time():
-    """Offline, the reversed recording has the same segments in reverse order."""
     poses, stamps = recorded(), recorded().stamp_ns
     back = Poses(stamps[0] + stamps[-1] - stamps[::-1], poses.position_m[::-1], poses.quat_xyzw[::-1])
     done = segment(back, MODEL)

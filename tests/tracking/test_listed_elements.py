@@ -58,7 +58,6 @@ def known(table=None, **changes):
 
 
 def test_a_known_object_on_a_known_table_is_labelled_and_named_at_once():
-    """Touching elements have their names, and contacts that the map excludes do not occur."""
     found, intervals = segment(recorded().poses, MODEL, known_map=known()), recorded().truth.intervals
     for beliefs, least in ((found.beliefs, 0.95), (found.filtered, 0.85)):  # a change is known a tick later
         truth = true_contacts(recorded(), beliefs.stamp_ns)
@@ -101,7 +100,6 @@ def test_incomplete_and_wrong_knowledge_does_no_harm(table):
 
 @pytest.mark.parametrize("complete", [True, False])
 def test_a_known_table_in_the_wrong_place_is_not_used(complete):
-    """Off by 3 cm and 8 deg with a small covariance: no touching element is named "table"."""
     plane = surfaces()[1]
     tilted = plane.normal + 0.14 * np.linalg.svd(plane.normal[None])[2][1]
     normal = tilted / np.linalg.norm(tilted)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from contact_tracker.exports.formats import json_line
-from contact_tracker.geometry.elements import ContactGeometry, Line, Origins, Point, Unobserved, numbers
+from contact_tracker.geometry.elements import ContactGeometry, Line, Origins, Point, Unobserved
 from contact_tracker.map.map import EMPTY_MAP
 from contact_tracker.motion.poses import NO_OUTLIERS, Poses, batches
 from contact_tracker.motion.window import Window
@@ -21,7 +21,6 @@ from contact_tracker.tracking.segment_fit import SegmentTicks, fit_segment
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker.tracking.transition_model import tick_transitions
 from contact_tracker_lab.calibration.trellis import window_of
-from contact_tracker_lab.evaluation.geometry_errors import geometry_errors
 from pose_filter import forward
 from short_recordings import EDGE_TO_EDGES, FACE_TO_EDGE, MODEL, recorded, segmented, true_contacts
 
@@ -55,29 +54,7 @@ def test_segments_are_the_true_ones_and_cover_the_recording_once(contacts):
 
 
 @each_recording
-def test_geometry_lies_within_its_standard_deviations(contacts):
-    simulated = recorded(contacts)
-    errors = geometry_errors(simulated.poses, simulated.truth, segmented(contacts).segments)
-    assert errors.found_segments == errors.true_segments == 2
-    assert all(row.deviation.sd < 3.5 for row in errors.rows)
-    assert errors.within_3_sd >= 0.75
-    assert np.median(errors.angle_deg) < 3.0
-    assert np.median(errors.distance_mm) < 10.0
-
-
-def test_every_tick_has_the_noise_that_is_known_at_the_end():
-    """The model's prior, 0.5 mm, is not used for the first ticks."""
-    first, *_, last = ticks = list(forward(recorded(FACE_TO_EDGE).poses[:200], MODEL))
-    deviation_m, _ = np.sqrt(window_of([filtered.tick for filtered in ticks], MODEL).variance).T
-    frames = np.sqrt([filtered.tick.count for filtered in ticks])
-    per_tick = np.hypot(last.tick.noise.sigma_position_m / frames, MODEL.noise.floor_position_m)
-    np.testing.assert_allclose(deviation_m, per_tick, rtol=1e-9)
-    assert np.sqrt(first.state.window.variance[-1, 0]) > 1.05 * per_tick[0]
-
-
-@each_recording
 def test_smoothing_is_better_than_filtering(contacts):
-    """Smoothing is never much worse than filtering; in the last tick both agree."""
     result = segmented(contacts)
     held = true_contacts(recorded(contacts), result.stamp_ns)
     smoothed, filtered = (
@@ -86,9 +63,6 @@ def test_smoothing_is_better_than_filtering(contacts):
     )
     assert smoothed > filtered
     np.testing.assert_allclose(result.beliefs[-1].probability, result.filtered[-1].probability, atol=0.02)
-
-
-# --- in pieces ---------------------------------------------------------------------------------------------
 
 
 @cache
@@ -153,24 +127,7 @@ def test_pieces_together_are_the_whole(monkeypatch):
     assert len(nothing.segments) == len(nothing.beliefs) == 0
 
 
-@pytest.mark.long
-def test_segments_are_the_same_however_many_poses_are_averaged_ahead(monkeypatch):
-    """Intermediate segments use the noise of the ticks so far, not of pending ones."""
-    monkeypatch.setattr("contact_tracker.tracking.offline_smoother.PIECE_TICKS", 30)
-    poses, parts = recorded("f-e e-e f-e e-f e-e").poses, []
-    for batch in (20, 10_000):
-        monkeypatch.setattr("contact_tracker.motion.poses.BATCH", batch)
-        parts.append(pieces_of(poses))
-    assert sum(len(piece.segments) > 0 for piece in parts[0]) >= 2
-    expected, found = map(Segmentation.join, parts)
-    for a, b in zip(found.segments, expected.segments, strict=True):
-        assert (a.contact, a.start_ns, a.end_ns) == (b.contact, b.start_ns, b.end_ns)
-        if a.geometry is not None and b.geometry is not None:
-            np.testing.assert_array_equal(*(numbers(s.geometry.environment) for s in (a, b)))
-
-
 def test_segments_do_not_depend_on_the_number_of_online_beliefs():
-    """Landmarks of hypotheses do not depend on the number of online beliefs."""
     poses = recorded(FACE_TO_EDGE).poses
     result = Segmentation.join(pieces_of(poses))
     expected = segmented(FACE_TO_EDGE)
@@ -241,7 +198,6 @@ def test_of_a_very_long_segment_the_moving_parts_are_fitted(monkeypatch):
 
 
 def test_beliefs_in_columns_equal_single_ones():
-    """Those of a recording, and some with names, unknown covariances and residuals, and other contacts."""
     expected = list(segmented(FACE_TO_EDGE).filtered[::6])
     one = expected[-1]
     ways = (Unobserved("turns_about", np.array([0.0, 0.6, 0.8])), Unobserved("shifts_along", np.eye(3)[0]))

@@ -48,7 +48,6 @@ def test_every_belief_with_a_lag_is_a_distribution():
 
 @pytest.mark.long
 def test_a_hinge_offline_is_a_distribution_at_every_tick(shared_recordings: Path, tmp_path: Path):
-    """Real poses of a door; a fifth of its ticks had negative probabilities."""
     log = shared_recordings.parent / "field_cases" / "real" / "00_negative_probability_hinge.mcap"
     if not log.is_file():
         pytest.skip("the recording of the hinge is not here")

@@ -7,22 +7,19 @@ import pytest
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
-import as_values
 from contact_tracker.config.loading import load_model
-from contact_tracker.hypotheses.bank_update import LiveHypotheses
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.tick_averaging import EMPTY_PER_TICK, EMPTY_TICKS, TickGrid
 from contact_tracker.motion.window import rest_ticks
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Detail
 from contact_tracker.tracking.contact_filter import FilteredTick
-from contact_tracker.tracking.offline_smoother import end_at_rest, segment
+from contact_tracker.tracking.offline_smoother import segment
 from contact_tracker.tracking.transition_model import REST_EXPOSURE
 from pose_filter import after as after_tick
 from pose_filter import forward
 from short_recordings import FACE_TO_EDGE, recorded
 from smooth_motion import least_jerk, with_noise
-from traced_memory import memory_below
 
 MODEL = load_model()
 RATE_HZ = 200.0
@@ -82,16 +79,6 @@ def test_rest_changes_no_hypothesis_and_opens_the_belief_once():
     assert all({Contact.VF, Contact.FREE}.isdisjoint(belief.inseparable) for belief in beliefs[opened:])
     assert beliefs[opened].probability.max() < 0.76 < beliefs[opened - 1].probability.max()
     assert not {*REMAIN_OPEN} <= {*ticks[waited[-1] + 1].belief.inseparable}
-
-
-def test_time_at_rest_counts_once_the_object_moves_on():
-    ticks = seen(5.0)
-    activity = [float(tick.state.window.motion_ratio[-1]) for tick in ticks]
-    exposed = np.array([tick.state.hazard_exposure for tick in ticks])
-    waited = still(ticks)
-    assert exposed[waited[-1] + 1] > len(waited) * REST_EXPOSURE
-    np.testing.assert_allclose(exposed.sum(), np.maximum(activity, REST_EXPOSURE).sum())
-    assert ticks[-1].state.deferred_exposure == 0.0
 
 
 def test_after_rest_the_belief_is_the_former_one_less_certain_by_time():
@@ -164,15 +151,6 @@ def test_a_lid_that_opens_after_a_rest_longer_than_the_window_is_not_surely_flat
     assert not [belief for belief in opening if belief.probability[Contact.FF.column] > 0.9]
 
 
-def test_a_segment_ends_with_the_rest_that_it_is_in_or_just_beside() -> None:
-    resting = np.repeat([False, True, False], [20, 30, 20])
-    expected = dict(zip([8, 17, 21, 33, 37, 50, 53, 54], [8, 20, 20, 20, 50, 50, 50, 54], strict=True))
-    assert {end: end_at_rest(resting, end, 20) for end in expected} == expected
-    assert [end_at_rest(~resting, end, 20) for end in (0, 70)] == [0, 70]  # nothing is known beyond
-    assert end_at_rest(np.zeros(9, bool), 4, 20) == 4
-    assert end_at_rest(resting, 35, 10) == 35  # as if its ends had not been seen
-
-
 @pytest.mark.parametrize("tip_s", [0.15, 0.25])
 def test_a_quick_change_between_two_rests_is_where_it_is(tip_s: float) -> None:
     """A box slides on a face, stands, is tipped onto an edge, stands on that, and rocks about it."""
@@ -190,27 +168,8 @@ def test_a_quick_change_between_two_rests_is_where_it_is(tip_s: float) -> None:
     assert on_edge.start_ns * 1e-9 == pytest.approx(9.1, abs=0.4), segments
 
 
-def test_live_and_best_hypotheses_are_up_to_date_after_every_tick():
-    ticks = seen(5.0)
-    assert still(ticks)
-    for tick in ticks:
-        state = tick.state
-        for found, expected in zip(
-            state.live_hypotheses, LiveHypotheses.of(state.banks, state.ticks - 1), strict=True
-        ):
-            np.testing.assert_array_equal(found, expected)
-        np.testing.assert_array_equal(state.best, [bank.leader for bank in state.banks])
-
-
 # --- gaps in a stream: each is tracked for some seconds, tick by tick, in little time and memory ---
 SECOND = 1_000_000_000
-
-
-def with_gaps(count: int, gap_s: float, steady: int = 0) -> Poses:
-    """Poses with a gap before each except the first ``steady`` ones."""
-    poses = recorded(FACE_TO_EDGE).poses[: 10 * count : 10]
-    periods_ns = np.where(np.arange(count) < steady, SECOND // 20, int(gap_s * SECOND))
-    return Poses(np.cumsum(periods_ns), poses.position_m, poses.quat_xyzw)
 
 
 @pytest.mark.parametrize(("gap_s", "is_open"), [(1.5, False), (4.0, True)])
@@ -246,13 +205,3 @@ def test_thousands_of_gaps_are_not_all_filled() -> None:
     for row in range(count):
         one_by_one += [tick.stamp_ns for tick in grid.add(poses[row : row + 1])]
     assert one_by_one == [tick.stamp_ns for tick in ticks]
-
-
-@pytest.mark.long
-def test_trackers_side_by_side_take_little_memory_in_gaps():
-    """Poses of one batch close up to 50 ticks each, in several trackers."""
-    poses = with_gaps(100, 5.0, steady=14)
-    state, _ = as_values.advance(as_values.start(MODEL), poses[:80])
-    assert len(state.filters.filters) > 3
-    with memory_below(20e6):
-        as_values.advance(state, poses[80:], Detail.WEIGHTS)

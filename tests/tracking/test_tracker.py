@@ -2,7 +2,6 @@
 
 import json
 import pickle
-from collections import Counter
 from dataclasses import replace
 from itertools import pairwise
 
@@ -11,14 +10,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from contact_tracker.geometry.elements import Line, Plane, Point
-from contact_tracker.map.pairs import Frame
-from contact_tracker.motion.free_motion import SETTLING_TICKS
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.window import rest_ticks
 from contact_tracker.states import CONTACTS, STATES, Contact
-from contact_tracker.tracking import ambiguity, contact_filter
+from contact_tracker.tracking import ambiguity
 from contact_tracker.tracking.offline_smoother import segment
-from contact_tracker.tracking.state import start
 from contact_tracker.tracking.transition_model import REST_EXPOSURE, log_initial, tick_transitions
 from contact_tracker_lab.simulate import Scenario, simulate
 from contact_tracker_lab.simulate.scenarios import Phase
@@ -123,22 +119,7 @@ def test_the_filter_equals_the_smoother_with_as_much_future_as_its_lag(monkeypat
         np.testing.assert_allclose(found[tick].probability, smoothed.probability, atol=1e-9)
 
 
-def test_the_work_of_a_filter_does_not_depend_on_how_many_there_are(monkeypatch):
-    """Births are proposed once for each map, also if many filters take turns."""
-    count, propose = Counter(), contact_filter.propose_births
-    monkeypatch.setattr(
-        contact_filter, "propose_births", lambda model, *args: count.update([model]) or propose(model, *args)
-    )
-    filters = [start(MODEL) for _ in range(40)]
-    for _ in range(3):
-        for state in filters:
-            frame = Frame.around(state.origins, np.zeros(3))
-            assert contact_filter._proposals(state, frame) is contact_filter._proposals(state, frame)
-    assert set(count.values()) == {len(filters)}
-
-
 def test_memory_is_bounded():
-    """For an endless stream in one contact, whose onset is kept."""
     model = replace(MODEL, search=replace(MODEL.search, window_s=3.0))
     scenario = Scenario((Phase(Contact.FF, 16.0),), rate_hz=50.0)
     one, sizes = PoseFilter(model), []
@@ -187,24 +168,6 @@ def test_a_stream_continued_after_its_end_is_as_after_a_pause(pause_s):
     whole, parts = in_parts(poses, []), in_parts(poses, [100])
     assert len(whole) == len(parts) == 15 + min(round(pause_s / MODEL.tick_s), 49)
     assert [b.to_json() for b in whole] == [b.to_json() for b in parts]
-
-
-def test_an_end_within_a_tick_causes_no_jump():
-    """For uniform motion: no outliers after it; the strength of motion is estimated again, as after a gap."""
-    seconds = np.arange(800) / 200.0
-    position_m = np.outer(seconds, [0.5, 0.0, 0.0]) + np.random.default_rng(0).normal(size=(800, 3)) * 3e-4
-    poses = Poses((seconds * 1e9).astype(np.int64), position_m, np.tile([0.0, 0.0, 0.0, 1.0], (800, 1)))
-    one, cuts = PoseFilter(MODEL), [211, 212]
-    assert one.finish() == []
-    for first, end in pairwise([0, *cuts, 800]):
-        for pose in poses[first:end]:
-            one.update(pose)
-        one.finish()
-    state = one.state
-    assert state.outliers.total == 0
-    rest = 10 + len(cuts)  # the row of the rest of the tick; each end has added one
-    assert not state.window.motion_ratio[rest : rest + SETTLING_TICKS].any()
-    assert state.window.motion_ratio[rest + SETTLING_TICKS :].any()
 
 
 @pytest.mark.filterwarnings("error")

@@ -24,7 +24,6 @@ from contact_tracker.tracking.transition_model import (
     log_initial,
     tick_transitions,
 )
-from contact_tracker_lab.calibration.trellis import Trellis, smooth
 
 NOTHING = TransitionCounts((0.0,) * 7, (0.0,) * 7, ((0.0,) * 7,) * 7)
 MODEL = replace(load_model(), transitions=replace(load_model().transitions, counts=NOTHING))
@@ -96,15 +95,6 @@ def test_recordings_begin_and_states_last_as_the_model_says():
     assert not nothing.log_survival.any()
 
 
-def seen(rng, much=100.0):
-    """Random transition counts."""
-    changes = rng.gamma(0.3, much, (7, 7))
-    changes[FREE, FREE] = 0.0
-    return TransitionCounts(
-        tuple(rng.gamma(0.3, much, 7)), tuple(rng.gamma(1.0, much, 7)), tuple(map(tuple, changes.tolist()))
-    )
-
-
 def test_observed_changes_outweigh_the_lattice_prior_by_count():
     """Against the posterior means of gamma and Dirichlet distributions, by their integrals."""
     changes = np.zeros((7, 7))
@@ -124,34 +114,8 @@ def test_observed_changes_outweigh_the_lattice_prior_by_count():
     np.testing.assert_allclose(rate[1:], prior.leave_per_s)
 
 
-@pytest.mark.parametrize("tick_s", [0.05, 0.1, 0.4])
-def test_without_data_the_chain_is_a_distribution_that_changes_at_its_rate(tick_s):
-    """Without evidence: the log probability of staying is added in each tick but the first."""
-    rng = np.random.default_rng(0)
-    model = replace(MODEL, tick_s=tick_s, transitions=replace(MODEL.transitions, counts=seen(rng)))
-    ticks, states = 12, len(STATES)
-    exposures = rng.choice([0.0, REST_EXPOSURE, 0.5, 1.0], ticks)
-    stay = np.array([tick_transitions(model, e).log_survival for e in exposures])
-    change = np.array([tick_transitions(model, e).log_transition for e in exposures])
-    state, onset = np.tile(np.arange(states), ticks), np.repeat(np.arange(ticks), states)
-    alive = [np.flatnonzero((onset < b) & ((state != FREE) | (onset == b - 1))) for b in range(1, ticks + 1)]
-    stays = [
-        np.array([stay[onset[h] + 1 : b, state[h]].sum() for h in a]) for b, a in enumerate(alive, start=1)
-    ]
-    trellis = Trellis(state, onset, alive, stays)
-    posterior, log_evidence = smooth(trellis, log_initial(model), change)
-    assert log_evidence == pytest.approx(0.0, abs=1e-12)
-    assert np.isfinite(change[exposures > 0.0]).all(), "no observation makes a change impossible"
-    expected = [np.exp(log_initial(model))]
-    for t in range(1, ticks):
-        keep = np.where(np.arange(states) == FREE, 0.0, np.exp(stay[t]))
-        expected.append(expected[-1] @ (np.exp(change[t]) + np.diag(keep)))
-    np.testing.assert_allclose(posterior, expected, atol=1e-12)
-
-
 @pytest.mark.parametrize("exposed", [1.5, 30.0, 600.0])
 def test_after_a_long_rest_states_may_have_changed_more_than_once(exposed):
-    """Against as many small steps of the chain."""
     contacts = np.arange(len(STATES)) != FREE
     step = np.exp(tick_transitions(MODEL, 1e-3).log_transition) + np.diag(
         contacts * np.exp(tick_transitions(MODEL, 1e-3).log_survival)

@@ -110,7 +110,6 @@ def test_elements_of_a_map_are_drawn_where_they_are(poses, world) -> None:
 
 @pytest.mark.parametrize("sense", [1.0, -1.0])
 def test_the_side_and_the_patch_of_a_face_are_those_of_the_motion(poses, sense) -> None:
-    """The corner slides 1 m along x on the face, whichever way its normal points, and rises."""
     elements = {
         (0, 1): MapElement("v", np.zeros(3), CORNER_M),
         (1, 2): MapElement("f", sense * Z, np.zeros(1)),
@@ -134,7 +133,6 @@ def test_the_side_and_the_patch_of_a_face_are_those_of_the_motion(poses, sense) 
 
 
 def test_joints_are_drawn_in_all_outputs(poses, tmp_path) -> None:
-    """The axis of a hinge, and the centre of a ball joint, under the name in a table of segments."""
     pytest.importorskip("matplotlib").use("Agg")
     middle_m, far_m = np.array([0.5, 0.2, 0.0]), np.array([0.0, 9.0, 0.0])
     spans = poses.stamp_ns[[0, 99, 100, 149, 150, 199, 200, 299]].reshape(4, 2).tolist()

@@ -173,7 +173,6 @@ def test_drawings_fade_with_probability_and_only_surroundings_have_the_contacts_
 
 
 def test_open_contacts_are_pale(tmp_path, poses, segmentation) -> None:
-    """Of a whole recording and of a stream: the first segment is open."""
     first, *later = segmentation.segments
     beliefs = [replace(b, inseparable=(Contact.EF,)) for b in list(segmentation.filtered)[:30]]
     opened = replace(segmentation, segments=(replace(first, inseparable=(Contact.EF,)), *later))
@@ -443,9 +442,6 @@ def test_vertices_come_from_any_metadata_record_and_invalid_ones_are_ignored() -
     assert vertices_from_metadata({"other": {}}) is None
     metadata = {"other": {}, "recording": {"object_vertices_m": json.dumps(CUBE_M.tolist())}}
     assert np.array_equal(vertices_from_metadata(metadata), CUBE_M)
-
-
-# --- the command -----------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")

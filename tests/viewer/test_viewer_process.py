@@ -141,7 +141,6 @@ def test_a_viewer_has_the_environment_of_the_user(
 
 @LINUX
 def test_a_viewer_has_no_analytics_and_answers_this_machine_only(windowless, at_home, free_port) -> None:
-    """It answers on the loopback address only."""
     with LiveViewer(sink=to_viewer(free_port)):
         pass
     assert list(at_home.rglob("*analytics*")) == []
@@ -152,7 +151,6 @@ def test_a_viewer_has_no_analytics_and_answers_this_machine_only(windowless, at_
 
 @pytest.mark.parametrize("level", [SILENT, "debug"])
 def test_rerun_does_not_print_its_log(level) -> None:
-    """Else rerun prints lines with colours; this is the quickest way to one."""
     program = "import rerun as rr; rr.RecordingStream('test').memory_recording()"
     command = [sys.executable, "-c", program]
     environment = os.environ | {"RUST_LOG": level}

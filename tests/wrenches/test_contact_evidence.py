@@ -13,7 +13,7 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.wrenches.contact_evidence import WindowEvidence, WrenchEvidence
 from contact_tracker.wrenches.load import estimate_load
-from contact_tracker.wrenches.wrenches import Wrenches, about_body, average
+from contact_tracker.wrenches.wrenches import Wrenches, average
 
 DECISIVE = np.log(20.0)
 MOST_RAD = np.radians(15.0)
@@ -113,16 +113,6 @@ def _moved(made: Pressed, offset_m: np.ndarray) -> Pressed:
     return replace(made, poses=poses, wrenches=Wrenches(made.wrenches.stamp_ns, force, moment))
 
 
-def test_a_wrench_in_the_world_is_transformed_to_the_body() -> None:
-    made = pressed(Contact.FV)
-    turn = Rotation.from_quat(made.poses.quat_xyzw)
-    force = turn.apply(made.wrenches.force_n)
-    moment = turn.apply(made.wrenches.moment_nm) + np.cross(made.poses.position_m, force)
-    again = about_body(Wrenches(made.wrenches.stamp_ns, force, moment), made.poses)
-    np.testing.assert_allclose(again.force_n, made.wrenches.force_n, atol=1e-9)
-    np.testing.assert_allclose(again.moment_nm, made.wrenches.moment_nm, atol=1e-9)
-
-
 def test_missing_measurements_have_no_evidence() -> None:
     made = pressed(Contact.VF)
     early = made.wrenches.stamp_ns < made.touch_ns
@@ -151,13 +141,3 @@ def test_two_contacts_in_one_window_have_no_evidence() -> None:
     )
     both = Pressed(poses, wrenches, one.touch_ns)
     assert evidence_of(both).of_window(both.touch_ns, both.end_ns) is None
-
-
-def test_invalid_wrenches_are_dropped_and_the_rest_sorted() -> None:
-    numbers = np.ones((6, 3))
-    numbers[1, 0], numbers[2, 2] = np.nan, np.inf
-    numbers[3] = 1e9
-    stamps = np.array([5, 1, 2, 3, 4, 5])
-    found = Wrenches(stamps, numbers, np.ones((6, 3))).valid
-    assert found.stamp_ns.tolist() == [4, 5]
-    assert np.isfinite(found.force_n).all()
