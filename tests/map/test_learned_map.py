@@ -165,7 +165,7 @@ def test_of_a_known_object_elsewhere_only_the_place_is_dropped() -> None:
 def test_what_is_known_of_one_side_is_what_both_say_of_it() -> None:
     learned = grown().learned
     for side in (0, 1):
-        of_side = learned.of_side(side, ANYWHERE_M)
+        of_side = learned.of([key for key in learned.elements if key[0] == side], ANYWHERE_M)
         rows = np.concatenate([np.r_[learned.slots[key]] for key in of_side.elements])
         np.testing.assert_allclose(
             of_side.covariance(), learned.covariance()[np.ix_(rows, rows)], rtol=1e-4, atol=1e-15

@@ -150,9 +150,16 @@ def _hamilton() -> Array:
 _PRODUCT: Final = _hamilton()
 # x_world = q x_body q*: element [i, j, a, b] is the coefficient of q_i q_j in the matrix element (a, b).
 _MATRIX: Final = np.einsum("ibm,mja,j->ijab", _PRODUCT[:, :3], _PRODUCT[:, :, :3], _CONJUGATE)
+_PRODUCT_ROWS: Final = _PRODUCT.reshape(16, 4)
 _BETWEEN_ROWS: Final = (_CONJUGATE[:, None, None] * _PRODUCT).reshape(16, 4)
 _MATRIX_ROWS: Final = _MATRIX.reshape(16, 9)
 _QUADRATIC: Final = (0.5 * (_MATRIX + _MATRIX.swapaxes(0, 1))).reshape(16, 9)
+
+
+def product(first: Array, second: Array) -> Array:
+    """Quaternions (..., 4) of the rotation ``second`` followed by ``first``."""
+    pairs = first[..., :, None] * second[..., None, :]
+    return np.asarray(pairs.reshape(*pairs.shape[:-2], 16) @ _PRODUCT_ROWS)
 
 
 def between(first: Array, second: Array) -> Array:

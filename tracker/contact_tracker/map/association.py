@@ -367,30 +367,6 @@ class MapView:
         """Rows of the free coordinates of an element in the covariance; zeros for a new one."""
         return np.zeros(size, np.int64) if key is None else np.arange(size) + self.slots[key].start
 
-    def joint_covariance(
-        self,
-        body_rows: NDArray[np.int64],
-        world_rows: NDArray[np.int64],
-        are_known: NDArray[np.bool_],
-        of_new: Array,
-    ) -> Array:
-        """Covariance (n, P, P) of the free coordinates of n pairs.
-
-        Parameters
-        ----------
-        body_rows, world_rows : (n, p) and (n, q) rows of the object's and of the environment's elements.
-        are_known : (2, n) whether these are of the map.
-        of_new : (P,) variance of new elements, which are independent of all others.
-        """
-        rows, sizes = (
-            np.concatenate([body_rows, world_rows], axis=1),
-            (body_rows.shape[1], world_rows.shape[1]),
-        )
-        is_known = np.repeat(are_known.T, sizes, axis=1)
-        covariance = self.covariance if self.slots else np.zeros((1, 1))
-        within = is_known[:, :, None] & is_known[:, None]
-        return np.where(within, covariance[rows[:, :, None], rows[:, None]], np.diag(of_new))
-
     def incident_pair(self, model: ContactModel, near_m: Array) -> Pair | None:
         """The elements of the last contact, or where the contact of ``model`` needs another kind, elements of
         it that are incident with these; None if it needs the same kinds.
@@ -486,8 +462,13 @@ def log_evidence(
     residual = body[0][i] + world[0][j]
     if sighting.has_one_height:  # a new face has the offset that was estimated
         residual[(i == 0) | (j == 0), -1] = 0.0
-    new = np.concatenate([prior_variance(kind, reach_m) for kind in sighting.kinds])
-    joint = view.joint_covariance(body[2][i], world[2][j], np.array([i > 0, j > 0]), new)
+    # new elements are independent of all others
+    rows = np.concatenate([body[2][i], world[2][j]], axis=1)
+    is_known = np.repeat(np.stack([i > 0, j > 0], axis=1), (body[2].shape[1], world[2].shape[1]), axis=1)
+    of_new = np.diag(np.concatenate([prior_variance(kind, reach_m) for kind in sighting.kinds]))
+    covariance = view.covariance if view.slots else np.zeros((1, 1))
+    are_known = is_known[:, :, None] & is_known[:, None]
+    joint = np.where(are_known, covariance[rows[:, :, None], rows[:, None]], of_new)
     whitened = sighting.root.T @ np.concatenate([body[1][i], world[1][j]], axis=2)
     ratio = np.eye(residual.shape[-1]) + whitened @ joint @ whitened.swapaxes(1, 2)
     residual = residual @ sighting.root

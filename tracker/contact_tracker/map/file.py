@@ -4,6 +4,7 @@ OBJ, too, and writing of what was learned."""
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from itertools import chain, product
 from pathlib import Path
 from typing import Any, Final, TypeVar
@@ -461,11 +462,11 @@ def _sound(learned: LearnedElements) -> LearnedElements:
     sd = np.sqrt(learned.weak(ANYWHERE_M))
     scaled = sd[:, None] * learned.information * sd
     largest = float(np.abs(scaled).max())
-    values = np.linalg.eigvalsh(0.5 * (scaled + scaled.T))
+    values, axes = np.linalg.eigh(0.5 * (scaled + scaled.T))
     is_even = np.abs(scaled - scaled.T).max() <= _ROUNDING * largest
     if not (is_even and values[0] >= -_ROUNDING * max(largest, 1.0)):
         raise KnowledgeError("learned.information", "is not symmetric with positive eigenvalues")
-    return learned.with_scaled(scaled, sd)
+    return replace(learned, information=(axes * np.maximum(values, 0.0)) @ axes.T / (sd[:, None] * sd))
 
 
 def _numbers(values: Array | float) -> str:
