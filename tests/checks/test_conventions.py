@@ -27,7 +27,7 @@ from contact_tracker.segmenting import segmented
 from contact_tracker.trajectory import Trajectory
 from contact_tracker_lab.simulate import simulate
 from short_recordings import MODEL, needs_kernels, shipped
-from smooth_motion import exact_transfers, moving, slid_and_tilted, smooth, with_noise
+from smooth_motion import exact_transfers, moving, slid_and_tilted, with_noise
 
 SIGMA = 3e-4, np.radians(0.15)
 MIRROR = np.diag([1.0, 1.0, -1.0])
@@ -421,34 +421,6 @@ def test_poses_that_were_asked_for_in_a_moving_frame_are_not_inverse(frame_moves
 def test_valid_recordings_have_no_mistake(name: str) -> None:
     poses = shipped(name)
     assert mistake_in(poses, estimate_noise(poses)) == ""
-
-
-def located_by_a_camera() -> Poses:
-    """A camera that is carried at 1 m/s, with 50 mm and 0.3 deg of noise."""
-    time_s, rng = np.arange(0.0, 30.0, 1.0 / 30.0), np.random.default_rng(0)
-    yaw = 0.6 * np.sin(0.7 * time_s) + 0.2 * time_s
-    way = np.cumsum(np.stack([np.cos(yaw), np.sin(yaw), 0.3 * np.cos(11.0 * time_s)], axis=1), axis=0) / 30.0
-    tilt = Rotation.from_rotvec(smooth(rng, time_s, 0.1) + np.radians(0.3) * rng.normal(size=way.shape))
-    turn = Rotation.from_rotvec(yaw[:, None] * [0.0, 0.0, 1.0]) * tilt
-    stamp_ns = np.rint(1e9 * time_s).astype(np.int64)
-    return Poses(stamp_ns, way + 0.05 * rng.normal(size=way.shape), turn.as_quat())
-
-
-def test_a_unit_fits_only_where_contacts_do_in_it_and_not_in_metres() -> None:
-    poses = replace(shipped(PAPER), position_m=100.0 * shipped(PAPER).position_m)
-    odd = stream_of(first=MODEL, inspection=NOTHING_INSPECTED._replace(units=True))
-    known = Conventions().update(poses, odd._replace(sigma=(100.0 * SIGMA[0], SIGMA[1])))
-    assert "cm" in known.fitting_units
-    poses, sigma = located_by_a_camera(), (0.05, np.radians(0.3))
-    assert Conventions().update(poses, odd._replace(sigma=sigma)).fitting_units == ()
-
-
-@pytest.mark.parametrize(
-    ("fitting", "units"), [([0, 1, 12], ("mm",)), ([3, 3, 8], ("mm",)), ([6, 6, 6], ()), ([1, 1, 3], ())]
-)
-def test_a_unit_may_explain_what_is_no_free_motion(fitting: list[int], units: tuple[str, ...]) -> None:
-    known = Conventions(units=np.array([[400.0, 410.0, 600.0], fitting, [20, 20, 20]]))
-    assert known.fitting_units == units
 
 
 @pytest.mark.parametrize("way", ["--rotation-vector", "--euler xyz:rad"])

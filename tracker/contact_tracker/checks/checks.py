@@ -240,8 +240,7 @@ class Checks(NamedTuple):
 
     def findings(self, stream: Stream) -> tuple[Finding, ...]:
         """Findings so far; at the end of the stream also what is still suspected."""
-        units = self.conventions.fitting_units
-        result = list(findings(stream.inspection, units, stream.is_cut_short))
+        result = list(findings(stream.inspection, stream.is_cut_short))
         if stream.is_filtered and not stream.inspection.bodies:
             result.append(Finding("filtered", FILTERED, False))
         for check in self:

@@ -16,7 +16,6 @@ from contact_tracker.checks.check import MIXED_UP, Check, Stream, has_doubts
 from contact_tracker.checks.readings import (
     AS_THEY_ARE,
     DELAYS_MS,
-    UNITS,
     Given,
     Reading,
     readings_of,
@@ -270,7 +269,6 @@ class Conventions(Check):
     nats, fitting : (K,) log evidence of contacts in each reading less that in poses as they are, up to when
         it was compared, and number of windows that it explains to the noise. A window that poses as they are
         explain adds at most ``LIKELY_NATS``: in it, readings differ by the kind of contact.
-    units : (3, U) the first two rows for ``UNITS``, and the number of windows in which they were compared.
     is_settled : whether the comparison has ended.
     mistake : text of the mistake that was found, or empty.
     """
@@ -283,7 +281,6 @@ class Conventions(Check):
     kept: tuple[tuple[Poses, Ints], ...] = ()
     nats: Array = field(default_factory=lambda: np.zeros(0))
     fitting: Array = field(default_factory=lambda: np.zeros(0))
-    units: Array = field(default_factory=lambda: np.zeros((3, len(UNITS))))
     is_settled: bool = False
     mistake: str = ""
 
@@ -305,23 +302,13 @@ class Conventions(Check):
         stands_out = self.nats.max() >= median + STANDS_OUT * (quartile - median)
         return self.nats if stands_out else np.minimum(self.nats, 0.0)
 
-    @property
-    def fitting_units(self) -> tuple[str, ...]:
-        """Units in which contacts explain to the noise most of the motion, or clearly more windows than in
-        metres, as the rest may be free motion; none if they explain most of it in metres."""
-        nats, fitting, windows = self.units
-        explains = fitting >= FITTING_SHARE * windows
-        explains_more = explains | (fitting >= fitting[0] + FEWEST_WINDOWS)
-        fits = (nats > nats[0] + BETTER_NATS) & explains_more & ~explains[0]
-        return tuple(unit.text for unit, fits_motion in zip(UNITS, fits, strict=True) if fits_motion)
-
     def update(self, poses: Poses, stream: Stream) -> "Conventions":
-        """Updated by poses. Units are compared only for positions that look odd in metres."""
+        """Updated by poses; positions that look odd in metres are not compared."""
         model, state = stream.first, self
         if self.is_settled or model is None or stream.sigma is None:
             return self
-        if not can_be_compared(model):
-            return replace(self, is_settled=True)
+        if stream.inspection.units or not can_be_compared(model):
+            return replace(self, is_settled=True, mistake="")
         if not poses.stamp_ns.size:
             return self
         tick_ns, parts = round(1e9 * max(model.tick_s, LEAST_TICK_S)), (*self.waiting, poses)
@@ -344,7 +331,7 @@ class Conventions(Check):
 
 
 def _after_window(state: Conventions, stream: Stream, window: Poses, tick_ns: int) -> Conventions:
-    model, sigma, has_odd_unit = stream.first, stream.sigma, stream.inspection.units
+    model, sigma = stream.first, stream.sigma
     if model is None or sigma is None:
         return state
     readings = readings_of(stream.inspection.read_as)
@@ -360,14 +347,10 @@ def _after_window(state: Conventions, stream: Stream, window: Poses, tick_ns: in
     compared = state.nats > state.nats.max() - ODD_NATS
     compared[0] = True
     remaining = compared.nonzero()[0]
-    candidates = UNITS if has_odd_unit else [readings[i] for i in remaining]
-    explained = explain(window, tick_of, sigma, model, candidates)
+    explained = explain(window, tick_of, sigma, model, [readings[i] for i in remaining])
     if explained is None:
         return state
     state, fits = replace(state, kept=(*state.kept, (window, tick_of))), explained.misfit < FITS
-    if has_odd_unit:
-        units = np.array([explained.nats, fits, np.ones(len(UNITS))])
-        return replace(state, units=state.units + units, mistake="")
     near = np.minimum(explained.misfit, explained.misfit[0]) < NEARLY_FITS
     nats, fitting = state.nats.copy(), state.fitting.copy()
     leads = near * (explained.nats - explained.nats[0]) * explained.shows_contact

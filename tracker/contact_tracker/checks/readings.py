@@ -14,7 +14,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from contact_tracker.arrays import Array
-from contact_tracker.config.quantities import LENGTHS
 from contact_tracker.config.table_reading import QUATERNION
 from contact_tracker.geometry import linalg
 from contact_tracker.motion.poses import AS_GIVEN, Poses, ReadAs
@@ -320,7 +319,3 @@ def readings_of(read_as: ReadAs = AS_GIVEN) -> tuple[Reading, ...]:
     """All readings of poses read in this way; the first leaves them as they are."""
     turned = *_by_quaternions(read_as), *_by_three_numbers(read_as)
     return AS_THEY_ARE, *turned, *_by_axes(), *map(with_delay, DELAYS_MS)
-
-
-UNITS: Final = tuple(Reading(unit, axes=LENGTHS[unit] * np.eye(3)) for unit in ("m", "cm", "mm"))
-"""Units of positions."""

@@ -5,7 +5,6 @@ All statistics are computed on blocks of poses counted from the first one, so th
 batches. Repeated poses are left out.
 """
 
-from collections.abc import Sequence
 from math import inf, log, nan, pi, sqrt
 from typing import Final, NamedTuple
 
@@ -280,14 +279,11 @@ def inspect(inspection: Inspection, poses: Poses) -> Inspection:
     return inspection._replace(recent=recent[max(end - KEPT, 0) :])
 
 
-def findings(
-    inspection: Inspection, fitting_units: Sequence[str] = (), is_cut_short: bool = False
-) -> tuple[Finding, ...]:
-    """Findings in the stream so far; ``fitting_units``: units of positions in which contacts explain the
-    motion, while they do not in metres. ``is_cut_short``: the stream goes on, but is not read further."""
+def findings(inspection: Inspection, is_cut_short: bool = False) -> tuple[Finding, ...]:
+    """Findings in the stream so far; ``is_cut_short``: the stream goes on, but is not read further."""
     result = list[Finding]()
     if inspection.units:
-        result.append(Finding("units", _units_text(inspection, fitting_units), True))
+        result.append(Finding("units", _units_text(inspection), True))
     elif inspection.total >= ENOUGH_CONSTANT and all(inspection.moved):
         position, rotation = _sigma(inspection.noise[0]), _sigma(inspection.noise[1])
         is_small = 0.0 < position < SMALL_LEVER_M * rotation and rotation < COARSE_RAD
@@ -329,11 +325,11 @@ def findings(
     return tuple(result)
 
 
-def _units_text(inspection: Inspection, fitting_units: Sequence[str]) -> str:
+def _units_text(inspection: Inspection) -> str:
     position, rotation = _sigma(inspection.noise[0]), _sigma(inspection.noise[1])
     lever = position / rotation if rotation else inspection.top_m_per_s
     small = lever > USUAL_LEVER_M * sqrt(1e2 * 1e3) or inspection.top_m_per_s > TOSSED_CM_PER_S
-    name, unit = ("millimetres", "mm") if small else ("centimetres", "cm")
+    unit = "mm" if small else "cm"
     figures = (
         f"(noise {1e3 * position:.3g} mm, {180.0 / pi * rotation:.2g} deg; "
         f"speed up to {inspection.top_m_per_s:.2g} m/s)"
@@ -341,10 +337,8 @@ def _units_text(inspection: Inspection, fitting_units: Sequence[str]) -> str:
     remedy = f"convert them to metres, or, if they are of a table, take --unit {unit}"
     if inspection.read_as.path:
         remedy = f"read them by {inspection.read_as.command(unit=unit)}"
-    if unit not in fitting_units:
-        text = f"positions are too noisy or too fast for metres {figures}"
-        return f"{text}: check their unit and their source; if they are in {unit}, {remedy}"
-    return f"positions look like {name} {figures}: {remedy}"
+    text = f"positions are too noisy or too fast for metres {figures}"
+    return f"{text}: check their unit and their source; if they are in {unit}, {remedy}"
 
 
 def _inspect_block(previous: Inspection, window: Poses) -> Inspection:
