@@ -17,6 +17,7 @@ import numpy as np
 from contact_tracker.checks.check import MIXED_UP, Check, Stream, has_doubts
 from contact_tracker.geometry.elements import Array, Plane, Point
 from contact_tracker.inspection.stream_checks import Finding
+from contact_tracker.map.elements import covariance_of
 from contact_tracker.map.map import Map
 from contact_tracker.motion.poses import NO_POSES, Poses
 
@@ -65,8 +66,8 @@ def vertices_of(known_map: Map) -> Vertices:
     listed = ((named.name, named.element) for named in known_map.listed_object)
     points = [(name, point) for name, point in listed if isinstance(point, Point)]
     place_m = np.array([point.point_m for _, point in points]).reshape(-1, 3)
-    variance = [0.0 if p.covariance is None else p.covariance.diagonal().max() for _, p in points]
-    return Vertices(tuple(name for name, _ in points), place_m, np.sqrt(np.array(variance, float)))
+    variance = np.array([covariance_of(point).diagonal().max() for _, point in points])
+    return Vertices(tuple(name for name, _ in points), place_m, np.sqrt(variance))
 
 
 @lru_cache(maxsize=8)
@@ -76,12 +77,11 @@ def faces_by_body(known_map: Map) -> tuple[Faces, ...]:
     planes = [(named, plane) for named, plane in listed if isinstance(plane, Plane)]
     bodies = list[Faces]()
     for body in dict.fromkeys(named.solid for named, _ in planes):
-        listed_of_body = [(named.name, plane) for named, plane in planes if named.solid == body]
-        normals = np.array([plane.normal for _, plane in listed_of_body])
-        offsets_m = np.array([plane.offset_m for _, plane in listed_of_body])
-        covariance = [np.zeros((4, 4)) if p.covariance is None else p.covariance for _, p in listed_of_body]
-        names = tuple(name for name, _ in listed_of_body)
-        bodies.append(Faces(body is not None, names, normals, offsets_m, np.array(covariance)))
+        of_body = [
+            (named.name, p.normal, p.offset_m, covariance_of(p)) for named, p in planes if named.solid == body
+        ]
+        names, *columns = zip(*of_body, strict=True)
+        bodies.append(Faces(body is not None, names, *map(np.array, columns)))
     return tuple(bodies)
 
 
