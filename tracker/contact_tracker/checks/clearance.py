@@ -1,5 +1,4 @@
-"""Test of the map against the poses: depth of known vertices of the object inside the surroundings, and their
-least distance.
+"""Tests of the map against the poses: known vertices of the object inside the surroundings, and impacts.
 
 A vertex is inside a known convex body if it is behind all of its faces. The extent of a face that is listed
 by itself is not known: parts of the object are behind it if they hang over its edge or stand beside a step.
@@ -9,7 +8,6 @@ Only an object that never has a vertex in front of any such face contradicts the
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from math import inf
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -105,21 +103,19 @@ class Clearance(Check):
     deepest : the largest depth (m), its vertex, and the nearest face in front of this vertex.
     is_behind : whether all vertices were behind all faces that are listed by themselves.
     behind : number of poses in which this was compared.
-    nearest : least distance (m) from a face that is listed by itself, and the face's name.
     """
 
     inside: int = 0
     deepest: tuple[float, str, str] = (0.0, "", "")
     is_behind: bool = True
     behind: int = 0
-    nearest: tuple[float, str] = (inf, "")
 
     def update(self, poses: Poses, stream: Stream) -> "Clearance":
         vertices = vertices_of(stream.map)
         if not vertices.names or not len(poses):
             return self
         world, is_inside = vertices.in_world(poses), np.zeros(len(poses), bool)
-        deepest, is_behind, behind, nearest = self.deepest, self.is_behind, self.behind, self.nearest
+        deepest, is_behind, behind = self.deepest, self.is_behind, self.behind
         for faces in faces_by_body(stream.map):
             depth_m = -faces.in_front_m(world)
             sigma_m = np.hypot(vertices.sigma_m[:, None], faces.sigma_m(world))
@@ -134,10 +130,7 @@ class Clearance(Check):
                 deepest = max(deepest, deep, key=lambda depth: depth[0])
             else:
                 is_behind, behind = is_behind and bool(inside.all()), behind + len(poses)
-                off_m = -depth_m - allowed_m
-                least = int(off_m.argmin())
-                nearest = min(nearest, (float(off_m.flat[least]), faces.names[least % len(faces.names)]))
-        return Clearance(self.inside + int(is_inside.sum()), deepest, is_behind, behind, nearest)
+        return Clearance(self.inside + int(is_inside.sum()), deepest, is_behind, behind)
 
     def findings(self, stream: Stream, earlier: Sequence[Finding]) -> list[Finding]:
         misfits = list[str]()
@@ -148,24 +141,7 @@ class Clearance(Check):
             behind = "behind every face (normals must point to the free side)"
             misfits.append(f"all vertices given of the object are {behind}")
         fault = "what is given does not fit the poses"
-        result = [Finding("knowledge", f"{fault}: {misfit}: {CHECK}", True) for misfit in misfits]
-        return result + self._stayed_off(stream.map) if stream.is_end else result
-
-    def _stayed_off(self, known_map: Map) -> list[Finding]:
-        """Finding that the object came near no face of the map.
-
-        None if vertices of the object may be missing, or if bodies are known, whose edges and vertices it may
-        touch.
-        """
-        bodies = any(named.solid is not None for named in known_map.listed_environment)
-        gap_m, face = self.nearest
-        if not known_map.object_complete or bodies or not 0.0 < gap_m < inf:
-            return []
-        text = (
-            f"the object as given stays more than {1e3 * gap_m:.0f} mm off {face}, the nearest face that is "
-            f"given: if it touched one, {CHECK}"
-        )
-        return [Finding("knowledge", text, False)]
+        return [Finding("knowledge", f"{fault}: {misfit}: {CHECK}", True) for misfit in misfits]
 
 
 LONGEST_TICK_S: Final = 0.05
