@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
-from math import asin, degrees, inf, pi, radians, sqrt
+from math import asin, degrees, inf, pi, sqrt
 from operator import itemgetter
 from typing import Final, NamedTuple
 
@@ -19,7 +19,14 @@ from contact_tracker.checks.check import Check, Stream
 from contact_tracker.checks.clearance import CHECK
 from contact_tracker.geometry.elements import ContactGeometry, Element, Line, Plane, Point, canonical, shifted
 from contact_tracker.inspection.stream_checks import Finding
-from contact_tracker.map.elements import TURNS, MapElement, covariance_of, distance_of_planes_m, mahalanobis
+from contact_tracker.map.elements import (
+    PARALLEL,
+    TURNS,
+    MapElement,
+    covariance_of,
+    distance_of_planes_m,
+    mahalanobis,
+)
 from contact_tracker.map.map import Map, NamedElement
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import FurtherContact, Segment
@@ -117,23 +124,21 @@ class Repeatability(Check):
 
     def _compared(self, new: Estimate) -> "Repeatability":
         """The check after a comparison of the new estimate with the latest ones."""
-        state = self
-        for estimate in self.latest:
-            if estimate.side != new.side or type(estimate.element) is not type(new.element):
-                continue
+        near, apart, worst = self.near, self.apart, self.worst
+        for old in self.latest:
+            is_open = old.has_open_offset or new.has_open_offset
             # an object that tilts stays on its face; after free motion it may be on another, parallel one
-            if (estimate.has_open_offset or new.has_open_offset) and estimate.touch != new.touch:
+            is_other = old.side != new.side or (is_open and old.touch != new.touch)
+            if is_other or type(old.element) is not type(new.element):
                 continue
-            first, second = estimate.element, new.element
-            if estimate.has_open_offset or new.has_open_offset:
-                first, second = _normal_alone(first), _normal_alone(second)
-            apart = difference(first, second)
-            if apart.angle_rad > NEAR_RAD or apart.distance_m > NEAR_M:
+            pair = old.element, new.element
+            by = difference(*(map(_normal_alone, pair) if is_open else pair))
+            if by.angle_rad > NEAR_RAD or by.distance_m > NEAR_M:
                 continue
-            state = replace(state, near=state.near + 1, apart=state.apart + (apart.sigmas > SIGNIFICANT))
-            if apart.sigmas > max(SIGNIFICANT, 0.0 if state.worst is None else state.worst[2].sigmas):
-                state = replace(state, worst=(estimate, new, apart))
-        return replace(state, latest=(*state.latest, new)[-MOST_ELEMENTS:])
+            near, apart = near + 1, apart + (by.sigmas > SIGNIFICANT)
+            if by.sigmas > (SIGNIFICANT if worst is None else worst[2].sigmas):
+                worst = old, new, by
+        return replace(self, near=near, apart=apart, worst=worst, latest=(*self.latest, new)[-MOST_ELEMENTS:])
 
     def findings(self, stream: Stream, earlier: Sequence[Finding]) -> list[Finding]:
         """That poses may have (larger) systematic errors."""
@@ -157,8 +162,6 @@ class Repeatability(Check):
         return [Finding("accuracy", text, False)]
 
 
-PARALLEL: Final = 1.0 - 0.5 * radians(5.0) ** 2
-"""Least cosine of the angle between the normals of two faces that may be the same."""
 NEAREST_M: Final = 0.005
 """Smaller distances (m) are not reported: they are within usual errors."""
 SIGMAS: Final = 6.0
