@@ -29,6 +29,7 @@ from contact_tracker.map.elements import (
     WIDTHS,
     Key,
     MapElement,
+    best_known_place,
     kinds_of,
     loose_variance,
     prior_variance,
@@ -38,7 +39,6 @@ from contact_tracker.map.elements import (
 )
 from contact_tracker.states import Contact
 
-_FLAT: Final = 1e-12
 LENGTH_M: Final = 0.2
 """Distance of the ends of an edge from its point nearest to the body."""
 ANYWHERE_M: Final = 10.0
@@ -79,14 +79,9 @@ def _vertex_in(face: Plane, covariance: Array, near_m: Array) -> Point:
 def _face_covariances(face: Plane, covariance: Array) -> tuple[Array, Array, Array]:
     """The projection onto a face, and the covariances along its normal of directions in the face and of
     positions on it near the contact, each (3, 3)."""
-    out = np.outer(face.normal, face.normal)
-    turns, turn_offset = covariance[:3, :3], covariance[:3, 3]
-    tilt = 0.5 * float(turns.trace())
-    across, explained = np.eye(3) - out, 0.0
-    if tilt > 0.0:  # the added terms are in directions in which the normal cannot change, and have no effect
-        explained = float(turn_offset @ np.linalg.solve(turns + tilt * (out + _FLAT * across), turn_offset))
-    residual = covariance[3, 3] - explained
-    return across, tilt * out, (max(float(residual), 0.0) + tilt * (0.5 * LENGTH_M) ** 2) * out
+    out, tilt = np.outer(face.normal, face.normal), 0.5 * float(covariance[:3, :3].trace())
+    residual = float(covariance[3, 3] - best_known_place(covariance) @ covariance[:3, 3])
+    return EYE - out, tilt * out, (max(residual, 0.0) + tilt * (0.5 * LENGTH_M) ** 2) * out
 
 
 def _face_through_edge(edge: Line, covariance: Array, _: Array) -> Plane:

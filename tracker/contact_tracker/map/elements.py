@@ -312,7 +312,7 @@ SAME: Final = 4.0
 """Gate in standard deviations within which two estimates may be of one element."""
 ROUNDING: Final = 1e-12
 """Least standard deviation (m, rad) of a coordinate: an exact one differs by rounding."""
-_LOST: Final = 1e-12
+LOST: Final = 1e-12
 """Variances below this share of the largest count as zero: rounding errors, or what cannot move."""
 
 
@@ -380,7 +380,7 @@ def whitening(covariance: Array, lengths: int) -> Array:
     variance, turns = covariance.diagonal().tolist(), len(covariance) - lengths
     weight = np.array([_unit(variance[:turns])] * turns + [_unit(variance[turns:])] * lengths)
     values, axes = linalg.eigenvectors(weight[:, None] * covariance * weight)
-    good = values > _LOST * max(float(values[-1]), 0.0)
+    good = values > LOST * max(float(values[-1]), 0.0)
     return np.asarray(
         np.divide(1.0, values, out=np.zeros_like(values), where=good)[:, None] ** 0.5 * axes.T * weight
     )

@@ -33,11 +33,10 @@ MOST_SIGHTINGS: Final = 60
 """Most contacts in a map, those with the most information: if nothing is shared, 60 take some seconds."""
 MOST_LEARNED: Final = 40
 """Most elements that are kept for another recording."""
-MOST_SWEEPS: Final = 3
-SOLVER_ROUNDS: Final = 4
-LONGEST_TURN_RAD: Final = 0.3
-"""Largest turn of an element in one step of the solver."""
+MOST_ROUNDS: Final = 4
+"""Most sweeps of the association, and steps of the solver; both end sooner if nothing changes."""
 CONVERGED: Final = 1e-7
+"""Largest change of a coordinate (rad, m) in the last step of the solver."""
 DROPPED_NATS: Final = 7.5
 """Evidence against the prior's elements of a side by which they are dropped: a contact that they do not
 explain costs the price of a new element, 5 nats with ten contacts known and 2.5 with two, and one that they
@@ -81,22 +80,21 @@ class GrowingMap:
         sightings: Sequence[Sighting],
         reach_m: float,
         contacts: int = 0,
-        prior: LearnedElements | None = None,
+        prior: LearnedElements = NOTHING_LEARNED,
     ) -> "GrowingMap":
         """The map of all sightings of a recording: associate greedily, then reconsider each."""
         by_information = sorted(sightings, key=lambda s: -s.gain(reach_m))[:MOST_SIGHTINGS]
-        start = cls(reach_m, contacts=contacts)
-        mapper = _Mapper(start if prior is None else start.with_prior(prior))
+        mapper = _Mapper(cls(reach_m, contacts=contacts).with_prior(prior))
         for sighting in by_information:
             mapper.insert(sighting)
-        for _ in range(MOST_SWEEPS):
+        for _ in range(MOST_ROUNDS):
             partition = mapper.partition()
             for sighting in sorted(by_information, key=lambda s: s.first):
                 mapper.forget(sighting.first)
                 mapper.insert(sighting)
             if mapper.partition() == partition:
                 break
-        mapper.solve(SOLVER_ROUNDS)
+        mapper.solve(MOST_ROUNDS)
         return mapper.map
 
     def with_prior(self, prior: LearnedElements) -> "GrowingMap":
@@ -396,9 +394,6 @@ class _Mapper:
             weak = LearnedElements({key: self._elements[key] for key in slots}).weak(self._start.reach_m)
             change = np.asarray(-np.linalg.solve(information + np.diag(1.0 / weak), gradient))
             for key, rows in slots.items():
-                element = self._elements[key]
-                turn = float(np.linalg.norm(change[rows][:2])) if element.kind != "v" else 0.0
-                share = min(1.0, LONGEST_TURN_RAD / max(turn, CONVERGED))
-                self._elements[key] = element.moved(change[rows] * share)
+                self._elements[key] = self._elements[key].moved(change[rows])
             if np.abs(change).max(initial=0.0) < CONVERGED:
                 break
