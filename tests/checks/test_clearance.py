@@ -50,8 +50,8 @@ def test_a_body_that_the_object_passes_through_is_named(height_m: float, is_said
     texts = said(compared(known_map, at_rest(0.0, 0.0, height_m)))
     assert bool(texts) is is_said
     assert all("15 mm inside bench face +z" in text for text in texts)
-    single = compared(known_map, at_rest(0.0, 0.0, height_m)[:1])
-    assert said(single) == [], "one pose may be wrong"
+    twice = compared(known(box=[BENCH, BENCH | {"name": "again"}]), at_rest(0.0, 0.0, height_m)[:2])
+    assert said(twice) == [], "single poses may be wrong, and count once in several bodies"
 
 
 SECOND = BENCH | {"name": "shelf", "position_m": [0.0, 3.0, 0.5]}
@@ -88,12 +88,6 @@ def test_an_object_in_a_hollow_body_fits(tmp_path: Path) -> None:
     trimesh.util.concatenate([bottom, wall]).export(tmp_path / "tray.stl")
     given = {"environment": {"mesh": [{"path": "tray.stl"}]}, "object": {"box": CUBE}}
     assert said(compared(map_from(given, tmp_path), at_rest(0.0, 0.0, 0.06))) == []
-
-
-def test_one_pose_counts_once_in_several_bodies() -> None:
-    boxes = [BENCH | {"name": str(number)} for number in range(4)]
-    assert said(compared(known(box=boxes), at_rest(0.0, 0.0, 0.0)[:2])) == []
-    assert said(compared(known(box=boxes), at_rest(0.0, 0.0, 0.0)[:3]))
 
 
 def test_an_object_that_stays_behind_all_faces_contradicts_them() -> None:
