@@ -9,7 +9,7 @@ of the recording.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Final, NamedTuple
@@ -30,8 +30,10 @@ from contact_tracker.map.elements import (
     Key,
     MapElement,
     best_known_place,
+    covariance_of,
     kinds_of,
     loose_variance,
+    plane_covariance,
     prior_variance,
     split,
     stacked,
@@ -47,70 +49,29 @@ ANYWHERE_M: Final = 10.0
 
 def incident(element: Element, kind: str, near_m: Array) -> Element:
     """Prior of an element of another ``kind`` (f, e or v) that is incident with ``element`` near ``near_m``
-    (3,)."""
-    assert element.covariance is not None
-    return _INCIDENT[type(element), kind](element, element.covariance, near_m)
-
-
-def _vertex_on(edge: Line, covariance: Array, _: Array) -> Point:
-    along = np.outer(edge.direction, edge.direction)
-    return Point(edge.point_m, covariance[3:, 3:] + LENGTH_M**2 * (along + covariance[:3, :3]))
-
-
-def _edge_through(vertex: Point, covariance: Array, _: Array) -> Line:
-    """The direction is unknown, see ``known_entries`` of ``map.pairs``."""
-    full = np.zeros((6, 6))
-    full[3:, 3:] = covariance
-    return Line(np.zeros(3), vertex.point_m, full)
-
-
-def _edge_in(face: Plane, covariance: Array, near_m: Array) -> Line:
-    across, tilt, height = _face_covariances(face, covariance)
-    full = np.zeros((6, 6))
-    full[:3, :3], full[3:, 3:] = across + tilt, ANYWHERE_M**2 * across + height
-    return Line(np.zeros(3), nearest(face, near_m), full)
-
-
-def _vertex_in(face: Plane, covariance: Array, near_m: Array) -> Point:
-    across, _, height = _face_covariances(face, covariance)
-    return Point(nearest(face, near_m), ANYWHERE_M**2 * across + height)
-
-
-def _face_covariances(face: Plane, covariance: Array) -> tuple[Array, Array, Array]:
-    """The projection onto a face, and the covariances along its normal of directions in the face and of
-    positions on it near the contact, each (3, 3)."""
-    out, tilt = np.outer(face.normal, face.normal), 0.5 * float(covariance[:3, :3].trace())
-    residual = float(covariance[3, 3] - best_known_place(covariance) @ covariance[:3, 3])
-    return EYE - out, tilt * out, (max(residual, 0.0) + tilt * (0.5 * LENGTH_M) ** 2) * out
-
-
-def _face_through_edge(edge: Line, covariance: Array, _: Array) -> Plane:
-    along = np.outer(edge.direction, edge.direction)
-    turn, shift = (0.5 * float(part.trace()) for part in (covariance[:3, :3], covariance[3:, 3:]))
-    return _face_through(edge.point_m, np.eye(3) - along + turn * along, shift)
-
-
-def _face_through_vertex(vertex: Point, covariance: Array, _: Array) -> Plane:
-    return _face_through(vertex.point_m, np.eye(3), float(covariance.trace()) / 3.0)
-
-
-def _face_through(place_m: Array, normal: Array, shift: float) -> Plane:
-    """A face with an unknown normal of covariance ``normal`` (3, 3), through ``place_m`` up to the variance
-    ``shift``."""
-    jacobian = np.concatenate([np.eye(3), place_m[None]])
-    full = jacobian @ normal @ jacobian.T
-    full[3, 3] += shift
-    return Plane(np.zeros(3), 0.0, full)
-
-
-_INCIDENT: Final[dict[tuple[type[Element], str], Callable[..., Element]]] = {
-    (Line, "v"): _vertex_on,
-    (Point, "e"): _edge_through,
-    (Plane, "e"): _edge_in,
-    (Plane, "v"): _vertex_in,
-    (Line, "f"): _face_through_edge,
-    (Point, "f"): _face_through_vertex,
-}
+    (3,). Directions that are unknown, or known in part, are zero, see ``known_entries`` of ``map.pairs``."""
+    covariance, unknown = covariance_of(element), np.zeros(3)
+    match element, kind:
+        case Line(direction, point_m), "v":
+            along = np.outer(direction, direction)
+            return Point(point_m, covariance[3:, 3:] + LENGTH_M**2 * (along + covariance[:3, :3]))
+        case Point(point_m), "e":
+            return Line(unknown, point_m, block_diag(np.zeros((3, 3)), covariance))
+        case Line(direction, point_m), "f":
+            along = np.outer(direction, direction)
+            turn, shift = (0.5 * float(part.trace()) for part in (covariance[:3, :3], covariance[3:, 3:]))
+            return Plane(unknown, 0.0, plane_covariance(EYE - along + turn * along, point_m, shift))
+        case Point(point_m), "f":
+            return Plane(unknown, 0.0, plane_covariance(EYE, point_m, float(covariance.trace()) / 3.0))
+        case Plane(normal), _:
+            out, tilt = np.outer(normal, normal), 0.5 * float(covariance[:3, :3].trace())
+            height = float(covariance[3, 3] - best_known_place(covariance) @ covariance[:3, 3])
+            height = max(height, 0.0) + tilt * (0.5 * LENGTH_M) ** 2  # of positions near the contact
+            place_m, places = nearest(element, near_m), ANYWHERE_M**2 * (EYE - out) + height * out
+            if kind == "v":
+                return Point(place_m, places)
+            return Line(unknown, place_m, block_diag(EYE - out + tilt * out, places))
+    raise ValueError(f"{kind} is the kind of the element itself")
 
 
 MapPair = tuple[MapElement, MapElement]

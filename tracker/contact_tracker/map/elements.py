@@ -361,6 +361,15 @@ def best_known_place(covariance: Array) -> Array:
     return np.asarray(np.linalg.pinv(covariance[:3, :3], hermitian=True) @ covariance[:3, 3])
 
 
+def plane_covariance(normal: Array, place_m: Array, variance: float) -> Array:
+    """Covariance (4, 4) of a plane by that of its normal (3, 3), about a place (3,) at which its offset has a
+    ``variance`` (m^2)."""
+    onto = np.vstack([EYE, place_m])
+    covariance = onto @ normal @ onto.T
+    covariance[3, 3] += variance
+    return np.asarray(covariance)
+
+
 def _aligned(line: Line, like: Line) -> Element:
     """A line with its point nearest to that of ``like``, and with the same sense of direction."""
     near = by_foot(line, like.point_m)

@@ -12,7 +12,14 @@ import numpy as np
 
 from contact_tracker.geometry.elements import Array, Element, Line, Plane, Point
 from contact_tracker.geometry.polyhedron import Feature, Polyhedron
-from contact_tracker.map.elements import KINDS, NOTHING_LEARNED, PARALLEL, LearnedElements, kind_of
+from contact_tracker.map.elements import (
+    KINDS,
+    NOTHING_LEARNED,
+    PARALLEL,
+    LearnedElements,
+    kind_of,
+    plane_covariance,
+)
 from contact_tracker.states import CONTACTS, Contact
 
 
@@ -145,10 +152,7 @@ def known_to(element: Element, accuracy: Accuracy, place: Array | None = None) -
         case Plane(normal, offset_m):
             at = normal * offset_m if place is None else place - normal * (normal @ place - offset_m)
             across = turn * (np.eye(3) - np.outer(normal, normal))
-            jacobian = np.concatenate([np.eye(3), at[None]])
-            covariance = jacobian @ across @ jacobian.T
-            covariance[3, 3] += shift
-            return Plane(normal, offset_m, covariance)
+            return Plane(normal, offset_m, plane_covariance(across, at, shift))
         case Line(direction, point_m):
             at = point_m if place is None else point_m + direction * (direction @ (place - point_m))
             across = np.eye(3) - np.outer(direction, direction)
