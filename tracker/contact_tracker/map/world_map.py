@@ -179,11 +179,6 @@ class GrowingMap:
         )
 
     @cached_property
-    def derived(self) -> dict[object, object]:
-        """What others compute of this map and keep while it lives (``tracking/contact_filter.py``)."""
-        return {}
-
-    @cached_property
     def without_prior(self) -> "GrowingMap":
         """The map by the sightings of this recording alone."""
         return replace(self, prior=NOTHING_LEARNED) if self.prior else self
