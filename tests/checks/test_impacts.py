@@ -61,15 +61,12 @@ def found_in(poses: Poses, known_map: Map = KNOWN, batch: int = 50) -> Impacts:
 @pytest.mark.parametrize("rate_hz", [60.0, 148.0, 240.0, 1000.0])
 @pytest.mark.parametrize("restitution", [0.0, 0.4])
 def test_a_dropped_object_is_reported(rate_hz: float, restitution: float) -> None:
-    impacts = found_in(moving(dropped(rate_hz, restitution), rate_hz))
-    (finding,) = said(impacts, TICK_S)
+    poses = moving(dropped(rate_hz, restitution), rate_hz)
+    assert said(found_in(poses, ON_BENCH), TICK_S), "a body of faces is hit like a single face"
+    (finding,) = said(impacts := found_in(poses), TICK_S)
     assert finding.doubts_labels
     assert "--model impacts" in finding.text
     assert said(impacts, clearance.LONGEST_TICK_S) == [], "such ticks are short enough"
-
-
-def test_a_body_of_faces_is_hit_like_a_single_face() -> None:
-    assert said(found_in(moving(dropped(148.0, 0.3), 148.0), ON_BENCH), TICK_S)
 
 
 def turned_back_above() -> np.ndarray:
@@ -111,24 +108,21 @@ def test_other_motion_is_no_impact(name: str) -> None:
     assert not (impacts.is_near and name.startswith("put down"))
 
 
-def test_bursts_of_poses_keep_little() -> None:
-    burst_ns = np.add.outer(np.arange(300) * 50_000_000, np.arange(10)).ravel()
-    poses = moving(heights(np.full(3000, ON_TABLE_M)), 100.0)
-    impacts = found_in(Poses(burst_ns, poses.position_m, poses.quat_xyzw))
-    assert len(impacts.recent) < 120
-
-
 def test_before_an_impact_the_labels_are_in_doubt() -> None:
     falling = moving(dropped(240.0, 0.0), 240.0)
     assert found_in(falling[:30]).is_near  # it hits after 34 poses
     assert not found_in(falling).is_near
 
 
-@pytest.mark.parametrize("batch", [1, 7, 50])
-def test_batches_make_no_difference(batch: int) -> None:
+def test_batches_make_no_difference_and_little_is_kept() -> None:
     poses = moving(dropped(148.0, 0.3), 148.0)
-    whole = found_in(poses, batch=len(poses)).top_m_per_s
-    assert found_in(poses, batch=batch).top_m_per_s == pytest.approx(whole)
+    whole = found_in(poses, batch=len(poses))
+    for batch in (1, 7):
+        impacts = found_in(poses, batch=batch)
+        assert impacts.top_m_per_s == pytest.approx(whole.top_m_per_s)
+    burst_ns = np.add.outer(np.arange(300) * 50_000_000, np.arange(10)).ravel()
+    poses = moving(heights(np.full(3000, ON_TABLE_M)), 100.0)
+    assert len(found_in(Poses(burst_ns, poses.position_m, poses.quat_xyzw)).recent) < 120
 
 
 def test_without_known_faces_and_vertices_nothing_is_said() -> None:

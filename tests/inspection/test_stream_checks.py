@@ -215,8 +215,7 @@ def test_a_pose_that_never_changes_is_reported_until_it_does(batch):
 def test_two_bodies_that_take_turns_are_found(first_hz, second_hz):
     rates = enumerate([first_hz, second_hz])
     first, second = (moving(np.random.default_rng(i), 2.0, rate, 3e-4, 2e-3) for i, rate in rates)
-    state = inspected(merged(first, late(second, [0.3, 0.2, 0.0], round(3e8 / first_hz))))
-    (finding,) = findings(state)
+    (finding,) = findings(inspected(merged(first, late(second, [0.3, 0.2, 0.0], round(3e8 / first_hz)))))
     assert finding.kind == "bodies"
     assert finding.doubts_labels
 
