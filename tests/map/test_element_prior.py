@@ -19,6 +19,7 @@ from contact_tracker.geometry.elements import (
     Plane,
     Point,
     by_foot,
+    canonical,
     numbers,
     of_numbers,
 )
@@ -135,6 +136,24 @@ def known_map(**changes):
     corners = [NamedElement(f"corner {i}", touching(CONTACTS[3])[1]) for i in range(4)]
     table = NamedElement("table", touching(CONTACTS[3])[2])
     return Map(**({"listed_object": tuple(corners), "listed_environment": (table,)} | changes))
+
+
+def test_a_reversed_line_has_the_same_prior():
+    """The covariance of direction and point changes its sign with the direction."""
+    rng = np.random.default_rng(0)
+    point_m = np.array([0.3, 0.0, -0.2])
+    for direction in (np.array([0.0, -1.0, 0.0]), np.array([0.0, 0.6, -0.8])):
+        across = np.kron(np.eye(2), np.eye(3) - np.outer(direction, direction))
+        root = across @ (1e-3 * rng.normal(size=(6, 6)))
+        line = Line(direction, point_m, root @ root.T)
+        reversed_ = canonical(line)
+        np.testing.assert_array_equal(reversed_.direction, -direction)
+        assert canonical(reversed_) is reversed_
+        # points along it, s from the foot, are as uncertain as they were
+        for s in (-1.0, 0.0, 2.0):
+            at = [np.hstack([s * turned * np.eye(3), np.eye(3)]) for turned in (1.0, -1.0)]
+            expected, found = at[0] @ line.covariance @ at[0].T, at[1] @ reversed_.covariance @ at[1].T
+            np.testing.assert_allclose(found, expected, atol=1e-15)
 
 
 @pytest.mark.parametrize("complete", [(False, False), (True, False), (False, True), (True, True)])

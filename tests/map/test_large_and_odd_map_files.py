@@ -89,6 +89,14 @@ def test_large_meshes_are_refused(
         assert line.startswith("contact-tracker: error: ")
 
 
+def test_an_incomplete_hull_is_not_used(monkeypatch: pytest.MonkeyPatch) -> None:
+    points = np.asarray(trimesh.creation.cylinder(0.1, 0.2, sections=20).vertices)
+    assert len(polyhedron.convex(points, 1e-6, 60).of_kind("f")) == 22
+    monkeypatch.setattr(polyhedron, "_ENOUGH_VERTICES", 10)
+    with pytest.raises(polyhedron.TooManyFaces):
+        polyhedron.convex(points, 1e-6, 60)
+
+
 def test_faces_of_an_obj_are_read_however_they_are_written() -> None:
     text = b"# a comment\nvn 0 0 1\nvt 0 0\n" + CORNERS + b"g side\nf 1/1/1 2//1 3/1 # f 1 1 1\r\n"
     text += b"\tf -1 -2 \\\n -3\nv 5 5 5 1\nf 1 2 3 5\nf -1 1 2\nl 1 2\ns off\nf 1 2\nf\n"
@@ -144,6 +152,13 @@ def test_toml_files_have_a_limit(tmp_path: Path, read) -> None:
     path.write_bytes(content + b"#" * (1_000_001 - len(content)))
     with pytest.raises((ModelError, KnowledgeError), match="larger than 1 MB"):
         read(str(path))
+
+
+@pytest.mark.skipif(not Path("/proc/self/maps").exists(), reason="needs files without size")
+def test_a_file_that_hides_its_size_is_not_read_without_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("contact_tracker.config.keys.MOST_BYTES", 100)
+    with pytest.raises(ModelError, match="larger than"):
+        load_model("/proc/self/maps")
 
 
 @pytest.mark.parametrize(
