@@ -1,4 +1,4 @@
-"""Known geometry is compared with where the object is: inside a body, behind all faces, or away from all."""
+"""Known geometry is compared with where the object is: inside a body, or behind all faces."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -50,8 +50,8 @@ def test_a_body_that_the_object_passes_through_is_named(height_m: float, is_said
     texts = said(compared(known_map, at_rest(0.0, 0.0, height_m)))
     assert bool(texts) is is_said
     assert all("15 mm inside bench face +z" in text for text in texts)
-    single = compared(known_map, at_rest(0.0, 0.0, height_m)[:1])
-    assert said(single) == [], "one pose may be wrong"
+    twice = compared(known(box=[BENCH, BENCH | {"name": "again"}]), at_rest(0.0, 0.0, height_m)[:2])
+    assert said(twice) == [], "single poses may be wrong, and count once in several bodies"
 
 
 SECOND = BENCH | {"name": "shelf", "position_m": [0.0, 3.0, 0.5]}
@@ -90,12 +90,6 @@ def test_an_object_in_a_hollow_body_fits(tmp_path: Path) -> None:
     assert said(compared(map_from(given, tmp_path), at_rest(0.0, 0.0, 0.06))) == []
 
 
-def test_one_pose_counts_once_in_several_bodies() -> None:
-    boxes = [BENCH | {"name": str(number)} for number in range(4)]
-    assert said(compared(known(box=boxes), at_rest(0.0, 0.0, 0.0)[:2])) == []
-    assert said(compared(known(box=boxes), at_rest(0.0, 0.0, 0.0)[:3]))
-
-
 def test_an_object_that_stays_behind_all_faces_contradicts_them() -> None:
     """As with a normal of the wrong sign, or an offset in mm."""
     known_map = known(plane=[TABLE | {"offset_m": 0.71}])
@@ -104,21 +98,6 @@ def test_an_object_that_stays_behind_all_faces_contradicts_them() -> None:
     assert said(compared(known_map, at_rest(0.0, 0.0, 0.05)[:2])) == []
     later = compared(known_map, at_rest(0.0, 0.0, 0.05), at_rest(0.0, 0.0, 0.8), at_rest(0.0, 0.0, 0.05))
     assert said(later) == [], "it was lifted from below"
-
-
-@pytest.mark.parametrize(("height_m", "is_said"), [(0.052, False), (0.048, False), (0.15, True)])
-def test_an_object_away_from_all_known_elements_is_reported(height_m: float, is_said: bool) -> None:
-    known_map = known(plane=[TABLE])
-    found = compared(known_map, at_rest(0.0, 0.0, height_m))
-    assert said(found) == [], "it may come nearer yet"
-    texts = found.findings(stream_of(known_map, is_end=True), [])
-    assert bool(texts) is is_said
-    assert all("mm off table" in text.text for text in texts)
-    assert not any(text.doubts_labels for text in texts)
-    with_body = known(plane=[TABLE], box=[BENCH | {"position_m": [5.0, 0.0, 0.0]}])
-    of_some = replace(known_map, object_complete=False)
-    for other in (with_body, of_some):  # edges and vertices of the body, or other vertices, may touch
-        assert found.findings(stream_of(other, is_end=True), []) == []
 
 
 def test_no_label_is_certain_before_the_speed_of_a_known_object_is_known() -> None:

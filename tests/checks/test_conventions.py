@@ -27,7 +27,7 @@ from contact_tracker.segmenting import segmented
 from contact_tracker.trajectory import Trajectory
 from contact_tracker_lab.simulate import simulate
 from short_recordings import MODEL, needs_kernels, shipped
-from smooth_motion import exact_transfers, moving, slid_and_tilted, smooth, with_noise
+from smooth_motion import exact_transfers, moving, slid_and_tilted, with_noise
 
 SIGMA = 3e-4, np.radians(0.15)
 MIRROR = np.diag([1.0, 1.0, -1.0])
@@ -172,21 +172,6 @@ def test_a_wrong_statement_on_rotations_is_named_with_the_right_one(mistake: str
     assert "quaternions" not in result
 
 
-def test_a_mistake_with_two_remedies_is_said_once() -> None:
-    """As of angles that fit alike in two orders; before, the sentence was there twice."""
-    by_order = {i.text for i in readings_of(ReadAs(table=TableReading(euler="zyx:deg"), path="a.csv"))}
-    first, second = (
-        next(text for text in by_order if text.endswith(f"--euler {name}:deg")) for name in ("ZYX", "ZXY")
-    )
-    said, fault = (
-        "read them by contact-tracker segment a.csv --euler",
-        "angles look like those of another order",
-    )
-    assert conventions.joined([first, second, "another: one"]) == (
-        f"{fault} than zyx: {said} ZYX:deg; or {said} ZXY:deg; or another: one"
-    )
-
-
 def test_an_order_of_columns_is_undone_by_the_command_that_is_named(tmp_path: Path) -> None:
     path, poses = tmp_path / "a.csv", shipped(PAPER)[::500]
     numbers = np.column_stack([1e-9 * poses.stamp_ns, poses.position_m, poses.quat_xyzw[:, [3, 0, 1, 2]]])
@@ -220,25 +205,6 @@ def test_a_mistake_without_a_reading_that_fits_has_no_remedy(mistake: str) -> No
 def test_a_mistake_is_found_where_noise_hides_most_of_it() -> None:
     poses = taken_for_fixed_axes("ZYX")(shipped("vision_30hz"))
     assert MISTAKES["KUKA"][0] in mistake_in(poses, estimate_noise(poses))
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_a_slide_on_a_vertex_is_neither_a_mistake_nor_suspect(seed: int) -> None:
-    """With little noise, in any frame of the world: its contact fits it to the noise."""
-    rng, time_s, sigma = np.random.default_rng(seed), np.arange(0.0, 10.0, 0.01), (1e-4, np.radians(0.03))
-
-    def wave(hz: float, size: float, phase: float = 0.0) -> np.ndarray:
-        return np.asarray(size * np.sin(2.0 * np.pi * hz * time_s + phase))
-
-    turn = Rotation.from_rotvec(np.c_[wave(0.31, 0.25), wave(0.23, 0.2, 1.0), wave(0.17, 0.4, 2.0)])
-    touch_m = np.c_[wave(0.2, 0.08), wave(0.27, 0.06, 1.0), 0.0 * time_s]
-    world = Rotation.random(random_state=rng)
-    place_m = world.apply(touch_m - turn.apply([0.05, 0.04, -0.06]))
-    stream = stream_of(first=MODEL, sigma=sigma)
-    poses = with_noise(rng, time_s, place_m, world * turn, *sigma)
-    known = updated(Conventions(), poses.batches(), stream)
-    assert known.fitting[0] == len(known.kept) == 4
-    assert not known.is_likely(stream)
 
 
 Leg = tuple[float, np.ndarray, np.ndarray]
@@ -330,55 +296,72 @@ def test_what_is_suspected_is_named_if_it_may_be_found(
     assert ["positions and orientations may not fit" in text for text in suspicions] == [True] * is_suspect
 
 
-@pytest.mark.parametrize("seed", [1, 4, 8])
-def test_slow_motion_in_the_air_is_neither_mistake_nor_suspect(seed: int) -> None:
+SLIDE, SLOW, FEW = (1e-4, np.radians(0.03)), (2e-5, np.radians(0.008)), (2e-5, np.radians(0.01))
+"""Noise (m, rad)."""
+
+
+def slide_on_a_vertex(rng: np.random.Generator) -> Poses:
+    """With little noise, in any frame of the world: its contact fits it to the noise."""
+    time_s = np.arange(0.0, 10.0, 0.01)
+
+    def wave(hz: float, size: float, phase: float = 0.0) -> np.ndarray:
+        return np.asarray(size * np.sin(2.0 * np.pi * hz * time_s + phase))
+
+    turn = Rotation.from_rotvec(np.c_[wave(0.31, 0.25), wave(0.23, 0.2, 1.0), wave(0.17, 0.4, 2.0)])
+    touch_m = np.c_[wave(0.2, 0.08), wave(0.27, 0.06, 1.0), 0.0 * time_s]
+    world = Rotation.random(random_state=rng)
+    place_m = world.apply(touch_m - turn.apply([0.05, 0.04, -0.06]))
+    return with_noise(rng, time_s, place_m, world * turn, *SLIDE)
+
+
+def slow_motion_in_the_air(rng: np.random.Generator) -> Poses:
     """Smooth for two seconds, as of an arm that inspects: some readings fit each window by chance."""
-    rng, sigma = np.random.default_rng(seed), (2e-5, np.radians(0.008))
-    low_pass = butter(2, 0.2 / 50.0)
 
     def smooth(size: float) -> np.ndarray:
-        rows = filtfilt(*low_pass, rng.normal(size=(8000, 3)), axis=0)[3000:-3000]
+        rows = filtfilt(*butter(2, 0.2 / 50.0), rng.normal(size=(8000, 3)), axis=0)[3000:-3000]
         return np.asarray(size * rows / rows.std(axis=0))
 
-    place_m, turn = smooth(0.1), Rotation.from_euler("xyz", smooth(0.5))
-    noise = Rotation.from_rotvec(sigma[1] * rng.normal(size=(2000, 3)))
-    poses = Poses(
-        np.arange(2000) * 10_000_000,
-        place_m + sigma[0] * rng.normal(size=(2000, 3)),
-        (noise * turn * Rotation.random(random_state=seed)).as_quat(),
-    )
-    known, stream = Conventions(), stream_of(first=MODEL, sigma=sigma)
-    for first in range(0, len(poses), 200):
-        known = known.update(poses[first : first + 200], stream)
-        assert not known.is_likely(stream)
+    place_m, turn = smooth(0.1), Rotation.from_euler("xyz", smooth(0.5)) * Rotation.random(random_state=rng)
+    return with_noise(rng, 0.01 * np.arange(2000), place_m, turn, *SLOW)
 
 
-@pytest.mark.parametrize("seed", [0, 1])
-def test_motion_in_fewer_directions_than_contacts_leave_is_neither_mistake_nor_suspect(seed: int) -> None:
+def motion_in_few_directions(rng: np.random.Generator) -> Poses:
     """A robot carries and turns a part in the air, seldom in more than two ways within two seconds: in some
     readings a vertex on a face agrees with that by chance."""
-    rng, legs, sigma, rest = np.random.default_rng(seed), list[Leg](), (2e-5, np.radians(0.01)), np.zeros(3)
+    legs, rest = list[Leg](), np.zeros(3)
     for _ in range(20):
         axis = rng.normal(size=3)
         turn = rng.uniform(0.2, 1.0) * axis / np.linalg.norm(axis)
         legs.append((rng.uniform(1.2, 2.4), rng.uniform(-0.3, 0.3, 3), turn))
         legs.append((rng.uniform(0.3, 1.2), rest, rest))
-    poses, known, stream = along(legs, rng, sigma), Conventions(), stream_of(first=MODEL, sigma=sigma)
+    return along(legs, rng, FEW)
+
+
+@pytest.mark.parametrize("seed", [1, 4])
+@pytest.mark.parametrize(
+    ("motion", "sigma", "windows"),
+    [(slide_on_a_vertex, SLIDE, 4), (slow_motion_in_the_air, SLOW, 8), (motion_in_few_directions, FEW, 20)],
+)
+def test_right_motion_is_never_suspect(
+    motion: Callable[[np.random.Generator], Poses], sigma: tuple[float, float], windows: int, seed: int
+) -> None:
+    poses = motion(np.random.default_rng(seed))
+    known, stream = Conventions(), stream_of(first=MODEL, sigma=sigma)
     for first in range(0, len(poses), 200):
         known = known.update(poses[first : first + 200], stream)
         assert not known.is_likely(stream)
-    assert len(known.kept) > 20
+    assert len(known.kept) >= windows
 
 
 @pytest.mark.long
 @needs_kernels
-@pytest.mark.parametrize("mistake", ["w first", "w last in fields of w first"])
-def test_readings_that_explain_the_motion_alike_are_all_named(mistake: str) -> None:
+def test_readings_that_explain_the_motion_alike_are_all_named_and_their_fault_once() -> None:
     """Turns about few axes are alike in the orders of quaternions but for half turns."""
     box = slid_and_tilted(np.random.default_rng(1), np.array([0.2, 0.12, 0.08]))
-    text = mistake_in(MISTAKES[mistake][1](box))
+    text = mistake_in(MISTAKES["w first"][1](box))
     assert "like w x y z in fields that are x y z w: reorder them; or " in text
     assert "x y z w in fields that are w x y z: reorder them" in text
+    assert conventions.joined(["fault: a", "fault: b", "another: one"]) == "fault: a; or b; or another: one"
 
 
 @needs_kernels
@@ -421,34 +404,6 @@ def test_poses_that_were_asked_for_in_a_moving_frame_are_not_inverse(frame_moves
 def test_valid_recordings_have_no_mistake(name: str) -> None:
     poses = shipped(name)
     assert mistake_in(poses, estimate_noise(poses)) == ""
-
-
-def located_by_a_camera() -> Poses:
-    """A camera that is carried at 1 m/s, with 50 mm and 0.3 deg of noise."""
-    time_s, rng = np.arange(0.0, 30.0, 1.0 / 30.0), np.random.default_rng(0)
-    yaw = 0.6 * np.sin(0.7 * time_s) + 0.2 * time_s
-    way = np.cumsum(np.stack([np.cos(yaw), np.sin(yaw), 0.3 * np.cos(11.0 * time_s)], axis=1), axis=0) / 30.0
-    tilt = Rotation.from_rotvec(smooth(rng, time_s, 0.1) + np.radians(0.3) * rng.normal(size=way.shape))
-    turn = Rotation.from_rotvec(yaw[:, None] * [0.0, 0.0, 1.0]) * tilt
-    stamp_ns = np.rint(1e9 * time_s).astype(np.int64)
-    return Poses(stamp_ns, way + 0.05 * rng.normal(size=way.shape), turn.as_quat())
-
-
-def test_a_unit_fits_only_where_contacts_do_in_it_and_not_in_metres() -> None:
-    poses = replace(shipped(PAPER), position_m=100.0 * shipped(PAPER).position_m)
-    odd = stream_of(first=MODEL, inspection=NOTHING_INSPECTED._replace(units=True))
-    known = Conventions().update(poses, odd._replace(sigma=(100.0 * SIGMA[0], SIGMA[1])))
-    assert "cm" in known.fitting_units
-    poses, sigma = located_by_a_camera(), (0.05, np.radians(0.3))
-    assert Conventions().update(poses, odd._replace(sigma=sigma)).fitting_units == ()
-
-
-@pytest.mark.parametrize(
-    ("fitting", "units"), [([0, 1, 12], ("mm",)), ([3, 3, 8], ("mm",)), ([6, 6, 6], ()), ([1, 1, 3], ())]
-)
-def test_a_unit_may_explain_what_is_no_free_motion(fitting: list[int], units: tuple[str, ...]) -> None:
-    known = Conventions(units=np.array([[400.0, 410.0, 600.0], fitting, [20, 20, 20]]))
-    assert known.fitting_units == units
 
 
 @pytest.mark.parametrize("way", ["--rotation-vector", "--euler xyz:rad"])

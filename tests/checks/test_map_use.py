@@ -1,13 +1,14 @@
 """Findings say that no contact confirms any known element of a side, or that contacts move them far."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from checked_stream import stream_of
 from contact_tracker.api import Trajectory, segment
 from contact_tracker.api.learned_map import map_of
-from contact_tracker.checks import map_use
-from contact_tracker.checks.map_use import FaceNameDelay, MapUse
+from contact_tracker.checks.map_use import MapUse, without_contradicted_names
 from contact_tracker.geometry.elements import ContactGeometry, Line, Plane, Point
 from contact_tracker.map.file import map_from
 from contact_tracker.states import STATES, Contact
@@ -81,26 +82,17 @@ def flat_on(name, normal=(0.0, 0.0, 1.0)):
     return Segmentation((Segment(0, 10**9, Contact.FF, 1.0, pair),), Beliefs(np.zeros(10, BELIEF)))
 
 
-def names(pieces):
-    return [one.geometry.environment.name for piece in pieces for one in piece.segments]
-
-
-def test_names_by_direction_wait_until_a_contact_shows_the_place(monkeypatch):
-    known_map = map_of(TABLE, lambda _: None)
-    nothing, other = MapUse(), MapUse((False, True), (False, False), (0.1, "plane 1"))
-    waiting = FaceNameDelay(known_map)
-    assert names(waiting.release(flat_on(None), nothing)) == [None]
-    assert names(waiting.release(flat_on("plane 1"), nothing)) == []
-    assert names(waiting.release(flat_on(None), other)) == []
-    assert names(waiting.finish(other)) == [None, None]
-    assert names(waiting.release(flat_on("plane 1"), other)) == []
-    assert names(waiting.release(flat_on("plane 1"), MapUse(known=(False, True)))) == ["plane 1"] * 2
-    waiting = FaceNameDelay(known_map)
-    assert names(waiting.release(flat_on("wall", (1.0, 0.0, 0.0)), other)) == []
-    assert names(waiting.finish(other)) == ["wall"], "of another direction"
-    monkeypatch.setattr(map_use, "MOST_TICKS", 15)
-    assert names(waiting.release(flat_on("plane 1"), nothing)) == []
-    assert names(waiting.release(flat_on("plane 1"), nothing)) == ["plane 1"] * 2, "memory is bounded"
+def test_names_by_direction_are_withdrawn_where_a_contact_shows_another_place():
+    listed = map_of(TABLE, lambda _: None).listed_environment
+    other = MapUse((False, True), (False, False), (0.1, "plane 1"))
+    for piece, use, name in (
+        (flat_on("plane 1"), MapUse(), "plane 1"),
+        (flat_on("plane 1"), other, None),
+        (flat_on("plane 1"), replace(other, known=(False, True)), "plane 1"),
+        (flat_on("wall", (1.0, 0.0, 0.0)), other, "wall"),  # of another direction
+    ):
+        (segment,) = without_contradicted_names(piece, listed, use).segments
+        assert segment.geometry.environment.name == name
 
 
 @pytest.mark.long

@@ -10,7 +10,7 @@ from checked_stream import MODEL, stream_of
 from contact_tracker.checks import map_use
 from contact_tracker.checks.map_use import Repeatability, difference
 from contact_tracker.config.parameters import SystematicErrors
-from contact_tracker.geometry.elements import ContactGeometry, Line, Plane, Point, shifted
+from contact_tracker.geometry.elements import ContactGeometry, Plane, Point, shifted
 from contact_tracker.motion.pose_validation import gate
 from contact_tracker.segmenting import segmented
 from contact_tracker.states import Contact
@@ -70,6 +70,8 @@ def test_the_text_has_the_pair_that_differs_most():
     assert (found.near, found.apart) == (6, 3)
     (said,) = findings(found, NONE)
     assert "3 of 6 pairs; the face of the surroundings from 0.00 s and from 2.00 s by 1.1 deg, " in said.text
+    (said,) = findings(found, SystematicErrors(1e-5, 1e-5))
+    assert "errors larger than these" in said.text
 
 
 def test_given_elements_and_those_without_covariance_are_not_compared():
@@ -106,17 +108,6 @@ def test_it_does_not_depend_on_where_the_bodys_origin_is():
     near, far = observed(segments(*pairs)), observed(segments(*moved), body_m=away_m)
     assert (near.near, near.apart) == (far.near, far.apart)
     assert near.worst[2].sigmas == pytest.approx(far.worst[2].sigmas, rel=1e-3)
-
-
-def test_lines_are_compared_across_and_without_regard_to_their_sense():
-    across = np.diag([0.0, 1.0, 1.0])
-    covariance = np.zeros((6, 6))
-    covariance[:3, :3], covariance[3:, 3:] = TURN**2 * across, SHIFT**2 * across
-    x = np.array([1.0, 0.0, 0.0])
-    by = difference(Line(x, np.zeros(3), covariance), Line(-x, np.array([0.3, 0.004, 0.0]), covariance))
-    assert by.angle_rad == 0.0
-    assert by.distance_m == pytest.approx(0.004)
-    assert by.sigmas == pytest.approx(4.0 / np.sqrt(2.0), rel=0.02)
 
 
 def open_face(tilt):
@@ -157,12 +148,6 @@ def test_pairs_near_each_other_are_compared(given, near, apart):
     found = observed(given)
     assert (found.near, found.apart) == (near, apart)
     assert apart or findings(found, NONE) == []
-
-
-def test_larger_errors_are_asked_for_where_some_are_given():
-    found = observed(TILTED)
-    (said,) = findings(found, SystematicErrors(1e-5, 1e-5))
-    assert "errors larger than these" in said.text
 
 
 def test_only_the_latest_elements_are_kept():

@@ -128,7 +128,7 @@ def test_a_warning_comes_while_the_stream_goes_on_with_the_option_that_is_tried(
     numbers = np.column_stack([1e-9 * poses.stamp_ns, 1e3 * poses.position_m, poses.quat_xyzw])
     np.savetxt(path, numbers, "%.9f", ",", header="time [s],x,y,z,qx,qy,qz,qw", comments="")
     lines = shown_on_a_terminal("live", path, "--json", "-q").splitlines()
-    (warned,) = (i for i, line in enumerate(lines) if "positions look like millimetres" in line)
+    (warned,) = (i for i, line in enumerate(lines) if "if they are in mm, read them by" in line)
     assert lines[warned].endswith(f"read them by contact-tracker live {path} --json -q --unit mm")
     assert warned < len(lines) - 20
 

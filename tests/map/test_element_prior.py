@@ -21,6 +21,7 @@ from contact_tracker.geometry.elements import (
     by_foot,
     canonical,
     numbers,
+    of_numbers,
 )
 from contact_tracker.geometry.lifted_pose import lift
 from contact_tracker.hypotheses.bank import blank
@@ -231,13 +232,7 @@ def test_elements_are_the_same_within_four_standard_deviations_of_both(first, of
 
 
 def with_numbers(element: Element, values: np.ndarray) -> Element:
-    match element:
-        case Plane():
-            return replace(element, normal=values[:3], offset_m=values[3])
-        case Line():
-            return replace(element, direction=values[:3], point_m=values[3:])
-        case Point():
-            return replace(element, point_m=values)
+    return of_numbers(type(element), values, element.covariance)
 
 
 @given(arrays(float, 12, elements=st.floats(-1.0, 1.0)), st.floats(-3.0, 3.0), st.booleans())
@@ -275,7 +270,7 @@ def test_faces_with_opposite_normals_do_not_match(offset_m):
     assert not is_same_element(table, replace(table, normal=-table.normal, offset_m=-offset_m))
 
 
-@pytest.mark.parametrize("far_m", [1.0, 30.0, 1e6])
+@pytest.mark.parametrize("far_m", [1.0, 1e6])
 def test_unobserved_directions_are_not_compared(far_m):
     point = Point(ORIGIN, np.diag([far_m**2, 9e-8, 9e-8]))
     line = Line(np.array([0.0, 0.0, 1.0]), ORIGIN, np.diag([4e-6, 4e-6, 0.0, far_m**2, 9e-8, 0.0]))

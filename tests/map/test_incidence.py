@@ -63,31 +63,15 @@ def cost(kind, known, element, body_m):
     return 0.5 * off @ prior.information[0] @ off
 
 
-def unit_across(direction, other):
-    across = np.cross(direction, other)
-    return across / np.linalg.norm(across)
-
-
-def moved_off(element, from_element, rng):
-    """The element shifted so that it is not incident with the other."""
-    away = from_element.normal if isinstance(from_element, Plane) else unit(rng)
-    match element:
-        case Plane(_, offset_m):
-            return replace(element, offset_m=offset_m + FAR_M)
-        case Line(direction):
-            across = away if isinstance(from_element, Plane) else unit_across(direction, away)
-            return replace(element, point_m=element.point_m + FAR_M * across)
-        case Point(point_m):
-            across = unit_across(from_element.direction, away) if isinstance(from_element, Line) else away
-            return replace(element, point_m=point_m + FAR_M * across)
-
-
-def scene(step, seed):
-    """A known element, and an incident one of another kind, with the position of the body."""
-    rng = np.random.default_rng(seed)
-    place, body_m = 0.1 * rng.normal(size=3), 0.1 * rng.normal(size=3)
-    landmark, kind = elements_at(rng, place)[step[0]], step[2]
-    return rng, body_m, landmark, kind, incident_at(landmark, kind, rng, place)
+def moved_off(element, landmark, rng):
+    """The element shifted so that it is not incident with the landmark."""
+    if isinstance(element, Plane):
+        return replace(element, offset_m=element.offset_m + FAR_M)
+    along = next((one.direction for one in (landmark, element) if isinstance(one, Line)), unit(rng))
+    away = np.cross(along, unit(rng))
+    if isinstance(landmark, Plane):
+        away = landmark.normal
+    return replace(element, point_m=element.point_m + FAR_M * away / np.linalg.norm(away))
 
 
 @steps
@@ -95,8 +79,11 @@ def scene(step, seed):
 @example(seed=57594)
 @given(seed=seeds)
 def test_incident_elements_cost_little_and_others_much(step, seed):
-    rng, body_m, landmark, kind, element = scene(step, seed)
-    known = incident(landmark, kind, body_m)
+    """Of a known element, and an incident one of another kind."""
+    rng = np.random.default_rng(seed)
+    place, body_m = 0.1 * rng.normal(size=3), 0.1 * rng.normal(size=3)
+    landmark, kind = elements_at(rng, place)[step[0]], step[2]
+    element, known = incident_at(landmark, kind, rng, place), incident(landmark, kind, body_m)
     assert cost(kind, known, element, body_m) < 3.0  # places are hardly determined
     assert cost(kind, known, moved_off(element, landmark, rng), body_m) > 20.0
 

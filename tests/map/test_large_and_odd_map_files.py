@@ -21,7 +21,6 @@ from contact_tracker.map.file import map_from, read_map, triangles_of_obj, trian
 FACET = b"facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n"
 CORNERS = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n"
 SEVERAL = b"".join(b"solid %d\n" % i + FACET + b"endsolid\n" for i in range(20_000))
-GROUPS = b"".join(b"o %d\ng a%d\nusemtl b%d\nf 1 2 3\n" % (i, i, i) for i in range(100_000))
 fifo = pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
 
 
@@ -68,7 +67,6 @@ def test_meshes_of_many_triangles_take_little_work(
     ("name", "content", "reason"),
     [
         ("solids.stl", SEVERAL, "no solid"),
-        ("groups.obj", CORNERS + GROUPS, "no solid"),
         ("many.obj", CORNERS + b"f 1 2 3\n" * 400_001, "more than 400000 triangles"),
         ("one.obj", CORNERS + b"f" + b" 1" * 1_200_001 + b"\n", "more than 400000 triangles"),
         ("points.obj", b"v 0 0 0\n" * 1_200_001 + b"f 1 2 3\n", "more than 400000 triangles"),

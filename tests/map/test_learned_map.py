@@ -43,9 +43,10 @@ def grown(body_m: NDArray[np.float64] | None = None) -> GrowingMap:
     return world
 
 
-def again() -> GrowingMap:
+def again(learned: LearnedElements | None = None) -> GrowingMap:
     """An empty map with what was learned in the same frames."""
-    return GrowingMap(REACH_M).with_prior(grown().learned).at_origins(Origins(ORIGIN_M, np.zeros(3)))
+    world = GrowingMap(REACH_M).with_prior(grown().learned if learned is None else learned)
+    return world.at_origins(Origins(ORIGIN_M, np.zeros(3)))
 
 
 def with_sides(learned: LearnedElements) -> LearnedElements:
@@ -107,14 +108,13 @@ def test_what_is_known_is_touched_again() -> None:
 def test_face_on_face_has_the_offsets_of_the_map() -> None:
     """Where other contacts have shown them, and the side of both faces."""
     prior = with_sides(grown().learned)
-    origins = Origins(ORIGIN_M, np.zeros(3))
     sighting = replace(seen(Contact.FF, (BOTTOM, TABLE), 0), stamp_ns=100)
     wide = np.diag([1e-6, 1e-6, 0.0, 0.09])
     height_m = BOTTOM.place_m[0] - TABLE.place_m[0]
     flush = ContactGeometry(Plane(-BOTTOM.direction, 0.0, wide), Plane(TABLE.direction, height_m, wide))
     segment = Segment(10, 90, Contact.FF, 0.9, flush)
     for learned, is_known in ((prior, True), (replace(prior, outward={}), False)):
-        world = GrowingMap(REACH_M).with_prior(learned).at_origins(origins).insert(sighting)
+        world = again(learned).insert(sighting)
         ((body, environment),) = [
             (one.geometry.object, one.geometry.environment)
             for one in with_offsets(Segmentation((segment,)), world).segments
@@ -165,7 +165,7 @@ def test_of_a_known_object_elsewhere_only_the_place_is_dropped() -> None:
 def test_what_is_known_of_one_side_is_what_both_say_of_it() -> None:
     learned = grown().learned
     for side in (0, 1):
-        of_side = learned.of_side(side, ANYWHERE_M)
+        of_side = learned.of([key for key in learned.elements if key[0] == side], ANYWHERE_M)
         rows = np.concatenate([np.r_[learned.slots[key]] for key in of_side.elements])
         np.testing.assert_allclose(
             of_side.covariance(), learned.covariance()[np.ix_(rows, rows)], rtol=1e-4, atol=1e-15

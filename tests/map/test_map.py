@@ -18,7 +18,7 @@ from contact_tracker.map.association import (
     log_prior_of_new,
     log_probabilities_of_new,
 )
-from contact_tracker.map.elements import WIDTHS, MapElement, kinds_of, loose_variance, stacked
+from contact_tracker.map.elements import WIDTHS, MapElement, kinds_of, stacked
 from contact_tracker.map.pairs import known_entries, learned_pairs, pair_priors
 from contact_tracker.map.world_map import MARGIN_S, GrowingMap
 from contact_tracker.states import Contact
@@ -68,30 +68,26 @@ def test_derivative_of_a_pair(model: ContactModel, seed: int) -> None:
     for column in range(derivative.shape[1]):
         step = np.zeros(derivative.shape[1])
         step[column] = 1e-6
-        moved = [
-            stacked(
-                model,
-                (ours.moved(sign * step[: ours.size]), theirs.moved(sign * step[ours.size :])),
-                anchors,
-                senses,
-                turned,
-            )[0]
-            for sign in (1.0, -1.0)
-        ]
+        moved = []
+        for change in (step, -step):
+            pair = ours.moved(change[: ours.size]), theirs.moved(change[ours.size :])
+            moved.append(stacked(model, pair, anchors, senses, turned)[0])
         np.testing.assert_allclose(derivative[:, column], (moved[0] - moved[1]) / 2e-6, atol=1e-8)
+
+
+def learned(*pairs, turned=()) -> GrowingMap:
+    """The map of contacts with these pairs, one every 100 ticks, of which those ``turned`` are upside
+    down."""
+    rng, sightings = np.random.default_rng(3), list[Sighting]()
+    for i, pair in enumerate(pairs):
+        contact = Contact(f"{pair[0].kind}-{pair[1].kind}")
+        sightings.append(seen(contact, pair, 100 * i, turned=-1.0 if i in turned else 1.0, rng=rng))
+    return GrowingMap.learn(sightings, REACH_M)
 
 
 def test_contacts_of_one_face_share_it() -> None:
     """f-f knows the difference of two offsets only; a vertex on the same table gives both."""
-    rng = np.random.default_rng(2)
-    world = GrowingMap.learn(
-        [
-            seen(Contact.FF, (BOTTOM, TABLE), 0, rng=rng),
-            seen(Contact.VF, (CORNER, TABLE), 100, rng=rng),
-            seen(Contact.EF, (EDGE, TABLE), 200, rng=rng),
-        ],
-        REACH_M,
-    )
+    world = learned((BOTTOM, TABLE), (CORNER, TABLE), (EDGE, TABLE))
     assert len({theirs for _, theirs in world.pairs.values()}) == 1
     view = world.whole
     ours, theirs = world.pairs[0]
@@ -103,38 +99,21 @@ def test_contacts_of_one_face_share_it() -> None:
 
 def test_faces_at_another_height_are_another_pair() -> None:
     """Both sides of a box rest on one table, or one side on two: that is not the same pair."""
-    rng = np.random.default_rng(3)
-    world = GrowingMap.learn(
-        [
-            seen(Contact.VF, (CORNER, TABLE), 0, rng=rng),
-            seen(Contact.FF, (BOTTOM, TABLE), 100, rng=rng),
-            seen(Contact.FF, (TOP, TABLE), 200, turned=-1.0, rng=rng),
-            seen(Contact.FF, (BOTTOM, TABLE), 300, rng=rng),
-        ],
-        REACH_M,
-    )
+    world = learned((CORNER, TABLE), (BOTTOM, TABLE), (TOP, TABLE), (BOTTOM, TABLE), turned=[2])
     assert world.pairs[100] == world.pairs[300]
     assert world.pairs[200] != world.pairs[100]
 
 
 def test_one_face_of_a_body_at_two_heights_touches_two_faces() -> None:
     """Another face of the body in the same direction would be behind the one that touches the table."""
-    rng = np.random.default_rng(3)
-    sightings = [
-        seen(Contact.FF, (BOTTOM, environment), 100 * i, rng=rng)
-        for i, environment in enumerate([TABLE, SHELF, TABLE, SHELF])
-    ]
-    pairs = [*GrowingMap.learn(sightings, REACH_M).pairs.values()]
+    pairs = [*learned(*((BOTTOM, face) for face in (TABLE, SHELF, TABLE, SHELF))).pairs.values()]
     assert len({body for body, _ in pairs}) == 1
     assert len({environment for _, environment in pairs}) == 2
     assert pairs[0] == pairs[2] != pairs[1] == pairs[3]
 
 
 def test_different_elements_stay_apart() -> None:
-    rng = np.random.default_rng(4)
-    pairs = [(CORNER, TABLE), (OTHER_CORNER, TABLE), (CORNER, SHELF)]
-    sightings = [seen(Contact.VF, pair, 100 * i, rng=rng) for i, pair in enumerate(pairs)]
-    world = GrowingMap.learn(sightings, REACH_M)
+    world = learned((CORNER, TABLE), (OTHER_CORNER, TABLE), (CORNER, SHELF))
     assert world.pairs[0][1] == world.pairs[100][1]
     assert world.pairs[0][0] == world.pairs[200][0]
     assert len({key for pair in world.pairs.values() for key in pair}) == 4
@@ -153,9 +132,7 @@ def test_unseen_directions_do_not_separate() -> None:
 
 
 def test_a_contact_does_not_use_what_it_has_shown_itself() -> None:
-    world = GrowingMap.learn(
-        [seen(Contact.VF, (CORNER, TABLE), 0), seen(Contact.VF, (OTHER_CORNER, TABLE), 100)], REACH_M
-    )
+    world = learned((CORNER, TABLE), (OTHER_CORNER, TABLE))
 
     def at(tick: int) -> MapView:
         return world.without(world.shown_after(tick, 0.1))
@@ -201,27 +178,6 @@ def test_priors_of_pairs(model: ContactModel) -> None:
     for own, entries in zip(found.pairs, given, strict=True):
         for one, first, end in zip(own if model.body_in_1 else own[::-1], cuts[:2], cuts[1:], strict=True):
             assert entries[first:end].any() == (one is not None)  # of a new element nothing is given
-
-
-@pytest.mark.parametrize("contact", [Contact.EF, Contact.FE, Contact.EE])
-def test_lines_of_the_map_are_as_certain_wherever_the_body_is(contact: Contact) -> None:
-    """Along the directions in which x can move, the information is that of the elements' free coordinates."""
-    model, near_m = BY_CONTACT[contact], np.array([0.4, -0.3, 0.2])
-    every = {"f": (BOTTOM, TABLE), "e": (EDGE, replace(EDGE, place_m=EDGE.place_m + 0.3))}
-    ours, theirs = kinds_of(model)
-    pair = every[ours][0], every[theirs][1]
-    view = GrowingMap.learn([seen(contact, pair, 0), seen(contact, pair, 100)], REACH_M).whole
-    found = learned_pairs(view, model, near_m)[1]
-    prior, row = pair_priors(model, found.pairs, found.cross), int(found.are_both_known.argmax())
-    keys = next(iter(view.elements)), [*view.elements][1]
-    anchors = np.where(np.isnan(prior.line_points_m[row]), 0.0, prior.line_points_m[row])
-    known = view.elements[keys[0]], view.elements[keys[1]]
-    x, by_free = stacked(model, known, anchors, np.ones(2), 1.0)
-    np.testing.assert_allclose(np.abs(prior.mean[row]), np.abs(x), atol=1e-9)
-    loose = np.concatenate([loose_variance(one.kind) for one in known])
-    expected = np.linalg.inv(view.covariance + np.diag(loose))
-    shown = by_free.T @ prior.information[row] @ by_free
-    np.testing.assert_allclose(shown, expected, atol=1e-6 * np.abs(expected).max())
 
 
 def test_new_elements_get_cheap_where_all_are_new_and_dear_where_they_return() -> None:

@@ -93,25 +93,15 @@ def test_a_file_defines_a_map(tmp_path):
     assert loaded(tmp_path, "[up]\ndirection = [0, 0, 1]").lists_elements
 
 
-def block(language):
-    (found,) = re.findall(rf"^```{language}\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
-    return found
-
-
 def test_the_file_of_the_documentation_is_read(tmp_path):
     """It has all keys except those of other kinds of elements."""
     trimesh.creation.box((80, 60, 40)).export(tmp_path / "part.stl")
-    known = loaded(tmp_path, block("toml"))
+    (text,) = re.findall(r"^```toml\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
+    known = loaded(tmp_path, text)
     assert known.up is not None
     assert len(known.listed_object) == 26
     assert {k.name for k in known.listed_environment} >= {"table", "line 1", "point 1", "block face +x"}
     assert (known.object_complete, known.environment_complete) == (True, False)
-
-
-def test_the_python_of_the_documentation_runs():
-    names = {}
-    exec(block("python"), names)
-    assert len(names["tracker"]._tracker.filters.known_map.listed_object) == 26
 
 
 def test_elements_of_a_box_lie_where_their_names_say(tmp_path):
@@ -181,9 +171,7 @@ def test_edges_and_vertices_of_a_mesh_are_called_after_their_faces(tmp_path):
     assert len(elements) == 9 + 16 + 9
     for name, element in elements.items():
         kind, *faces = name.split()
-        planes = [elements[f"face {face}"] for face in faces]
-        assert len(faces) == {"face": 1, "edge": 2}.get(kind, len(faces))
-        for plane in planes if kind != "face" else []:
+        for plane in (elements[f"face {face}"] for face in faces if kind != "face"):
             assert plane.normal @ element.point_m == pytest.approx(plane.offset_m, abs=1e-6)
 
 
@@ -203,12 +191,10 @@ def test_a_nonconvex_mesh_is_reported_and_not_complete(tmp_path):
     ("content", "name", "key", "reason"),
     [
         (b"solid nothing\nendsolid nothing\n", "nothing.stl", "path", "nothing.stl"),
-        (b"\x00" * 84, "zero.stl", "path", "zero.stl"),
         (b"\xff" * 500, "noise.stl", "path", "noise.stl"),
         (b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "flat.obj", "path", "no solid"),
         (b"v a b c\nf 1 2 3\n", "words.obj", "path", "words.obj"),
         (b"f 1 2 3\n", "corners.obj", "path", "not there"),
-        (CORNERS + b"f 1 2 9999999999\n", "far.obj", "path", "not there"),
         (CORNERS + b"f 1 2 -5\n", "before.obj", "path", "not there"),
         (CORNERS + b"f 1 2 " + b"9" * 99 + b"\n", "huge.obj", "path", "number"),
         (CORNERS + b"f 1 2 " + b"x" * 9999 + b"\n", "text.obj", "path", "number"),
@@ -244,13 +230,10 @@ def test_an_invalid_mesh_is_refused_with_its_name(tmp_path, content, name, key, 
         ("[up]\ndirection = [0, 0, 2]", "up.direction", "length 1"),
         ("[up]\ndirection = [0, 0, nan]", "up.direction", "numbers"),
         ("[up]\ndirection = [0, 0, 1]\nspread_deg = 0", "up.spread_deg", "between"),
-        ("[up]\ndirection = [0, 0, 1]\nspread = 1", "up.spread", "spread_deg"),
         ("[environment]\nplane = [3]", "environment.plane[1]", "table"),
         ("[environment]\ncomplete = true", "environment.complete", "nothing"),
         ("[environment]\ncomplete = 1", "environment.complete", "true or false"),
         ("[[environment.plane]]\nnormal = [0, 0, 1]", "environment.plane[1].offset_m", "either"),
-        ("[[environment.plane]]\nnormal = [0, 0, 1]\noffset_m = '1'", "environment.plane[1].offset_m", "str"),
-        ("[[environment.line]]\ndirection = [0, 0, 1]", "environment.line[1].point_m", "missing"),
         ("[[environment.point]]\npoint_m = [0, 0, 1e9]", "environment.point[1].point_m", "beyond"),
         ("[[environment.point]]\npoint_m = [0, 0, 1]\nname = 7", "environment.point[1].name", "string"),
         ("[object.box]\nsize_m = [1, 1, 0]", "object.box.size_m", "between"),
@@ -277,14 +260,6 @@ def outcome(read, *arguments):
         read(*arguments)
     except KnowledgeError as error:
         return error
-
-
-@settings(max_examples=12, deadline=None)
-@given(text=st.text(max_size=200))
-def test_any_text_is_a_map_or_an_error_in_one_line(tmp_path_factory, text):
-    path = tmp_path_factory.mktemp("known") / "any.toml"
-    path.write_text(text, encoding="utf-8", errors="replace")
-    assert "\n" not in str(outcome(read_map, str(path)))
 
 
 VALUES = st.recursive(
@@ -347,16 +322,6 @@ def test_a_face_that_lies_on_another_is_left_out(environment: dict, without_unde
     every |= {table["name"] for table in environment.get("plane", ())}
     hidden = {n for n in every if n.split()[0] == without_underside and "-z" in n.split()}
     assert names(**environment) == every - hidden
-
-
-def test_turned_bodies_are_compared_where_they_are() -> None:
-    turn = Rotation.from_rotvec([0.3, -0.5, 0.8])
-    quat = turn.as_quat().tolist()
-    turned = [
-        box | {"position_m": turn.apply(box["position_m"]).tolist(), "quat_xyzw": quat}
-        for box in (BLOCK, UPPER)
-    ]
-    assert names(box=turned) == names(box=[BLOCK, UPPER])
 
 
 def test_a_mesh_with_rounded_numbers_loses_all_of_its_underside(tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 several ways."""
 
 from copy import copy
-from dataclasses import replace
 
 from contact_tracker.motion.pose_validation import Arrival
 from contact_tracker.motion.poses import Pose, Poses
@@ -16,11 +15,6 @@ def copied(tracker: Tracker) -> Tracker:
     """A copy; what does not change in place is shared."""
     other = copy(tracker)
     other.filters, other.uninspected = tracker.filters.copied(), [*tracker.uninspected]
-    before = tracker.checks.contradiction
-    if before.with_map is not None and before.without_map is not None:
-        pair = {"with_map": before.with_map.copied(), "without_map": before.without_map.copied()}
-        after = replace(before, **pair)
-        other.checks = tracker.checks._replace(contradiction=after)
     return other
 
 

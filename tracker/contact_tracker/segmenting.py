@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from contact_tracker.checks.map_use import FaceNameDelay
+from contact_tracker.checks.map_use import without_contradicted_names
 from contact_tracker.config.parameters import Model
 from contact_tracker.explanations.joint_evidence import Joint
 from contact_tracker.geometry.elements import Array
@@ -184,7 +184,6 @@ class OfflineTracker:
 
     def _checked(self, parts: Iterator[Segmentation], early: Beliefs) -> Iterator[Segmentation]:
         """The pieces after the checks of segments; the ``early`` online beliefs replace their first ones."""
-        waiting = FaceNameDelay(self._known_map)
         for piece in parts:
             count = min(len(early), len(piece.filtered))
             reported, early = early[:count], early[count:]
@@ -195,8 +194,8 @@ class OfflineTracker:
             if report is not None and any(finding.doubts_labels for finding in report.findings):
                 piece = _in_doubt(piece, self._known_map.allowed)
             piece = replace(piece, filtered=Beliefs.join([reported, piece.filtered]))
-            yield from waiting.release(piece, self._tracker.checks.map_use)
-        yield from waiting.finish(self._tracker.checks.map_use)
+            listed, use = self._known_map.listed_environment, self._tracker.checks.map_use
+            yield without_contradicted_names(piece, listed, use)
 
 
 def _read_ahead(stream: Iterator[Poses]) -> list[Poses]:

@@ -16,7 +16,7 @@ from contact_tracker.config.parameters import Model
 from contact_tracker.geometry.elements import Array, Point
 from contact_tracker.hypotheses.evidence import SAME_FIT_RATIO
 from contact_tracker.inspection.stream_checks import Finding, findings
-from contact_tracker.map.map import EMPTY_MAP, Map
+from contact_tracker.map.map import Map
 from contact_tracker.motion.poses import Poses
 from contact_tracker.motion.tick_averaging import TickGrid
 from contact_tracker.states import CONTACTS, Contact
@@ -41,34 +41,41 @@ LONGEST_S: Final = 60.0
 
 
 @dataclass(eq=False)
-class ReferenceFilter:
-    """A filter with its own ticks that runs for its evidence only, and its time in motion (s)."""
+class Comparison:
+    """Filters with and without a map that run for their evidence only, on ticks of their own, and their time
+    in motion (s)."""
 
     grid: TickGrid
-    filter: ContactFilter
+    with_map: ContactFilter
+    without_map: ContactFilter
     moved_s: float = 0.0
 
     @classmethod
-    def start(cls, model: Model, body_m: Array, known_map: Map = EMPTY_MAP) -> Self:
-        """The filter before the first pose."""
-        return cls(TickGrid(model, body_m), ContactFilter.start(model, known_map=known_map))
+    def start(cls, model: Model, body_m: Array, known_map: Map) -> Self:
+        """The filters before the first pose."""
+        filters = ContactFilter.start(model, known_map=known_map), ContactFilter.start(model)
+        return cls(TickGrid(model, body_m), *filters)
 
     def copied(self) -> Self:
-        """A copy that can be updated without changing this filter."""
-        return replace(self, grid=copy(self.grid), filter=copy(self.filter))
+        """A copy that can be updated without changing these filters."""
+        return replace(
+            self, **{name: copy(getattr(self, name)) for name in ("grid", "with_map", "without_map")}
+        )
 
     @property
-    def log_evidence(self) -> float:
-        """Log evidence (nats) of contacts against free motion."""
-        return self.filter.state.log_evidence
+    def lead(self) -> float:
+        """Log evidence (nats) without the map over that with it."""
+        return self.without_map.state.log_evidence - self.with_map.state.log_evidence
 
-    def update(self, poses: Poses, detail: Detail = Detail.WEIGHTS) -> Iterator[Belief]:
-        """Update by poses; yields the belief of each tick with this ``detail``."""
+    def update(self, poses: Poses) -> Iterator[tuple[Belief, Belief]]:
+        """Update by poses; yields the beliefs of each tick with and without the map, the latter with its
+        geometry."""
         for tick in self.grid.add(poses):
-            belief = self.filter.update(tick, detail, tests_curvature=False)
-            state = self.filter.state
+            with_map = self.with_map.update(tick, Detail.WEIGHTS, tests_curvature=False)
+            without_map = self.without_map.update(tick, Detail.GEOMETRY, tests_curvature=False)
+            state = self.without_map.state
             self.moved_s += state.model.tick_s * state.window.latest_motion_ratio
-            yield belief
+            yield with_map, without_map
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,17 +88,15 @@ class Contradiction(Check):
 
     Parameters
     ----------
-    with_map, without_map : the filters; None before the second pose and once the comparison
-        ``is_settled``.
-    lead : log evidence (nats) of the second over the first, in the ticks that count.
+    filters : None before the second pose and once the comparison ``is_settled``.
+    lead : log evidence (nats) without the map over that with it, in the ticks that count.
     lost : largest increase of the lead since any tick.
     is_found : whether a contradiction is found.
     """
 
     suspicion = "what is given (--up, --states, or known elements) may not fit the motion"
 
-    with_map: ReferenceFilter | None = None
-    without_map: ReferenceFilter | None = None
+    filters: Comparison | None = None
     lead: float = 0.0
     lost: float = 0.0
     is_settled: bool = False
@@ -114,37 +119,32 @@ class Contradiction(Check):
             return replace(self, is_settled=True)
         if not len(poses):
             return self
-        check = self
-        grid = None if self.with_map is None else self.with_map.grid
+        grid, check = None if self.filters is None else self.filters.grid, self
         if grid is not None and (grid.model != stream.best or (grid.body_m != stream.body_m).any()):
             check = Contradiction()
-        return check._compared(poses, stream)
+        filters = check.filters or Comparison.start(stream.best, stream.body_m, stream.map)
+        return check._compared(filters.copied(), poses, stream)
 
-    def _compared(self, poses: Poses, stream: Stream) -> "Contradiction":
-        assert stream.best is not None
-        first = (self.with_map or ReferenceFilter.start(stream.best, stream.body_m, stream.map)).copied()
-        second = (self.without_map or ReferenceFilter.start(stream.best, stream.body_m)).copied()
-        difference = second.log_evidence - first.log_evidence
-        lead, lost, is_found = self.lead, self.lost, self.is_found
-        beliefs = zip(first.update(poses), second.update(poses, Detail.GEOMETRY), strict=True)
-        for with_map, without_map in beliefs:
-            previous, difference = difference, second.log_evidence - first.log_evidence
+    def _compared(self, filters: Comparison, poses: Poses, stream: Stream) -> "Contradiction":
+        lead, lost, is_found, difference = self.lead, self.lost, self.is_found, filters.lead
+        for with_map, without_map in filters.update(poses):
+            previous, difference = difference, filters.lead
             is_counted = stream.is_chosen or not stream.is_at_rest
             is_counted &= not (stream.map.up is not None and _is_scripted(without_map))
-            if is_counted and not _is_undecided(with_map, without_map, second.filter.state):
+            if is_counted and not _is_undecided(with_map, without_map, filters.without_map.state):
                 lead += difference - previous
                 lost = max(lost + difference - previous, 0.0)
             may_be_found = stream.is_chosen or not stream.is_filtered
             is_found = may_be_found and (is_found or _refutes(lead, lost, stream.map))
-            if stream.is_chosen and (is_found or second.moved_s > LONGEST_S):
-                return Contradiction(None, None, lead, lost, is_settled=True, is_found=is_found)
-        return Contradiction(first, second, lead, lost, is_found=is_found)
+            if stream.is_chosen and (is_found or filters.moved_s > LONGEST_S):
+                return Contradiction(None, lead, lost, is_settled=True, is_found=is_found)
+        return Contradiction(filters, lead, lost, is_found=is_found)
 
     def finish(self) -> "Contradiction":
         """The check at the end of the stream; if the noise was not chosen, labels were in doubt."""
-        if self.with_map is None:
+        if self.filters is None:
             return self
-        known_map = self.with_map.filter.state.known_map
+        known_map = self.filters.with_map.state.known_map
         return replace(self, is_found=self.is_found or _refutes(self.lead, self.lost, known_map))
 
     def findings(self, stream: Stream, earlier: Sequence[Finding]) -> list[Finding]:
@@ -240,8 +240,7 @@ class Checks(NamedTuple):
 
     def findings(self, stream: Stream) -> tuple[Finding, ...]:
         """Findings so far; at the end of the stream also what is still suspected."""
-        units = self.conventions.fitting_units
-        result = list(findings(stream.inspection, units, stream.is_cut_short))
+        result = list(findings(stream.inspection, stream.is_cut_short))
         if stream.is_filtered and not stream.inspection.bodies:
             result.append(Finding("filtered", FILTERED, False))
         for check in self:

@@ -1,5 +1,4 @@
-"""Test of the map against the poses: depth of known vertices of the object inside the surroundings, and their
-least distance.
+"""Tests of the map against the poses: known vertices of the object inside the surroundings, and impacts.
 
 A vertex is inside a known convex body if it is behind all of its faces. The extent of a face that is listed
 by itself is not known: parts of the object are behind it if they hang over its edge or stand beside a step.
@@ -9,7 +8,6 @@ Only an object that never has a vertex in front of any such face contradicts the
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from math import inf
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -17,6 +15,7 @@ import numpy as np
 from contact_tracker.checks.check import MIXED_UP, Check, Stream, has_doubts
 from contact_tracker.geometry.elements import Array, Plane, Point
 from contact_tracker.inspection.stream_checks import Finding
+from contact_tracker.map.elements import covariance_of
 from contact_tracker.map.map import Map
 from contact_tracker.motion.poses import NO_POSES, Poses
 
@@ -65,8 +64,8 @@ def vertices_of(known_map: Map) -> Vertices:
     listed = ((named.name, named.element) for named in known_map.listed_object)
     points = [(name, point) for name, point in listed if isinstance(point, Point)]
     place_m = np.array([point.point_m for _, point in points]).reshape(-1, 3)
-    variance = [0.0 if p.covariance is None else p.covariance.diagonal().max() for _, p in points]
-    return Vertices(tuple(name for name, _ in points), place_m, np.sqrt(np.array(variance, float)))
+    variance = np.array([covariance_of(point).diagonal().max() for _, point in points])
+    return Vertices(tuple(name for name, _ in points), place_m, np.sqrt(variance))
 
 
 @lru_cache(maxsize=8)
@@ -76,12 +75,11 @@ def faces_by_body(known_map: Map) -> tuple[Faces, ...]:
     planes = [(named, plane) for named, plane in listed if isinstance(plane, Plane)]
     bodies = list[Faces]()
     for body in dict.fromkeys(named.solid for named, _ in planes):
-        listed_of_body = [(named.name, plane) for named, plane in planes if named.solid == body]
-        normals = np.array([plane.normal for _, plane in listed_of_body])
-        offsets_m = np.array([plane.offset_m for _, plane in listed_of_body])
-        covariance = [np.zeros((4, 4)) if p.covariance is None else p.covariance for _, p in listed_of_body]
-        names = tuple(name for name, _ in listed_of_body)
-        bodies.append(Faces(body is not None, names, normals, offsets_m, np.array(covariance)))
+        of_body = [
+            (named.name, p.normal, p.offset_m, covariance_of(p)) for named, p in planes if named.solid == body
+        ]
+        names, *columns = zip(*of_body, strict=True)
+        bodies.append(Faces(body is not None, names, *map(np.array, columns)))
     return tuple(bodies)
 
 
@@ -105,21 +103,19 @@ class Clearance(Check):
     deepest : the largest depth (m), its vertex, and the nearest face in front of this vertex.
     is_behind : whether all vertices were behind all faces that are listed by themselves.
     behind : number of poses in which this was compared.
-    nearest : least distance (m) from a face that is listed by itself, and the face's name.
     """
 
     inside: int = 0
     deepest: tuple[float, str, str] = (0.0, "", "")
     is_behind: bool = True
     behind: int = 0
-    nearest: tuple[float, str] = (inf, "")
 
     def update(self, poses: Poses, stream: Stream) -> "Clearance":
         vertices = vertices_of(stream.map)
         if not vertices.names or not len(poses):
             return self
         world, is_inside = vertices.in_world(poses), np.zeros(len(poses), bool)
-        deepest, is_behind, behind, nearest = self.deepest, self.is_behind, self.behind, self.nearest
+        deepest, is_behind, behind = self.deepest, self.is_behind, self.behind
         for faces in faces_by_body(stream.map):
             depth_m = -faces.in_front_m(world)
             sigma_m = np.hypot(vertices.sigma_m[:, None], faces.sigma_m(world))
@@ -134,10 +130,7 @@ class Clearance(Check):
                 deepest = max(deepest, deep, key=lambda depth: depth[0])
             else:
                 is_behind, behind = is_behind and bool(inside.all()), behind + len(poses)
-                off_m = -depth_m - allowed_m
-                least = int(off_m.argmin())
-                nearest = min(nearest, (float(off_m.flat[least]), faces.names[least % len(faces.names)]))
-        return Clearance(self.inside + int(is_inside.sum()), deepest, is_behind, behind, nearest)
+        return Clearance(self.inside + int(is_inside.sum()), deepest, is_behind, behind)
 
     def findings(self, stream: Stream, earlier: Sequence[Finding]) -> list[Finding]:
         misfits = list[str]()
@@ -148,24 +141,7 @@ class Clearance(Check):
             behind = "behind every face (normals must point to the free side)"
             misfits.append(f"all vertices given of the object are {behind}")
         fault = "what is given does not fit the poses"
-        result = [Finding("knowledge", f"{fault}: {misfit}: {CHECK}", True) for misfit in misfits]
-        return result + self._stayed_off(stream.map) if stream.is_end else result
-
-    def _stayed_off(self, known_map: Map) -> list[Finding]:
-        """Finding that the object came near no face of the map.
-
-        None if vertices of the object may be missing, or if bodies are known, whose edges and vertices it may
-        touch.
-        """
-        bodies = any(named.solid is not None for named in known_map.listed_environment)
-        gap_m, face = self.nearest
-        if not known_map.object_complete or bodies or not 0.0 < gap_m < inf:
-            return []
-        text = (
-            f"the object as given stays more than {1e3 * gap_m:.0f} mm off {face}, the nearest face that is "
-            f"given: if it touched one, {CHECK}"
-        )
-        return [Finding("knowledge", text, False)]
+        return [Finding("knowledge", f"{fault}: {misfit}: {CHECK}", True) for misfit in misfits]
 
 
 LONGEST_TICK_S: Final = 0.05

@@ -7,6 +7,7 @@ readings. A remedy is a reading in which contacts explain most windows to the no
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from itertools import compress
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -16,7 +17,6 @@ from contact_tracker.checks.check import MIXED_UP, Check, Stream, has_doubts
 from contact_tracker.checks.readings import (
     AS_THEY_ARE,
     DELAYS_MS,
-    UNITS,
     Given,
     Reading,
     readings_of,
@@ -270,7 +270,6 @@ class Conventions(Check):
     nats, fitting : (K,) log evidence of contacts in each reading less that in poses as they are, up to when
         it was compared, and number of windows that it explains to the noise. A window that poses as they are
         explain adds at most ``LIKELY_NATS``: in it, readings differ by the kind of contact.
-    units : (3, U) the first two rows for ``UNITS``, and the number of windows in which they were compared.
     is_settled : whether the comparison has ended.
     mistake : text of the mistake that was found, or empty.
     """
@@ -283,7 +282,6 @@ class Conventions(Check):
     kept: tuple[tuple[Poses, Ints], ...] = ()
     nats: Array = field(default_factory=lambda: np.zeros(0))
     fitting: Array = field(default_factory=lambda: np.zeros(0))
-    units: Array = field(default_factory=lambda: np.zeros((3, len(UNITS))))
     is_settled: bool = False
     mistake: str = ""
 
@@ -305,81 +303,66 @@ class Conventions(Check):
         stands_out = self.nats.max() >= median + STANDS_OUT * (quartile - median)
         return self.nats if stands_out else np.minimum(self.nats, 0.0)
 
-    @property
-    def fitting_units(self) -> tuple[str, ...]:
-        """Units in which contacts explain to the noise most of the motion, or clearly more windows than in
-        metres, as the rest may be free motion; none if they explain most of it in metres."""
-        nats, fitting, windows = self.units
-        explains = fitting >= FITTING_SHARE * windows
-        explains_more = explains | (fitting >= fitting[0] + FEWEST_WINDOWS)
-        fits = (nats > nats[0] + BETTER_NATS) & explains_more & ~explains[0]
-        return tuple(unit.text for unit, fits_motion in zip(UNITS, fits, strict=True) if fits_motion)
-
     def update(self, poses: Poses, stream: Stream) -> "Conventions":
-        """Updated by poses. Units are compared only for positions that look odd in metres."""
-        model, state = stream.first, self
-        if self.is_settled or model is None or stream.sigma is None:
+        """Updated by poses; positions that look odd in metres are not compared."""
+        model, sigma = stream.first, stream.sigma
+        if self.is_settled or model is None or sigma is None:
             return self
-        if not can_be_compared(model):
-            return replace(self, is_settled=True)
-        if not poses.stamp_ns.size:
+        if stream.inspection.units or not can_be_compared(model):
+            return replace(self, is_settled=True, mistake="")
+        if not len(poses):
             return self
-        tick_ns, parts = round(1e9 * max(model.tick_s, LEAST_TICK_S)), (*self.waiting, poses)
-        if int(poses.stamp_ns[-1]) - int(parts[0].stamp_ns[0]) < (TICKS + 2) * tick_ns:
-            return replace(self, waiting=parts)
-        waiting = Poses.join(parts)
-        while len(waiting) and len(state.kept) < MOST_WINDOWS:
-            tick_of = (waiting.stamp_ns - waiting.stamp_ns[0]) // tick_ns
+        tick_ns, waiting = round(1e9 * max(model.tick_s, LEAST_TICK_S)), (*self.waiting, poses)
+        if int(poses.stamp_ns[-1]) - int(waiting[0].stamp_ns[0]) < (TICKS + 2) * tick_ns:
+            return replace(self, waiting=waiting)
+        state, joined_poses = self, Poses.join(waiting)
+        readings = readings_of(stream.inspection.read_as)
+        while len(joined_poses) and len(state.kept) < MOST_WINDOWS:
+            tick_of = (joined_poses.stamp_ns - joined_poses.stamp_ns[0]) // tick_ns
+            end, step = np.searchsorted(tick_of, [TICKS + 2, TICKS])
             if tick_of[-1] < TICKS + 2:
-                return replace(state, waiting=(waiting,))
-            window = waiting[: np.searchsorted(tick_of, TICKS + 2)]
-            waiting = waiting[np.searchsorted(tick_of, TICKS) :]
-            state = _after_window(state, stream, window, tick_ns)
+                return replace(state, waiting=(joined_poses,))
+            state = state._after_window(joined_poses[:end], tick_of[:end], readings, model, sigma)
+            joined_poses = joined_poses[step:]
         return replace(state, waiting=(), is_settled=True)
+
+    def _after_window(
+        self,
+        window: Poses,
+        tick_of: Ints,
+        readings: Sequence[Reading],
+        model: Model,
+        sigma: tuple[float, float],
+    ) -> "Conventions":
+        """The state after a window, of which at most ``POSES_PER_TICK`` poses are used in each tick."""
+        usual = np.median(np.bincount(tick_of, minlength=TICKS + 2))
+        thinned = slice(None, None, max(int(usual) // POSES_PER_TICK, 1))
+        window, tick_of = window[thinned], tick_of[thinned]
+        if not np.bincount(tick_of, minlength=TICKS + 2).all():
+            return self
+        nats, fitting = (
+            values.copy() if len(values) else np.zeros(len(readings)) for values in (self.nats, self.fitting)
+        )
+        compared = nats > nats.max() - ODD_NATS
+        compared[0] = True
+        explained = explain(window, tick_of, sigma, model, [*compress(readings, compared)])
+        if explained is None:
+            return self
+        fits, near = explained.misfit < FITS, np.minimum(explained.misfit, explained.misfit[0]) < NEARLY_FITS
+        leads = near * (explained.nats - explained.nats[0]) * explained.shows_contact
+        nats[compared] += np.minimum(leads, LIKELY_NATS) if fits[0] else leads
+        fitting[compared] += fits
+        state = replace(self, kept=(*self.kept, (window, tick_of)), nats=nats, fitting=fitting)
+        count = len(state.kept)
+        has_doubled = count & (count - 1) == 0 or not state.mistake  # as naming takes time
+        if has_doubled or count == MOST_WINDOWS or state.leads.max() < BETTER_NATS:
+            return replace(state, mistake=_mistake(state, readings, model, sigma))
+        return state
 
     def findings(self, stream: Stream, earlier: Sequence[Finding]) -> list[Finding]:
         if not self.mistake or has_doubts(earlier, *MIXED_UP):
             return []
         return [Finding("conventions", self.mistake, True)]
-
-
-def _after_window(state: Conventions, stream: Stream, window: Poses, tick_ns: int) -> Conventions:
-    model, sigma, has_odd_unit = stream.first, stream.sigma, stream.inspection.units
-    if model is None or sigma is None:
-        return state
-    readings = readings_of(stream.inspection.read_as)
-    if not len(state.nats):
-        zeros = np.zeros(len(readings))
-        state = replace(state, nats=zeros, fitting=zeros)
-    tick_of = (window.stamp_ns - window.stamp_ns[0]) // tick_ns
-    usual = np.median(np.bincount(tick_of, minlength=TICKS + 2))
-    thinned = slice(None, None, max(int(usual) // POSES_PER_TICK, 1))
-    window, tick_of = window[thinned], tick_of[thinned]
-    if not np.bincount(tick_of, minlength=TICKS + 2).all():
-        return state
-    compared = state.nats > state.nats.max() - ODD_NATS
-    compared[0] = True
-    remaining = compared.nonzero()[0]
-    candidates = UNITS if has_odd_unit else [readings[i] for i in remaining]
-    explained = explain(window, tick_of, sigma, model, candidates)
-    if explained is None:
-        return state
-    state, fits = replace(state, kept=(*state.kept, (window, tick_of))), explained.misfit < FITS
-    if has_odd_unit:
-        units = np.array([explained.nats, fits, np.ones(len(UNITS))])
-        return replace(state, units=state.units + units, mistake="")
-    near = np.minimum(explained.misfit, explained.misfit[0]) < NEARLY_FITS
-    nats, fitting = state.nats.copy(), state.fitting.copy()
-    leads = near * (explained.nats - explained.nats[0]) * explained.shows_contact
-    nats[remaining] += np.minimum(leads, LIKELY_NATS) if fits[0] else leads
-    fitting[remaining] += fits
-    state = replace(state, nats=nats, fitting=fitting)
-    count = len(state.kept)
-    has_doubled = count & (count - 1) == 0 or not state.mistake  # as naming takes time
-    is_refuted = bool(state.leads.max() < BETTER_NATS)
-    if has_doubled or is_refuted or count == MOST_WINDOWS:
-        return replace(state, mistake=_mistake(state, readings, model, sigma))
-    return state
 
 
 def _mistake(

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
-from math import degrees, inf, pi, radians, sqrt
+from math import asin, degrees, inf, pi, sqrt
 from operator import itemgetter
 from typing import Final, NamedTuple
 
@@ -18,9 +18,15 @@ import numpy as np
 from contact_tracker.checks.check import Check, Stream
 from contact_tracker.checks.clearance import CHECK
 from contact_tracker.geometry.elements import ContactGeometry, Element, Line, Plane, Point, canonical, shifted
-from contact_tracker.geometry.linalg import angle_of_lines
 from contact_tracker.inspection.stream_checks import Finding
-from contact_tracker.map.elements import distance_of_planes_m, mahalanobis
+from contact_tracker.map.elements import (
+    PARALLEL,
+    TURNS,
+    MapElement,
+    covariance_of,
+    distance_of_planes_m,
+    mahalanobis,
+)
 from contact_tracker.map.map import Map, NamedElement
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import FurtherContact, Segment
@@ -64,21 +70,14 @@ class Difference(NamedTuple):
 
 def difference(first: Element, second: Element) -> Difference:
     """Difference of two elements of one kind, both with a covariance."""
-    sigmas = mahalanobis(first, second)
-    match first, second:
-        case Plane(), Plane() if sigmas == inf:  # opposite normals
-            return Difference(inf, pi, inf)
-        case Plane(), Plane():
-            angle = angle_of_lines(first.normal, second.normal)
-            return Difference(sigmas, angle, distance_of_planes_m(first, second))
-        case Line(direction, point_m), Line():
-            step = second.point_m - point_m
-            step = step - second.direction * (second.direction @ step)
-            angle = angle_of_lines(direction, second.direction)
-            return Difference(sigmas, angle, float(np.linalg.norm(step)))
-        case Point(), Point():
-            return Difference(sigmas, 0.0, float(np.linalg.norm(second.point_m - first.point_m)))
-    raise TypeError(f"{type(first).__name__} and {type(second).__name__}")
+    sigmas, start = mahalanobis(first, second), MapElement.of(first)
+    if sigmas == inf:  # opposite normals
+        return Difference(inf, pi, inf)
+    turn, shift = np.split(start.change_to(MapElement.of(second)), [TURNS[start.kind]])
+    angle = asin(min(float(np.linalg.norm(turn)), 1.0))
+    if isinstance(first, Plane) and isinstance(second, Plane):
+        return Difference(sigmas, angle, distance_of_planes_m(first, second))
+    return Difference(sigmas, angle, float(np.linalg.norm(shift)))
 
 
 def _normal_alone(element: Element) -> Element:
@@ -125,23 +124,21 @@ class Repeatability(Check):
 
     def _compared(self, new: Estimate) -> "Repeatability":
         """The check after a comparison of the new estimate with the latest ones."""
-        state = self
-        for estimate in self.latest:
-            if estimate.side != new.side or type(estimate.element) is not type(new.element):
-                continue
+        near, apart, worst = self.near, self.apart, self.worst
+        for old in self.latest:
+            is_open = old.has_open_offset or new.has_open_offset
             # an object that tilts stays on its face; after free motion it may be on another, parallel one
-            if (estimate.has_open_offset or new.has_open_offset) and estimate.touch != new.touch:
+            is_other = old.side != new.side or (is_open and old.touch != new.touch)
+            if is_other or type(old.element) is not type(new.element):
                 continue
-            first, second = estimate.element, new.element
-            if estimate.has_open_offset or new.has_open_offset:
-                first, second = _normal_alone(first), _normal_alone(second)
-            apart = difference(first, second)
-            if apart.angle_rad > NEAR_RAD or apart.distance_m > NEAR_M:
+            pair = old.element, new.element
+            by = difference(*(map(_normal_alone, pair) if is_open else pair))
+            if by.angle_rad > NEAR_RAD or by.distance_m > NEAR_M:
                 continue
-            state = replace(state, near=state.near + 1, apart=state.apart + (apart.sigmas > SIGNIFICANT))
-            if apart.sigmas > max(SIGNIFICANT, 0.0 if state.worst is None else state.worst[2].sigmas):
-                state = replace(state, worst=(estimate, new, apart))
-        return replace(state, latest=(*state.latest, new)[-MOST_ELEMENTS:])
+            near, apart = near + 1, apart + (by.sigmas > SIGNIFICANT)
+            if by.sigmas > (SIGNIFICANT if worst is None else worst[2].sigmas):
+                worst = old, new, by
+        return replace(self, near=near, apart=apart, worst=worst, latest=(*self.latest, new)[-MOST_ELEMENTS:])
 
     def findings(self, stream: Stream, earlier: Sequence[Finding]) -> list[Finding]:
         """That poses may have (larger) systematic errors."""
@@ -165,8 +162,6 @@ class Repeatability(Check):
         return [Finding("accuracy", text, False)]
 
 
-PARALLEL: Final = 1.0 - 0.5 * radians(5.0) ** 2
-"""Least cosine of the angle between the normals of two faces that may be the same."""
 NEAREST_M: Final = 0.005
 """Smaller distances (m) are not reported: they are within usual errors."""
 SIGMAS: Final = 6.0
@@ -295,56 +290,27 @@ def _size(step: Difference) -> str:
     return " and ".join(sizes)
 
 
-MOST_TICKS: Final = 6000
-"""Largest number of waiting ticks; beyond it names are reported unconfirmed."""
+def without_contradicted_names(
+    piece: Segmentation, listed: Iterable[NamedElement], map_use: MapUse
+) -> Segmentation:
+    """A piece without the names of faces that contacts contradict, by their evidence so far.
 
-
-class FaceNameDelay:
-    """Pieces of a segmentation whose names of known faces are not confirmed yet.
-
-    Motion of a face on a face does not determine their offset along the normal, so a known face of this
-    direction is assumed to be touched. A later contact shows whether it is: until then the result waits, and
-    names whose places contacts contradict are withdrawn.
+    Motion of a face on a face does not determine their offset along the normal, so a ``listed`` face of this
+    direction is assumed to be touched. Another contact may show that it is not.
     """
-
-    def __init__(self, map: Map) -> None:
-        self._environment = map.listed_environment
-        self._pieces: list[Segmentation] = []
-
-    def release(self, piece: Segmentation, map_use: MapUse) -> Iterator[Segmentation]:
-        """The pieces that need not wait after this one; ``map_use``: evidence of contacts so far."""
-        self._pieces.append(piece)
-        segments = (segment for piece in self._pieces for segment in piece.segments)
-        is_decided = map_use.confirmed[1] or not any(map(_is_by_direction, segments))
-        if is_decided or sum(len(waiting.beliefs) for waiting in self._pieces) > MOST_TICKS:
-            yield from self.finish(map_use)
-
-    def finish(self, map_use: MapUse) -> Iterator[Segmentation]:
-        """All pieces that wait, without the names that contacts contradict."""
-        waiting, self._pieces = self._pieces, []
-        nearest = {named.name: named.element for named in self._environment}.get(map_use.nearest[1])
-        for piece in waiting:
-            if map_use.contradicts_nearest and isinstance(nearest, Plane):
-                piece = piece.with_elements(partial(_without_name, nearest))
-            yield piece
-
-
-def has_name_by_direction(geometry: ContactGeometry | None) -> bool:
-    """Whether a known face is touched by a face whose offset the motion does not determine."""
-    return geometry is not None and geometry.environment.name is not None and geometry.has_open_offset[0]
-
-
-def _is_by_direction(segment: Segment) -> bool:
-    return any(map(has_name_by_direction, (segment.geometry, *(part.geometry for part in segment.further))))
+    nearest = next((named.element for named in listed if named.name == map_use.nearest[1]), None)
+    if not map_use.contradicts_nearest or not isinstance(nearest, Plane):
+        return piece
+    return piece.with_elements(partial(_without_name, nearest))
 
 
 def _without_name(known_face: Plane, geometry: ContactGeometry) -> ContactGeometry:
     """The elements without the name of a face parallel to ``known_face`` that is named by direction alone."""
     body, face = geometry.object, geometry.environment
-    if not has_name_by_direction(geometry) or not isinstance(face, Plane) or not isinstance(body, Plane):
+    if not (isinstance(face, Plane) and isinstance(body, Plane) and geometry.has_open_offset[0]):
         return geometry
-    if abs(face.normal @ known_face.normal) < PARALLEL or face.covariance is None or body.covariance is None:
+    if face.name is None or abs(face.normal @ known_face.normal) < PARALLEL:
         return geometry
-    covariance = face.covariance.copy()
-    covariance[3, 3] = max(covariance[3, 3], body.covariance[3, 3])  # the face's offset is unknown
+    covariance = covariance_of(face).copy()
+    covariance[3, 3] = max(covariance[3, 3], covariance_of(body)[3, 3])  # the face's offset is unknown
     return ContactGeometry(body, canonical(replace(face, covariance=covariance, name=None)))

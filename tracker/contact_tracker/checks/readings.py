@@ -11,9 +11,9 @@ from math import pi
 from typing import Final, NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation, Slerp
 
 from contact_tracker.arrays import Array
-from contact_tracker.config.quantities import LENGTHS
 from contact_tracker.config.table_reading import QUATERNION
 from contact_tracker.geometry import linalg
 from contact_tracker.motion.poses import AS_GIVEN, Poses, ReadAs
@@ -54,6 +54,10 @@ class Angles(NamedTuple):
         """Whether each number is the angle about the axis of its name; always for two equal axes."""
         return self.is_proper or all("xyz"[place] == axis for axis, place in zip(*self, strict=True))
 
+    def rotation(self, numbers: Array) -> Rotation:
+        """Rotations (N) by three numbers (N, 3), in rad."""
+        return Rotation.from_euler(self.axes.upper(), numbers[:, self.places])
+
 
 def angles_in(order: str) -> Angles:
     """Angles in an order of SciPy: ``xyz`` about fixed axes, ``XYZ`` about those of the body."""
@@ -77,8 +81,8 @@ class Given:
     def __init__(self, poses: Poses) -> None:
         self.quat_xyzw = poses.quat_xyzw
         self.time_s = 1e-9 * (poses.stamp_ns - poses.stamp_ns[0])
+        self.between = Slerp(self.time_s, Rotation.from_quat(poses.quat_xyzw))
         self._numbers = dict[tuple[Angles | None, bool], Numbers]()
-        self._about = dict[tuple[Angles | None, str, int, bool], Array]()
 
     def numbers(self, made_of: Angles | None, folds: bool) -> Numbers:
         """The numbers of angles ``made_of``, or of rotation vectors if None. Each orientation has two
@@ -86,16 +90,6 @@ class Given:
         if (made_of, folds) not in self._numbers:
             self._numbers[made_of, folds] = self._angles(made_of, folds) if made_of else self._vectors(folds)
         return self._numbers[made_of, folds]
-
-    def about(self, made_of: Angles | None, axis: str, place: int, folds: bool) -> Array:
-        """Rotations (N, 4) about an axis by one of the numbers."""
-        key = made_of, axis, place, folds
-        if key not in self._about:
-            half = 0.5 * self.numbers(made_of, folds).values[:, place]
-            quat = np.zeros((len(half), 4))
-            quat[:, "xyz".index(axis)], quat[:, 3] = np.sin(half), np.cos(half)
-            self._about[key] = quat
-        return self._about[key]
 
     def _angles(self, made_of: Angles, folds: bool) -> Numbers:
         matrix = linalg.matrices(self.quat_xyzw)
@@ -141,7 +135,7 @@ class Reading(NamedTuple):
 
     text: str
     axes: Array | None = None
-    turns: Callable[[Given], Turns] = lambda poses: Turns(poses.quat_xyzw, np.zeros(len(poses.time_s)))
+    turns: Callable[[Given], Turns] = lambda orientations: _unchanged(orientations.quat_xyzw)
     delay_ms: float = 0.0
     turn_scale: float = 1.0
 
@@ -161,14 +155,12 @@ def with_delay(delay_ms: float) -> Reading:
 def _later(delay_s: float, orientations: Given) -> Turns:
     """Orientations at the time ``delay_s`` after each pose; the first or last one beyond the ends."""
     time_s = orientations.time_s
-    later_s = np.clip(time_s + delay_s, 0.0, time_s[-1])
-    row = np.clip(np.searchsorted(time_s, later_s, "right") - 1, 0, len(time_s) - 2)
-    share = ((later_s - time_s[row]) / (time_s[row + 1] - time_s[row]))[:, None]
-    first, second = orientations.quat_xyzw[row], orientations.quat_xyzw[row + 1]
-    nearer = np.where((first * second).sum(axis=1, keepdims=True) < 0.0, -second, second)
-    between = first * (1.0 - share) + nearer * share
-    quat = between / np.linalg.norm(between, axis=1, keepdims=True)
-    return Turns(quat, np.zeros(len(quat)))
+    return _unchanged(orientations.between(np.clip(time_s + delay_s, 0.0, time_s[-1])).as_quat())
+
+
+def _unchanged(quat_xyzw: Array) -> Turns:
+    """Orientations of a reading that does not change volumes."""
+    return Turns(quat_xyzw, np.zeros(len(quat_xyzw)))
 
 
 def _log(volume: Array) -> Array:
@@ -182,12 +174,10 @@ def _log_sinc(angle: Array) -> Array:
 
 def _by_angles(angles: Angles, made_of: Angles | None, folds: bool, orientations: Given) -> Turns:
     """Rotations by the numbers of ``made_of``, taken as other ``angles``."""
-    turns = zip(*angles, strict=True)
-    first, second, third = (orientations.about(made_of, axis, place, folds) for axis, place in turns)
     numbers = orientations.numbers(made_of, folds)
     middle = numbers.values[:, angles.places[1]]
     volume = np.sin(middle) if angles.is_proper else np.cos(middle)
-    return Turns(linalg.product(linalg.product(first, second), third), _log(volume) - numbers.log_volume)
+    return Turns(angles.rotation(numbers.values).as_quat(), _log(volume) - numbers.log_volume)
 
 
 def _by_vector(made_of: Angles, folds: bool, orientations: Given) -> Turns:
@@ -196,22 +186,16 @@ def _by_vector(made_of: Angles, folds: bool, orientations: Given) -> Turns:
     is_long = np.linalg.norm(numbers.values, axis=1) > pi
     vector = np.where(is_long[:, None], folded.values, numbers.values)
     log_volume = _log_sinc(np.linalg.norm(vector, axis=1))
-    return Turns(linalg.from_rotation_vectors(vector), log_volume - numbers.log_volume)
+    return Turns(Rotation.from_rotvec(vector).as_quat(), log_volume - numbers.log_volume)
 
 
 def _in_radians(made_of: Angles, is_vector: bool, orientations: Given) -> Turns:
     """Rotations by the numbers that were taken for degrees, as radians of angles or of a rotation vector;
     impossible where they exceed one turn."""
     values = np.degrees(orientations.numbers(made_of, False).values)
+    turned = Rotation.from_rotvec(values) if is_vector else made_of.rotation(values)
     is_far = np.abs(values).max(axis=1) > 2.0 * pi
-    if is_vector:
-        quat = linalg.from_rotation_vectors(values)
-    else:
-        axes = ["xyz".index(axis) for axis in made_of.axes]
-        about = np.eye(3)[axes] * values[:, made_of.places, None]
-        first, second, third = np.swapaxes(linalg.from_rotation_vectors(about), 0, 1)
-        quat = linalg.product(linalg.product(first, second), third)
-    return Turns(quat, np.where(is_far, _IMPOSSIBLE, 0.0))
+    return Turns(turned.as_quat(), np.where(is_far, _IMPOSSIBLE, 0.0))
 
 
 _IMPOSSIBLE: Final = -1e6
@@ -219,8 +203,7 @@ _IMPOSSIBLE: Final = -1e6
 
 
 def _of_quaternions(order: tuple[int, ...], sign: float, orientations: Given) -> Turns:
-    quat = orientations.quat_xyzw[:, order] * [sign, sign, sign, 1.0]
-    return Turns(quat, np.zeros(len(quat)))
+    return _unchanged(orientations.quat_xyzw[:, order] * [sign, sign, sign, 1.0])
 
 
 _W_FIRST: Final = "like w x y z in fields that are x y z w"
@@ -336,7 +319,3 @@ def readings_of(read_as: ReadAs = AS_GIVEN) -> tuple[Reading, ...]:
     """All readings of poses read in this way; the first leaves them as they are."""
     turned = *_by_quaternions(read_as), *_by_three_numbers(read_as)
     return AS_THEY_ARE, *turned, *_by_axes(), *map(with_delay, DELAYS_MS)
-
-
-UNITS: Final = tuple(Reading(unit, axes=LENGTHS[unit] * np.eye(3)) for unit in ("m", "cm", "mm"))
-"""Units of positions."""

@@ -5,7 +5,6 @@ All statistics are computed on blocks of poses counted from the first one, so th
 batches. Repeated poses are left out.
 """
 
-from collections.abc import Sequence
 from math import inf, log, nan, pi, sqrt
 from typing import Final, NamedTuple
 
@@ -104,9 +103,8 @@ def _without(smooth: Array, values: Array) -> Array:
 
 BLOCK: Final = 50
 """Poses per block."""
-BEGINNING: Final = 40
-"""Number of initial blocks whose poses all count for the noise; later a quarter of the poses does."""
-KEPT: Final = 2 * BLOCK
+KEPT: Final = BLOCK + BACK
+"""Number of poses in memory beside those of the incomplete block."""
 
 # Units: bounds that noise and motion of an object in metres never exceed together.
 LEVER_M: Final = 3.0
@@ -276,20 +274,17 @@ def inspect(inspection: Inspection, poses: Poses) -> Inspection:
     end = len(recent) - (total - BLOCK * inspection.blocks)
     while total - BLOCK * inspection.blocks >= BLOCK:
         end += BLOCK
-        inspection = _inspect_block(inspection, recent[max(end - BLOCK - KEPT, 0) : end])
+        inspection = _inspect_block(inspection, recent[max(end - KEPT, 0) : end])
     return inspection._replace(recent=recent[max(end - KEPT, 0) :])
 
 
-def findings(
-    inspection: Inspection, fitting_units: Sequence[str] = (), is_cut_short: bool = False
-) -> tuple[Finding, ...]:
-    """Findings in the stream so far; ``fitting_units``: units of positions in which contacts explain the
-    motion, while they do not in metres. ``is_cut_short``: the stream goes on, but is not read further."""
+def findings(inspection: Inspection, is_cut_short: bool = False) -> tuple[Finding, ...]:
+    """Findings in the stream so far; ``is_cut_short``: the stream goes on, but is not read further."""
     result = list[Finding]()
     if inspection.units:
-        result.append(Finding("units", _units_text(inspection, fitting_units), True))
+        result.append(Finding("units", _units_text(inspection), True))
     elif inspection.total >= ENOUGH_CONSTANT and all(inspection.moved):
-        position, rotation = _sigma(inspection.noise[0]), _sigma(inspection.noise[1])
+        position, rotation = inspection.sigma
         is_small = 0.0 < position < SMALL_LEVER_M * rotation and rotation < COARSE_RAD
         if is_small and inspection.top_m_per_s < SLOW_M_PER_S:
             figures = f"noise {1e6 * position:.2g} um, {180.0 / pi * rotation:.2g} deg"
@@ -329,11 +324,11 @@ def findings(
     return tuple(result)
 
 
-def _units_text(inspection: Inspection, fitting_units: Sequence[str]) -> str:
-    position, rotation = _sigma(inspection.noise[0]), _sigma(inspection.noise[1])
+def _units_text(inspection: Inspection) -> str:
+    position, rotation = inspection.sigma
     lever = position / rotation if rotation else inspection.top_m_per_s
     small = lever > USUAL_LEVER_M * sqrt(1e2 * 1e3) or inspection.top_m_per_s > TOSSED_CM_PER_S
-    name, unit = ("millimetres", "mm") if small else ("centimetres", "cm")
+    unit = "mm" if small else "cm"
     figures = (
         f"(noise {1e3 * position:.3g} mm, {180.0 / pi * rotation:.2g} deg; "
         f"speed up to {inspection.top_m_per_s:.2g} m/s)"
@@ -341,10 +336,8 @@ def _units_text(inspection: Inspection, fitting_units: Sequence[str]) -> str:
     remedy = f"convert them to metres, or, if they are of a table, take --unit {unit}"
     if inspection.read_as.path:
         remedy = f"read them by {inspection.read_as.command(unit=unit)}"
-    if unit not in fitting_units:
-        text = f"positions are too noisy or too fast for metres {figures}"
-        return f"{text}: check their unit and their source; if they are in {unit}, {remedy}"
-    return f"positions look like {name} {figures}: {remedy}"
+    text = f"positions are too noisy or too fast for metres {figures}"
+    return f"{text}: check their unit and their source; if they are in {unit}, {remedy}"
 
 
 def _inspect_block(previous: Inspection, window: Poses) -> Inspection:
@@ -352,35 +345,30 @@ def _inspect_block(previous: Inspection, window: Poses) -> Inspection:
     blocks = previous.blocks + 1
     if previous.bodies:
         return previous._replace(blocks=blocks)
-    near = window[-BLOCK - BACK :]
-    time_s = 1e-9 * (near.stamp_ns - near.stamp_ns[0])
+    time_s = 1e-9 * (window.stamp_ns - window.stamp_ns[0])
     interval_s = _median(np.diff(time_s))
-    back = returned(near, interval_s)
+    back = returned(window, interval_s)
     are_close = is_of_two_bodies(window[-BLOCK:])
     page, bodies = page_sum(previous.page, back | are_close)
-    path = near.position_m[BACK:] - near.position_m[:-BACK]
+    path = window.position_m[BACK:] - window.position_m[:-BACK]
     speed = np.sqrt(np.einsum("ni,ni->n", path, path)) / (time_s[BACK:] - time_s[:-BACK])
     top_m_per_s = max(previous.top_m_per_s, _median(speed))
     inspection = previous._replace(
         blocks=blocks, page=page, share=float(back.mean()), bodies=bodies, top_m_per_s=top_m_per_s
     )
-    if blocks <= 2:
-        return _inspect_noise(inspection, window[-BLOCK - 4 :], BLOCK)
-    if blocks % (2 if blocks <= BEGINNING else 8) == 0:
-        return _inspect_noise(inspection, window, 2 * BLOCK)
-    return inspection
+    return _inspect_noise(inspection, window[-BLOCK - 4 :])
 
 
-def _inspect_noise(previous: Inspection, window: Poses, new: int) -> Inspection:
-    """Add the third differences that end in the last ``new`` poses of ``window``."""
+def _inspect_noise(previous: Inspection, window: Poses) -> Inspection:
+    """Add the third differences that end in the last BLOCK poses of ``window``."""
     turns = rotation_vectors(between(window.quat_xyzw[:-1], window.quat_xyzw[1:])).cumsum(axis=0)
     smooth = np.concatenate([window.position_m[1:], turns], axis=1)
-    inspection = previous._replace(noise=previous.noise + _histogram(smooth[-new - 3 :]))
+    inspection = previous._replace(noise=previous.noise + _histogram(smooth))
     if inspection.units or inspection.bodies or not _are_other_units(inspection):
         return inspection
     near = window.of_point(independent_point(window))  # an origin far away has the noise of the orientation
     smooth[:, :3] = near.position_m[1:]
-    nearer = inspection._replace(noise=_histogram(smooth[-new - 3 :]))
+    nearer = inspection._replace(noise=_histogram(smooth))
     return inspection._replace(units=_are_other_units(nearer))
 
 
@@ -391,7 +379,7 @@ def _median(values: Array) -> float:
 def _are_other_units(inspection: Inspection) -> bool:
     if inspection.noise[0].sum() < ENOUGH_NOISE or inspection.page > 0.5 * ALARM:
         return False
-    position, rotation = _sigma(inspection.noise[0]), _sigma(inspection.noise[1])
+    position, rotation = inspection.sigma
     if position <= LEVER_M * rotation:
         return False
     return inspection.top_m_per_s > FAST_M_PER_S or (rotation > 0.0 and position > COARSE_M)

@@ -9,7 +9,7 @@ of the recording.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Final, NamedTuple
@@ -29,8 +29,11 @@ from contact_tracker.map.elements import (
     WIDTHS,
     Key,
     MapElement,
+    best_known_place,
+    covariance_of,
     kinds_of,
     loose_variance,
+    plane_covariance,
     prior_variance,
     split,
     stacked,
@@ -38,7 +41,6 @@ from contact_tracker.map.elements import (
 )
 from contact_tracker.states import Contact
 
-_FLAT: Final = 1e-12
 LENGTH_M: Final = 0.2
 """Distance of the ends of an edge from its point nearest to the body."""
 ANYWHERE_M: Final = 10.0
@@ -47,75 +49,29 @@ ANYWHERE_M: Final = 10.0
 
 def incident(element: Element, kind: str, near_m: Array) -> Element:
     """Prior of an element of another ``kind`` (f, e or v) that is incident with ``element`` near ``near_m``
-    (3,)."""
-    assert element.covariance is not None
-    return _INCIDENT[type(element), kind](element, element.covariance, near_m)
-
-
-def _vertex_on(edge: Line, covariance: Array, _: Array) -> Point:
-    along = np.outer(edge.direction, edge.direction)
-    return Point(edge.point_m, covariance[3:, 3:] + LENGTH_M**2 * (along + covariance[:3, :3]))
-
-
-def _edge_through(vertex: Point, covariance: Array, _: Array) -> Line:
-    """The direction is unknown, see ``known_entries`` of ``map.pairs``."""
-    full = np.zeros((6, 6))
-    full[3:, 3:] = covariance
-    return Line(np.zeros(3), vertex.point_m, full)
-
-
-def _edge_in(face: Plane, covariance: Array, near_m: Array) -> Line:
-    across, tilt, height = _face_covariances(face, covariance)
-    full = np.zeros((6, 6))
-    full[:3, :3], full[3:, 3:] = across + tilt, ANYWHERE_M**2 * across + height
-    return Line(np.zeros(3), nearest(face, near_m), full)
-
-
-def _vertex_in(face: Plane, covariance: Array, near_m: Array) -> Point:
-    across, _, height = _face_covariances(face, covariance)
-    return Point(nearest(face, near_m), ANYWHERE_M**2 * across + height)
-
-
-def _face_covariances(face: Plane, covariance: Array) -> tuple[Array, Array, Array]:
-    """The projection onto a face, and the covariances along its normal of directions in the face and of
-    positions on it near the contact, each (3, 3)."""
-    out = np.outer(face.normal, face.normal)
-    turns, turn_offset = covariance[:3, :3], covariance[:3, 3]
-    tilt = 0.5 * float(turns.trace())
-    across, explained = np.eye(3) - out, 0.0
-    if tilt > 0.0:  # the added terms are in directions in which the normal cannot change, and have no effect
-        explained = float(turn_offset @ np.linalg.solve(turns + tilt * (out + _FLAT * across), turn_offset))
-    residual = covariance[3, 3] - explained
-    return across, tilt * out, (max(float(residual), 0.0) + tilt * (0.5 * LENGTH_M) ** 2) * out
-
-
-def _face_through_edge(edge: Line, covariance: Array, _: Array) -> Plane:
-    along = np.outer(edge.direction, edge.direction)
-    turn, shift = (0.5 * float(part.trace()) for part in (covariance[:3, :3], covariance[3:, 3:]))
-    return _face_through(edge.point_m, np.eye(3) - along + turn * along, shift)
-
-
-def _face_through_vertex(vertex: Point, covariance: Array, _: Array) -> Plane:
-    return _face_through(vertex.point_m, np.eye(3), float(covariance.trace()) / 3.0)
-
-
-def _face_through(place_m: Array, normal: Array, shift: float) -> Plane:
-    """A face with an unknown normal of covariance ``normal`` (3, 3), through ``place_m`` up to the variance
-    ``shift``."""
-    jacobian = np.concatenate([np.eye(3), place_m[None]])
-    full = jacobian @ normal @ jacobian.T
-    full[3, 3] += shift
-    return Plane(np.zeros(3), 0.0, full)
-
-
-_INCIDENT: Final[dict[tuple[type[Element], str], Callable[..., Element]]] = {
-    (Line, "v"): _vertex_on,
-    (Point, "e"): _edge_through,
-    (Plane, "e"): _edge_in,
-    (Plane, "v"): _vertex_in,
-    (Line, "f"): _face_through_edge,
-    (Point, "f"): _face_through_vertex,
-}
+    (3,). Directions that are unknown, or known in part, are zero, see ``known_entries`` of ``map.pairs``."""
+    covariance, unknown = covariance_of(element), np.zeros(3)
+    match element, kind:
+        case Line(direction, point_m), "v":
+            along = np.outer(direction, direction)
+            return Point(point_m, covariance[3:, 3:] + LENGTH_M**2 * (along + covariance[:3, :3]))
+        case Point(point_m), "e":
+            return Line(unknown, point_m, block_diag(np.zeros((3, 3)), covariance))
+        case Line(direction, point_m), "f":
+            along = np.outer(direction, direction)
+            turn, shift = (0.5 * float(part.trace()) for part in (covariance[:3, :3], covariance[3:, 3:]))
+            return Plane(unknown, 0.0, plane_covariance(EYE - along + turn * along, point_m, shift))
+        case Point(point_m), "f":
+            return Plane(unknown, 0.0, plane_covariance(EYE, point_m, float(covariance.trace()) / 3.0))
+        case Plane(normal), _:
+            out, tilt = np.outer(normal, normal), 0.5 * float(covariance[:3, :3].trace())
+            height = float(covariance[3, 3] - best_known_place(covariance) @ covariance[:3, 3])
+            height = max(height, 0.0) + tilt * (0.5 * LENGTH_M) ** 2  # of positions near the contact
+            place_m, places = nearest(element, near_m), ANYWHERE_M**2 * (EYE - out) + height * out
+            if kind == "v":
+                return Point(place_m, places)
+            return Line(unknown, place_m, block_diag(EYE - out + tilt * out, places))
+    raise ValueError(f"{kind} is the kind of the element itself")
 
 
 MapPair = tuple[MapElement, MapElement]
@@ -367,30 +323,6 @@ class MapView:
         """Rows of the free coordinates of an element in the covariance; zeros for a new one."""
         return np.zeros(size, np.int64) if key is None else np.arange(size) + self.slots[key].start
 
-    def joint_covariance(
-        self,
-        body_rows: NDArray[np.int64],
-        world_rows: NDArray[np.int64],
-        are_known: NDArray[np.bool_],
-        of_new: Array,
-    ) -> Array:
-        """Covariance (n, P, P) of the free coordinates of n pairs.
-
-        Parameters
-        ----------
-        body_rows, world_rows : (n, p) and (n, q) rows of the object's and of the environment's elements.
-        are_known : (2, n) whether these are of the map.
-        of_new : (P,) variance of new elements, which are independent of all others.
-        """
-        rows, sizes = (
-            np.concatenate([body_rows, world_rows], axis=1),
-            (body_rows.shape[1], world_rows.shape[1]),
-        )
-        is_known = np.repeat(are_known.T, sizes, axis=1)
-        covariance = self.covariance if self.slots else np.zeros((1, 1))
-        within = is_known[:, :, None] & is_known[:, None]
-        return np.where(within, covariance[rows[:, :, None], rows[:, None]], np.diag(of_new))
-
     def incident_pair(self, model: ContactModel, near_m: Array) -> Pair | None:
         """The elements of the last contact, or where the contact of ``model`` needs another kind, elements of
         it that are incident with these; None if it needs the same kinds.
@@ -486,8 +418,13 @@ def log_evidence(
     residual = body[0][i] + world[0][j]
     if sighting.has_one_height:  # a new face has the offset that was estimated
         residual[(i == 0) | (j == 0), -1] = 0.0
-    new = np.concatenate([prior_variance(kind, reach_m) for kind in sighting.kinds])
-    joint = view.joint_covariance(body[2][i], world[2][j], np.array([i > 0, j > 0]), new)
+    # new elements are independent of all others
+    rows = np.concatenate([body[2][i], world[2][j]], axis=1)
+    is_known = np.repeat(np.stack([i > 0, j > 0], axis=1), (body[2].shape[1], world[2].shape[1]), axis=1)
+    of_new = np.diag(np.concatenate([prior_variance(kind, reach_m) for kind in sighting.kinds]))
+    covariance = view.covariance if view.slots else np.zeros((1, 1))
+    are_known = is_known[:, :, None] & is_known[:, None]
+    joint = np.where(are_known, covariance[rows[:, :, None], rows[:, None]], of_new)
     whitened = sighting.root.T @ np.concatenate([body[1][i], world[1][j]], axis=2)
     ratio = np.eye(residual.shape[-1]) + whitened @ joint @ whitened.swapaxes(1, 2)
     residual = residual @ sighting.root

@@ -5,11 +5,11 @@ A plane and a line have no sense here: a normal, or a direction, and its opposit
 contact's parameters x have senses, which ``Sighting`` and ``pairs`` choose.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from math import inf, sqrt
-from typing import Final
+from typing import Final, TypeVar
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -30,6 +30,7 @@ from contact_tracker.geometry.elements import (
 )
 from contact_tracker.geometry.linalg import EYE, sphere_tangent, unit
 
+Value = TypeVar("Value")
 Key = tuple[int, int]
 """Side (0: object, 1: environment) and number of an element."""
 KINDS: Final = {"f": "face", "e": "edge", "v": "vertex"}
@@ -279,38 +280,19 @@ class LearnedElements:
         """Covariance (P, P) of the free coordinates; wide in what is not known."""
         return np.asarray(np.linalg.inv(self.information + np.diag(1.0 / self.weak(reach_m))))
 
-    def without_weak(self, reach_m: float) -> "LearnedElements":
-        """The same without the weak prior: only the information of the contacts."""
-        sd = np.sqrt(self.weak(reach_m))
-        return self.with_scaled(sd[:, None] * self.information * sd - np.eye(len(sd)), sd)
-
-    def with_scaled(self, scaled: Array, sd: Array) -> "LearnedElements":
-        """The same with the information of coordinates in units of ``sd`` (P,), symmetric and not negative
-        whatever rounding has left."""
-        values, axes = np.linalg.eigh(0.5 * (scaled + scaled.T))
-        sound = (axes * np.maximum(values, 0.0)) @ axes.T
-        return replace(self, information=sound / (sd[:, None] * sd))
-
-    def of_side(self, side: int, reach_m: float) -> "LearnedElements":
-        """The elements of one side, whatever those of the other are."""
+    def of(self, keys: Collection[Key], reach_m: float) -> "LearnedElements":
+        """The elements with these keys, whatever the others are."""
         sizes = [element.size for element in self.elements.values()]
-        is_of_side = np.repeat(np.array([key[0] == side for key in self.elements], bool), sizes)
-        rest = ~is_of_side
-        full = self.information + np.diag(rest / self.weak(reach_m))
-        cross = full[np.ix_(is_of_side, rest)]
-        information = full[np.ix_(is_of_side, is_of_side)]
-        information = information - cross @ np.linalg.solve(full[np.ix_(rest, rest)], cross.T)
-        elements = {key: element for key, element in self.elements.items() if key[0] == side}
-        counts = {key: self.counts[key] for key in elements}
-        return LearnedElements(elements, counts, information).with_sides(self)
+        is_kept = np.repeat(np.array([key in keys for key in self.elements], bool), sizes)
+        full = self.information + np.diag(~is_kept / self.weak(reach_m))
+        cross, others = full[np.ix_(is_kept, ~is_kept)], full[np.ix_(~is_kept, ~is_kept)]
+        information = full[np.ix_(is_kept, is_kept)] - cross @ np.linalg.solve(others, cross.T)
 
-    def with_sides(self, source: "LearnedElements") -> "LearnedElements":
-        """The same with the extents and outward normals that ``source`` has of the elements."""
-        extents, outward = (
-            {key: value for key, value in values.items() if key in self.elements}
-            for values in (source.extents, source.outward)
-        )
-        return replace(self, extents=extents, outward=outward)
+        def kept(values: Mapping[Key, Value]) -> dict[Key, Value]:
+            return {key: values[key] for key in self.elements if key in keys and key in values}
+
+        elements, counts = kept(self.elements), kept(self.counts)
+        return LearnedElements(elements, counts, information, kept(self.extents), kept(self.outward))
 
     def shifted(self, origins: Origins) -> "LearnedElements":
         """The same in frames in which the present origins are at ``origins``."""
@@ -344,7 +326,7 @@ SAME: Final = 4.0
 """Gate in standard deviations within which two estimates may be of one element."""
 ROUNDING: Final = 1e-12
 """Least standard deviation (m, rad) of a coordinate: an exact one differs by rounding."""
-_LOST: Final = 1e-12
+LOST: Final = 1e-12
 """Variances below this share of the largest count as zero: rounding errors, or what cannot move."""
 
 
@@ -404,6 +386,15 @@ def best_known_place(covariance: Array) -> Array:
     return np.asarray(np.linalg.pinv(covariance[:3, :3], hermitian=True) @ covariance[:3, 3])
 
 
+def plane_covariance(normal: Array, place_m: Array, variance: float) -> Array:
+    """Covariance (4, 4) of a plane by that of its normal (3, 3), about a place (3,) at which its offset has a
+    ``variance`` (m^2)."""
+    onto = np.vstack([EYE, place_m])
+    covariance = onto @ normal @ onto.T
+    covariance[3, 3] += variance
+    return np.asarray(covariance)
+
+
 def _aligned(line: Line, like: Line) -> Element:
     """A line with its point nearest to that of ``like``, and with the same sense of direction."""
     near = by_foot(line, like.point_m)
@@ -423,7 +414,7 @@ def whitening(covariance: Array, lengths: int) -> Array:
     variance, turns = covariance.diagonal().tolist(), len(covariance) - lengths
     weight = np.array([_unit(variance[:turns])] * turns + [_unit(variance[turns:])] * lengths)
     values, axes = linalg.eigenvectors(weight[:, None] * covariance * weight)
-    good = values > _LOST * max(float(values[-1]), 0.0)
+    good = values > LOST * max(float(values[-1]), 0.0)
     return np.asarray(
         np.divide(1.0, values, out=np.zeros_like(values), where=good)[:, None] ** 0.5 * axes.T * weight
     )

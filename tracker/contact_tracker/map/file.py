@@ -3,7 +3,9 @@ OBJ, too, and writing of what was learned."""
 
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from itertools import chain, product
 from pathlib import Path
 from typing import Any, Final, TypeVar
@@ -256,36 +258,24 @@ def _elements(
     keys: Keys, folder: Path, note: Note, solid_is_all: bool = True
 ) -> tuple[tuple[NamedElement, ...], bool]:
     """The elements of one frame, and whether they are complete."""
-    elements_read, complete, solids = list[NamedElement](), False, 0
-    for kind, read in (("plane", _plane), ("line", _line), ("point", _point)):
+    found, complete, solids = list[NamedElement](), False, 0
+    for kind in ("plane", "line", "point", "box", "mesh"):
         for number, row in enumerate(keys.tables(kind), start=1):
-            elements_read.append(read(row, number))
-            _refuse_many(elements_read, keys, kind)
-    for kind in ("box", "mesh"):
-        for row in keys.tables(kind):
-            elements, complete = (
-                (_box(row, solids), True) if kind == "box" else _mesh(row, solids, folder, note)
-            )
-            elements_read += elements
-            solids += 1
-            _refuse_many(elements_read, keys, kind)
+            if kind in _SINGLE:
+                found.append(_SINGLE[kind](row, number))
+            else:
+                solid = _box(row, solids) if kind == "box" else _mesh(row, solids, folder, note)
+                found, complete, solids = [*found, *solid[0]], solid[1], solids + 1
+            if len(found) > MOST_ELEMENTS:
+                raise keys.wrong(kind, f"{len(found)} elements are too many; {MOST_ELEMENTS} are allowed")
     complete = keys.flag("complete", complete and solids == 1 and solid_is_all)
-    if complete and not elements_read:
+    if complete and not found:
         raise keys.wrong("complete", "true, but nothing is listed: it could touch nothing")
     keys.finish()
-    _refuse_same(elements_read, keys)
-    return tuple(elements_read), complete
-
-
-def _refuse_many(elements: Sequence[NamedElement], keys: Keys, kind: str) -> None:
-    if len(elements) > MOST_ELEMENTS:
-        raise keys.wrong(kind, f"{len(elements)} elements are too many; {MOST_ELEMENTS} are allowed")
-
-
-def _refuse_same(elements: list[NamedElement], keys: Keys) -> None:
-    for name in (element.name for element in elements):
-        if sum(element.name == name for element in elements) > 1:
+    for name, count in Counter(element.name for element in found).items():
+        if count > 1:
             raise keys.wrong("name", f"{name!r} is there twice")
+    return tuple(found), complete
 
 
 def _plane(keys: Keys, number: int) -> NamedElement:
@@ -315,12 +305,16 @@ def _point(keys: Keys, number: int) -> NamedElement:
     return NamedElement(name, known_to(Point(point), accuracy))
 
 
-def _box(keys: Keys, solid: int) -> tuple[NamedElement, ...]:
+_SINGLE: Final = {"plane": _plane, "line": _line, "point": _point}
+
+
+def _box(keys: Keys, solid: int) -> tuple[tuple[NamedElement, ...], bool]:
+    """The elements of a box, which is convex."""
     prefix, accuracy, size_m = _prefix(keys), _accuracy(keys), keys.lengths("size_m")
     rotation, position_m = _pose(keys)
     keys.finish()
     body = convex(0.5 * size_m * np.array(list(product((-1.0, 1.0), repeat=3))))
-    return elements_of(body, axis_name, accuracy, rotation, position_m, prefix, solid)
+    return elements_of(body, axis_name, accuracy, rotation, position_m, prefix, solid), True
 
 
 def _mesh(keys: Keys, solid: int, folder: Path, note: Note) -> tuple[tuple[NamedElement, ...], bool]:
@@ -461,11 +455,11 @@ def _sound(learned: LearnedElements) -> LearnedElements:
     sd = np.sqrt(learned.weak(ANYWHERE_M))
     scaled = sd[:, None] * learned.information * sd
     largest = float(np.abs(scaled).max())
-    values = np.linalg.eigvalsh(0.5 * (scaled + scaled.T))
+    values, axes = np.linalg.eigh(0.5 * (scaled + scaled.T))
     is_even = np.abs(scaled - scaled.T).max() <= _ROUNDING * largest
     if not (is_even and values[0] >= -_ROUNDING * max(largest, 1.0)):
         raise KnowledgeError("learned.information", "is not symmetric with positive eigenvalues")
-    return learned.with_scaled(scaled, sd)
+    return replace(learned, information=(axes * np.maximum(values, 0.0)) @ axes.T / (sd[:, None] * sd))
 
 
 def _numbers(values: Array | float) -> str:

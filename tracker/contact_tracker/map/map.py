@@ -4,7 +4,7 @@ A file lists elements with names and accuracies; those that contacts have touche
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Final
 
@@ -12,7 +12,14 @@ import numpy as np
 
 from contact_tracker.geometry.elements import Array, Element, Line, Plane, Point
 from contact_tracker.geometry.polyhedron import Feature, Polyhedron
-from contact_tracker.map.elements import KINDS, NOTHING_LEARNED, PARALLEL, LearnedElements, kind_of
+from contact_tracker.map.elements import (
+    KINDS,
+    NOTHING_LEARNED,
+    PARALLEL,
+    LearnedElements,
+    kind_of,
+    plane_covariance,
+)
 from contact_tracker.states import CONTACTS, Contact
 
 
@@ -30,7 +37,7 @@ class NamedElement:
 
     ``solid`` numbers the known bodies of a side; None for an element that is listed by itself. ``is_hull``
     says that the body is not convex, and this an element of its hull; ``is_covered`` that it lies on a known
-    face, so that nothing can touch it.
+    face, so that nothing can touch it; ``corners_m`` (C, 3) are its corners, none if it is listed by itself.
     """
 
     name: str
@@ -38,6 +45,7 @@ class NamedElement:
     solid: int | None = None
     is_hull: bool = False
     is_covered: bool = False
+    corners_m: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
     @property
     def kind(self) -> str:
@@ -161,10 +169,7 @@ def known_to(element: Element, accuracy: Accuracy, place: Array | None = None) -
         case Plane(normal, offset_m):
             at = normal * offset_m if place is None else place - normal * (normal @ place - offset_m)
             across = turn * (np.eye(3) - np.outer(normal, normal))
-            jacobian = np.concatenate([np.eye(3), at[None]])
-            covariance = jacobian @ across @ jacobian.T
-            covariance[3, 3] += shift
-            return Plane(normal, offset_m, covariance)
+            return Plane(normal, offset_m, plane_covariance(across, at, shift))
         case Line(direction, point_m):
             at = point_m if place is None else point_m + direction * (direction @ (place - point_m))
             across = np.eye(3) - np.outer(direction, direction)
@@ -198,7 +203,7 @@ def elements_of(
         name = f"{prefix}{KINDS[feature.kind]} {' '.join(sorted(named, key=_axis_order))}"
         element = feature.element(rotation, position_m, middle)
         placed = known_to(element, accuracy, rotation @ middle + position_m)
-        return NamedElement(name, placed, solid, is_hull)
+        return NamedElement(name, placed, solid, is_hull, corners_m=feature.points @ rotation.T + position_m)
 
     return tuple(known(feature) for feature in body.features)
 
@@ -222,8 +227,7 @@ def _axis_order(name: str) -> tuple[int, str]:
 GAP_M: Final = 0.005
 """Largest gap between faces that lie on each other, too small for an object to touch one of them."""
 _SAME_M: Final = 5e-4
-_SAME_DIRECTION: Final = 0.01
-"""Distance from the plane of a face, and cosine to its normal, of what lies in it: meshes are rounded."""
+"""Distance from the plane of a face of what lies in it: meshes are rounded."""
 
 
 def mark_covered(elements: Sequence[NamedElement]) -> tuple[NamedElement, ...]:
@@ -233,68 +237,33 @@ def mark_covered(elements: Sequence[NamedElement]) -> tuple[NamedElement, ...]:
     The plane of such a face is that of the other, with the opposite normal: motion would show either. A face
     that is listed by itself counts as endless.
     """
-    sound = [element for element in elements if not element.is_hull]
+    faces = [(e, e.element) for e in elements if isinstance(e.element, Plane) and not e.is_hull]
+
+    def covers(other: NamedElement, plane: Plane, face: NamedElement, own: Plane) -> bool:
+        """Whether the corners of a ``face`` lie on another, and within it, where its body is known."""
+        off_m, is_opposite = _in_front_m(plane, face), plane.normal @ own.normal < -PARALLEL
+        if not is_opposite or np.abs(off_m).max() > GAP_M:
+            return False
+        sides = [] if other.solid is None else [side for e, side in faces if e.solid == other.solid]
+        return all(_in_front_m(side, face).max() <= GAP_M for side in sides)
+
     covered = [
-        (element.solid, element.element)
-        for element in sound
-        if element.solid is not None and isinstance(element.element, Plane) and _is_covered(element, sound)
+        (face.solid, own)
+        for face, own in faces
+        if face.solid is not None
+        and any(covers(other, plane, face, own) for other, plane in faces if other.solid != face.solid)
     ]
     return tuple(
         replace(element, is_covered=True)
-        if any(element.solid == solid and _lies_in(element.element, face) for solid, face in covered)
+        if any(
+            element.solid == solid and np.abs(_in_front_m(face, element)).max() < _SAME_M
+            for solid, face in covered
+        )
         else element
         for element in elements
     )
 
 
-def _is_covered(face: NamedElement, elements: Sequence[NamedElement]) -> bool:
-    assert isinstance(face.element, Plane)
-    corners_m = np.array([p.point_m for p in _points_of(face.solid, elements) if _lies_in(p, face.element)])
-    return any(
-        _covers(element, face.element, corners_m, elements)
-        for element in elements
-        if element.solid is None or element.solid != face.solid
-    )
-
-
-def _covers(
-    face_element: NamedElement, face: Plane, corners_m: Array, elements: Sequence[NamedElement]
-) -> bool:
-    """Whether the ``corners_m`` (C, 3) of a face lie on another, and within it, where its body is known."""
-    if not isinstance(face_element.element, Plane) or face_element.element.normal @ face.normal > -PARALLEL:
-        return False
-    if np.abs(_in_front_m(face_element.element, corners_m)).max() > GAP_M:
-        return False
-    if face_element.solid is None:
-        return True
-    sides = [
-        element.element
-        for element in elements
-        if element.solid == face_element.solid and isinstance(element.element, Plane)
-    ]
-    return all(_in_front_m(side, corners_m).max() <= GAP_M for side in sides)
-
-
-def _points_of(solid: int | None, elements: Sequence[NamedElement]) -> list[Point]:
-    return [
-        element.element
-        for element in elements
-        if element.solid == solid and isinstance(element.element, Point)
-    ]
-
-
-def _lies_in(element: Element, face: Plane) -> bool:
-    """Whether an element of a body lies in the plane of one of its faces."""
-    match element:
-        case Plane(normal, offset_m):
-            return bool(normal @ face.normal > PARALLEL and abs(offset_m - face.offset_m) < _SAME_M)
-        case Line(direction, point_m):
-            is_parallel = abs(direction @ face.normal) < _SAME_DIRECTION
-            return bool(is_parallel and abs(_in_front_m(face, point_m[None])[0]) < _SAME_M)
-        case Point(point_m):
-            return bool(abs(_in_front_m(face, point_m[None])[0]) < _SAME_M)
-
-
-def _in_front_m(face: Plane, points_m: Array) -> Array:
-    """Distances (N,) of points (N, 3) in front of a face."""
-    return np.asarray(points_m @ face.normal - face.offset_m)
+def _in_front_m(face: Plane, element: NamedElement) -> Array:
+    """Distances (C,) of the corners of an element in front of a face."""
+    return np.asarray(element.corners_m @ face.normal - face.offset_m)

@@ -27,11 +27,8 @@ from contact_tracker.geometry.elements import (
 )
 from contact_tracker.geometry.linalg import EYE
 from contact_tracker.map.association import MapView
-from contact_tracker.map.elements import WIDTHS, covariance_of, kinds_of, whitening
+from contact_tracker.map.elements import LOST, WIDTHS, covariance_of, kinds_of, whitening
 from contact_tracker.map.map import Map, NamedElement, Up
-
-_SMALLEST: Final = 1e-12
-"""Variances below this share of the largest count as zero: the element cannot move in these directions."""
 
 
 class PairPrior(NamedTuple):
@@ -117,7 +114,7 @@ def _part(kind: str, element: Element | None) -> Array:
         turns = onto[:3, :3] = whitening(covariance[:3, :3], 0)
         onto[3] = np.array([*-(turns.T @ (turns @ covariance[:3, 3])), 1.0])
         variance[3] = onto[3] @ covariance @ onto[3]  # errors of the slope enter by their square only
-        variance[3] *= variance[3] > _SMALLEST * covariance[3, 3]
+        variance[3] *= variance[3] > LOST * covariance[3, 3]
     elif isinstance(element, Line):
         across = np.zeros((6, 6))
         across[:3, :3] = across[3:, 3:] = EYE - np.outer(element.direction, element.direction)

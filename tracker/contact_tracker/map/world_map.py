@@ -26,7 +26,6 @@ from contact_tracker.map.elements import (
     Key,
     LearnedElements,
     MapElement,
-    prior_variance,
     slots_of,
 )
 
@@ -34,11 +33,10 @@ MOST_SIGHTINGS: Final = 60
 """Most contacts in a map, those with the most information: if nothing is shared, 60 take some seconds."""
 MOST_LEARNED: Final = 40
 """Most elements that are kept for another recording."""
-MOST_SWEEPS: Final = 3
-SOLVER_ROUNDS: Final = 4
-LONGEST_TURN_RAD: Final = 0.3
-"""Largest turn of an element in one step of the solver."""
+MOST_ROUNDS: Final = 4
+"""Most sweeps of the association, and steps of the solver; both end sooner if nothing changes."""
 CONVERGED: Final = 1e-7
+"""Largest change of a coordinate (rad, m) in the last step of the solver."""
 DROPPED_NATS: Final = 7.5
 """Evidence against the prior's elements of a side by which they are dropped: a contact that they do not
 explain costs the price of a new element, 5 nats with ten contacts known and 2.5 with two, and one that they
@@ -82,22 +80,21 @@ class GrowingMap:
         sightings: Sequence[Sighting],
         reach_m: float,
         contacts: int = 0,
-        prior: LearnedElements | None = None,
+        prior: LearnedElements = NOTHING_LEARNED,
     ) -> "GrowingMap":
         """The map of all sightings of a recording: associate greedily, then reconsider each."""
         by_information = sorted(sightings, key=lambda s: -s.gain(reach_m))[:MOST_SIGHTINGS]
-        start = cls(reach_m, contacts=contacts)
-        mapper = _Mapper(start if prior is None else start.with_prior(prior))
+        mapper = _Mapper(cls(reach_m, contacts=contacts).with_prior(prior))
         for sighting in by_information:
             mapper.insert(sighting)
-        for _ in range(MOST_SWEEPS):
+        for _ in range(MOST_ROUNDS):
             partition = mapper.partition()
             for sighting in sorted(by_information, key=lambda s: s.first):
                 mapper.forget(sighting.first)
                 mapper.insert(sighting)
             if mapper.partition() == partition:
                 break
-        mapper.solve(SOLVER_ROUNDS)
+        mapper.solve(MOST_ROUNDS)
         return mapper.map
 
     def with_prior(self, prior: LearnedElements) -> "GrowingMap":
@@ -114,20 +111,9 @@ class GrowingMap:
     def learned(self) -> LearnedElements:
         """What is known now of the elements that were touched most, in the coordinates of the world and the
         body, for another recording."""
-        view = self.whole
-        often = sorted(view.counts, key=lambda key: (-view.counts[key], key))
-        keys = sorted(often[:MOST_LEARNED])
-        kept = [view.slots[key] for key in keys]
-        rows = np.concatenate([np.zeros(0, int), *(np.arange(slot.start, slot.stop) for slot in kept)])
-        learned = (
-            LearnedElements(
-                {key: view.elements[key] for key in keys},
-                {key: view.counts[key] for key in keys},
-                np.linalg.inv(view.covariance[np.ix_(rows, rows)]),
-            )
-            .without_weak(self.reach_m)
-            .with_sides(self.prior)
-        )
+        counts, all_learned = self.whole.counts, self._learned(self.whole.slots, self.pairs)
+        often = sorted(counts, key=lambda key: (-counts[key], key))[:MOST_LEARNED]
+        learned = replace(all_learned, counts=counts).of(often, self.reach_m)
         return learned if self.origins is None else learned.shifted(self.origins)
 
     def insert(self, sighting: Sighting) -> "GrowingMap":
@@ -158,7 +144,7 @@ class GrowingMap:
 
     def _without_prior(self, side: int) -> "GrowingMap":
         """The map without the prior's elements of a side."""
-        prior = self.prior.of_side(1 - side, self.reach_m)
+        prior = self.prior.of([key for key in self.prior.elements if key[0] != side], self.reach_m)
         kept = {*prior.elements, *(key for pair in self.pairs.values() for key in pair)}
         body_is_dropped, world_is_dropped = self.prior_is_dropped
         return replace(
@@ -191,11 +177,6 @@ class GrowingMap:
                 number[first]: odds for first, odds in self.prior_log_odds.items() if first in number
             },
         )
-
-    @cached_property
-    def derived(self) -> dict[object, object]:
-        """What others compute of this map and keep while it lives (``tracking/contact_filter.py``)."""
-        return {}
 
     @cached_property
     def without_prior(self) -> "GrowingMap":
@@ -265,7 +246,7 @@ class GrowingMap:
         counts = Counter(key for pair in used.values() for key in pair)
         counts.update(self.prior.counts)
         slots = slots_of(self.elements, sorted(counts))
-        covariance = np.asarray(np.linalg.inv(self.normal_equations(slots, used)[0]))
+        covariance = self._learned(slots, used).covariance(self.reach_m)
         # the few sure contacts of a prior would not show how seldom elements are new
         contacts = 0 if self.prior and self.contacts is None else self.contacts
         return MapView(
@@ -277,13 +258,19 @@ class GrowingMap:
             self.pairs[max(used)] if used else None,
         )
 
+    def _learned(self, slots: Mapping[Key, slice], used: Mapping[int, tuple[Key, Key]]) -> LearnedElements:
+        """The elements with ``slots`` by what the prior and the ``used`` sightings show, uncounted."""
+        elements = {key: self.elements[key] for key in slots}
+        information = self.normal_equations(slots, used)[0]
+        return LearnedElements(elements, {}, information, self.prior.extents, self.prior.outward)
+
     def normal_equations(
         self, slots: Mapping[Key, slice], used: Mapping[int, tuple[Key, Key]]
     ) -> tuple[Array, Array]:
-        """Information (P, P) of all free coordinates, and the gradient (P,) of the squared residuals."""
-        variances = [prior_variance(self.elements[key].kind, self.reach_m) for key in slots]
-        information = np.diag(1.0 / np.concatenate([np.zeros(0), *variances]))
-        gradient = np.zeros(len(information))
+        """Information (P, P) of all free coordinates from the prior and the ``used`` sightings, and the
+        gradient (P,) of the squared residuals."""
+        size = sum(self.elements[key].size for key in slots)
+        information, gradient = np.zeros((size, size)), np.zeros(size)
         if self.prior:
             prior_elements = self.prior.elements
             rows = np.concatenate([np.arange(slots[key].start, slots[key].stop) for key in prior_elements])
@@ -317,13 +304,11 @@ class GrowingMap:
         The evidence of a pass in which each contact uses what the others have learned never counts that.
         """
         view = self.whole
-        shared = [key for key, count in view.counts.items() if count > 1 and key not in self.prior.elements]
-        if not shared:
-            return 0.0
-        rows = np.concatenate([np.arange(view.slots[key].start, view.slots[key].stop) for key in shared])
-        prior = np.concatenate([prior_variance(view.elements[key].kind, self.reach_m) for key in shared])
+        counts = view.counts.items()
+        shared = {k: view.elements[k] for k, n in counts if n > 1 and k not in self.prior.elements}
+        rows = np.array([row for key in shared for row in np.r_[view.slots[key]]], int)
         volume = np.linalg.slogdet(view.covariance[np.ix_(rows, rows)])[1]
-        return float(0.5 * (np.log(prior).sum() - volume))
+        return float(0.5 * (np.log(LearnedElements(shared).weak(self.reach_m)).sum() - volume))
 
 
 class _Mapper:
@@ -401,11 +386,9 @@ class _Mapper:
         slots = slots_of(self._elements, sorted(self._elements))
         for _ in range(rounds):
             information, gradient = self.map.normal_equations(slots, self._pairs)
-            change = np.asarray(-np.linalg.solve(information, gradient))
+            weak = LearnedElements({key: self._elements[key] for key in slots}).weak(self._start.reach_m)
+            change = np.asarray(-np.linalg.solve(information + np.diag(1.0 / weak), gradient))
             for key, rows in slots.items():
-                element = self._elements[key]
-                turn = float(np.linalg.norm(change[rows][:2])) if element.kind != "v" else 0.0
-                share = min(1.0, LONGEST_TURN_RAD / max(turn, CONVERGED))
-                self._elements[key] = element.moved(change[rows] * share)
+                self._elements[key] = self._elements[key].moved(change[rows])
             if np.abs(change).max(initial=0.0) < CONVERGED:
                 break

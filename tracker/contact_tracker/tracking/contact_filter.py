@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from operator import attrgetter
-from typing import Final, NamedTuple, Self, cast
+from typing import Final, NamedTuple, Self
 
 import numpy as np
 from scipy.special import expit
@@ -150,14 +150,8 @@ def _proposals(state: FilterState, frame: Frame) -> tuple[BirthProposals, ...]:
         latest, reach_m = state.map.latest_before(state.ticks), state.map.reach_m
     else:
         left_out, current, latest, reach_m = (), state.current_pair, state.map.whole.latest, None
-    share, kept = state.model.geometry.revisit_prior, state.map.derived
-    inputs = state.known_map, frame, current, left_out, latest, share, reach_m
-    proposals = kept.get(inputs)
-    if proposals is None:
-        if len(kept) >= KEPT:
-            kept.clear()
-        proposals = kept[inputs] = _births(state.map, *inputs)
-    return cast(tuple[BirthProposals, ...], proposals)
+    share = state.model.geometry.revisit_prior
+    return _births(state.map, state.known_map, frame, current, left_out, latest, share, reach_m)
 
 
 def pairs_touched_elsewhere(
@@ -189,10 +183,9 @@ def _near(frame: Frame, kind: str) -> Frame:
 
 _KINDS: Final = [(model, kinds_of(model)) for model in CONTACT_MODELS]
 """Each contact, and the kinds of its elements."""
-KEPT: Final = 8
-"""Number of inputs of a map for which proposals are kept: of labels and places that recur."""
 
 
+@lru_cache(maxsize=32)  # of some filters, as labels and places recur
 def _births(
     world: GrowingMap,
     known_map: Map,

@@ -15,7 +15,7 @@ from contact_tracker.arrays import Array
 from contact_tracker.geometry.elements import ContactGeometry, Element, Plane, numbers
 from contact_tracker.geometry.lifted_pose import R
 from contact_tracker.map.association import log_prior_of_new
-from contact_tracker.map.elements import best_known_place, covariance_of
+from contact_tracker.map.elements import best_known_place, covariance_of, plane_covariance
 from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion.tick_averaging import Tick
 from contact_tracker.states import STATES, Contact, united
@@ -259,9 +259,7 @@ def _with_offset(estimate: Element, face: Element) -> Plane | None:
     variance = float(covariance[3, 3] - covariance[:3, 3] @ place)
     if variance > KNOWN_M**2:
         return None
-    onto = np.vstack([np.eye(3), place])
-    own = onto @ covariance_of(estimate)[:3, :3] @ onto.T
-    own[3, 3] += variance
+    own = plane_covariance(covariance_of(estimate)[:3, :3], place, variance)
     return replace(estimate, offset_m=float(offset_m), covariance=own)
 
 

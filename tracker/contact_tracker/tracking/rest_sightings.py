@@ -54,14 +54,14 @@ def sightings_at_rest(ticks: Sequence[Tick], model: Model, reach_m: float) -> li
         np.array([tick.innovation_excess for tick in ticks]),
         frames=count,
     )
-    rests = _Rests.of(window, model.tick_s, reach_m)
-    return [
-        RestSighting(
-            Sighting(first, end, estimate, ticks[first].start_ns, ticks[end - 1].stamp_ns), float(evidence)
-        )
-        for faces in _faces_of(rests)
-        for (first, end), estimate, evidence in faces.by_rest(rests)
-    ]
+    rests, found = _Rests.of(window, model.tick_s, reach_m), list[RestSighting]()
+    for faces in _faces_of(rests):
+        for k, information, evidence in zip(faces.members, faces.information, faces.by_member, strict=True):
+            arguments = faces.x, faces.tangent, information, np.zeros(6), rests.rotation[k]
+            (first, end), estimate = rests.rows[k], ElementEstimate(Contact.FF, *arguments)
+            sighting = Sighting(first, end, estimate, ticks[first].start_ns, ticks[end - 1].stamp_ns)
+            found.append(RestSighting(sighting, float(evidence)))
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,12 +159,6 @@ class _Faces:
         volume = 0.5 * np.linalg.slogdet(np.eye(len(gradient)) + information.sum(axis=0))[1]
         tangent = face_face.tangent(x, np.zeros(6))
         return cls(x, tangent, members, information, by_member, float(by_member.sum() - volume))
-
-    def by_rest(self, rests: _Rests) -> Iterator[tuple[Ints, ElementEstimate, float]]:
-        """For each member its rows, its estimate of the faces, and its evidence."""
-        for k, information, evidence in zip(self.members, self.information, self.by_member, strict=True):
-            arguments = self.x, self.tangent, information, np.zeros(6), rests.rotation[k]
-            yield rests.rows[k], ElementEstimate(Contact.FF, *arguments), evidence
 
 
 def _faces_of(rests: _Rests) -> list[_Faces]:
