@@ -187,12 +187,6 @@ def test_fields_of_a_structured_array_are_columns(tmp_path: Path, ending: str, k
     assert_read(path, "--columns", f"wxyz={'' if ending == 'npy' else 'log.'}wxyz")
 
 
-def test_objects_have_a_remedy(tmp_path: Path) -> None:
-    np.save(tmp_path / "a.npy", {"p": P}, allow_pickle=True)
-    with pytest.raises(UnreadableRecording, match=r"Trajectory.from_arrays\(t, p, q\) takes times"):
-        open_log(str(tmp_path / "a.npy"))
-
-
 def test_arrays_without_names_may_begin_with_the_time(tmp_path: Path) -> None:
     np.savez(path := tmp_path / "a.npz", T, P, Q)
     assert proposed(path) == ["--columns", "quaternion=arr_2,position=arr_1,time=arr_0"]

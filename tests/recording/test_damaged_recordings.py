@@ -304,19 +304,11 @@ def test_any_damage_raises_only_expected_errors(
 # --- compressed ------------------------------------------------------------------------------------------
 
 
-def test_a_compressed_file_reads_like_the_file(tmp_path: Path) -> None:
-    poses = smooth_poses(300)
-    plain = write_log(tmp_path / "a.mcap", [poses_topic(poses)]).read_bytes()
-    packed = tmp_path / "a.mcap.zstd"
-    packed.write_bytes(zstandard.compress(plain))
+def test_a_compressed_file_that_is_cut_off_is_damaged(tmp_path: Path) -> None:
+    plain = write_log(tmp_path / "a.mcap", [poses_topic(smooth_poses(300))]).read_bytes()
+    (packed := tmp_path / "a.mcap.zstd").write_bytes(zstandard.compress(plain)[:-500])
     result, damage = read(packed)
-    np.testing.assert_array_equal(result.position_m, poses.position_m)
-    assert damage is None
-    (tmp_path / "a.mcap").unlink()
-    assert len(read(tmp_path)[0]) == len(poses)
-    packed.write_bytes(packed.read_bytes()[:-500])
-    result, damage = read(packed)
-    assert len(result) <= len(poses)
+    assert len(result) <= 300
     assert damage is not None
 
 

@@ -105,6 +105,12 @@ EXPORTS: dict[str, Callable[[Path], object]] = {
     ),
     "bop.json": lambda path: path.write_text(by_frame([[one] for one in SCENE])),
     "matrices.json": lambda path: path.write_text(by_frame(WHOLE.tolist())),
+    "by rows.json": lambda path: path.write_text(
+        json.dumps({"time": [*T], "p": P.T.tolist(), "q": Q.T.tolist()})
+    ),
+    "by times.json": lambda path: path.write_text(
+        json.dumps({f"{t:.9f}": {"p": [*p], "q": [*q]} for t, p, q in zip(T, P, Q, strict=True)})
+    ),
     "apriltag.json": lambda path: path.write_text(json.dumps(LISTS)),
     "bop.csv": lambda path: write(path, ["scene_id,im_id,obj_id,R,t,time"], OF_BOP),
     "ndi.csv": lambda path: write(path, [NDI], OF_NDI),
@@ -131,23 +137,18 @@ def test_stamps_in_another_unit_than_their_name_give_a_warning(tmp_path: Path) -
     assert_read(path, "--time-unit", "ns")
 
 
-@pytest.mark.parametrize("kind", ["bop.json", "bop.csv", "lines.jsonl"])
+@pytest.mark.parametrize("kind", ["bop.json", "bop.csv"])
 def test_entries_of_several_bodies_are_a_source_for_each(tmp_path: Path, kind: str) -> None:
     """Also where cells have several values."""
     path, options = tmp_path / kind, ["--matrix", "rows", "--unit", "mm", "--time-unit", "200Hz"]
     if kind == "bop.json":
         path.write_text(by_frame([[entry, {**entry, "obj_id": 7}] for entry in SCENE]))
         options += ["--columns", "position=cam_t_m2c,matrix=cam_R_m2c"]
-    elif kind == "bop.csv":
+    else:
         twice = [[*row[:2], body, *row[3:]] for row in OF_BOP for body in "57"]
         write(path, ["scene_id,im_id,obj_id,R,t,time"], twice)
         options += ["--columns", "time=im_id,position=t,matrix=R"]
-    else:
-        poses = (dict(zip(NAMES.split(","), row, strict=True)) for row in POSE.tolist())
-        entries = ({"t": t, **pose} for t, pose in zip(T.tolist(), poses, strict=True))
-        path.write_text("\n".join(json.dumps({"name": name, **entry}) for entry in entries for name in "ab"))
-        options = []
-    assert_read(path, *options, frame="a" if kind == "lines.jsonl" else "5")
+    assert_read(path, *options, frame="5")
 
 
 def test_more_bodies_than_half_of_the_first_rows_are_a_source_for_each(tmp_path: Path) -> None:

@@ -206,10 +206,3 @@ def test_messages_outside_of_chunks_that_are_sorted_are_reported(tmp_path: Path,
     assert summarise(str(path)).damage == (
         f"{POSES} messages outside of chunks, which overlap in log time, are left out"
     )
-
-
-def test_an_index_without_schemas_is_none(tmp_path: Path) -> None:
-    """As of writers that do not repeat them."""
-    path = write_log(tmp_path / "a.mcap", [poses_topic(smooth_poses(POSES))], repeat_schemas=False)
-    assert summary_of(str(path)) is None
-    assert len(Poses.collect(open_log(str(path)))) == POSES

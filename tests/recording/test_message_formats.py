@@ -214,23 +214,17 @@ def test_one_element_of_a_list_in_json(tmp_path: Path) -> None:
     assert_read(path, OTHER, frame="0", table=TableReading(field="seen.at"))
 
 
-def test_markers_and_states_of_gazebo(tmp_path: Path) -> None:
+def test_poses_without_header_markers_and_states_of_gazebo(tmp_path: Path) -> None:
+    """Without a header they have their log times."""
+    text = f"geometry_msgs/Point position\ngeometry_msgs/Quaternion orientation\n{RULE}{PARTS}"
+    rows = [(pose.stamp_ns, named(pose)) for pose in POSES]
+    assert_read(write_ros2(tmp_path / "c.mcap", [("/turtle", "geometry_msgs/msg/Pose", text, rows)]))
     text, kind = f"string[] name\ngeometry_msgs/Pose[] pose\n{RULE}{PARTS}", "gazebo_msgs/msg/ModelStates"
     rows = [(p.stamp_ns, {"name": ["floor", "cup"], "pose": [named(FIRST), named(p)]}) for p in POSES]
     assert_read(write_ros2(tmp_path / "a.mcap", [("/states", kind, text, rows)]), POSES, frame="cup")
     rows = [(p.stamp_ns, {"header": header(p.stamp_ns), "ns": "a", "id": 1, "pose": named(p)}) for p in POSES]
     text, kind = f"{MARKER}{RULE}{PARTS}", "visualization_msgs/msg/Marker"
     assert_read(write_ros2(tmp_path / "b.mcap", [("/m", kind, text, rows)]))
-
-
-def test_a_pose_without_header_has_its_log_time(tmp_path: Path) -> None:
-    text = f"geometry_msgs/Point position\ngeometry_msgs/Quaternion orientation\n{RULE}{PARTS}"
-    rows = [(pose.stamp_ns, named(pose)) for pose in POSES]
-    path = write_ros2(tmp_path / "a.mcap", [("/turtle", "geometry_msgs/msg/Pose", text, rows)])
-    log = open_log(str(path))
-    assert len(Poses.collect(log)) == COUNT
-    assert log.counts == {"log_time_as_stamp": COUNT}
-    assert_read(path)
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from contact_tracker import ContactTrackerWarning, Trajectory, read
 from contact_tracker.cli.main import build_parser, run
-from contact_tracker.config.table_reading import AS_NAMED, reading_of
+from contact_tracker.config.table_reading import AS_NAMED
 from contact_tracker.errors import UnreadableRecording, UsageError
 from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log
@@ -114,20 +114,6 @@ def read_by(command: str) -> Poses:
     return Poses.collect(open_log(words[1], table=build_parser().parse_args(words).table))
 
 
-def test_an_index_without_a_name_is_proposed_as_the_time(tmp_path: Path) -> None:
-    """As pandas writes one, of times but not of numbers of rows."""
-    path, pose = tmp_path / "a.csv", "x,y,z,qw,qx,qy,qz"
-    for step, way in (
-        ("0.1", "if its first column, which has no name, is the time"),
-        ("1", "it has no times"),
-    ):
-        rows = [f"{float(step) * i:g},0.{i},0,0,1,0,0,0" for i in range(9)]
-        path.write_text("\n".join([f",{pose}", *rows, ""]))
-        with pytest.raises(UnreadableRecording, match=f"{way}: read them by contact-tracker segment"):
-            open_log(str(path))
-    assert len(Poses.collect(open_log(str(path), table=reading_of("time=c0", time_unit="s")))) == 9
-
-
 TURN = Rotation.random(9, rng=np.random.default_rng(5))
 PLACE = np.random.default_rng(6).uniform(0.1, 0.9, (9, 3))
 QUAT = TURN.as_quat()
@@ -146,8 +132,6 @@ def csv(names: str, *values: Any) -> str:
 @pytest.mark.parametrize(
     ("name", "text", "at"),
     [
-        ("rsi.csv", csv("RIst_X,RIst_Y,RIst_Z,RIst_A,RIst_B,RIst_C", 1e3 * PLACE, ZYX), 0),
-        ("tracked.csv", csv("X(cm),Y(cm),Z(cm),Azimuth(deg),Elevation(deg),Roll(deg)", 1e2 * PLACE, ZYX), 0),
         ("square.csv", csv(f"Ticks,x,y,z,{SQUARE}", 10.0 * np.arange(9), PLACE, NINE), 1),
         ("sim.npz", {"root_state": STATE[:, 7:]}, 1),
         ("sim.npz", {"time": 0.1 * np.arange(9), "qpos": STATE}, 1),
@@ -254,10 +238,10 @@ def test_angles_without_names_are_no_trajectory_of_quaternions(tmp_path: Path) -
 
 @pytest.mark.parametrize("mark", ["_", ". ", "- "])
 def test_names_of_many_marks_take_no_longer(mark: str) -> None:
-    begin = time.perf_counter()
+    begin_s = time.process_time()
     with pytest.raises(UnreadableRecording):
         layout_of_names([f"{mark * 100}{i}" for i in range(300)], AS_NAMED)
-    assert time.perf_counter() - begin < 1.0
+    assert time.process_time() - begin_s < 1.0
 
 
 def test_unwrapped_angles_that_exceed_a_turn_later_are_read_on(tmp_path: Path) -> None:

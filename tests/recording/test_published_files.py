@@ -2,14 +2,11 @@
 
 import json
 import re
-import shlex
-import zipfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from scipy.io import savemat
 
 from contact_tracker import Trajectory
 from contact_tracker.cli.main import build_parser
@@ -33,7 +30,6 @@ from pose_tables import (
     Q,
     T,
     assert_read,
-    commands,
     proposed,
     rows,
     write,
@@ -83,61 +79,6 @@ def test_frames_after_the_names_of_the_parts(tmp_path: Path) -> None:
     assert_read(path, "--columns", "time=tracking_timestamp_us", frame="world_device")
 
 
-@pytest.mark.parametrize(
-    ("before", "after"),
-    [
-        ("", "x_std,y_std,z_std,qx_std,qy_std,qz_std,qw_std"),
-        ("", "tx_error,ty_error,tz_error,qx_error,qy_error,qz_error,qw_error"),
-        ("t_goal_x,t_goal_y,t_goal_z", ""),
-        ("tool.t_lin_x,tool.t_lin_y,tool.t_lin_z", ""),
-    ],
-)
-def test_other_vectors_beside_a_pose_are_no_body(tmp_path: Path, before: str, after: str) -> None:
-    """Deviations, errors, goals and velocities."""
-    head = ",".join(filter(None, ["time", before, "x,y,z,qx,qy,qz,qw", after]))
-    others = [names and np.ones((COUNT, len(names.split(",")))) for names in (before, after)]
-    parts = [T, others[0], POSE, others[1]]
-    path = write(tmp_path / "a.csv", [head], rows(*(part for part in parts if not isinstance(part, str))))
-    assert len(list_sources(str(path))) == 1
-    assert_read(path)
-
-
-def test_two_transforms_with_frames_in_the_names_are_two_bodies(tmp_path: Path) -> None:
-    names = [f"t_{body}_{axis}" for body in ("cam", "obj") for axis in "xyz"]
-    names += [f"q_{body}_{part}" for body in ("cam", "obj") for part in ("x", "y", "z", "w")]
-    path = write(tmp_path / "a.csv", [",".join(["time", *names])], rows(T, P + 1.0, P, Q, Q))
-    assert sorted(source.child_frame_id for source in list_sources(str(path))) == ["cam", "obj"]
-    assert_read(path, frame="obj")
-
-
-def test_matrices_of_surgical_robots(tmp_path: Path) -> None:
-    """Positions and matrices of several arms, without a time, as published tables of JIGSAWS name them."""
-    arms = "MASTER_LEFT_", "SLAVE_LEFT_"
-    head = ",".join(
-        named(
-            arm,
-            f"POS_X,POS_Y,POS_Z,{named('ROT_', NINE)},LIN_VEL_X,LIN_VEL_Y,LIN_VEL_Z,"
-            "ROT_VEL_X,ROT_VEL_Y,ROT_VEL_Z",
-        )
-        for arm in arms
-    )
-    path = write(tmp_path / "a.csv", [head], rows(P + 1.0, MATRICES, ZEROS, P, MATRICES, ZEROS))
-    assert proposed(path) == ["--time-unit", "100Hz", "--matrix", "rows"]
-    assert_read(path, "--time-unit", "200Hz", "--matrix", "rows", frame="slave_left")
-
-
-@pytest.mark.parametrize("kinds", [("RIst", "RSol"), ("RSol", "RIst")])
-def test_actual_and_commanded_poses_of_kuka(tmp_path: Path, kinds: tuple[str, str]) -> None:
-    """As RSI names them, beside corrections that are constant; the order of columns decides nothing."""
-    head = ",".join(["Time", *(f"{part}_{kind}" for kind in kinds for part in "XYZABC")])
-    head += "," + ",".join(f"C1{i}" for i in range(1, 11))
-    idle = np.tile([0, 0, 0, 0, 0, 0, 0, 0, 1.0, 0], (COUNT, 1))
-    places = [P_MM if kind == "RIst" else P_MM + 5.0 for kind in kinds]
-    path = write(tmp_path / "a.csv", [head], rows(T, places[0], KUKA, places[1], KUKA, idle))
-    assert "if its columns are those of KUKA, read them by" in refusal(path)
-    assert_read(path, *proposed(path))
-
-
 def refusal(path: Path) -> str:
     with pytest.raises(UnreadableRecording) as raised:
         open_log(str(path), table=build_parser().parse_args(["segment", str(path)]).table)
@@ -172,16 +113,8 @@ def test_poses_beside_joints_are_those_of_kuka(tmp_path: Path) -> None:
     path = tmp_path / "poses.json"
     path.write_text(json.dumps(entries))
     words = proposed(path)
-    assert words == [
-        "--unit",
-        "mm",
-        "--time-unit",
-        "100Hz",
-        "--euler",
-        "ZYX:deg",
-        "--columns",
-        "rz=pose.A,ry=pose.B,rx=pose.C",
-    ]
+    columns = "rz=pose.A,ry=pose.B,rx=pose.C"
+    assert words == f"--unit mm --time-unit 100Hz --euler ZYX:deg --columns {columns}".split()
     table = build_parser().parse_args(["segment", str(path), *words]).table
     np.testing.assert_allclose(Poses.collect(open_log(str(path), table=table)).position_m, P[:3], atol=1e-12)
 
@@ -197,41 +130,6 @@ def test_names_of_devices_and_dates_before_unnamed_values(tmp_path: Path) -> Non
     words = proposed(path)
     assert words == ["--matrix", "rows", "--columns", "position=c[2:5],matrix=c[5:14],time=c1"]
     assert_read(path, *words, frame="tracker_1")
-
-
-def test_a_name_before_unnamed_angles(tmp_path: Path) -> None:
-    path = write(
-        tmp_path / "a.csv", [], rows([f"v{i}" for i in range(COUNT)], P, TURN.as_euler("xyz", degrees=True))
-    )
-    words = [word.replace("100Hz", "200Hz") for word in proposed(path)]
-    assert "its 7 columns have no names: if its rotations are c4, c5, c6, three angles: read" in refusal(path)
-    assert words == [
-        "--time-unit",
-        "200Hz",
-        "--euler",
-        "xyz:deg",
-        "--columns",
-        "position=c[1:4],rotation=c[4:7]",
-    ]
-    assert_read(path, *words)
-
-
-def test_a_name_says_that_the_real_part_is_first(tmp_path: Path) -> None:
-    path = tmp_path / "hands.jsonl"
-    lines = [
-        json.dumps({"timestamp_ns": ns, "wrist": {"q_wxyz": q, "t_xyz": p}})
-        for ns, q, p in zip(SINCE_NS.tolist(), REAL_FIRST.tolist(), P.tolist(), strict=True)
-    ]
-    path.write_text("\n".join(lines) + "\n")
-    assert len(commands(path)) == 1
-    assert_read(path, *proposed(path))
-
-
-def test_the_proposal_for_results_of_bop_has_one_comma(tmp_path: Path) -> None:
-    cells = [[" ".join(map(repr, row)) for row in v.reshape(COUNT, -1).tolist()] for v in (MATRICES, P_MM)]
-    lines = rows(["59"] * COUNT, [str(i) for i in range(COUNT)], ["18"] * COUNT, *cells, ["0.1"] * COUNT)
-    path = write(tmp_path / "a.csv", ["scene_id,im_id,obj_id,R,t,time"], lines)
-    assert "if its columns are those of BOP, at 30 frames a second, read them by" in refusal(path)
 
 
 def test_objects_that_are_found_twice_in_some_images_are_bodies(tmp_path: Path) -> None:
@@ -278,55 +176,6 @@ def test_stated_angles_of_qualisys_are_beside_millimetres(tmp_path: Path) -> Non
     assert_read(path, "--euler", "ZXY:deg", "--columns", "rx=Roll,ry=Pitch,rz=Yaw")
 
 
-def test_markers_of_qualisys_are_refused_as_such(tmp_path: Path) -> None:
-    above = (
-        ABOVE.format("NO_OF_MARKERS\t2")
-        + "DATA_INCLUDED\t3D\nMARKER_NAMES\tra\tlk\nTRAJECTORY_TYPES\tMeasured\tMeasured"
-    )
-    head = "\t".join(["Frame", "Time", *(f"{name} {axis}" for name in ("ra", "lk") for axis in "XYZ")])
-    path = write(tmp_path / "a.tsv", [above, head], rows(np.arange(COUNT), T, P_MM, P_MM), "\t")
-    assert re.search(r"it has markers \(ra, lk.*\), not bodies: export 6D data", refusal(path))
-
-
-def test_positions_alone_are_no_matrices(tmp_path: Path) -> None:
-    path = write(tmp_path / "a.txt", [], rows(P), " ")
-    assert "its 3 columns have no names" in refusal(path)
-
-
-def test_a_mark_in_a_name_separates_nothing(tmp_path: Path) -> None:
-    """As where angles have several names."""
-    head = "time,Roll | Phi | X (deg),Pitch | Theta | Y (deg),Yaw | Psi | Z (deg),px,py,pz"
-    path = write(tmp_path / "a.csv", [head], rows(T, TURN.as_euler("xyz", degrees=True), P))
-    names = [part.strip() for part in head.split(",")[1:4]]
-    columns = ",".join(f"{role}={name}" for role, name in zip(("rx", "ry", "rz"), names, strict=True))
-    assert_read(path, "--euler", "xyz:deg", "--columns", columns)
-
-
-@pytest.mark.parametrize(
-    ("name", "text"),
-    [
-        ("readme.txt", "Author: somebody\n\nThis data set has 330 trajectories of a cup.\nIt is public.\n"),
-        ("app.log", "06/08/2021 08:47:36 AM INFO:Starting application\n06/08/2021 09:02:23 AM INFO:done\n"),
-        (
-            "posts.csv",
-            "MsgID,Timestamp,Author,Body\n'i4f','2022-04-12 05:57:29','me','It is 1 of 2, I say'\n",
-        ),
-    ],
-)
-def test_text_is_called_text(tmp_path: Path, name: str, text: str) -> None:
-    (tmp_path / name).write_text(text * 3)
-    assert "it is text without rows of numbers, not a table of poses" in refusal(tmp_path / name)
-
-
-def test_models_of_torch_are_pickles(tmp_path: Path) -> None:
-    old, new = tmp_path / "0.pt", tmp_path / "1.pt"
-    old.write_bytes(b"\x80\x02\x8a\nl\xfc\x9cF\xf9 j\xa8P\x19.")
-    with zipfile.ZipFile(new, "w") as archive:
-        archive.writestr("archive/data.pkl", b"\x80\x02}q\x00.")
-    for path in (old, new):
-        assert "it is a pickle, which runs code" in refusal(path)
-
-
 def test_orientations_alone_are_no_positions(tmp_path: Path) -> None:
     """As inertial sensors write them; with a position the example says how it is read."""
     path = write(tmp_path / "imu.csv", ["Time (s),W,X,Y,Z"], rows(T, REAL_FIRST))
@@ -337,59 +186,10 @@ def test_orientations_alone_are_no_positions(tmp_path: Path) -> None:
     assert_read(path, "--columns", columns[1].replace("x=a,y=b,z=c", "x=east,y=north,z=up"))
 
 
-def test_logs_of_px4(tmp_path: Path) -> None:
-    """The log itself, and vehicle_odometry of it, now and of older versions; w is first."""
-    (tmp_path / "log.ulg").write_bytes(b"ULog\x01\x12\x35\x01" + bytes(99))
-    assert "it is ULog of PX4: ulog2csv log.ulg" in refusal(tmp_path / "log.ulg")
-    for place in ("position[0],position[1],position[2]", "x,y,z"):
-        head = f"timestamp,timestamp_sample,{place},q[0],q[1],q[2],q[3],velocity[0],velocity[1],velocity[2]"
-        path = write(tmp_path / "odometry.csv", [head], rows(US, US, P, REAL_FIRST, ZEROS[:, :3]))
-        assert len(commands(path)) == 1
-        assert_read(path, *proposed(path))
-
-
 def test_labels_in_xml_have_a_remedy(tmp_path: Path) -> None:
-    path = tmp_path / "take.eaf"
-    path.write_text(
-        '<?xml version="1.0" encoding="UTF-8"?>\n<ANNOTATION_DOCUMENT AUTHOR="">\n</ANNOTATION_DOCUMENT>\n'
-    )
-    assert "it is XML or HTML, not a table of poses" in refusal(path)
+    (path := tmp_path / "take.eaf").write_text('<?xml version="1.0"?>\n<ANNOTATION_DOCUMENT AUTHOR="">\n')
     with pytest.raises(NoTruth, match="it is XML: export it as tab-delimited text"):
         read_labels(str(path), 0, 1)
-
-
-def test_objects_of_matlab_are_named(tmp_path: Path) -> None:
-    """A table is stored as an object, whose values are bytes without a name."""
-    path = tmp_path / "table.mat"
-    savemat(path, {"x": np.zeros(9, np.uint8)})
-    content = bytearray(path.read_bytes())
-    at = content.index(b"\x06\0\0\0\x08\0\0\0") + 8
-    content[at] = 17  # the class of objects, which have names instead of a shape
-    content[at + 8 : at + 16] = b"\1\0\4\0MCOS"
-    path.write_bytes(content)
-    assert "it has no array of numbers with a row for each pose; tables, timetables" in refusal(path)
-
-
-def test_coordinates_of_maps_have_a_remedy(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = write(
-        tmp_path / "odom.csv",
-        ["Time,pose.x,pose.y,pose.z,qx,qy,qz,qw"],
-        rows(T, P + np.array([5e5, 3.5e6, 7e2]), Q),
-    )
-    log = open_log(str(path))
-    Poses.collect(log)
-    assert "Subtract a constant from coordinates of a map (UTM)" in "\n".join(log.warnings)
-
-
-def test_matrices_that_are_scaled_are_named(tmp_path: Path) -> None:
-    path = tmp_path / "transforms.npy"
-    whole = np.tile(np.eye(4), (COUNT, 1, 1))
-    whole[:, :3, :3], whole[:, :3, 3] = 1e-3 * MATRICES, P
-    np.save(path, whole)
-    words = shlex.split(f"segment {path} --matrix rows --columns matrix=c --time-unit 30Hz")
-    log = open_log(str(path), table=build_parser().parse_args(words).table)
-    Poses.collect(log)
-    assert "matrices are no rotations" in "\n".join(log.warnings)
 
 
 def test_slow_dates_that_may_be_a_time_since_the_start_are_said() -> None:
@@ -401,17 +201,6 @@ def test_slow_dates_that_may_be_a_time_since_the_start_are_said() -> None:
     assert unit_of(1.7e15 + 8e3 * np.arange(20)) == ("us", None)
     assert unit_of(1.7e15 + 2e6 * np.arange(20)) == ("us", None)  # 11 days since a start would be less
     assert unit_of(1.5e9 + 1.4 * np.arange(20)) == ("s", None)  # of maps, a pose a second
-
-
-def test_markers_in_the_numbers_of_another_machine_are_called_markers(tmp_path: Path) -> None:
-    """As C3D of Motive, with the fractions of DEC, whose bodies would not be read."""
-    content = bytearray(TWO_BODIES.read_bytes())
-    content[512 * (content[0] - 1) + 3] = 85
-    path = tmp_path / "a.c3d"
-    path.write_bytes(content)
-    assert "its numbers are not those of a PC" in refusal(path)
-    path.write_bytes(content.replace(b"ROTATION", b"ROTATIOX"))
-    assert "it is C3D with markers (tip), not bodies" in refusal(path)
 
 
 TIME = np.round(1e3 * T)
@@ -431,6 +220,13 @@ ONE_DATE = ["2024-05-14 10:22:31"] * COUNT
     ("head", "columns"),
     [
         (f"time,{beside('X_{},Y_{},Z_{},A_{},B_{},C_{}', 'RSol', 'RIst')}", [T, GIVEN_KUKA, P_MM, KUKA]),
+        (f"time,{beside('X_{},Y_{},Z_{},A_{},B_{},C_{}', 'RIst', 'RSol')},C11,C12,C13",
+         [T, P_MM, KUKA, GIVEN_KUKA, ZEROS[:, :3]]),
+        *((f"timestamp,timestamp_sample,{place},q[0],q[1],q[2],q[3],velocity[0]",
+           [US, US, P, REAL_FIRST, ZEROS[:, 0]])
+          for place in ("position[0],position[1],position[2]", "x,y,z")),
+        ("pos,pos,pos,rot,rot,rot,rot\nx,y,z,x,y,z,w", [POSE]),
+        ("", [[f"v{i}" for i in range(COUNT)], P, DEGREES]),
         (f"time,{beside('{0}_X,{0}_Y,{0}_Z,{0}_A,{0}_B,{0}_C', 'cmd', 'act')}", [T, GIVEN_KUKA, P_MM, KUKA]),
         (f"time,{beside('{0}X,{0}Y,{0}Z,{0}A,{0}B,{0}C', 'RSol.', 'RIst.')}", [T, GIVEN_KUKA, P_MM, KUKA]),
         (f"seqno,tm,{beside('{0}x,{0}y,{0}z,{0}u0,{0}u1,{0}u2,{0}u3', 'planned.', 'feedback.')}",
@@ -455,8 +251,9 @@ ONE_DATE = ["2024-05-14 10:22:31"] * COUNT
 def test_what_is_proposed_for_names_of_programs_is_right(
     tmp_path: Path, head: str, columns: list[Any]
 ) -> None:
-    """Measured poses, not those commanded; a time that rises, not numbers of frames; units of the names."""
-    path = write(tmp_path / "a.csv", [head], rows(*columns))
+    """Measured poses, not those commanded; a time that rises, not numbers of frames, nor a name that occurs
+    again; units of the names."""
+    path = write(tmp_path / "a.csv", [head] * bool(head), rows(*columns))
     assert_read(path, *(word.replace("100Hz", "200Hz") for word in proposed(path)))
 
 
@@ -464,6 +261,12 @@ def test_what_is_proposed_for_names_of_programs_is_right(
     ("head", "columns"),
     [
         ("time," + named("xpos_", "x,y,z") + "," + named("xquat_", "w,x,y,z"), [T, P, REAL_FIRST]),
+        # deviations, errors, goals and velocities are no body
+        *((f"time,x,y,z,qx,qy,qz,qw,{others}", [T, POSE, np.ones((COUNT, 7))])
+          for others in ("x_std,y_std,z_std,qx_std,qy_std,qz_std,qw_std",
+                         "tx_error,ty_error,tz_error,qx_error,qy_error,qz_error,qw_error")),
+        *((f"time,{others},x,y,z,qx,qy,qz,qw", [T, np.ones((COUNT, 3)), POSE])
+          for others in ("t_goal_x,t_goal_y,t_goal_z", "tool.t_lin_x,tool.t_lin_y,tool.t_lin_z")),
         (f"step,time,{named('base_pos_', 'x,y,z')},{named('base_orn_', 'x,y,z,w')}",
          [np.arange(COUNT), T, POSE]),
         *((f"time,x{mm},y{mm},z{mm},qx,qy,qz,qw", [T, P_MM, Q])
@@ -479,15 +282,46 @@ def test_names_and_times_of_programs_are_read(tmp_path: Path, head: str, columns
     assert_read(write(tmp_path / "a.csv", [head], rows(*columns)))
 
 
-def test_stated_columns_go_with_the_position_of_their_body(tmp_path: Path) -> None:
-    head = "t," + ",".join(named(body, "x,y,z,q0,q1,q2,q3") for body in ("ref.", "act."))
-    path = write(tmp_path / "a.csv", [head], rows(T, P + 1.0, REAL_FIRST, P, REAL_FIRST))
-    assert_read(path, "--columns", "qw=act.q0,qx=act.q1,qy=act.q2,qz=act.q3")
+SEVERAL_NAMES = "Roll | Phi | X (deg)", "Pitch | Theta | Y (deg)", "Yaw | Psi | Z (deg)"
+ARM = f"POS_X,POS_Y,POS_Z,{named('ROT_', NINE)},LIN_VEL_X,LIN_VEL_Y,LIN_VEL_Z"
 
 
-def test_a_position_beside_w_may_have_angles(tmp_path: Path) -> None:
-    path = write(tmp_path / "a.csv", ["t,x,y,z,w,h"], rows(T, P, ZEROS[:, :2]))
-    assert "or, with angles beside the position x, y, z, as in --columns rx=a,ry=b,rz=c" in refusal(path)
+@pytest.mark.parametrize(
+    ("head", "columns", "options", "frame"),
+    [
+        ("t," + ",".join(named(body, "x,y,z,q0,q1,q2,q3") for body in ("ref.", "act.")),
+         [T, P + 1.0, REAL_FIRST, P, REAL_FIRST],
+         ["--columns", "qw=act.q0,qx=act.q1,qy=act.q2,qz=act.q3"], None),
+        (",".join(["time", *(named(f"t_{body}_", "x,y,z") for body in ("cam", "obj")),
+                   *(named(f"q_{body}_", "x,y,z,w") for body in ("cam", "obj"))]),
+         [T, P + 1.0, P, Q, Q], [], "obj"),
+        (f"{named('MASTER_LEFT_', ARM)},{named('SLAVE_LEFT_', ARM)}",
+         [P + 1.0, MATRICES, ZEROS[:, :3], P, MATRICES, ZEROS[:, :3]],
+         ["--time-unit", "200Hz", "--matrix", "rows"], "slave_left"),
+        (",".join(["time", *SEVERAL_NAMES, "px,py,pz"]), [T, DEGREES, P],
+         ["--euler", "xyz:deg", "--columns", "rx={},ry={},rz={}".format(*SEVERAL_NAMES)], None),
+    ],
+)  # fmt: skip
+def test_columns_of_one_of_several_bodies_or_with_several_names(
+    tmp_path: Path, head: str, columns: list[Any], options: list[str], frame: str | None
+) -> None:
+    assert_read(write(tmp_path / "a.csv", [head], rows(*columns)), *options, frame=frame)
+
+
+@pytest.mark.parametrize(
+    ("head", "columns", "options", "text"),
+    [
+        (f"t,{NAMES}", [T, P + 3.5e6, Q], [], "Subtract a constant from coordinates of a map (UTM)"),
+        (f"t,x,y,z,{NINE}", [T, P, 1e-3 * MATRICES], ["--matrix", "rows"], "matrices are no rotations"),
+    ],
+)  # fmt: skip
+def test_why_poses_are_not_used_is_said(
+    tmp_path: Path, head: str, columns: list[Any], options: list[str], text: str
+) -> None:
+    path = write(tmp_path / "a.csv", [head], rows(*columns))
+    log = open_log(str(path), table=build_parser().parse_args(["segment", str(path), *options]).table)
+    assert not len(Poses.collect(log))
+    assert text in "\n".join(log.warnings)
 
 
 @pytest.mark.parametrize("head", ["Frame\t", ""])
@@ -496,28 +330,6 @@ def test_qualisys_without_times_has_its_rate(tmp_path: Path, head: str, options:
     above = ABOVE.format("NO_OF_BODIES\t1") + "DATA_INCLUDED\t6D\nBODY_NAMES\tWand"
     columns = [np.arange(COUNT)] * bool(head) + [P_MM, ZEROS[:, :4], MATRICES.transpose(0, 2, 1)]
     assert_read(write(tmp_path / "a.tsv", [above, head + NAMES_6D], rows(*columns), "\t"), *options)
-
-
-@pytest.mark.parametrize(
-    "content",
-    [
-        {"time": T.tolist(), "position": P.T.tolist(), "quaternion": Q.T.tolist()},
-        {f"{t:.9f}": {"position": p.tolist(), "quaternion": q.tolist()}
-         for t, p, q in zip(T, P, Q, strict=True)},
-        [{"time": t, "position": p.tolist(), "rotation": m.tolist()}
-         for t, p, m in zip(T, P, MATRICES, strict=True)],
-    ],
-)  # fmt: skip
-def test_json_row_by_row_by_times_and_with_matrices(tmp_path: Path, content: Any) -> None:
-    path = tmp_path / "a.json"
-    path.write_text(json.dumps(content))
-    assert_read(path, *proposed(path))
-
-
-def test_a_name_that_occurs_again_is_no_time(tmp_path: Path) -> None:
-    """As the parts of a quaternion, which may rise, below names of groups."""
-    path = write(tmp_path / "a.csv", ["pos,pos,pos,rot,rot,rot,rot", "x,y,z,x,y,z,w"], rows(POSE))
-    assert_read(path, *(word.replace("100Hz", "200Hz") for word in proposed(path)))
 
 
 def test_matrices_as_numpy_prints_them(tmp_path: Path) -> None:
@@ -581,19 +393,13 @@ def test_text_that_changes_while_time_goes_on_names_no_other_body(
         Trajectory.from_dataframe(restarting)
 
 
-def test_the_names_of_parent_frames_and_steps_are_no_bodies(tmp_path: Path) -> None:
-    steps = ["grasp"] * 60 + ["place"] * 60
-    head = "time,header.frame_id,step,x,y,z,qx,qy,qz,qw"
-    path = write(tmp_path / "a.csv", [head], rows(T, ["world"] * COUNT, steps, POSE))
-    assert [source.child_frame_id for source in list_sources(str(path))] == [""]
-
-
 @pytest.mark.parametrize(
     ("column", "text", "name"),
     [
         ("phase_id", "0", ""),
         ("operator", "me", ""),
         ("label", "f-f", ""),
+        ("header.frame_id", "world", ""),
         ("object_id", "7", "7"),
         ("object", "cup", "cup"),
     ],
@@ -629,19 +435,15 @@ LINES = {
     ],
     "lists": [json.dumps(row) for row in np.c_[T, POSE].tolist()],
     "lists in lists": [json.dumps([t, p, q]) for t, p, q in zip(T, P.tolist(), Q.tolist(), strict=True)],
+    "a real part that is first by its name": [
+        json.dumps({"timestamp_ns": ns, "wrist": {"q_wxyz": q, "t_xyz": p}})
+        for ns, q, p in zip(SINCE_NS.tolist(), REAL_FIRST.tolist(), P.tolist(), strict=True)
+    ],
     "poses of UR": ["time,tcp", *(f"{t},p[{pose}]" for t, pose in zip(T.tolist(), QUOTED, strict=True))],
     "a split DataFrame": [
         json.dumps({"columns": NAMES.split(","), "index": T.tolist(), "data": POSE.tolist()})
     ],
 }
-
-
-def test_contacts_in_a_list_beside_a_pose_are_no_bodies(tmp_path: Path) -> None:
-    contacts = [{"name": name, "point": [1, 2, 3], "normal": [0, 0, 1]} for name in ("left", "right")]
-    poses = [dict(zip(["t", *NAMES.split(",")], row, strict=True)) for row in np.c_[T, POSE].tolist()]
-    path = tmp_path / "a.jsonl"
-    path.write_text("\n".join(json.dumps(pose | {"contacts": contacts}) for pose in poses) + "\n")
-    assert_read(path)
 
 
 @pytest.mark.parametrize("lines", LINES.values(), ids=LINES)

@@ -174,6 +174,7 @@ def test_a_failed_write_keeps_the_existing_file(tmp_path: Path) -> None:
         {"use_chunking": False, "index_types": IndexType.NONE, "use_statistics": False},
         {"index_types": IndexType.NONE},
         {"repeat_channels": False, "repeat_schemas": False},
+        {"repeat_schemas": False},
         {"chunk_size": 700, "compression": CompressionType.LZ4},
         {"chunk_size": 700, "compression": CompressionType.NONE, "enable_crcs": False},
         {"use_statistics": False, "use_summary_offsets": False},

@@ -14,7 +14,6 @@ from contact_tracker import Trajectory, read
 from contact_tracker.cli.main import build_parser, run
 from contact_tracker.config.table_reading import reading_of
 from contact_tracker.errors import (
-    AmbiguousSource,
     ChoiceError,
     UnreadableRecording,
     UsageError,
@@ -93,6 +92,7 @@ STAMPED = [stamped(*one) for one in ENTRIES]
 DATES = (
     *("2026-03-01T10:00:0{}.{}", "2026-03-01 10:00:0{}.{}", "2026-03-01T10:00:0{}.{}Z"),
     *("2026-03-01T10:00:0{}.{}+00:00", "2026-03-01 10:00:0{}.{} +0000"),
+    *("2026-03-01 10:00:0{}.{}+00", "2026-03-01 10:00:0{}.{} UTC"),  # of databases
     *("2026-03-01 9:00:0{}.{}", "09:00:0{}.{}", "2026/03/01 09:00:0{}.{}", "20260301T09000{}.{}"),
     *("1.3.2026 09:00:0{}.{}", "03/01/2026 09:00:0{}.{} PM", "03/31/2026, 9:00:0{}.{} am"),
 )
@@ -120,9 +120,14 @@ VALUES = ("{}={}", "{}: {}", "{} = {};", "{}:{},", "INFO pose: .. {}={}", "of: {
 READ: list[tuple[str, Lines]] = [
     *((head, rows(T, POSE)) for head in HEADS),
     (f"# by me\nt,{NAMES},gap [mm]", rows(T, POSE, T)),
+    *(  # columns rot_x may be those of a quaternion, but not beside qx
+        (f"t,x,y,z,{xyz(f'{angles}_')},qx,qy,qz,qw", rows(T, P, DEGREES, Q))
+        for angles in ("orient", "rot", "orientation")
+    ),
     (f"secs,nsecs,{NAMES}", rows(SECONDS, REST, POSE)),
     (f"sec,usec,{NAMES}", rows(["1700000000"] * 120, [str(n // 1000) for n in SINCE_NS], POSE)),
     (f"time,{NAMES}", rows([f"1 days 00:00:{t:09.6f}" for t in T.tolist()], POSE)),
+    (f"time,{NAMES}\n[iso],,,,,,,", rows([f"2026-03-01 10:00:{t:012.9f}" for t in T.tolist()], POSE)),
     (f"t_ms,{NAMES}", rows([f'"{1e3 * (t + 90):,.6f}"' for t in T.tolist()], POSE)),
     ("t_ns,x [mm],y [mm],z [mm],qw,qx,qy,qz", rows(SINCE_NS, P_MM, REAL_FIRST)),
     (f"Time,{NAMES}\ns,mm,mm,mm,,,,", rows(T, P_MM, Q)),
@@ -146,6 +151,7 @@ READ: list[tuple[str, Lines]] = [
     *(("", named_values(form)) for form in VALUES),
     *map(with_decimal_commas, (";", "\t", " ", '","')),
     ("time,pose", QUOTED),
+    ("", [[f'{{"contacts": [{{"name": "a"}}, {{"name": "b"}}], {one[1:]}'] for one in STAMPED]),
     ("", [[f"[{','.join(STAMPED)}]"]]),
     ('{"fps": 1,\n"frames": [', [[",\n".join(STAMPED) + "]}"]]),
 ]
@@ -232,6 +238,8 @@ PROPOSALS: dict[str, tuple[str, Lines, str]] = {
     ),
     "ZED": ("t,tx,ty,tz,ox,oy,oz,ow", rows(T, POSE), "--columns qx=ox,qy=oy,qz=oz,qw=ow"),
     "a time by its values": (f"X_Value,{NAMES}", rows(T, POSE), "--columns time=X_Value"),
+    "an index of times without a name": (f",{NAMES}", rows(T, POSE), "--columns time=c0"),
+    "an index of rows without a name": (f",{NAMES}", rows(np.arange(120), POSE), "--time-unit 100Hz"),
     "a time after the pose": (
         *("", rows(POSE, T)),
         "--columns time=c7,position=c[0:3],quaternion=c[3:7]",
@@ -376,20 +384,6 @@ def test_the_command_that_is_proposed_reads_the_columns(tmp_path: Path, system: 
     assert_read(path, *(option.replace("100Hz", "200Hz") for option in options))
 
 
-@pytest.mark.parametrize("lost", [120, 50])
-def test_rows_of_several_bodies_are_a_source_for_each(tmp_path: Path, lost: int) -> None:
-    """By a column with their names, at the same times or others, also if one is missing at times."""
-    cups, trays = rows(T, ["cup"] * 120, POSE), rows(T + 1e-4, ["tray 1"] * 120, P + 1, Q)
-    pairs = zip(cups, [row if i != lost else [] for i, row in enumerate(trays)], strict=True)
-    path = write(tmp_path / "a b.csv", [f"t,name,{NAMES}"], [row for pair in pairs for row in pair if row])
-    assert_read(path, frame="cup")
-    assert len(Poses.collect(open_log(str(path), frame="tray 1"))) == 120 - (lost < 120)
-    with pytest.raises(AmbiguousSource, match="->tray 1"):
-        open_log(str(path))
-    with pytest.raises(UsageError, match="its rows are of several bodies, by the column name"):
-        Trajectory.from_dataframe(pandas.read_csv(path))
-
-
 def test_numbers_of_frames_need_a_rate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = write(tmp_path / "a.csv", [f"frame,{NAMES}"], rows(np.arange(100, 220), POSE))
     assert proposed(path) == ["--time-unit", "100Hz"]
@@ -474,12 +468,6 @@ def test_what_does_not_fit_is_wrong_usage(
     path = write(tmp_path / "a.csv", ["t,pos_x,pos_y,pos_z,qx,qy,qz,qw"], rows(T, POSE))
     assert run(["info", str(path), *options]) == 2
     assert message in capsys.readouterr().err
-
-
-def test_readings_are_for_tables(tmp_path: Path) -> None:
-    shipped = Path(__file__).parents[2] / "recordings" / "paper_experiment.mcap"
-    with pytest.raises(ChoiceError, match="it is no table: leave out unit"):
-        contact_tracker.read(shipped, unit="mm")
 
 
 def test_python_takes_the_same_as_arguments(tmp_path: Path) -> None:

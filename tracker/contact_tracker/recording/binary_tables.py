@@ -33,7 +33,13 @@ from contact_tracker.config.quantities import LENGTHS_M
 from contact_tracker.config.table_reading import TableReading, reading_of
 from contact_tracker.errors import ChoiceError, UnreadableRecording, first_line, printable
 from contact_tracker.recording.array_files import DEEPEST, MOST_ARRAYS, WIDEST, arrays_in, widest_of
-from contact_tracker.recording.bytestream import RECORD_LIMIT, SHARE_OF_RECORD, TooMuchWork, WorkBudget
+from contact_tracker.recording.bytestream import (
+    FROM_ARRAYS,
+    RECORD_LIMIT,
+    SHARE_OF_RECORD,
+    TooMuchWork,
+    WorkBudget,
+)
 from contact_tracker.recording.items import ROWS_AT_ONCE
 from contact_tracker.recording.table_layouts import (
     LONGEST_CELL,
@@ -368,11 +374,8 @@ class ArrayTable:
         for begin in range(0, len(self._values[0]), ROWS_AT_ONCE):
             rows = slice(begin, begin + ROWS_AT_ONCE)
             batch = {place: self._values[place][rows] for place in self.layout.places}
-            texts = {place: _texts_of(batch.pop(place)) for place in self.layout.texts}
-            yield texts | {
-                place: numbers(_texts_of(values)) if values.dtype.kind in "SU" else values.astype(np.float64)
-                for place, values in batch.items()
-            }
+            texts = {*self.layout.texts, *(place for place in batch if batch[place].dtype.kind in "SU")}
+            yield batch | {place: _texts_of(batch[place]) for place in texts}
 
 
 def _texts_of(values: NDArray[Any]) -> list[str]:
@@ -406,7 +409,7 @@ def _of_arrays(path: str, reading: TableReading, budget: WorkBudget, kind: str) 
     beyond = beyond if left_out else ""
     try:
         if not names:
-            raise UnreadableRecording(f"{_NO_ARRAY}{_OBJECTS * (kind == 'MATLAB')}; {_FROM_ARRAYS}")
+            raise UnreadableRecording(f"{_NO_ARRAY}{_OBJECTS * (kind == 'MATLAB')}; {FROM_ARRAYS}")
         first = [*zip(*(_texts_of(values[:FIRST_ROWS]) for values in columns), strict=True)]
         if list(arrays) == [""]:
             layout = layout_without_names(first, reading, path)
@@ -420,7 +423,6 @@ def _of_arrays(path: str, reading: TableReading, budget: WorkBudget, kind: str) 
     return ArrayTable(replace(layout, kind=kind, note="" if stated else beyond), columns)
 
 
-_FROM_ARRAYS: Final = "contact_tracker.Trajectory.from_arrays(t, p, q) takes times, positions and rotations"
 _NO_ARRAY: Final = "it has no array of numbers with a row for each pose"
 _OBJECTS: Final = "; tables, timetables and cells are not read: save table2struct(T, 'ToScalar', true)"
 
@@ -450,7 +452,7 @@ _SUFFIX: Final = "_4x4"
 _NO_BODIES: Final = (
     "it is C3D with markers ({names}), not bodies: export bodies (6D) as text; or points = "
     "ezc3d.c3d({name!r})['data']['points'] (4, markers, N), of which scipy's Rotation.align_vectors finds "
-    f"rotations; {_FROM_ARRAYS}"
+    f"rotations; {FROM_ARRAYS}"
 )
 
 

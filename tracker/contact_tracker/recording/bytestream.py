@@ -126,6 +126,8 @@ WHAT_IS_READ: Final = (
     "MCAP files, ROS bags (.db3, .bag), tables (CSV, TUM, JSON, Parquet, Feather, NumPy, MATLAB, HDF5), C3D "
     "with bodies, and exports of Motive, Vicon and Qualisys"
 )
+FROM_ARRAYS: Final = "contact_tracker.Trajectory.from_arrays(t, p, q) takes times, positions and rotations"
+"""How poses are read that are in no such file."""
 _UTF_16: Final = (b"\xff\xfe", b"\xfe\xff")
 _CONTROLS: Final = bytes(set(range(32)) - set(b"\t\n\r\f") | {127})
 _BLOCK: Final = 2**20

@@ -32,6 +32,7 @@ from contact_tracker.errors import MissingExtra, module_of_extra
 from contact_tracker.motion.poses import Pose
 from contact_tracker.recording.bytestream import (
     BYTES_PER_RECORD,
+    FROM_ARRAYS,
     SHARE_OF_RECORD,
     ZSTD_MAGIC,
     TooMuchWork,
@@ -208,7 +209,7 @@ def _stamp_ns(stamp: Any) -> int:
 USUAL: Final = (
     "PoseStamped, PoseWithCovarianceStamped, TransformStamped, Odometry, TFMessage, PoseArray, "
     "foxglove.PoseInFrame and foxglove.FrameTransform; --field NAME reads the pose in a field of other "
-    "messages, and contact_tracker.Trajectory.from_arrays(t, p, q) takes times, positions and rotations"
+    f"messages, and {FROM_ARRAYS}"
 )
 READ: Final = "ROS 2 (cdr), ROS 1 (ros1), protobuf and json"
 _READABLE: Final = (("cdr", "ros2msg"), ("cdr", ""), ("ros1", "ros1msg"), ("protobuf", "protobuf"))

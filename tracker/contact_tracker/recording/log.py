@@ -2,7 +2,7 @@
 
 from bisect import bisect_left
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import chain, islice
@@ -50,8 +50,6 @@ _MOST_HEAD: Final = 200_000
 _LATE: Final = 8
 """Largest number of late sources that are named."""
 _SEVERAL: Final = "time runs backward in it; if its files are recordings of their own, name one"
-_FEW: Final = 50
-"""The first poses are always read one by one."""
 _FOREVER_NS: Final = 2**63
 
 
@@ -211,9 +209,8 @@ class PoseLog:
                 return
 
     def _admitted(self) -> Iterator[Poses]:
-        poses, count, stamping = self._own(), min(_FEW, BATCH), self._assigned
-        while logged := list(islice(poses, count)):
-            count = BATCH
+        poses, stamping = self._own(), self._assigned
+        while logged := list(islice(poses, BATCH)):
             yield stamping.admitted(self.gate, logged)
         yield Poses.collect(self.gate.finish())
 
@@ -402,11 +399,11 @@ class SourceSummary:
     log_offset_s : median of log time minus header stamp.
     path_m, extent_m : length of the path of the body's origin, and its range along each world axis.
     loss : one line if most poses were dropped.
-    beginning : the first valid poses, ``BEGINNING_S`` at most.
+    beginning : the first valid poses, ``BEGINNING_S`` at most, as long as ``has_room``.
     """
 
-    def __init__(self, source: PoseSource, is_stamped: bool) -> None:
-        self.source, self.counts = source, Counter[str]()
+    def __init__(self, source: PoseSource, is_stamped: bool, has_room: Callable[[], bool]) -> None:
+        self.source, self.counts, self._has_room = source, Counter[str](), has_room
         self.poses = self.observed = 0
         self.first_ns: int | None = None
         self.last_ns: int | None = None
@@ -423,20 +420,20 @@ class SourceSummary:
             return float("nan")
         return (self.last_ns - self.first_ns) * 1e-9
 
-    def add(self, pose: Pose, log_time_ns: int, keep: bool) -> int:
-        """Add a pose; the first poses are buffered until their stamping is determined. Returns the number of
-        poses added to ``beginning``."""
+    def add(self, pose: Pose, log_time_ns: int) -> None:
+        """Add a pose; the first poses are buffered until their stamping is determined."""
         self.observed += 1
         self._waiting.append((pose, log_time_ns))
         span_ns, count = log_time_ns - self._waiting[0][1], len(self._waiting)
         is_prefix = span_ns >= PREFIX_NS or count >= PREFIX_MESSAGES
-        return self._admit(keep) if (is_prefix if self._stamping is None else count == BATCH) else 0
+        if is_prefix if self._stamping is None else count == BATCH:
+            self._admit()
 
     def finish(self) -> "SourceSummary":
         """Add the buffered poses, and compute the figures of all poses."""
         if self._waiting:
-            self._admit(keep=True)
-        self._note(Poses.collect(self._gate.finish()), keep=True)
+            self._admit()
+        self._note(Poses.collect(self._gate.finish()))
         nan, steps = float("nan"), self._steps_ns.values
         median_ns = float(np.median(steps)) if len(steps) else nan
         jitter_ns = _MAD_TO_SIGMA * float(np.median(np.abs(steps - median_ns))) if len(steps) else nan
@@ -449,19 +446,19 @@ class SourceSummary:
         self.loss = remark_on_loss(self.counts, self.observed, self._gate.refused_xyzw)
         return self
 
-    def _admit(self, keep: bool) -> int:
+    def _admit(self) -> None:
         waiting, self._waiting = self._waiting, []
         self._stamping = self._stamping or Stamping.by(waiting)
         times_ns = np.array(
             [[max(min(t, RANGE_NS), -RANGE_NS) for t in (log_ns, pose.stamp_ns)] for pose, log_ns in waiting]
         )
         self._offsets_ns.add(times_ns[:, 0] - times_ns[:, 1])
-        return self._note(self._stamping.admitted(self._gate, waiting), keep)
+        self._note(self._stamping.admitted(self._gate, waiting))
 
-    def _note(self, poses: Poses, keep: bool) -> int:
-        """Add valid poses; returns the number added to ``beginning``."""
+    def _note(self, poses: Poses) -> None:
+        """Add valid poses."""
         if not len(poses):
-            return 0
+            return
         self.first_ns = int(poses.stamp_ns[0]) if self.first_ns is None else self.first_ns
         self.last_ns = int(poses.stamp_ns[-1])
         self.poses += len(poses)
@@ -471,11 +468,9 @@ class SourceSummary:
         self._low_m = np.minimum(self._low_m, poses.position_m.min(axis=0))
         self._high_m = np.maximum(self._high_m, poses.position_m.max(axis=0))
         self._last = joined[-1:]
-        early = poses[: np.searchsorted(poses.stamp_ns, self.first_ns + BEGINNING_NS)] if keep else NO_POSES
-        if not len(early) or len(self.beginning) >= BEGINNING_POSES:
-            return 0
-        self.beginning = Poses.join([self.beginning, early])
-        return len(early)
+        early = poses[: np.searchsorted(poses.stamp_ns, self.first_ns + BEGINNING_NS)]
+        if len(early) and len(self.beginning) < BEGINNING_POSES and self._has_room():
+            self.beginning = Poses.join([self.beginning, early])
 
 
 @dataclass(frozen=True)
@@ -550,7 +545,11 @@ def _summaries(
     logged: Iterable[LoggedPose | None], assumed: Mapping[tuple[str, str], str], is_stamped: bool
 ) -> tuple[tuple[SourceSummary, ...], int, bool]:
     """The summary of each source, the number of undecodable messages, and whether there are more sources."""
-    tallies, undecodable, more_sources, kept = dict[PoseSource, SourceSummary](), 0, False, 0
+    tallies, undecodable, more_sources = dict[PoseSource, SourceSummary](), 0, False
+
+    def has_room() -> bool:
+        return sum(len(tally.beginning) for tally in tallies.values()) < KEPT_POSES
+
     for entry in logged:
         if entry is None:
             undecodable += 1
@@ -561,8 +560,8 @@ def _summaries(
             if len(tallies) >= SOURCES_KEPT:
                 more_sources = True
                 continue
-            tally = tallies[source] = SourceSummary(source, is_stamped)
-        kept += tally.add(pose, log_time_ns, keep=kept < KEPT_POSES)
+            tally = tallies[source] = SourceSummary(source, is_stamped, has_room)
+        tally.add(pose, log_time_ns)
     for source, tally in tallies.items():
         if (source.topic, source.type) in assumed:
             tally.counts["known_definition"] += tally.observed

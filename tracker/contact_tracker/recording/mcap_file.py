@@ -236,7 +236,6 @@ class RecordLoop:
             raise UnreadableRecording(reason)
         for opcode, payload, start in self._frames():
             yield from self._group(opcode, payload, start)
-        self.report_orphans()
 
     def opcode_of(self, index: Entry) -> int | None:
         """Opcode of the record that an entry of the index describes; None if there is none of this size."""

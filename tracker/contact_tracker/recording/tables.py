@@ -6,7 +6,7 @@ import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import compress
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from contact_tracker.config.table_reading import AS_NAMED, TableReading
 from contact_tracker.errors import ChoiceError, UnreadableRecording, printable
 from contact_tracker.motion.poses import Poses, ReadAs
 from contact_tracker.recording.bytestream import (
+    FROM_ARRAYS,
     TABLE_ENDINGS,
     WHAT_IS_READ,
     Notes,
@@ -53,12 +54,11 @@ _BINARY: Final[Sequence[tuple[str, re.Pattern[bytes], str]]] = (
 )
 """Kinds of tables, by first bytes and suffix; files of MATLAB 4 begin with a number."""
 _RECORDINGS: Final = (".mcap", ".mcap.zst", ".mcap.zstd")
-Columns = Mapping[int, Sequence[str] | NDArray[np.float64]]
+Columns = Mapping[int, Sequence[str] | NDArray[Any]]
 """Values by the index of their column; numbers may be text."""
 
-_ARRAYS: Final = "contact_tracker.Trajectory.from_arrays(t, p, q) takes times, positions and rotations"
 _PICKLE: Final = (
-    f"it is a pickle, which runs code when it is loaded: if you trust it, load it in Python; {_ARRAYS}"
+    f"it is a pickle, which runs code when it is loaded: if you trust it, load it in Python; {FROM_ARRAYS}"
 )
 _EXCEL: Final = (
     "it is a workbook of Excel: save the sheet as CSV; or "
@@ -83,24 +83,25 @@ _OTHERS: Final = {
     "pyarrow.feather.read_table({name!r}), 'a.feather') makes a file that is read",
     b"\x04\x22\x4d\x18": "it is compressed: lz4 -dc {quoted} > {unpacked} makes a file that is read",
     b"\x1f\x8b": "it is compressed: gunzip -c {quoted} > {unpacked} makes a file that is read",
-    rb"\s*<(?i:\?xml|!doctype|html|\w+>\s*\n)": "it is XML or HTML, not a table of poses: " + _ARRAYS,
+    rb"\s*<(?i:\?xml|!doctype|html|\w+>\s*\n)": "it is XML or HTML, not a table of poses: " + FROM_ARRAYS,
     b"PK\x03\x04": "it is compressed: unzip {quoted} first",
     b"BZh": "it is compressed: bunzip2 -c {quoted} > {unpacked} makes a file that is read",
     b"\x80[\2-\5]": _PICKLE,
     b"ULog": "it is ULog of PX4: ulog2csv {quoted}, of pyulog, writes CSV, of which that of vehicle_odometry "
     "has poses",
-    b"RRF": "it is a recording of rerun, which is not read: give the file from which it was made; " + _ARRAYS,
+    b"RRF": "it is a recording of rerun, which is not read: give the file from which it was made; "
+    + FROM_ARRAYS,
     b"# Image list with": "it is COLMAP's images.txt, which has the world in the frames of cameras, without "
     "times: image.cam_from_world().inverse() of pycolmap.Reconstruction('FOLDER').images are poses; "
-    + _ARRAYS,
+    + FROM_ARRAYS,
     b"# Bundle file": "it is a file of Bundler, which has the world in the frames of cameras, without times: "
-    "invert the matrices [R | t] of the cameras; " + _ARRAYS,
+    "invert the matrices [R | t] of the cameras; " + FROM_ARRAYS,
     b"header:": _ECHO,
     b"At time ": _ECHO,
     b"- [^{]": "it is YAML: json.dump(yaml.safe_load(open({name!r})), open('poses.json', 'w')) makes a file "
     "that is read",
     b"PathFileType": "it is TRC, which has markers, not bodies: export bodies (6D) as text; or find the "
-    "rotations of markers by scipy's Rotation.align_vectors; " + _ARRAYS,
+    "rotations of markers by scipy's Rotation.align_vectors; " + FROM_ARRAYS,
     b"version https://git-lfs": "it is a pointer of Git LFS, not the file itself: git lfs pull",
 }
 """Patterns of the first bytes of files that are not read, and advice on how to read their content."""
@@ -267,4 +268,5 @@ def _without_time(text: str, columns: Columns, row: int, layout: TableLayout) ->
 def _values(columns: Columns, body: Body) -> NDArray[np.float64]:
     """The values (N, k) of a body's columns; empty cells are NaN."""
     values = [columns[place] for place in body.columns]
-    return np.column_stack([v if isinstance(v, np.ndarray) else numbers(v) for v in values])
+    rows = np.column_stack([v if isinstance(v, np.ndarray) else numbers(v) for v in values])
+    return rows.astype(np.float64, copy=False)
