@@ -17,6 +17,7 @@ from contact_tracker.errors import KnowledgeError
 from contact_tracker.geometry.elements import ContactGeometry, Origins, Plane
 from contact_tracker.map.elements import ANYWHERE_M, LearnedElements, MapElement
 from contact_tracker.map.file import learned_text, map_from
+from contact_tracker.map.map import Map
 from contact_tracker.map.world_map import MOST_LEARNED, GrowingMap
 from contact_tracker.recording import write_recording
 from contact_tracker.states import Contact
@@ -100,9 +101,11 @@ def test_what_is_known_is_touched_again() -> None:
     same = again().insert(seen(Contact.VF, (CORNER, TABLE), 0, rng=np.random.default_rng(4)))
     assert set(same.pairs[0]) <= set(same.prior.elements)
     assert not same.untested_sides
-    assert not map_findings(same)
+    known_map = Map(learned=same.prior)
+    assert not map_findings(same, known_map)
+    assert not map_use(same, Map())  # listed elements are reported by names
     used = "the learned map is used: of 1 sure contacts 1 touch its elements of the object, 1 those of the"
-    assert map_use(same) == f"{used} surroundings"
+    assert map_use(same, known_map) == f"{used} surroundings"
 
 
 def test_face_on_face_has_the_offsets_of_the_map() -> None:
@@ -139,6 +142,7 @@ def test_another_object_or_place_is_noticed(
     turn_rad: float, moved_m: float, unused: tuple[int, ...], text: str
 ) -> None:
     world, rng = again(), np.random.default_rng(4)
+    known_map = Map(learned=world.prior)
     turn = Rotation.from_rotvec([turn_rad, 0.3 * turn_rad, 0.0])
     for number in range(3):
         face = MapElement("f", turn.apply(TABLE.direction), TABLE.place_m + turn_rad * number)
@@ -146,8 +150,8 @@ def test_another_object_or_place_is_noticed(
         corner = MapElement("v", np.zeros(3), CORNER.place_m + apart_m)
         world = world.insert(seen(Contact.VF, (corner, face), 100 * number, rng=rng))
     assert world.unused_sides == unused
-    assert [finding.text.partition(":")[0] for finding in map_findings(world)] == [text]
-    assert bool(map_use(world)) == (len(unused) < 2)
+    assert [finding.text.partition(":")[0] for finding in map_findings(world, known_map)] == [text]
+    assert bool(map_use(world, known_map)) == (len(unused) < 2)
     assert {side for side, _ in world.prior.elements} >= {0, 1} - {*unused}
 
 
