@@ -266,6 +266,15 @@ def test_an_edge_on_the_axis_of_an_arms_base_may_be_none(shift_m, sigma_m, name,
     assert not ambiguity.may_be_free(Contact.EF, ContactGeometry(edge, face), window)
 
 
+def test_a_label_is_open_to_what_a_further_contact_beside_it_may_be():
+    """An edge that is dragged in a vertical plane keeps a face in that plane, with less complex elements."""
+    rms = np.array([1.0, 1.1, 5.0, 1.1, 5.0, 5.0, 1.0])
+    rivals = ambiguity.CompetingEvidence(np.array([40.0, 18.0, 0.0, 10.0, 0.0, 0.0, 0.0]), rms)
+    open_to = {(): (), (Contact.EF, Contact.EE): (Contact.EF,)}
+    for others, alike in open_to.items():
+        assert ambiguity.alike_in_formation(Contact.FF, rivals, others) == alike
+
+
 @pytest.mark.parametrize(("older", "others"), [(True, ()), (False, (Contact.FREE,))])
 def test_rest_keeps_the_information_of_earlier_motion(older, others):
     rest = ticks(*kinds_of_motion()["rest"][1:])

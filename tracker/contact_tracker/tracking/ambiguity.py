@@ -5,7 +5,7 @@ preferred by these although the motion has not shown it. Free motion is tested f
 surface, which is none of the six contacts (T42).
 """
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from itertools import compress
@@ -111,18 +111,23 @@ def indistinguishable(label: Contact, rivals: CompetingEvidence, freedom: Freedo
     return tuple(compress(STATES, close.tolist()))
 
 
-def alike_in_formation(label: Contact, rivals: CompetingEvidence) -> tuple[Contact, ...]:
+def alike_in_formation(
+    label: Contact, rivals: CompetingEvidence, others: Container[Contact]
+) -> tuple[Contact, ...]:
     """The other contacts that are indistinguishable from a label beside which further contacts are found.
 
-    These have at least as many constraints and fit as well. The label may have more evidence only
-    because its elements are less complex: a vertex that slides along two planes also keeps an edge on the
-    line in which these meet.
+    These fit as well, and have at least as many constraints, or a further contact may be one of them
+    (``others``). The label may have more evidence only because its elements are less complex: a vertex that
+    slides along two planes also keeps an edge on the line in which these meet, and an edge that is dragged in
+    a vertical plane keeps a face in it.
     """
     fits = rivals.fit_like(label)
     return tuple(
         kind
         for kind in CONTACTS
-        if fits[kind.column] and kind.codimension >= label.codimension and kind is not label
+        if fits[kind.column]
+        and (kind.codimension >= label.codimension or kind in others)
+        and kind is not label
     )
 
 

@@ -495,7 +495,8 @@ def open_beside(state: FilterState, belief: Belief) -> Belief:
         return belief
     onset = state.onset_of(label)
     rivals = ambiguity.competing_evidence(state.banks, label, onset, state.ticks - 1)
-    alike = filter(known_map.allows, ambiguity.alike_in_formation(label, rivals))
+    others = united(*(contact.inseparable for contact in belief.further))
+    alike = filter(known_map.allows, ambiguity.alike_in_formation(label, rivals, others))
     return replace(belief, inseparable=united(belief.inseparable, alike))
 
 

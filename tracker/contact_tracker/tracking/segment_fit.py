@@ -196,7 +196,8 @@ def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
     window = window.with_error(extra_variance)
     fitted, information, located = _located(segment, contact, fit, window)
     formation = find_formation(segment.explained(window), KnownContact(label, fitted.x[0]))
-    alike = tuple(filter(known_map.allows, ambiguity.alike_in_formation(label, rivals)))
+    others = united(*(contact.inseparable for contact in formation.further))
+    alike = tuple(filter(known_map.allows, ambiguity.alike_in_formation(label, rivals, others)))
     if formation.further and alike and share is None:
         inseparable = united(inseparable, alike)
     estimate = element_estimate(fitted, contact, scales, window, information)
