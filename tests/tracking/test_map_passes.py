@@ -13,26 +13,11 @@ import contact_tracker
 from contact_tracker.geometry.linalg import unit
 from contact_tracker.motion.poses import Poses
 from contact_tracker.states import Contact
-from contact_tracker.tracking.belief import Segment
-from contact_tracker.tracking.segmentation import BELIEF, Beliefs, Segmentation
 from contact_tracker.trajectory import Trajectory
 from robot_moves import Robot, logged, pick_and_place
 from smooth_motion import least_jerk
 
 RECORDINGS = Path(__file__).parents[2] / "recordings"
-
-
-def passed(p_free: list[float], p_vertex: list[float]) -> Segmentation:
-    """A pass of one free segment with these probabilities in its ticks; the rest is that of f-f."""
-    rows = np.zeros(len(p_free), BELIEF)
-    rows["stamp_ns"] = 100 * np.arange(1, len(p_free) + 1)
-    rows["contact"] = Contact.FREE.column
-    rows["geometry"] = rows["further"] = rows["joint"] = -1
-    rows["probability"][:, Contact.FREE.column] = p_free
-    rows["probability"][:, Contact.VF.column] = p_vertex
-    rows["probability"][:, 0] = 1.0 - rows["probability"].sum(axis=1)
-    whole = Segment(0, int(rows["stamp_ns"][-1]), Contact.FREE, float(np.mean(p_free)), None)
-    return Segmentation((whole,), Beliefs(rows))
 
 
 def set_down(higher_m: float, seed: int) -> contact_tracker.Trajectory:

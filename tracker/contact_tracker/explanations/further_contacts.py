@@ -24,7 +24,7 @@ from contact_tracker.geometry.elements import ContactGeometry
 from contact_tracker.geometry.lifted_pose import T
 from contact_tracker.hypotheses import refinement
 from contact_tracker.hypotheses.bank import blank
-from contact_tracker.hypotheses.births import combine_with_listed
+from contact_tracker.hypotheses.births import name_listed
 from contact_tracker.hypotheses.evidence import DECISIVE, SAME_FIT_RATIO, complexity, weak_prior
 from contact_tracker.hypotheses.observability import fitted_contact
 from contact_tracker.hypotheses.refit import accumulate_window
@@ -347,7 +347,7 @@ def _inseparable_kinds(
 def named_by(known_map: Map, geometry: ContactGeometry) -> ContactGeometry | None:
     """The geometry with the names of elements of the map that agree with it within their uncertainty; None if
     a complete map lacks them."""
-    named = combine_with_listed(geometry, known_map)
+    named = name_listed(geometry, known_map)
     complete = known_map.object_complete, known_map.environment_complete
     is_unlisted = any(name is None and only for name, only in zip(named.names, complete, strict=True))
     return None if is_unlisted else named

@@ -36,7 +36,7 @@ from contact_tracker.hypotheses.evidence import (
     residual_noise,
 )
 from contact_tracker.map.association import MapView
-from contact_tracker.map.elements import combined, is_same_element
+from contact_tracker.map.elements import SAME, combined, mahalanobis
 from contact_tracker.map.map import Map, NamedElement, Up
 from contact_tracker.map.pairs import (
     Frame,
@@ -311,24 +311,36 @@ def _fill_open(pair: NamedPair, object: NamedElement | None, environment: NamedE
     return NamedPair(pair.object or object, environment, pair.log_share, None if environment else pair.up)
 
 
-def combine_with_listed(geometry: ContactGeometry, known_map: Map) -> ContactGeometry:
-    """The geometry, estimated without listed elements, with those from which it differs by no more than the
-    uncertainty of both (T28)."""
+def name_listed(geometry: ContactGeometry, known_map: Map, is_by_motion: bool = True) -> ContactGeometry:
+    """The geometry with the names of the listed elements with which it agrees within the uncertainty of both
+    (T28); an estimate that ``is_by_motion`` alone is combined with them."""
+    sides = (geometry.object, known_map.listed_object), (geometry.environment, known_map.listed_environment)
+    of_open_offset = geometry.has_open_offset
     return ContactGeometry(
-        _combined(geometry.object, known_map.listed_object),
-        _combined(geometry.environment, known_map.listed_environment),
+        *(
+            _with_name(estimate, listed, is_open, is_by_motion)
+            for (estimate, listed), is_open in zip(sides, of_open_offset, strict=True)
+        )
     )
 
 
-def _combined(estimate: Element, listed: Sequence[NamedElement]) -> Element:
-    """An estimate, combined with the first of the ``listed`` elements with which it agrees; the solid side of
-    an estimated plane is unknown."""
-    for named in (
-        entry for entry in listed if not entry.is_covered and type(entry.element) is type(estimate)
-    ):
-        if any(is_same_element(side, named.element) for side in (estimate, opposite(estimate))):
-            return replace(combined(named.element, estimate), name=named.name)
-    return canonical(estimate)
+def _with_name(
+    estimate: Element, listed: Sequence[NamedElement], is_open: bool, is_by_motion: bool
+) -> Element:
+    """The estimate of one element, with the name of the nearest ``listed`` one; of several parallel faces
+    none is nearest if its offset ``is_open``. The solid side of an estimated plane is unknown."""
+    agreeing = list[tuple[float, int]]()
+    for number, named in enumerate(listed):
+        if type(named.element) is type(estimate) and not named.is_covered:
+            senses = estimate, opposite(estimate)
+            distance = min(mahalanobis(sense, named.element) for sense in senses)
+            agreeing += [(distance, number)] * (distance <= SAME)
+    if not agreeing or (is_open and len(agreeing) > 1):
+        return canonical(estimate)
+    named = listed[min(agreeing)[1]]
+    if is_by_motion or is_open:
+        return replace(combined(named.element, estimate), name=named.name)
+    return replace(estimate, name=named.name)
 
 
 def name_elements(geometry: ContactGeometry, pair: NamedPair) -> ContactGeometry:

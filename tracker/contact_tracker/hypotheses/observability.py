@@ -30,7 +30,7 @@ from contact_tracker.geometry.lifted_pose import R, T
 from contact_tracker.geometry.linalg import cross
 from contact_tracker.hypotheses import gauss_newton
 from contact_tracker.hypotheses.bank import Bank
-from contact_tracker.hypotheses.births import combine_with_listed, name_elements
+from contact_tracker.hypotheses.births import name_elements, name_listed
 from contact_tracker.hypotheses.evidence import EvidenceParameters, weak_prior
 from contact_tracker.hypotheses.refit import anchors_of
 from contact_tracker.hypotheses.schedule import REST_WEIGHT
@@ -374,7 +374,8 @@ class FittedContact:
         geometry = _in_users_frames(local, self.rotation, self.origins)
         if self.known_map.fixes_elements:  # otherwise the hypothesis assumes elements of the map that grows
             return name_elements(geometry, named_pairs(self.known_map, model)[bank.known_pair_index[0]])
-        return combine_with_listed(geometry, self.known_map)
+        is_by_motion = not bank.prior_information.any()
+        return name_listed(geometry, self.known_map, is_by_motion)
 
 
 def fitted_contact(

@@ -222,7 +222,7 @@ class MapView:
     """
 
     elements: dict[Key, MapElement]
-    counts: dict[Key, int]
+    counts: dict[Key, float]
     slots: dict[Key, slice]
     covariance: Array
     log_p_new: tuple[float, float]
@@ -354,7 +354,7 @@ world, as it does not explain them better."""
 
 
 def log_probabilities_of_new(
-    counts: Mapping[tuple[int, int], int], contacts: int | None
+    counts: Mapping[tuple[int, int], float], contacts: int | None
 ) -> tuple[float, float]:
     """Log probabilities of a new element of the object and of one of the environment.
 

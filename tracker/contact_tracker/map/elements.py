@@ -233,29 +233,39 @@ class LearnedElements:
     information : (P, P) on the free coordinates of all elements, in the order of these.
     extents : points (N, 3) around the touched region of faces and edges, where they are known.
     outward : normals (3,) of faces out of the bodies that they bound, where the motion shows the side.
+    listed : keys of those that the user lists, which no contact need have touched.
     """
 
     elements: Mapping[Key, MapElement] = field(default_factory=dict)
-    counts: Mapping[Key, int] = field(default_factory=dict)
+    counts: Mapping[Key, float] = field(default_factory=dict)
     information: Array = field(default_factory=lambda: np.zeros((0, 0)))
     extents: Mapping[Key, Array] = field(default_factory=dict)
     outward: Mapping[Key, Array] = field(default_factory=dict)
+    listed: tuple[Key, ...] = ()
 
     def __bool__(self) -> bool:
         return bool(self.elements)
 
-    def with_elements(self, elements: Iterable[tuple[int, Element]]) -> "LearnedElements":
-        """The same with further elements of a side, with covariances, as if one contact had touched each."""
+    def with_listed(self, side: int, elements: Sequence[Element]) -> "LearnedElements":
+        """The same with elements of a side that the user lists, with covariances. Together they count as one
+        contact: that they are many does not show that new ones are rare."""
         known, counts, outward = dict(self.elements), dict(self.counts), dict(self.outward)
-        blocks = [self.information]
-        for side, element in elements:
+        blocks, listed = [self.information], list(self.listed)
+        for element in elements:
             key = side, 1 + max((number for _, number in known), default=0)
-            known[key], counts[key] = MapElement.of(element), 1
+            known[key], counts[key] = MapElement.of(element), 1.0 / len(elements)
+            listed.append(key)
             free = known[key].parameters()[1]
             blocks.append(np.asarray(np.linalg.inv(free.T @ covariance_of(element) @ free)))
             if isinstance(element, Plane):
                 outward[key] = element.normal
-        return replace(self, elements=known, counts=counts, information=block_diag(*blocks), outward=outward)
+        information = np.asarray(block_diag(*blocks))
+        return LearnedElements(known, counts, information, self.extents, outward, tuple(listed))
+
+    @property
+    def touched(self) -> frozenset[Key]:
+        """Keys of those that contacts of another recording have touched."""
+        return frozenset(self.elements) - {*self.listed}
 
     @property
     def slots(self) -> dict[Key, slice]:
@@ -292,7 +302,10 @@ class LearnedElements:
             return {key: values[key] for key in self.elements if key in keys and key in values}
 
         elements, counts = kept(self.elements), kept(self.counts)
-        return LearnedElements(elements, counts, information, kept(self.extents), kept(self.outward))
+        sides = kept(self.extents), kept(self.outward)
+        return LearnedElements(
+            elements, counts, information, *sides, tuple(filter(keys.__contains__, self.listed))
+        )
 
     def shifted(self, origins: Origins) -> "LearnedElements":
         """The same in frames in which the present origins are at ``origins``."""

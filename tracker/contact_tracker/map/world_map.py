@@ -109,10 +109,12 @@ class GrowingMap:
 
     @property
     def learned(self) -> LearnedElements:
-        """What is known now of the elements that were touched most, in the coordinates of the world and the
-        body, for another recording."""
+        """What is known now of the elements that were touched most, without those that the user lists, in the
+        coordinates of the world and the body, for another recording."""
         counts, all_learned = self.whole.counts, self._learned(self.whole.slots, self.pairs)
-        often = sorted(counts, key=lambda key: (-counts[key], key))[:MOST_LEARNED]
+        often = sorted(counts.keys() - {*self.prior.listed}, key=lambda key: (-counts[key], key))[
+            :MOST_LEARNED
+        ]
         learned = replace(all_learned, counts=counts).of(often, self.reach_m)
         return learned if self.origins is None else learned.shifted(self.origins)
 
@@ -185,12 +187,10 @@ class GrowingMap:
 
     @cached_property
     def untested_sides(self) -> set[int]:
-        """The sides of which no contact has touched the prior's elements yet: of another object or in another
-        scene, its price of new elements hides contacts in free motion."""
+        """The sides of which no contact has touched the prior's elements of another recording yet: of another
+        object or in another scene, its price of new elements hides contacts in free motion."""
         touched = {key for pair in self.pairs.values() for key in pair}
-        return {side for side, _ in self.prior.elements} - {
-            side for side, _ in touched & {*self.prior.elements}
-        }
+        return {side for side, _ in self.prior.touched} - {side for side, _ in touched & self.prior.touched}
 
     @property
     def unused_sides(self) -> tuple[int, ...]:
@@ -243,15 +243,16 @@ class GrowingMap:
         """The map without the sightings that begin with these ticks."""
         excluded = frozenset(left_out)
         used = {first: pair for first, pair in self.pairs.items() if first not in excluded}
-        counts = Counter(key for pair in used.values() for key in pair)
-        counts.update(self.prior.counts)
+        counts = dict[Key, float](self.prior.counts)
+        for key in (key for pair in used.values() for key in pair):
+            counts[key] = counts.get(key, 0.0) + 1.0
         slots = slots_of(self.elements, sorted(counts))
         covariance = self._learned(slots, used).covariance(self.reach_m)
         # the few sure contacts of a prior would not show how seldom elements are new
-        contacts = 0 if self.prior and self.contacts is None else self.contacts
+        contacts = 0 if self.prior.touched and self.contacts is None else self.contacts
         return MapView(
             {key: self.elements[key] for key in slots},
-            dict(counts),
+            counts,
             slots,
             covariance,
             log_probabilities_of_new(counts, contacts),
@@ -305,7 +306,7 @@ class GrowingMap:
         """
         view = self.whole
         counts = view.counts.items()
-        shared = {k: view.elements[k] for k, n in counts if n > 1 and k not in self.prior.elements}
+        shared = {k: view.elements[k] for k, n in counts if n > 1.0 and k not in self.prior.elements}
         rows = np.array([row for key in shared for row in np.r_[view.slots[key]]], int)
         volume = np.linalg.slogdet(view.covariance[np.ix_(rows, rows)])[1]
         return float(0.5 * (np.log(LearnedElements(shared).weak(self.reach_m)).sum() - volume))

@@ -534,7 +534,7 @@ def map_use(world: GrowingMap, known_map: Map) -> str:
     if not known_map.learned or len(world.unused_sides) == 2:
         return ""
     body, environment = (
-        sum(pair[side] in world.prior.elements for pair in world.pairs.values()) for side in (0, 1)
+        sum(pair[side] in world.prior.touched for pair in world.pairs.values()) for side in (0, 1)
     )
     touches = f"{body} touch its elements of the object, {environment} those of the surroundings"
     return f"the learned map is used: of {len(world.pairs)} sure contacts {touches}"

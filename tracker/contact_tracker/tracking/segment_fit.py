@@ -183,7 +183,7 @@ def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
         curved = curved_probabilities(segment.window, scales_of(model), known_map, segment.touched)
         none_fits = is_mostly_curved(curved) and not freedom.one_direction
         inseparable = known_map.allowed if none_fits else inseparable
-        if not inseparable:
+        if not inseparable and segment.wrenches is None:
             curved = np.maximum(curved, _may_touch_in_parts(segment))
     if segment.wrenches is not None:
         evidence = segment.wrenches.log_evidence
