@@ -61,7 +61,7 @@ class OfflineTracker:
     ----------
     read_as : units and conventions in which the poses were read.
     uses_map : whether a map of the recording is made. Passes with the map (``map_passes.with_map``) follow
-        the first pass, unless elements of both sides or wrenches are given.
+        the first pass, unless elements are fixed (``Map.fixes_elements``) or wrenches given.
     """
 
     def __init__(

@@ -157,7 +157,7 @@ def _proposals(state: FilterState, frame: Frame) -> tuple[BirthProposals, ...]:
 def pairs_touched_elsewhere(
     state: FilterState, label: Contact, window: Window, first: int, shown: Sequence[Sighting] | None = None
 ) -> BirthProposals | None:
-    """Proposals of a contact by the listed elements, and by what contacts of this recording have touched
+    """Proposals of a contact by the fixed elements, and by what contacts of this recording have touched
     outside of the ticks from number ``first`` to the end of the ``window``; None for free motion, and without
     such elements. With ``shown``, only what these sightings, which know later ticks, confirm."""
     end = int(window.index[-1]) + 1

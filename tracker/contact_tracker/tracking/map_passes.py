@@ -48,7 +48,7 @@ def with_map(
     first_pass: Iterator[Segmentation], record: PassRecord, executor: Executor | None = None
 ) -> Iterator[Segmentation]:
     """The segmentation by the first pass, or by a pass with its map, if that explains the recording better;
-    free motion is open where a touch is not excluded. With elements that the user lists, and if the recording
+    free motion is open where a touch is not excluded. With elements that are fixed, and if the recording
     is very long (then piece by piece), the first pass.
 
     Parameters
