@@ -124,6 +124,7 @@ class KnownParts:
             for element in elements
             if element.solid is None
         }
+        self._is_fixed = known_map.fixes_elements
         self._poses, self._every_ns, self._last_span = list[Poses](), _EVERY_NS, -(2**62)
         self._touches: dict[int, Touch] = {}
         self._segments: tuple[Segment, ...] = ()
@@ -234,7 +235,7 @@ class KnownParts:
     def _map_elements(self, world: GrowingMap | None) -> dict[Hashable, tuple[int, str, Element]]:
         """The elements of a map, without those that are a listed element in each of their contacts.
 
-        An element that touches a listed one has the covariance of the contact, as the map lacks that one.
+        An element that touches a fixed one has the covariance of the contact, as the map lacks that one.
         """
         if world is None:
             return {}
@@ -244,7 +245,7 @@ class KnownParts:
             for key in pair:
                 element = touch and (touch.geometry.object, touch.geometry.environment)[key[0]]
                 listed[key] = element is not None and element.name is not None and listed.get(key, True)
-                if element is not None and key in elements:
+                if self._is_fixed and element is not None and key in elements:
                     elements[key] = replace(elements[key], covariance=element.covariance)
         return {
             key: (key[0], f"{KINDS[kind_of(learned)]} {key[1]}", learned)
