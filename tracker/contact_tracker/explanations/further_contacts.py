@@ -65,6 +65,10 @@ class Candidate(NamedTuple):
         """The longest run."""
         return max(self.presence.runs, key=lambda run: run.end - run.first)
 
+    def is_present_after(self, motion: ConditionalMotion) -> bool:
+        """Whether the contact is present in the newest tick of ``motion``."""
+        return self.presence.runs[-1].end >= len(motion)
+
 
 class Further(NamedTuple):
     """A further contact with ``log_odds`` (nats) against none, in ``runs`` by the numbers of ticks.
@@ -199,6 +203,7 @@ def begin_search(
 def _search_rivals(
     motion: ConditionalMotion, contacts: Iterable[KnownContact], lasts: bool
 ) -> ContactSearch | None:
+    """The search for rivals of the most probable of these contacts; None if none is sure."""
     best = _best(_held(motion, contacts, lasts))
     if best is None:
         return None
@@ -206,9 +211,9 @@ def _search_rivals(
 
 
 def _held(motion: ConditionalMotion, contacts: Iterable[KnownContact], lasts: bool) -> list[Candidate]:
-    newest = len(motion) if lasts else 0
-    found = (evaluate(motion, contact) for contact in contacts)
-    return [contact for contact in found if contact is not None and contact.presence.runs[-1].end >= newest]
+    """The contacts that are present in some ticks, or if one has to last, in the newest tick."""
+    found = [candidate for contact in contacts if (candidate := evaluate(motion, contact)) is not None]
+    return [candidate for candidate in found if not lasts or candidate.is_present_after(motion)]
 
 
 def conclude_search(
@@ -226,8 +231,7 @@ def conclude_search(
     candidates = (*_held(motion, [search.best], lasts), *rivals)
     best = _best(found for found in candidates if found.known.contact in kinds)
     refined = None if best is None else refine(motion, best)
-    newest = len(motion) if lasts else 0
-    if refined is None or refined.geometry is None or refined.presence.runs[-1].end < newest:
+    if refined is None or refined.geometry is None or (lasts and not refined.is_present_after(motion)):
         return None, True
     best, part = refined, motion.cut(*refined.run)
     run, *runs = map(motion.ticks.numbered, (best.run, *best.presence.runs))

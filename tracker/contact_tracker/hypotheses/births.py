@@ -314,27 +314,24 @@ def _fill_open(pair: NamedPair, object: NamedElement | None, environment: NamedE
 def name_listed(geometry: ContactGeometry, known_map: Map, is_by_motion: bool = True) -> ContactGeometry:
     """The geometry with the names of the listed elements with which it agrees within the uncertainty of both
     (T28); an estimate that ``is_by_motion`` alone is combined with them."""
-    sides = (geometry.object, known_map.listed_object), (geometry.environment, known_map.listed_environment)
-    of_open_offset = geometry.has_open_offset
+    body_is_open, world_is_open = geometry.has_open_offset
     return ContactGeometry(
-        *(
-            _with_name(estimate, listed, is_open, is_by_motion)
-            for (estimate, listed), is_open in zip(sides, of_open_offset, strict=True)
-        )
+        _name_nearest(geometry.object, known_map.listed_object, body_is_open, is_by_motion),
+        _name_nearest(geometry.environment, known_map.listed_environment, world_is_open, is_by_motion),
     )
 
 
-def _with_name(
+def _name_nearest(
     estimate: Element, listed: Sequence[NamedElement], is_open: bool, is_by_motion: bool
 ) -> Element:
     """The estimate of one element, with the name of the nearest ``listed`` one; of several parallel faces
     none is nearest if its offset ``is_open``. The solid side of an estimated plane is unknown."""
-    agreeing = list[tuple[float, int]]()
+    senses, agreeing = (estimate, opposite(estimate)), list[tuple[float, int]]()
     for number, named in enumerate(listed):
         if type(named.element) is type(estimate) and not named.is_covered:
-            senses = estimate, opposite(estimate)
             distance = min(mahalanobis(sense, named.element) for sense in senses)
-            agreeing += [(distance, number)] * (distance <= SAME)
+            if distance <= SAME:
+                agreeing.append((distance, number))
     if not agreeing or (is_open and len(agreeing) > 1):
         return canonical(estimate)
     named = listed[min(agreeing)[1]]

@@ -303,9 +303,8 @@ class LearnedElements:
 
         elements, counts = kept(self.elements), kept(self.counts)
         sides = kept(self.extents), kept(self.outward)
-        return LearnedElements(
-            elements, counts, information, *sides, tuple(filter(keys.__contains__, self.listed))
-        )
+        listed = tuple(key for key in self.listed if key in keys)
+        return LearnedElements(elements, counts, information, *sides, listed)
 
     def shifted(self, origins: Origins) -> "LearnedElements":
         """The same in frames in which the present origins are at ``origins``."""

@@ -112,9 +112,8 @@ class GrowingMap:
         """What is known now of the elements that were touched most, without those that the user lists, in the
         coordinates of the world and the body, for another recording."""
         counts, all_learned = self.whole.counts, self._learned(self.whole.slots, self.pairs)
-        often = sorted(counts.keys() - {*self.prior.listed}, key=lambda key: (-counts[key], key))[
-            :MOST_LEARNED
-        ]
+        unlisted = counts.keys() - {*self.prior.listed}
+        often = sorted(unlisted, key=lambda key: (-counts[key], key))[:MOST_LEARNED]
         learned = replace(all_learned, counts=counts).of(often, self.reach_m)
         return learned if self.origins is None else learned.shifted(self.origins)
 

@@ -82,15 +82,15 @@ class SegmentTicks:
 
 @dataclass(frozen=True, eq=False)
 class SegmentFit:
-    """The fit of one segment, with fields as in ``Belief``. ``curved`` is the probability in each tick (n,),
-    or (1,) in all of them, that free motion is on a curved surface, 1 where it may be any contact; ``share``
-    (7,) is the share of each indistinguishable contact in their total probability, if wrenches have decided
-    it."""
+    """The fit of one segment, with fields as in ``Belief``. ``may_touch`` is the probability in each tick
+    (n,), or (1,) in all of them, that free motion is a contact: with a curved surface, or of any kind.
+    ``share`` (7,) is the share of each indistinguishable contact in their total probability, if wrenches have
+    decided it."""
 
     contact: Contact
     geometry: ContactGeometry | None
     inseparable: tuple[Contact, ...]
-    curved: Array
+    may_touch: Array
     share: Array | None = None
     formation: Formation = NO_FORMATION
     joints: tuple[tuple[int, Joint], ...] = ()
@@ -146,7 +146,8 @@ def fit_segment(segment: SegmentTicks) -> SegmentFit:
 PART_TICKS: Final = 30
 """Ticks of free motion that are tested for contact together. Ten programs of a robot with 0.02 mm of noise
 that keep contact for 12 of 18 s are surely free for none of that, with 15 and 30, with 60 for 8 s in all, and
-without the test for 69 s. Six recordings of everyday handling are surely right for 0.493, 0.500 and 0.509."""
+without the test for 69 s; six recordings of everyday handling are surely right for 0.493, 0.500 and 0.509
+(measured once)."""
 
 
 def _rivals(label: Contact, window: Window, fits: Sequence[Bank]) -> tuple[CompetingEvidence, Freedom]:
@@ -178,18 +179,18 @@ def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
     model, known_map, label = segment.model, segment.known_map, segment.contact
     rivals, freedom = _rivals(label, window, fits)
     inseparable = tuple(filter(known_map.allows, ambiguity.indistinguishable(label, rivals, freedom)))
-    curved, none_fits, share = np.zeros(1), False, None
+    may_touch, none_fits, share = np.zeros(1), False, None
     if label is Contact.FREE:
-        curved = curved_probabilities(segment.window, scales_of(model), known_map, segment.touched)
-        none_fits = is_mostly_curved(curved) and not freedom.one_direction
+        may_touch = curved_probabilities(segment.window, scales_of(model), known_map, segment.touched)
+        none_fits = is_mostly_curved(may_touch) and not freedom.one_direction
         inseparable = known_map.allowed if none_fits else inseparable
         if not inseparable and segment.wrenches is None:
-            curved = np.maximum(curved, _may_touch_in_parts(segment))
+            may_touch = np.maximum(may_touch, _may_touch_in_parts(segment))
     if segment.wrenches is not None:
         evidence = segment.wrenches.log_evidence
         label, inseparable, share = ambiguity.decide_by_wrenches(label, inseparable, evidence)
     if label is Contact.FREE or none_fits:  # without elements
-        return SegmentFit(label, None, inseparable, curved, share)
+        return SegmentFit(label, None, inseparable, may_touch, share)
     contact, scales = CONTACT_MODELS[label.column], scales_of(model)
     fit = fits[label.column] if share is None else _measured_fit(segment, window, contact, fits[label.column])
     extra_variance = model.noise.extra_contact_variance[label.column]
@@ -201,12 +202,12 @@ def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
     if formation.further and alike and share is None:
         inseparable = united(inseparable, alike)
     estimate = element_estimate(fitted, contact, scales, window, information)
-    geometry, curved = located.geometry, np.zeros(1)
+    geometry = located.geometry
     if ambiguity.may_be_free(label, geometry, window):
         inseparable = united(inseparable, (Contact.FREE,))
     tolerance = _tolerance(contact, fitted.x, window) if any(extra_variance) else None
     parts = share, formation, (), estimate, tolerance
-    return SegmentFit(label, geometry, inseparable, curved, *parts)
+    return SegmentFit(label, geometry, inseparable, np.zeros(1), *parts)
 
 
 def fit_on_map(
@@ -335,8 +336,8 @@ class FinishedSegment(NamedTuple):
         fit = self._open_to_likelier_states(fit)
         contact, column, known_map = fit.contact, fit.contact.column, self.ticks.known_map
         beliefs = np.zeros(len(self.rows), BELIEF)
-        curved = np.broadcast_to(fit.curved, len(beliefs))
-        is_open = (curved > 0.5) & (fit.share is None)
+        may_touch = np.broadcast_to(fit.may_touch, len(beliefs))
+        is_open = (may_touch > 0.5) & (fit.share is None)
         at_rest = ambiguity.others_at_rest(contact, known_map, fit.inseparable)
         elsewhere = tuple(state for state in STATES if state is not contact and known_map.allows(state))
         open_states = fit.inseparable, fit.with_flush, at_rest, elsewhere
@@ -499,11 +500,10 @@ def joined_by_wrenches(
         if joined and _are_one_segment(joined[-1], (segment, fit)):
             previous, earlier = joined[-1]
             lengths = len(previous.rows), len(segment.rows)
-            curved = [
-                np.broadcast_to(*part) for part in zip((earlier.curved, fit.curved), lengths, strict=True)
-            ]
+            parts = zip((earlier.may_touch, fit.may_touch), lengths, strict=True)
+            may_touch = np.concatenate([np.broadcast_to(*part) for part in parts])
             longer = fit if lengths[1] > lengths[0] else earlier
-            joined[-1] = previous.followed_by(segment), replace(longer, curved=np.concatenate(curved))
+            joined[-1] = previous.followed_by(segment), replace(longer, may_touch=may_touch)
         else:
             joined.append((segment, fit))
     return joined
