@@ -41,6 +41,8 @@ def test_a_face_that_no_contact_is_on_is_named_with_its_distance():
     assert not finding.doubts_labels
     (turned,) = found(TABLE, on(0.34, normal=(1.0, 0.0, 0.0)))
     assert "parallel" not in turned.text
+    (tilted,) = found(TABLE, on(0.5, normal=(0.087, 0.0, 0.996)))  # by 5 deg, at its place
+    assert "parallel" not in tilted.text
     (vertex,) = found(CORNER, on(0.5))
     assert "object (tip)" in vertex.text
 
@@ -110,7 +112,7 @@ def test_no_row_is_on_a_known_face_that_contacts_contradict(tmp_path):
     assert right.segments[0].geometry.environment.name == "plane 1"
     for one in (*wrong.segments, *wrong.beliefs):
         assert one.geometry is None or one.geometry.environment.name is None
-    assert wrong.segments[0].geometry.has_open_offset == (True, True)
+    assert wrong.segments[0].geometry.environment.offset_m == pytest.approx(0.037, abs=0.003)
     assert [line[:8] for line in str(wrong).splitlines() if "plane 1" in line] == ["warning:"]
     wrong.save(tmp_path / "out.csv")
     assert "plane 1" not in (tmp_path / "out.csv").read_text()

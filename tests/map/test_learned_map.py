@@ -17,7 +17,7 @@ from contact_tracker.errors import KnowledgeError
 from contact_tracker.geometry.elements import ContactGeometry, Origins, Plane
 from contact_tracker.map.elements import ANYWHERE_M, LearnedElements, MapElement
 from contact_tracker.map.file import learned_text, map_from
-from contact_tracker.map.map import Map
+from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.map.world_map import MOST_LEARNED, GrowingMap
 from contact_tracker.recording import write_recording
 from contact_tracker.states import Contact
@@ -108,26 +108,54 @@ def test_what_is_known_is_touched_again() -> None:
     assert map_use(same, known_map) == f"{used} surroundings"
 
 
-def test_face_on_face_has_the_offsets_of_the_map() -> None:
-    """Where other contacts have shown them, and the side of both faces."""
+WIDE = np.diag([1e-6, 1e-6, 0.0, 0.09])
+FLUSH = ContactGeometry(
+    Plane(-BOTTOM.direction, 0.0, WIDE), Plane(TABLE.direction, BOTTOM.place_m[0] - TABLE.place_m[0], WIDE)
+)
+"""The bottom on the table, by the motion of f-f."""
+
+
+def with_place(world: GrowingMap, *others: Segment, known_map: Map = EMPTY_MAP) -> ContactGeometry:
+    """The faces of a segment of f-f, 10 to 90 ns, after the passes with a map."""
+    flat = Segment(10, 90, Contact.FF, 0.9, FLUSH)
+    return with_offsets(Segmentation((flat, *others)), world, known_map).segments[0].geometry
+
+
+def test_face_on_face_has_the_offsets_of_an_earlier_map() -> None:
+    """Where it has the side of both faces."""
     prior = with_sides(grown().learned)
     sighting = replace(seen(Contact.FF, (BOTTOM, TABLE), 0), stamp_ns=100)
-    wide = np.diag([1e-6, 1e-6, 0.0, 0.09])
-    height_m = BOTTOM.place_m[0] - TABLE.place_m[0]
-    flush = ContactGeometry(Plane(-BOTTOM.direction, 0.0, wide), Plane(TABLE.direction, height_m, wide))
-    segment = Segment(10, 90, Contact.FF, 0.9, flush)
-    for learned, is_known in ((prior, True), (replace(prior, outward={}), False)):
-        world = again(learned).insert(sighting)
-        ((body, environment),) = [
-            (one.geometry.object, one.geometry.environment)
-            for one in with_offsets(Segmentation((segment,)), world).segments
-        ]
-        assert (body is not flush.object) == is_known
-        if is_known:
-            offsets_m = body.offset_m, environment.offset_m - ORIGIN_M[2]
-            np.testing.assert_allclose(offsets_m, (-BOTTOM.place_m[0], TABLE.place_m[0]), atol=5e-3)
-            assert not any(ContactGeometry(body, environment).has_open_offset)
-            assert 1e-4 < np.sqrt(body.covariance[3, 3]) < 5e-3
+    pair = with_place(again(prior).insert(sighting))
+    assert pair.object.offset_m == pytest.approx(BOTTOM.place_m[0], abs=5e-3)
+    assert pair.environment.offset_m - ORIGIN_M[2] == pytest.approx(TABLE.place_m[0], abs=5e-3)
+    assert pair.has_open_offset == (False, False)
+    assert 1e-4 < np.sqrt(pair.object.covariance[3, 3]) < 5e-3
+    assert with_place(again(replace(prior, outward={})).insert(sighting)).has_open_offset == (True, True)
+
+
+@pytest.mark.parametrize(
+    ("is_free_between", "others", "is_known"),
+    [(False, [TABLE], True), (True, [TABLE], False), (False, [], False), (True, [TABLE, BOTTOM], True)],
+)
+def test_face_on_face_has_the_offsets_that_other_contacts_show(
+    is_free_between: bool, others: list[MapElement], is_known: bool
+) -> None:
+    """A vertex that touches the table afterwards shows the height of the bottom if there is no free motion
+    between: otherwise the bottom may have been on a shelf above it. A vertex on each face shows both."""
+    rng, world = np.random.default_rng(5), GrowingMap(REACH_M).at_origins(Origins.zero())
+    world = world.insert(replace(seen(Contact.FF, (BOTTOM, TABLE), 0, rng=rng), stamp_ns=100))
+    for number, face in enumerate(others, start=1):
+        contact, pair = (Contact.VF, (CORNER, face)) if face is TABLE else (Contact.FV, (face, CORNER))
+        at = seen(contact, pair, 100 * number, rng=rng)
+        world = world.insert(replace(at, onset_ns=200 * number, stamp_ns=200 * number + 100))
+    between = Segment(110, 190, Contact.FREE if is_free_between else Contact.VF, 0.9, None)
+    plane = {"normal": TABLE.direction.tolist(), "offset_m": float(TABLE.place_m[0]), "name": "table"}
+    known_map = map_from({"environment": {"plane": [plane, {**plane, "offset_m": 0.5, "name": "shelf"}]}})
+    pair = with_place(world, between, known_map=known_map)
+    assert pair.has_open_offset == (not is_known, not is_known)
+    assert pair.names == (None, "table" if is_known else None)
+    if is_known:
+        assert abs(pair.object.offset_m - BOTTOM.place_m[0]) < 4 * np.sqrt(pair.object.covariance[3, 3])
 
 
 @pytest.mark.parametrize(

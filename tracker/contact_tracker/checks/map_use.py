@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
-from math import asin, degrees, inf, pi, sqrt
+from math import asin, cos, degrees, inf, pi, sqrt
 from operator import itemgetter
 from typing import Final, NamedTuple
 
@@ -262,7 +262,7 @@ def _nearest(map: Map, geometry: ContactGeometry) -> tuple[float, str]:
     distances_m = (
         (distance_of_planes_m(face, plane), name)
         for plane, name in faces
-        if isinstance(plane, Plane) and abs(face.normal @ plane.normal) >= PARALLEL
+        if isinstance(plane, Plane) and abs(face.normal @ plane.normal) >= cos(NEAR_RAD)
     )
     return min(distances_m, default=(inf, ""))
 

@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from contact_tracker.geometry.elements import Array, Origins
+from contact_tracker.geometry.elements import Array, Element, Origins
 from contact_tracker.map.association import (
     MapView,
     Sighting,
@@ -111,10 +111,18 @@ class GrowingMap:
     def learned(self) -> LearnedElements:
         """What is known now of the elements that were touched most, without those that the user lists, in the
         coordinates of the world and the body, for another recording."""
-        counts, all_learned = self.whole.counts, self._learned(self.whole.slots, self.pairs)
+        counts = self.whole.counts
         unlisted = counts.keys() - {*self.prior.listed}
         often = sorted(unlisted, key=lambda key: (-counts[key], key))[:MOST_LEARNED]
-        learned = replace(all_learned, counts=counts).of(often, self.reach_m)
+        learned = replace(self._learned(self.whole.slots, self.pairs), counts=counts)
+        return self._in_users_frames(learned.of(often, self.reach_m))
+
+    @property
+    def known(self) -> dict[Key, Element]:
+        """All elements with their covariances, in the coordinates of the world and the body."""
+        return self._in_users_frames(self._learned(self.whole.slots, self.pairs)).known
+
+    def _in_users_frames(self, learned: LearnedElements) -> LearnedElements:
         return learned if self.origins is None else learned.shifted(self.origins)
 
     def insert(self, sighting: Sighting) -> "GrowingMap":

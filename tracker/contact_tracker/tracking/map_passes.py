@@ -6,6 +6,7 @@ A contact may touch elements of other contacts, at little cost, or new ones, at 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -14,8 +15,10 @@ from numpy.typing import NDArray
 from contact_tracker.arrays import Array
 from contact_tracker.geometry.elements import ContactGeometry, Element, Plane, numbers
 from contact_tracker.geometry.lifted_pose import R
+from contact_tracker.hypotheses.births import name_listed
 from contact_tracker.map.association import log_prior_of_new
-from contact_tracker.map.elements import best_known_place, covariance_of, plane_covariance
+from contact_tracker.map.elements import Key, best_known_place, covariance_of, plane_covariance
+from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion.tick_averaging import Tick
 from contact_tracker.states import STATES, Contact, united
@@ -73,9 +76,10 @@ def with_map(
         result = _with_touches(result, first, record.pace, record.state.model.certainty.posterior_power)
     if not known_map.shows_touch and {side for side, _ in world.prior.elements} != {0, 1}:
         result = _with_free_if_never_tilted(result, record.ticks)
-    if world.untested_sides or any(world.prior_is_dropped):  # its price hid contacts in free motion
+    is_other = known_map.learned and any(world.prior_is_dropped)
+    if world.untested_sides or is_other:  # the price of its new elements hid contacts in free motion
         result = _with_open(result, Contact.FREE, np.ones(len(result.beliefs), bool), lambda _: allowed)
-    result = with_offsets(result, record.map)
+    result = with_offsets(result, record.map, known_map)
     yield replace(result, filtered=first.filtered, outliers=first.outliers)
 
 
@@ -220,29 +224,51 @@ def _labels(segmentation: Segmentation) -> list[tuple[str, int]]:
     return [(segment.contact.value, segment.start_ns) for segment in segmentation.segments]
 
 
-def with_offsets(piece: Segmentation, world: GrowingMap | None) -> Segmentation:
-    """The piece with the offsets of faces on faces, where the map of another recording has them.
-
-    Its contacts agree on the sides of these faces: opposite sides of a body are parallel, and f-f does not
-    distinguish them.
-    """
+def with_offsets(piece: Segmentation, world: GrowingMap | None, known_map: Map = EMPTY_MAP) -> Segmentation:
+    """The piece with the offsets of faces on faces, where contacts show them (``_located_faces``), and the
+    names in ``known_map`` of faces at these places."""
     if world is None:
         return piece
-    learned, located = world.learned, dict[bytes, ContactGeometry]()
-    known = {key: element for key, element in learned.known.items() if key in learned.outward}
+    faces, located = _located_faces(piece, world), dict[bytes, ContactGeometry]()
     for segment in piece.segments:
         geometry, middle_ns = segment.geometry, (segment.start_ns + segment.end_ns) // 2
         keys = [keys for start_ns, end_ns, keys in world.touches if start_ns <= middle_ns <= end_ns]
-        if geometry is not None and all(geometry.has_open_offset) and keys and known.keys() >= {*keys[0]}:
-            faces = [known[key] for key in keys[0]]
-            body, environment = map(_with_offset, (geometry.object, geometry.environment), faces)
+        if geometry is not None and all(geometry.has_open_offset) and keys and faces.keys() >= {*keys[0]}:
+            pair = [faces[key] for key in keys[0]]
+            body, environment = map(_with_offset, (geometry.object, geometry.environment), pair)
             if body is not None and environment is not None:
-                located[_key(geometry)] = ContactGeometry(body, environment)
+                located[_key(geometry)] = name_listed(ContactGeometry(body, environment), known_map, False)
 
     def change(geometry: ContactGeometry) -> ContactGeometry:
         return located.get(_key(geometry), geometry)
 
     return piece.with_elements(change)
+
+
+def _located_faces(piece: Segmentation, world: GrowingMap) -> dict[Key, Element]:
+    """The faces of a map whose places contacts show.
+
+    The motion of a face on a face fits all parallel faces, so the map may take one for another. The faces are
+    those of the map if other contacts show the places of both, or if the contact changes, without free motion
+    between, to one with one of these faces, as in tilting onto an edge. A map of another recording shows the
+    faces of which it has the side.
+    """
+    touches, located = sorted(world.touches), {*world.prior.outward}
+    is_face = {key: element.kind == "f" for key, element in world.elements.items()}
+    located |= {key for *_, pair in touches if not all(is_face[key] for key in pair) for key in pair}
+    free = [segment for segment in piece.segments if segment.contact is Contact.FREE]
+    changes = [
+        (pair, following)
+        for (_, end_ns, pair), (start_ns, _, following) in pairwise(touches)
+        if not any(s.start_ns < start_ns and s.end_ns > end_ns for s in free)
+    ]
+    size = -1
+    while len(located) > size:
+        size = len(located)
+        for pair, following in changes:
+            if located & {*pair} & {*following}:
+                located |= {*pair, *following}
+    return {key: element for key, element in world.known.items() if key in located and is_face[key]}
 
 
 def _with_offset(estimate: Element, face: Element) -> Plane | None:
