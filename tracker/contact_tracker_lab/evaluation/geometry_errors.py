@@ -1,8 +1,8 @@
 """Errors of the estimated planes, lines and points, segment by segment.
 
 For f-f, motion determines both normals, but only the difference ``h_env - h_obj`` of the offsets (remark
-after eq. 8 of the paper). So the errors of f-f are those of its normals, and one distance for the pair:
-between the estimated and the true plane of motion, at the body's mean position.
+after eq. 8 of the paper). So unless the map has both offsets, the errors of f-f are those of its normals, and
+one distance for the pair: between the estimated and the true plane of motion, at the body's mean position.
 
 Errors of an element do not depend on signs: ``(n, h)`` and ``(-n, -h)`` are the same plane, ``d`` and ``-d``
 the same direction. They are taken at a given place: far from the contact a small angle is a large distance.
@@ -241,7 +241,7 @@ def is_same(first: Element, second: Element) -> bool:
 def _compare(
     contact: Contact, geometry: ContactGeometry, true: ContactGeometry, poses: Poses
 ) -> list[ElementError]:
-    is_ff = contact is Contact.FF
+    is_open = any(geometry.has_open_offset)
     pairs = (geometry.object, true.object), (geometry.environment, true.environment)
     rows = [
         ElementError(
@@ -250,11 +250,11 @@ def _compare(
             type(true_element).__name__.lower(),
             float(np.degrees(angle_rad(estimate, true_element))),
             1e3 * distance_m(estimate, place),
-            deviation(estimate, true_element, place, slice(2 if is_ff else None)),
+            deviation(estimate, true_element, place, slice(2 if is_open else None)),
         )
         for side, (estimate, true_element), place in zip(SIDES, pairs, places(true, poses), strict=True)
     ]
-    if is_ff:
+    if is_open:
         off_m = abs(_height_m(geometry, true, poses) - _height_m(true, true, poses))
         rows = [replace(rows[0], distance_mm=float("nan")), replace(rows[1], distance_mm=1e3 * off_m)]
     return rows
