@@ -115,9 +115,11 @@ FLUSH = ContactGeometry(
 """The bottom on the table, by the motion of f-f."""
 
 
-def with_place(world: GrowingMap, *others: Segment, known_map: Map = EMPTY_MAP) -> ContactGeometry:
+def with_place(
+    world: GrowingMap, *others: Segment, pair: ContactGeometry = FLUSH, known_map: Map = EMPTY_MAP
+) -> ContactGeometry:
     """The faces of a segment of f-f, 10 to 90 ns, after the passes with a map."""
-    flat = Segment(10, 90, Contact.FF, 0.9, FLUSH)
+    flat = Segment(10, 90, Contact.FF, 0.9, pair)
     return with_offsets(Segmentation((flat, *others)), world, known_map).segments[0].geometry
 
 
@@ -150,10 +152,15 @@ def test_face_on_face_has_the_offsets_that_other_contacts_show(
         world = world.insert(replace(at, onset_ns=200 * number, stamp_ns=200 * number + 100))
     between = Segment(110, 190, Contact.FREE if is_free_between else Contact.VF, 0.9, None)
     plane = {"normal": TABLE.direction.tolist(), "offset_m": float(TABLE.place_m[0]), "name": "table"}
-    known_map = map_from({"environment": {"plane": [plane, {**plane, "offset_m": 0.5, "name": "shelf"}]}})
-    pair = with_place(world, between, known_map=known_map)
+    shelf = plane | {"offset_m": 0.5, "name": "shelf"}
+    pair = with_place(world, between, known_map=map_from({"environment": {"plane": [plane, shelf]}}))
     assert pair.has_open_offset == (not is_known, not is_known)
     assert pair.names == (None, "table" if is_known else None)
+    on_shelf = replace(FLUSH.environment, offset_m=0.5, covariance=1e-6 * np.eye(4), name="shelf")
+    by_direction = ContactGeometry(FLUSH.object, on_shelf)
+    only_shelf = map_from({"environment": {"plane": [shelf]}})
+    named = with_place(world, between, pair=by_direction, known_map=only_shelf)
+    assert named.names == (None, None if is_known else "shelf")
     if is_known:
         assert abs(pair.object.offset_m - BOTTOM.place_m[0]) < 4 * np.sqrt(pair.object.covariance[3, 3])
 

@@ -226,14 +226,14 @@ def _labels(segmentation: Segmentation) -> list[tuple[str, int]]:
 
 def with_offsets(piece: Segmentation, world: GrowingMap | None, known_map: Map = EMPTY_MAP) -> Segmentation:
     """The piece with the offsets of faces on faces, where contacts show them (``_located_faces``), and the
-    names in ``known_map`` of faces at these places."""
+    names in ``known_map`` of faces at these places. A name by direction alone (``name_listed``) gives way."""
     if world is None:
         return piece
     faces, located = _located_faces(piece, world), dict[bytes, ContactGeometry]()
     for segment in piece.segments:
         geometry, middle_ns = segment.geometry, (segment.start_ns + segment.end_ns) // 2
         keys = [keys for start_ns, end_ns, keys in world.touches if start_ns <= middle_ns <= end_ns]
-        if geometry is not None and all(geometry.has_open_offset) and keys and faces.keys() >= {*keys[0]}:
+        if geometry is not None and geometry.has_open_offset[0] and keys and faces.keys() >= {*keys[0]}:
             pair = [faces[key] for key in keys[0]]
             body, environment = map(_with_offset, (geometry.object, geometry.environment), pair)
             if body is not None and environment is not None:
@@ -286,7 +286,7 @@ def _with_offset(estimate: Element, face: Element) -> Plane | None:
     if variance > KNOWN_M**2:
         return None
     own = plane_covariance(covariance_of(estimate)[:3, :3], place, variance)
-    return replace(estimate, offset_m=float(offset_m), covariance=own)
+    return replace(estimate, offset_m=float(offset_m), covariance=own, name=None)
 
 
 def _key(geometry: ContactGeometry) -> bytes:
