@@ -135,6 +135,21 @@ def test_face_on_face_has_the_offsets_of_an_earlier_map() -> None:
     assert with_place(again(replace(prior, outward={})).insert(sighting)).has_open_offset == (True, True)
 
 
+def test_a_rest_on_known_faces_has_their_offsets() -> None:
+    """It shows nothing more of them, and is at the pair whose height it has."""
+    rng, world = np.random.default_rng(6), GrowingMap(REACH_M).at_origins(Origins.zero())
+    shelf = MapElement("f", TABLE.direction, TABLE.place_m + 0.1)
+    world = world.insert(seen(Contact.FV, (BOTTOM, CORNER), 0, rng=rng))
+    for number, face in enumerate([TABLE, shelf], start=1):
+        world = world.insert(seen(Contact.VF, (CORNER, face), 100 * number, rng=rng))
+    rest = replace(seen(Contact.FF, (BOTTOM, shelf), 300), onset_ns=10, stamp_ns=90)
+    recognised = world.with_recognised([rest])
+    assert recognised.pairs == world.pairs
+    pair = with_place(recognised)
+    assert pair.environment.offset_m == pytest.approx(shelf.place_m[0], abs=5e-3)
+    assert with_place(world).has_open_offset == (True, True)
+
+
 @pytest.mark.parametrize(
     ("is_free_between", "others", "is_known"),
     [(False, [TABLE], True), (True, [TABLE], False), (False, [], False), (True, [TABLE, BOTTOM], True)],

@@ -62,6 +62,7 @@ class GrowingMap:
     prior_log_odds : by first tick of each sighting, how much more probable it is with the prior than without
         its elements of the object, and without those of the environment.
     prior_is_dropped : whether these are not used any more, as they explain nothing.
+    recognised : when contacts that it has decided began and ended, and which of its elements they touched.
     """
 
     reach_m: float
@@ -73,6 +74,7 @@ class GrowingMap:
     origins: Origins | None = None
     prior_log_odds: Mapping[int, tuple[float, float]] = field(default_factory=dict)
     prior_is_dropped: tuple[bool, bool] = (False, False)
+    recognised: tuple[tuple[int, int, tuple[Key, Key]], ...] = ()
 
     @classmethod
     def learn(
@@ -208,9 +210,21 @@ class GrowingMap:
     @property
     def touches(self) -> tuple[tuple[int, int, tuple[Key, Key]], ...]:
         """When which elements touched: start and end stamps, and the keys of both."""
-        return tuple(
-            (sighting.onset_ns, sighting.stamp_ns, self.pairs[sighting.first]) for sighting in self.sightings
-        )
+        shown = ((seen.onset_ns, seen.stamp_ns, self.pairs[seen.first]) for seen in self.sightings)
+        return tuple(sorted([*shown, *self.recognised]))
+
+    def with_recognised(self, decided: Iterable[Sighting]) -> "GrowingMap":
+        """The map with contacts that it has decided, each with the most probable pair of its elements."""
+        recognised = list[tuple[int, int, tuple[Key, Key]]]()
+        for sighting in decided:
+            (body, world), log_weight = weigh_pairs(sighting, self.whole, self.reach_m)
+            known = log_weight[1:, 1:]  # the first choices are new elements
+            if known.size:
+                row, column = divmod(int(known.argmax()), known.shape[1])
+                keys = body[1 + row][0], world[1 + column][0]
+                if keys[0] is not None and keys[1] is not None:
+                    recognised.append((sighting.onset_ns, sighting.stamp_ns, (keys[0], keys[1])))
+        return replace(self, recognised=tuple(recognised))
 
     @cached_property
     def touched_faces(self) -> tuple[tuple[Array, Array], ...]:

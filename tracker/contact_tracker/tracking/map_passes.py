@@ -253,7 +253,7 @@ def _located_faces(piece: Segmentation, world: GrowingMap) -> dict[Key, Element]
     between, to one with one of these faces, as in tilting onto an edge. A map of another recording shows the
     faces of which it has the side.
     """
-    touches, located = sorted(world.touches), {*world.prior.outward}
+    touches, located = world.touches, {*world.prior.outward}
     is_face = {key: element.kind == "f" for key, element in world.elements.items()}
     located |= {key for *_, pair in touches if not all(is_face[key] for key in pair) for key in pair}
     free = [segment for segment in piece.segments if segment.contact is Contact.FREE]

@@ -157,7 +157,8 @@ MOST_TICKS: Final = 36_000
 
 class PassRecord:
     """The ``ticks`` of a pass if it ``keeps_ticks`` for further passes, the ``state`` after it, the
-    ``contacts`` and ``sightings`` of its segments, and what rests show of the recording (``at_rest``)."""
+    ``contacts`` of its segments, their ``sightings`` of elements, ``on_map`` those of contacts that the map
+    decides, and what rests show of the recording (``at_rest``)."""
 
     def __init__(self, keeps_ticks: bool = True) -> None:
         self.keeps_ticks = keeps_ticks
@@ -165,6 +166,7 @@ class PassRecord:
         self._count = 0
         self.contacts: list[Contact] = []
         self.sightings: list[Sighting] = []
+        self.on_map: list[Sighting] = []
         self.at_rest: Sequence[RestSighting] = ()
         self._exposure: list[float] = []  # of each tick, in ticks of motion
         self._changes = self._expected_changes = 0.0
@@ -183,7 +185,8 @@ class PassRecord:
         if self.is_full:
             return start
         world = GrowingMap.learn(self.best.all_sightings, start.reach_m, prior=start.prior)
-        return replace(world, origins=start.origins, prior_is_dropped=start.prior_is_dropped)
+        world = replace(world, origins=start.origins, prior_is_dropped=start.prior_is_dropped)
+        return world.with_recognised(self.best.on_map)
 
     @property
     def all_sightings(self) -> list[Sighting]:
@@ -212,6 +215,7 @@ class PassRecord:
         if self.is_full:
             self.ticks.clear()
             self.sightings.clear()
+            self.on_map.clear()
             return
         self._count += 1
         self._exposure.append(state.hazard_exposure)
@@ -224,11 +228,18 @@ class PassRecord:
         self._count_changes(finished)
         if fit.contact is not Contact.FREE:
             self.contacts.append(fit.contact)
+        self.sightings += self._seen(finished, fit, parts)
+
+    def note_on_map(self, finished: FinishedSegment, fit: SegmentFit, parts: Sequence[Segment]) -> None:
+        """Append a segment that the map has decided."""
+        self.on_map += self._seen(finished, fit, parts)
+
+    def _seen(self, finished: FinishedSegment, fit: SegmentFit, parts: Sequence[Segment]) -> list[Sighting]:
         is_sure = any(p.probability >= MAP_INSERTION_PROBABILITY and not p.inseparable for p in parts)
-        if fit.estimate is not None and is_sure and not self.is_full:
-            index, start_ns = finished.ticks.window.index, int(finished.rows["start_ns"][0])
-            span = int(index[0]), int(index[-1]) + 1
-            self.sightings.append(Sighting(*span, fit.estimate, start_ns, finished.end_ns))
+        if fit.estimate is None or not is_sure or self.is_full:
+            return []
+        index, start_ns = finished.ticks.window.index, int(finished.rows["start_ns"][0])
+        return [Sighting(int(index[0]), int(index[-1]) + 1, fit.estimate, start_ns, finished.end_ns)]
 
     def _count_changes(self, finished: FinishedSegment) -> None:
         """Add the changes of state that the posterior (n, 7) shows, the least number whose expectation agrees
@@ -483,7 +494,12 @@ class Segmenter:
         on_map = self._on_map(segment, fit)
         if self._may_agree_by_chance(segment, on_map):
             return segment.as_free(on_map)
-        return result if on_map is fit else segment.with_fit(on_map)
+        if on_map is fit:
+            return result
+        decided = segment.with_fit(on_map)
+        if self._record is not None:
+            self._record.note_on_map(segment, on_map, decided[0])
+        return decided
 
     def _may_agree_by_chance(self, segment: FinishedSegment, fit: SegmentFit) -> bool:
         """Whether the contact of a segment may agree with free motion by chance: if the motion does not
@@ -493,7 +509,7 @@ class Segmenter:
         ticks, world, first = segment.ticks, self._state.map, int(segment.ticks.window.index[0])
         is_open = Contact.FREE in fit.inseparable and fit.share is None and not segment.resting.any()
         is_complex = bool(fit.joints or fit.formation.further)
-        if not is_open or is_complex or fit.touches_listed or fit.estimate is None:
+        if not is_open or is_complex or fit.touches_listed or fit.is_on_map or fit.estimate is None:
             return False
         is_blank = fit.geometry is not None and fit.geometry.is_unobserved
         if not (is_blank or fit.contact.codimension == 1 or Contact.FF in (fit.contact, *fit.inseparable)):

@@ -97,6 +97,8 @@ class SegmentFit:
     """Joints that follow one another, each with the number of its first tick."""
     estimate: ElementEstimate | None = None
     """Joint estimate of both elements; None without elements."""
+    is_on_map: bool = False
+    """Whether elements that are known otherwise have decided it: it shows nothing more of them."""
     tolerance: tuple[float, float] | None = None
 
     @property
@@ -206,7 +208,7 @@ def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
     if ambiguity.may_be_free(label, geometry, window):
         inseparable = united(inseparable, (Contact.FREE,))
     tolerance = _tolerance(contact, fitted.x, window) if any(extra_variance) else None
-    parts = share, formation, (), estimate, tolerance
+    parts = share, formation, (), estimate, False, tolerance
     return SegmentFit(label, geometry, inseparable, np.zeros(1), *parts)
 
 
@@ -236,11 +238,11 @@ def fit_on_map(
         return fit
     window = _most_moving(segment.window).with_error(error)
     on_map = fit_window(contact, window, scales, pairs.pick(np.array([touched])))
-    fitted, _, located = _located(segment, contact, on_map, window)
+    fitted, information, located = _located(segment, contact, on_map, window)
+    estimate = element_estimate(fitted, contact, scales, window, information)
     tolerance = None if fit.tolerance is None else _tolerance(contact, fitted.x, window)
-    return replace(
-        fit, inseparable=inseparable, geometry=located.geometry, tolerance=tolerance, estimate=None
-    )
+    decided = replace(fit, inseparable=inseparable, geometry=located.geometry, tolerance=tolerance)
+    return replace(decided, estimate=estimate, is_on_map=True)
 
 
 def _located(
