@@ -14,7 +14,7 @@ from test_map import BOTTOM, CORNER, EDGE, REACH_M, TABLE, seen, unshared
 import contact_tracker as ct
 from contact_tracker.cli.main import run
 from contact_tracker.errors import KnowledgeError
-from contact_tracker.geometry.elements import ContactGeometry, Origins, Plane
+from contact_tracker.geometry.elements import Array, ContactGeometry, Origins, Plane, Point, Unobserved
 from contact_tracker.map.elements import ANYWHERE_M, LearnedElements, MapElement
 from contact_tracker.map.file import learned_text, map_from
 from contact_tracker.map.map import EMPTY_MAP, Map
@@ -113,6 +113,8 @@ FLUSH = ContactGeometry(
     Plane(-BOTTOM.direction, 0.0, WIDE), Plane(TABLE.direction, BOTTOM.place_m[0] - TABLE.place_m[0], WIDE)
 )
 """The bottom on the table, by the motion of f-f."""
+OBSERVED = ContactGeometry(Point(CORNER.place_m, 1e-6 * np.eye(3)), Plane(TABLE.direction, 0.0, WIDE))
+"""A contact in which the motion shows the places of both elements."""
 
 
 def with_place(
@@ -139,42 +141,53 @@ def test_a_rest_on_known_faces_has_their_offsets() -> None:
     """It shows nothing more of them, and is at the pair whose height it has."""
     rng, world = np.random.default_rng(6), GrowingMap(REACH_M).at_origins(Origins.zero())
     shelf = MapElement("f", TABLE.direction, TABLE.place_m + 0.1)
-    world = world.insert(seen(Contact.FV, (BOTTOM, CORNER), 0, rng=rng))
-    for number, face in enumerate([TABLE, shelf], start=1):
-        world = world.insert(seen(Contact.VF, (CORNER, face), 100 * number, rng=rng))
+    world = world.insert(replace(seen(Contact.VF, (CORNER, TABLE), 100, rng=rng), onset_ns=200, stamp_ns=290))
+    world = world.insert(replace(seen(Contact.VF, (CORNER, shelf), 200, rng=rng), onset_ns=300, stamp_ns=390))
+    others = [Segment(ns, ns + 90, Contact.VF, 0.9, OBSERVED) for ns in (-100, 200, 300)]
+    world = world.insert(replace(seen(Contact.FV, (BOTTOM, CORNER), 0, rng=rng), onset_ns=-100, stamp_ns=-10))
     rest = replace(seen(Contact.FF, (BOTTOM, shelf), 300), onset_ns=10, stamp_ns=90)
     recognised = world.with_recognised([rest])
     assert recognised.pairs == world.pairs
-    pair = with_place(recognised)
+    pair = with_place(recognised, *others)
     assert pair.environment.offset_m == pytest.approx(shelf.place_m[0], abs=5e-3)
-    assert with_place(world).has_open_offset == (True, True)
+    assert with_place(world, *others).has_open_offset == (True, True)
 
 
 @pytest.mark.parametrize(
-    ("is_free_between", "others", "is_known"),
-    [(False, [TABLE], True), (True, [TABLE], False), (False, [], False), (True, [TABLE, BOTTOM], True)],
+    ("is_free_between", "unobserved", "others", "is_known"),
+    [
+        (False, (), [TABLE], True),
+        (False, (TABLE.direction,), [TABLE], False),
+        (True, (), [TABLE], False),
+        (False, (), [], False),
+        (True, (), [TABLE, BOTTOM], True),
+    ],
 )
 def test_face_on_face_has_the_offsets_that_other_contacts_show(
-    is_free_between: bool, others: list[MapElement], is_known: bool
+    is_free_between: bool, unobserved: tuple[Array, ...], others: list[MapElement], is_known: bool
 ) -> None:
     """A vertex that touches the table afterwards shows the height of the bottom if there is no free motion
-    between: otherwise the bottom may have been on a shelf above it. A vertex on each face shows both."""
+    between: otherwise the bottom may have been on a shelf above it. A vertex on each face shows both, unless
+    the motion leaves its place open."""
     rng, world = np.random.default_rng(5), GrowingMap(REACH_M).at_origins(Origins.zero())
     world = world.insert(replace(seen(Contact.FF, (BOTTOM, TABLE), 0, rng=rng), stamp_ns=100))
     for number, face in enumerate(others, start=1):
         contact, pair = (Contact.VF, (CORNER, face)) if face is TABLE else (Contact.FV, (face, CORNER))
         at = seen(contact, pair, 100 * number, rng=rng)
         world = world.insert(replace(at, onset_ns=200 * number, stamp_ns=200 * number + 100))
-    between = Segment(110, 190, Contact.FREE if is_free_between else Contact.VF, 0.9, None)
+    point, shifts = OBSERVED.object, tuple(Unobserved("shifts_along", way) for way in unobserved)
+    touching = ContactGeometry(replace(point, unobserved=shifts), OBSERVED.environment)
+    after = [Segment(200 * n, 200 * n + 100, Contact.VF, 0.9, touching) for n in range(1, 1 + len(others))]
+    after.append(Segment(110, 190, Contact.FREE if is_free_between else Contact.VF, 0.9, None))
     plane = {"normal": TABLE.direction.tolist(), "offset_m": float(TABLE.place_m[0]), "name": "table"}
     shelf = plane | {"offset_m": 0.5, "name": "shelf"}
-    pair = with_place(world, between, known_map=map_from({"environment": {"plane": [plane, shelf]}}))
+    pair = with_place(world, *after, known_map=map_from({"environment": {"plane": [plane, shelf]}}))
     assert pair.has_open_offset == (not is_known, not is_known)
     assert pair.names == (None, "table" if is_known else None)
     on_shelf = replace(FLUSH.environment, offset_m=0.5, covariance=1e-6 * np.eye(4), name="shelf")
     by_direction = ContactGeometry(FLUSH.object, on_shelf)
     only_shelf = map_from({"environment": {"plane": [shelf]}})
-    named = with_place(world, between, pair=by_direction, known_map=only_shelf)
+    named = with_place(world, *after, pair=by_direction, known_map=only_shelf)
     assert named.names == (None, None if is_known else "shelf")
     if is_known:
         assert abs(pair.object.offset_m - BOTTOM.place_m[0]) < 4 * np.sqrt(pair.object.covariance[3, 3])

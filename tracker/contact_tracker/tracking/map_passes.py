@@ -225,16 +225,15 @@ def _labels(segmentation: Segmentation) -> list[tuple[str, int]]:
 
 
 def with_offsets(piece: Segmentation, world: GrowingMap | None, known_map: Map = EMPTY_MAP) -> Segmentation:
-    """The piece with the offsets of faces on faces, where contacts show them (``_located_faces``), and the
-    names in ``known_map`` of faces at these places. A name by direction alone (``name_listed``) gives way."""
+    """The piece with the offsets of faces on faces, where contacts show them (``_located``), and the names in
+    ``known_map`` of faces at these places. A name by direction alone (``name_listed``) gives way."""
     if world is None:
         return piece
-    faces, located = _located_faces(piece, world), dict[bytes, ContactGeometry]()
-    for segment in piece.segments:
-        geometry, middle_ns = segment.geometry, (segment.start_ns + segment.end_ns) // 2
-        keys = [keys for start_ns, end_ns, keys in world.touches if start_ns <= middle_ns <= end_ns]
-        if geometry is not None and geometry.has_open_offset[0] and keys and faces.keys() >= {*keys[0]}:
-            pair = [faces[key] for key in keys[0]]
+    elements, located = _located(piece, world), dict[bytes, ContactGeometry]()
+    for segment, keys in _touching(piece, world):
+        geometry = segment.geometry
+        if geometry is not None and geometry.has_open_offset[0] and elements.keys() >= {*keys}:
+            pair = [elements[key] for key in keys]
             body, environment = map(_with_offset, (geometry.object, geometry.environment), pair)
             if body is not None and environment is not None:
                 located[_key(geometry)] = name_listed(ContactGeometry(body, environment), known_map, False)
@@ -245,21 +244,34 @@ def with_offsets(piece: Segmentation, world: GrowingMap | None, known_map: Map =
     return piece.with_elements(change)
 
 
-def _located_faces(piece: Segmentation, world: GrowingMap) -> dict[Key, Element]:
-    """The faces of a map whose places contacts show.
+def _touching(piece: Segmentation, world: GrowingMap) -> Iterator[tuple[Segment, tuple[Key, Key]]]:
+    """The segments in which elements of a map touched, with the keys of these."""
+    for segment in piece.segments:
+        middle_ns = (segment.start_ns + segment.end_ns) // 2
+        for start_ns, end_ns, keys in world.touches:
+            if start_ns <= middle_ns <= end_ns:
+                yield segment, keys
+                break
 
-    The motion of a face on a face fits all parallel faces, so the map may take one for another. The faces are
-    those of the map if other contacts show the places of both, or if the contact changes, without free motion
-    between, to one with one of these faces, as in tilting onto an edge. A map of another recording shows the
-    faces of which it has the side.
+
+def _located(piece: Segmentation, world: GrowingMap) -> dict[Key, Element]:
+    """The elements of a map whose places contacts show.
+
+    The motion of a face on a face fits all parallel faces, so the map may take one for another, as it may
+    where a direction of another contact is unobserved. The elements are those of the map if other contacts
+    show the places of both, or if the contact changes, without free motion between, to one with one of these
+    elements, as in tilting onto an edge. A map of another recording shows the faces of which it has the side.
     """
-    touches, located = world.touches, {*world.prior.outward}
-    is_face = {key: element.kind == "f" for key, element in world.elements.items()}
-    located |= {key for *_, pair in touches if not all(is_face[key] for key in pair) for key in pair}
+    located = {*world.prior.outward}
+    for segment, keys in _touching(piece, world):
+        geometry = segment.geometry
+        if geometry is not None and not geometry.has_open_offset[0]:
+            is_observed = not (geometry.object.unobserved or geometry.environment.unobserved)
+            located |= {*keys} if is_observed else set()
     free = [segment for segment in piece.segments if segment.contact is Contact.FREE]
     changes = [
         (pair, following)
-        for (_, end_ns, pair), (start_ns, _, following) in pairwise(touches)
+        for (_, end_ns, pair), (start_ns, _, following) in pairwise(world.touches)
         if not any(s.start_ns < start_ns and s.end_ns > end_ns for s in free)
     ]
     size = -1
@@ -268,7 +280,7 @@ def _located_faces(piece: Segmentation, world: GrowingMap) -> dict[Key, Element]
         for pair, following in changes:
             if located & {*pair} & {*following}:
                 located |= {*pair, *following}
-    return {key: element for key, element in world.known.items() if key in located and is_face[key]}
+    return {key: element for key, element in world.known.items() if key in located}
 
 
 def _with_offset(estimate: Element, face: Element) -> Plane | None:
