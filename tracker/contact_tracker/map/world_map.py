@@ -48,6 +48,10 @@ MARGIN_S: Final = 1.0
 """Time before a contact in which the next pass may begin the same contact."""
 
 
+Touch = tuple[int, int, tuple[Key, Key]]
+"""Start and end stamps of a contact, and the keys of the object's and of the environment's element."""
+
+
 @dataclass(frozen=True, eq=False)
 class GrowingMap:
     """Learned from the ``sightings`` of one recording; ``pairs`` are the keys that each of them touched, by
@@ -62,7 +66,7 @@ class GrowingMap:
     prior_log_odds : by first tick of each sighting, how much more probable it is with the prior than without
         its elements of the object, and without those of the environment.
     prior_is_dropped : whether these are not used any more, as they explain nothing.
-    recognised : when contacts that it has decided began and ended, and which of its elements they touched.
+    recognised : contacts that it has decided, and which of its elements they touched.
     """
 
     reach_m: float
@@ -74,7 +78,7 @@ class GrowingMap:
     origins: Origins | None = None
     prior_log_odds: Mapping[int, tuple[float, float]] = field(default_factory=dict)
     prior_is_dropped: tuple[bool, bool] = (False, False)
-    recognised: tuple[tuple[int, int, tuple[Key, Key]], ...] = ()
+    recognised: tuple[Touch, ...] = ()
 
     @classmethod
     def learn(
@@ -208,14 +212,14 @@ class GrowingMap:
         return tuple(side for side in (0, 1) if self.prior_is_dropped[side] or side in untouched)
 
     @property
-    def touches(self) -> tuple[tuple[int, int, tuple[Key, Key]], ...]:
-        """When which elements touched: start and end stamps, and the keys of both."""
+    def touches(self) -> tuple[Touch, ...]:
+        """When which elements touched."""
         shown = ((seen.onset_ns, seen.stamp_ns, self.pairs[seen.first]) for seen in self.sightings)
         return tuple(sorted([*shown, *self.recognised]))
 
     def with_recognised(self, decided: Iterable[Sighting]) -> "GrowingMap":
         """The map with contacts that it has decided, each with the most probable pair of its elements."""
-        recognised = list[tuple[int, int, tuple[Key, Key]]]()
+        recognised = list[Touch]()
         for sighting in decided:
             (body, world), log_weight = weigh_pairs(sighting, self.whole, self.reach_m)
             known = log_weight[1:, 1:]  # the first choices are new elements

@@ -3,10 +3,10 @@
 A contact may touch elements of other contacts, at little cost, or new ones, at a price.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
-from itertools import pairwise
+from itertools import chain, pairwise
 from typing import Final
 
 import numpy as np
@@ -19,7 +19,7 @@ from contact_tracker.hypotheses.births import name_listed
 from contact_tracker.map.association import log_prior_of_new
 from contact_tracker.map.elements import Key, best_known_place, covariance_of, plane_covariance
 from contact_tracker.map.map import EMPTY_MAP, Map
-from contact_tracker.map.world_map import GrowingMap
+from contact_tracker.map.world_map import GrowingMap, Touch
 from contact_tracker.motion.tick_averaging import Tick
 from contact_tracker.states import STATES, Contact, united
 from contact_tracker.tracking import ambiguity
@@ -229,57 +229,52 @@ def with_offsets(piece: Segmentation, world: GrowingMap | None, known_map: Map =
     ``known_map`` of faces at these places. A name by direction alone (``name_listed``) gives way."""
     if world is None:
         return piece
-    elements, located = _located(piece, world), dict[bytes, ContactGeometry]()
-    for segment, keys in _touching(piece, world):
-        geometry = segment.geometry
-        if geometry is not None and geometry.has_open_offset[0] and elements.keys() >= {*keys}:
-            pair = [elements[key] for key in keys]
-            body, environment = map(_with_offset, (geometry.object, geometry.environment), pair)
+    touching = list(_touching(piece.segments, world))
+    located, changed = _located(piece, world, touching), dict[bytes, ContactGeometry]()
+    for geometry, (*_, keys) in touching:
+        if geometry.has_open_offset[0] and located.keys() >= {*keys}:
+            faces = [located[key] for key in keys]
+            body, environment = map(_with_offset, (geometry.object, geometry.environment), faces)
             if body is not None and environment is not None:
-                located[_key(geometry)] = name_listed(ContactGeometry(body, environment), known_map, False)
+                changed[_key(geometry)] = name_listed(ContactGeometry(body, environment), known_map, False)
 
     def change(geometry: ContactGeometry) -> ContactGeometry:
-        return located.get(_key(geometry), geometry)
+        return changed.get(_key(geometry), geometry)
 
     return piece.with_elements(change)
 
 
-def _touching(piece: Segmentation, world: GrowingMap) -> Iterator[tuple[Segment, tuple[Key, Key]]]:
-    """The segments in which elements of a map touched, with the keys of these."""
-    for segment in piece.segments:
+def _touching(segments: Iterable[Segment], world: GrowingMap) -> Iterator[tuple[ContactGeometry, Touch]]:
+    """The elements of the segments in which a map's elements touched, and when and which these are."""
+    for segment in segments:
         middle_ns = (segment.start_ns + segment.end_ns) // 2
-        for start_ns, end_ns, keys in world.touches:
-            if start_ns <= middle_ns <= end_ns:
-                yield segment, keys
-                break
+        touches = [touch for touch in world.touches if touch[0] <= middle_ns <= touch[1]]
+        if segment.geometry is not None and touches:
+            yield segment.geometry, touches[0]
 
 
-def _located(piece: Segmentation, world: GrowingMap) -> dict[Key, Element]:
+def _located(
+    piece: Segmentation, world: GrowingMap, touching: Iterable[tuple[ContactGeometry, Touch]]
+) -> dict[Key, Element]:
     """The elements of a map whose places contacts show.
 
     The motion of a face on a face fits all parallel faces, so the map may take one for another, as it may
     where a direction of another contact is unobserved. The elements are those of the map if other contacts
-    show the places of both, or if the contact changes, without free motion between, to one with one of these
-    elements, as in tilting onto an edge. A map of another recording shows the faces of which it has the side.
+    show the places of both, or if the contact changes, without free motion between, from or to one that shows
+    the place of one of them, as in tilting onto an edge. A map of another recording shows the faces of which
+    it has the side.
     """
-    located = {*world.prior.outward}
-    for segment, keys in _touching(piece, world):
-        geometry = segment.geometry
-        if geometry is not None and not geometry.has_open_offset[0]:
-            is_observed = not (geometry.object.unobserved or geometry.environment.unobserved)
-            located |= {*keys} if is_observed else set()
+    shown = {
+        touch
+        for geometry, touch in touching
+        if not (geometry.has_open_offset[0] or geometry.object.unobserved or geometry.environment.unobserved)
+    }
+    located = {*world.prior.outward, *chain.from_iterable(keys for *_, keys in shown)}
     free = [segment for segment in piece.segments if segment.contact is Contact.FREE]
-    changes = [
-        (pair, following)
-        for (_, end_ns, pair), (start_ns, _, following) in pairwise(world.touches)
-        if not any(s.start_ns < start_ns and s.end_ns > end_ns for s in free)
-    ]
-    size = -1
-    while len(located) > size:
-        size = len(located)
-        for pair, following in changes:
-            if located & {*pair} & {*following}:
-                located |= {*pair, *following}
+    for before, after in pairwise(world.touches):
+        is_free_between = any(s.start_ns < after[0] and s.end_ns > before[1] for s in free)
+        if {before, after} & shown and {*before[2]} & {*after[2]} and not is_free_between:
+            located |= {*before[2], *after[2]}
     return {key: element for key, element in world.known.items() if key in located}
 
 
