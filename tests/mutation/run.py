@@ -4,8 +4,8 @@
     python tests/mutation/run.py --only hypotheses/evidence.py --every 5
 
 Tests run once, and are watched: a fault is tried with those that run its line, the quick ones first, until
-one fails, or those of ``--budget`` seconds have passed. Survivors are printed: a test is missing, or the fault
-changes nothing that matters.
+one fails, or those of ``--budget`` seconds have passed. Survivors are printed: a test is missing, or the
+fault changes nothing that matters.
 """
 
 import argparse
