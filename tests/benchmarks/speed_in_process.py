@@ -28,7 +28,6 @@ from long_logs import write_long_log
 from speed import Figure, Setup
 
 ONLINE_S: Final = 120.0
-MINUTE_S: Final = 60.0
 
 
 def cpu_s(work: Callable[[], object], runs: int) -> float:

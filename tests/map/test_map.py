@@ -5,6 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
@@ -46,6 +48,31 @@ def seen(
         x = x + tangent @ rng.normal(0.0, sd, tangent.shape[1])
     rotation = np.eye(3) if turned > 0 else Rotation.from_rotvec([np.pi, 0, 0]).as_matrix()
     return Sighting(first, first + 20, ElementEstimate(contact, x, tangent, information, anchors, rotation))
+
+
+@pytest.mark.parametrize("model", CONTACT_MODELS, ids=lambda model: model.contact.value)
+@settings(max_examples=4, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_derivative_of_a_pair(model: ContactModel, seed: int) -> None:
+    """The derivative of x by the free coordinates of both elements is that of finite differences."""
+    rng = np.random.default_rng(seed)
+
+    def element(kind: str) -> MapElement:
+        direction = rng.normal(size=3)
+        size = {"f": 1, "e": 3, "v": 3}[kind]
+        return MapElement(kind, direction / np.linalg.norm(direction), rng.normal(size=size))
+
+    ours, theirs = map(element, kinds_of(model))
+    anchors, senses, turned = rng.normal(size=6), rng.choice([-1.0, 1.0], 2), rng.choice([-1.0, 1.0])
+    _, derivative = stacked(model, (ours, theirs), anchors, senses, turned)
+    for column in range(derivative.shape[1]):
+        step = np.zeros(derivative.shape[1])
+        step[column] = 1e-6
+        moved = []
+        for change in (step, -step):
+            pair = ours.moved(change[: ours.size]), theirs.moved(change[ours.size :])
+            moved.append(stacked(model, pair, anchors, senses, turned)[0])
+        np.testing.assert_allclose(derivative[:, column], (moved[0] - moved[1]) / 2e-6, atol=1e-8)
 
 
 def learned(*pairs, turned=()) -> GrowingMap:

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from contact_tracker.cli.main import run
 from contact_tracker.config.loading import load_model
-from contact_tracker.geometry.elements import Line
+from contact_tracker.geometry.elements import Line, Plane
 from contact_tracker.geometry.polyhedron import convex
 from contact_tracker.map.file import map_from
 from contact_tracker.map.map import Accuracy, Map, NamedElement, Up, elements_of, known_to, number_name
@@ -96,6 +96,21 @@ def test_incomplete_and_wrong_knowledge_does_no_harm(table):
     """For absent elements with directions along axes, posteriors are still distributions."""
     found = segment(recorded().poses[:40], MODEL, known_map=map_from(table)).filtered.probability
     assert found.sum(axis=1) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("complete", [True, False])
+def test_a_known_table_in_the_wrong_place_is_not_used(complete):
+    plane = surfaces()[1]
+    tilted = plane.normal + 0.14 * np.linalg.svd(plane.normal[None])[2][1]
+    normal = tilted / np.linalg.norm(tilted)
+    place = recorded().poses.position_m.mean(axis=0)
+    wrong = known_to(
+        Plane(normal, float(normal @ place) + plane.offset_m - plane.normal @ place - 0.03), ACCURACY
+    )
+    known_map = known(wrong, listed_object=(), object_complete=False, environment_complete=complete)
+    segmentation = segment(recorded().poses[:150], MODEL, known_map=known_map)
+    assert segmentation.filtered.probability.sum(axis=1) == pytest.approx(1.0)
+    assert complete or segmentation.filtered[-1].touching[1] is None
 
 
 @pytest.mark.parametrize(("accuracy", "is_sure"), [(ACCURACY, True), (Accuracy(0.3, 0.5), False)])
