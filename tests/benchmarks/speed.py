@@ -26,7 +26,7 @@ from typing import Final, NamedTuple
 
 from long_logs import write_long_log
 
-IN_PROCESS: Final = ("reading", "averaging", "online", "growing", "mapping")
+IN_PROCESS: Final = ("reading", "averaging", "online", "mapping")
 """Rows measured by the functions of ``speed_in_process``."""
 ROWS: Final = (*IN_PROCESS, "offline", "live", "starting")
 COLUMNS: Final = ("what", "figure", "unit", "target", "")

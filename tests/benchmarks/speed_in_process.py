@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Callable, Iterator
-from copy import copy
 from functools import partial
 from pathlib import Path
 from statistics import median
@@ -29,7 +28,6 @@ from long_logs import write_long_log
 from speed import Figure, Setup
 
 ONLINE_S: Final = 120.0
-MINUTE_S: Final = 60.0
 
 
 def cpu_s(work: Callable[[], object], runs: int) -> float:
@@ -106,7 +104,7 @@ def mapping(setup: Setup) -> list[Figure]:
     of all passes of ``segment`` relative to that of the first one, for the log and two takes of a mug.
 
     The map has the elements of the log, so that contacts agree with it, and others at random. Both are
-    tracked alternately, tick by tick, as in ``growing``.
+    tracked alternately, tick by tick, so that the load of the machine affects both.
     """
     model, poses = load_model(setup.model), Poses.collect(open_log(str(setup.log)))
     tracker = OfflineTracker(model)
@@ -154,29 +152,6 @@ Stream = tuple[TickGrid, ContactFilter]
 """A filter and its ticks."""
 
 
-def growing(setup: Setup) -> list[Figure]:
-    """Time per tick late in a log, when elements have touched before, relative to its first minute.
-
-    The log is played forward and backward repeatedly, and its first minute is compared with the same poses
-    later. The two are tracked alternately, tick by tick, as in the forward pass of ``segment``, several
-    times: so the load of the machine affects both.
-    """
-    after_s = float(setup.lengths_s[-1])
-    early, late, between = minutes(setup.log, after_s, min(MINUTE_S, after_s), setup.scratch)
-    model = load_model(setup.model)
-    known = TickGrid(model), ContactFilter.start(model)
-    for _ in costs(known, between):
-        pass
-    runs = []
-    for _ in range(setup.runs):
-        new = TickGrid(model), ContactFilter.start(model)
-        again = copy(known[0]), copy(known[1])
-        runs.append(list(zip(costs(new, early), costs(again, late), strict=False)))
-    first, later = np.median(np.array(runs), axis=0).mean(axis=0)  # of (runs, ticks, 2)
-    name = f"after {1e-9 * float(late.stamp_ns[0] - early.stamp_ns[0]):.0f} s against the first minute"
-    return [Figure(f"{name}: a tick", float(later / first), "x", "<= 1.1")]
-
-
 def costs(stream: Stream, poses: Poses) -> Iterator[float]:
     """CPU time (s) of each tick that ends within the poses; ticks of a batch share that of its averaging."""
     grid, contact_filter = stream
@@ -188,15 +163,3 @@ def costs(stream: Stream, poses: Poses) -> Iterator[float]:
             begin_s = time.process_time()
             contact_filter.update(tick, Detail.WEIGHTS)
             yield share_s + time.process_time() - begin_s
-
-
-def minutes(log: Path, after_s: float, seconds: float, scratch: Path) -> tuple[Poses, Poses, Poses]:
-    """The first ``seconds``, the same poses about ``after_s`` later, and all poses before those."""
-    short = Poses.collect(open_log(str(log)))
-    tour = 2 * (len(short) - 1)
-    rate_hz = 1e9 * (len(short) - 1) / float(short.stamp_ns[-1] - short.stamp_ns[0])
-    count = round(seconds * rate_hz)
-    first = tour * max(round(after_s * rate_hz / tour), 1)
-    path = write_long_log(log, (first + count + 1) / rate_hz, scratch / "long.mcap")
-    poses = Poses.collect(open_log(str(path)))
-    return poses[:count], poses[first : first + count], poses[:first]

@@ -365,15 +365,6 @@ def test_readings_that_explain_the_motion_alike_are_all_named_and_their_fault_on
 
 
 @needs_kernels
-def test_while_a_mistake_is_found_no_label_is_certain() -> None:
-    box = slid_and_tilted(np.random.default_rng(1), np.array([0.2, 0.12, 0.08]))
-    found = segmented(Trajectory(turned_axes(box)), MODEL)
-    (finding,) = found.report.findings
-    assert "orientations" in finding.text
-    assert found.beliefs.probability.max() < 0.9
-
-
-@needs_kernels
 @pytest.mark.parametrize("mistake", [None, "w first"])
 def test_what_is_still_suspected_at_the_end_is_said_and_opens_all_rows(mistake: str | None) -> None:
     """Ten seconds are too short for a finding; before the end of the right poses nothing may be left."""
@@ -392,7 +383,7 @@ def test_what_is_still_suspected_at_the_end_is_said_and_opens_all_rows(mistake: 
 @pytest.mark.parametrize("frame_moves", [False, True])
 def test_poses_that_were_asked_for_in_a_moving_frame_are_not_inverse(frame_moves: bool) -> None:
     """Those of a table in the cup's frame are the inverse of the cup's poses."""
-    poses = inverse(shipped(PAPER)[3000:7000])  # which turns about all axes
+    poses = inverse(shipped(PAPER)[3000:5500])  # which turns about all axes
     state, _ = as_values.advance(as_values.start(MODEL, read_as=ReadAs(frame_moves)), poses)
     assert ["inverse" in finding.text for finding in state.findings] == ([] if frame_moves else [True])
     assert state.is_in_doubt is not frame_moves

@@ -10,7 +10,7 @@ from contact_tracker.checks import clearance
 from contact_tracker.checks.clearance import Impacts
 from contact_tracker.inspection.stream_checks import Finding
 from contact_tracker.map.file import map_from
-from contact_tracker.map.map import EMPTY_MAP, Map
+from contact_tracker.map.map import Map
 from contact_tracker.motion.poses import Poses
 from smooth_motion import unturned
 
@@ -123,10 +123,3 @@ def test_batches_make_no_difference_and_little_is_kept() -> None:
     burst_ns = np.add.outer(np.arange(300) * 50_000_000, np.arange(10)).ravel()
     poses = moving(heights(np.full(3000, ON_TABLE_M)), 100.0)
     assert len(found_in(Poses(burst_ns, poses.position_m, poses.quat_xyzw)).recent) < 120
-
-
-def test_without_known_faces_and_vertices_nothing_is_said() -> None:
-    only_table = map_from({"environment": {"plane": [TABLE]}})
-    for known_map in (EMPTY_MAP, only_table):
-        impacts = found_in(moving(dropped(148.0, 0.0), 148.0), known_map)
-        assert (impacts.top_m_per_s, impacts.is_near, len(impacts.recent)) == (0.0, False, 0)

@@ -118,13 +118,6 @@ def test_no_row_is_on_a_known_face_that_contacts_contradict(tmp_path):
     assert "plane 1" not in (tmp_path / "out.csv").read_text()
 
 
-def test_it_is_a_warning_of_a_recording():
-    sliding = Trajectory(shipped("paper_experiment")[3000:4200:2])
-    plane = {"normal": [0, 0, 1], "offset_m": 9.0}
-    (line,) = segment(sliding, known={"environment": {"plane": [plane]}}).warnings
-    assert "no contact confirms what is given of the surroundings (plane 1)" in line
-
-
 SIGMA = {"sigma_position_m": 0.001, "sigma_rotation_deg": 0.5}
 
 

@@ -8,7 +8,7 @@ from benchmarks.distortions import bent
 
 from checked_stream import MODEL, stream_of
 from contact_tracker.checks import map_use
-from contact_tracker.checks.map_use import Repeatability, difference
+from contact_tracker.checks.map_use import Repeatability
 from contact_tracker.config.parameters import SystematicErrors
 from contact_tracker.geometry.elements import ContactGeometry, Plane, Point, shifted
 from contact_tracker.motion.pose_validation import gate
@@ -57,7 +57,7 @@ def accuracy_finding(poses, accuracy=None):
 
 @pytest.mark.long
 def test_it_is_found_in_a_bent_volume_and_not_where_errors_are_given():
-    distorted = bent(shipped("paper_experiment")[::2], np.random.default_rng(6))
+    distorted = bent(shipped("paper_experiment")[:6000:2], np.random.default_rng(6))
     (found,) = accuracy_finding(distorted)
     assert "--accuracy" in found.text
     assert "\n" not in found.text
@@ -80,25 +80,6 @@ def test_given_elements_and_those_without_covariance_are_not_compared():
     found = observed(segments((point(), given), (point(0.05), plane()), (point(0.1), unknown)))
     assert found.near == 0
     assert len(found.latest) == 4
-
-
-def test_the_distance_of_planes_is_that_where_they_are_known():
-    """Not at the origin, where a small angle is a large distance."""
-    place = np.array([3.0, 0.0, 0.0])
-
-    def at_place(tilt):
-        normal = np.array([tilt, 0.0, 1.0]) / np.hypot(tilt, 1.0)
-        turns = np.zeros((4, 3))
-        turns[:3] = np.eye(3) - np.outer(normal, normal)
-        turns[3] = place @ turns[:3]
-        covariance = TURN**2 * turns @ turns.T
-        covariance[3, 3] += SHIFT**2
-        return Plane(normal, float(normal @ place), covariance)
-
-    by = difference(at_place(0.0), at_place(0.01))
-    assert by.angle_rad == pytest.approx(0.01, rel=1e-3)
-    assert by.distance_m < 1e-4
-    assert by.sigmas == pytest.approx(0.01 / TURN / np.sqrt(2.0), rel=0.05)
 
 
 def test_it_does_not_depend_on_where_the_bodys_origin_is():

@@ -463,12 +463,11 @@ def assert_resumed(output: str, recording: Path, state: Path) -> None:
 def test_a_terminated_live_stream_resumes(recording: Path, tmp_path: Path) -> None:
     state = tmp_path / "s.state"
     words, output = ("live", recording, "--json", "--rate", "2", "--state", state), b""
-    for number in (signal.SIGTERM, signal.SIGINT):
-        with started(*words, stdout=PIPE, stderr=DEVNULL) as live:
-            output += live.stdout.readline() + live.stdout.readline()
-            live.send_signal(number)
-            output += live.stdout.read()
-            assert live.wait(timeout=60) == 128 + number
+    with started(*words, stdout=PIPE, stderr=DEVNULL) as live:
+        output += live.stdout.readline() + live.stdout.readline()
+        live.send_signal(signal.SIGTERM)
+        output += live.stdout.read()
+        assert live.wait(timeout=60) == 128 + signal.SIGTERM
     assert_resumed(output.decode(), recording, state)
 
 

@@ -23,7 +23,6 @@ from contact_tracker.geometry.elements import (
     numbers,
     of_numbers,
 )
-from contact_tracker.geometry.lifted_pose import lift
 from contact_tracker.hypotheses.bank import blank
 from contact_tracker.hypotheses.births import Birth, add, propose_births
 from contact_tracker.map.elements import is_same_element
@@ -55,15 +54,6 @@ def prior(model, object=True, environment=True):
     mean, information, (pivot,) = pair_priors(model, [pair])[:3]
     anchors = np.where(np.isnan(pivot), model.anchors(poses.position_m.mean(axis=0)), pivot)
     return PairPrior(mean[0], information[0], pivot), anchors
-
-
-@each_contact
-def test_the_prior_mean_satisfies_the_contact(model):
-    poses = touching(model.contact)[0]
-    known, anchors = prior(model)
-    seen = model.measure(known.mean[None], lift(poses.rotation, poses.position_m))
-    assert np.abs(seen.residual).max() < 1e-9
-    np.testing.assert_allclose(model.family.normalise(known.mean, anchors), known.mean, atol=1e-12)
 
 
 @pytest.mark.parametrize("side", ["object", "environment"])

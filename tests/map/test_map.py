@@ -112,14 +112,6 @@ def test_one_face_of_a_body_at_two_heights_touches_two_faces() -> None:
     assert pairs[0] == pairs[2] != pairs[1] == pairs[3]
 
 
-def test_different_elements_stay_apart() -> None:
-    world = learned((CORNER, TABLE), (OTHER_CORNER, TABLE), (CORNER, SHELF))
-    assert world.pairs[0][1] == world.pairs[100][1]
-    assert world.pairs[0][0] == world.pairs[200][0]
-    assert len({key for pair in world.pairs.values() for key in pair}) == 4
-    assert world.complexity > 0.0
-
-
 def test_unseen_directions_do_not_separate() -> None:
     """Where a sighting shows nothing, its estimate may be anything."""
     rng = np.random.default_rng(5)

@@ -72,17 +72,6 @@ def test_poses_that_the_gate_passes_are_accepted(pose: Pose) -> None:
     require_valid(Poses.collect([pose]), None)
 
 
-@pytest.mark.parametrize(("after_ns", "taken"), [(9, True), (10, False), (11, False), (None, True)])
-def test_stamps_come_after_the_last_one(after_ns: int | None, taken: bool) -> None:
-    poses = Poses.collect([SOUND._replace(stamp_ns=10), SOUND._replace(stamp_ns=11)])
-    assert is_valid(next(iter(poses)), after_ns) == taken
-    if taken:
-        require_valid(poses, after_ns)
-    else:
-        with pytest.raises(InvalidPose, match=r"pose 0 of 2 .* after the one before"):
-            require_valid(poses, after_ns)
-
-
 def test_the_first_of_many_that_is_wrong_is_named() -> None:
     poses = [SOUND._replace(stamp_ns=n) for n in range(6)]
     poses[4] = poses[4]._replace(position_m=(0.0, nan, 0.0))

@@ -12,8 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from contact_tracker.config.loading import load_model
 from contact_tracker.geometry.elements import Origins
-from contact_tracker.geometry.lifted_pose import ONE, R, T, lift
-from contact_tracker.motion import tick_averaging
+from contact_tracker.geometry.lifted_pose import ONE, T, lift
 from contact_tracker.motion.free_motion import NO_EXCESS
 from contact_tracker.motion.losses import counts_text
 from contact_tracker.motion.poses import Outliers, Poses
@@ -107,13 +106,6 @@ def test_a_tick_is_the_mean_of_its_frames():
         if tick.count == 20:
             np.testing.assert_allclose(tick.zeta, zeta[frames].mean(axis=0), atol=1e-12)
         assert tick.zeta[ONE] == 1.0
-
-
-@pytest.mark.parametrize(("rate_hz", "most"), [(30.0, 3e-2), (200.0, 1e-3), (1000.0, 1e-3)])
-def test_fast_motion_is_not_taken_for_outliers(rate_hz, most):
-    poses = moving(np.random.default_rng(3), 30.0, rate_hz, 3e-4, 2.6e-3, rms_m=0.1, rms_rad=0.6)
-    ticks = averaged(poses)
-    assert sum(tick.outliers.total for tick in ticks) <= most * len(poses)
 
 
 @pytest.mark.parametrize(
@@ -211,16 +203,6 @@ def test_an_object_that_jumps_is_followed():
     np.testing.assert_allclose(ticks[-1].zeta[T], position[-20:].mean(axis=0) - position[0], atol=1e-3)
 
 
-def test_the_last_tick_may_be_short_and_the_first_may_be_all():
-    poses = moving(np.random.default_rng(8), 1.0, 200.0, 3e-4, 2e-3)
-    *_, last = averaged(poses[:23])
-    assert (last.count, last.stamp_ns) == (3, poses.stamp_ns[22])
-    (only,) = averaged(poses[:1])
-    assert (only.count, only.start_ns, only.stamp_ns) == (1, START_NS, START_NS)
-    np.testing.assert_allclose(only.zeta[R], poses.rotation[0].ravel())
-    np.testing.assert_array_equal(only.zeta[T], 0.0)
-
-
 def test_held_poses_are_counted_once_and_one_frame_per_tick_is_enough():
     poses = moving(np.random.default_rng(7), 2.0, 200.0, 3e-4, 2e-3)
     source = np.arange(400) // 4 * 4  # each pose four times
@@ -283,16 +265,6 @@ def test_a_gap_is_followed_tick_by_tick():
     assert ticks[36].start_ns == START_NS + 36 * TICK_NS
 
 
-@pytest.mark.parametrize("seconds", [4.0, 60.0, 1e6])
-def test_a_long_gap_costs_no_more_than_a_short_one(seconds):
-    poses = moving(np.random.default_rng(11), 2.0, 200.0, 3e-4, 2e-3)
-    late = poses.stamp_ns + np.where(np.arange(400) >= 205, round(seconds * 1e9), 0)
-    ticks = averaged(replace(poses, stamp_ns=late))
-    missed = sum(tick.count == 0 for tick in ticks)
-    assert missed == pytest.approx(min(seconds, tick_averaging.LONGEST_GAP_S) / MODEL.tick_s, abs=1)
-    assert sum(tick.count + tick.outliers.total for tick in ticks) == 400
-
-
 @settings(max_examples=40, deadline=None)
 @given(
     seed=seeds,
@@ -340,13 +312,6 @@ def test_after_a_gap_motion_goes_on_unless_it_was_long(gap_s, without_excess):
     if not without_excess:  # better than a new start of the filter
         kept, new = (np.mean([tick.innovation_excess for tick in ticks[5:15]]) for ticks in (found, anew))
         assert kept < new
-
-
-def test_an_object_that_rests_through_a_gap_is_known_to_rest():
-    rest = moving(np.random.default_rng(15), 6.0, 200.0, 3e-4, 2e-3, rms_m=0.0, rms_rad=0.0)
-    at_s = (rest.stamp_ns - START_NS) * 1e-9
-    ticks = averaged(rest[(at_s < 2.0) | (at_s >= 3.0)])
-    assert np.mean([tick.innovation_excess == NO_EXCESS for tick in ticks]) > 0.95
 
 
 def test_noise_of_means_falls_with_their_frames_to_the_floor():

@@ -49,7 +49,7 @@ class Mutant(NamedTuple):
 
     @property
     def name(self) -> str:
-        """As survivors.toml has it: it outlives changes elsewhere in the file."""
+        """It outlives changes elsewhere in the file."""
         return f"{self.file} {self.place}: {self.change}"
 
 

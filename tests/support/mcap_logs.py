@@ -35,13 +35,15 @@ SCHEMAS = {
 
 @dataclass
 class Topic:
-    """Messages of one topic: (log time, dict to be encoded by the type's schema, or bytes as they are)."""
+    """Messages of one topic: (log time, dict to be encoded by the type's schema, or bytes as they are), with
+    the usual ``schema`` of the type or another one."""
 
     name: str
     type: str
     messages: Sequence[tuple[int, Any]]
     encoding: str = "cdr"
     schema_encoding: str = "ros2msg"
+    schema: bytes | None = None
 
 
 def write_log(path: Path, topics: Sequence[Topic], truth: str | None = None, **options: Any) -> Path:
@@ -51,9 +53,8 @@ def write_log(path: Path, topics: Sequence[Topic], truth: str | None = None, **o
         writer.start(profile="ros2", library="test")
         rows: list[tuple[int, int, bytes]] = []
         for topic in topics:
-            schema = writer.register_schema(
-                topic.type, topic.schema_encoding, SCHEMAS.get(topic.type, "").encode()
-            )
+            text = SCHEMAS.get(topic.type, "").encode() if topic.schema is None else topic.schema
+            schema = writer.register_schema(topic.type, topic.schema_encoding, text)
             channel = writer.register_channel(topic.name, topic.encoding, schema)
             times = [log_time for log_time, _ in topic.messages]
             rows += [(t, channel, data) for t, data in zip(times, _encode(topic), strict=True)]

@@ -7,10 +7,10 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-from mcap.writer import Writer
 from rosbags.typesys import Stores, get_typestore
 
 from contact_tracker.motion.poses import Pose, Poses
+from mcap_logs import Topic, write_log
 
 POSE_TYPE = "geometry_msgs/msg/PoseStamped"
 ROS1 = get_typestore(Stores.ROS1_NOETIC)
@@ -39,16 +39,7 @@ def write_raw(
     **options: Any,
 ) -> Path:
     """An MCAP file of messages (log time, bytes) of one type in the encoding ``message``."""
-    with path.open("wb") as file:
-        writer = Writer(file, **options)
-        writer.start(profile="", library="test")
-        channel = writer.register_channel(
-            "/pose", message, writer.register_schema(kind, schema_encoding, schema)
-        )
-        for log_time, data in rows:
-            writer.add_message(channel, log_time, data, log_time)
-        writer.finish()
-    return path
+    return write_log(path, [Topic("/pose", kind, rows, message, schema_encoding, schema)], **options)
 
 
 def write_rosbag1(path: Path, poses: Poses, compression: str | None = None, chunk_bytes: int = 2**20) -> Path:

@@ -282,17 +282,6 @@ def test_rest_keeps_the_information_of_earlier_motion(older, others):
     assert indistinguishable(Contact.VF, rivals(vf=50.0), rest, older) == others
 
 
-@pytest.mark.parametrize(
-    ("label_rms", "rival_rms", "fits"),
-    [(0.5, 1.1, True), (0.5, 1.3, False), (2.0, 2.3, True), (2.0, 2.5, False)],
-)
-def test_residuals_below_the_noise_fit_equally_well(label_rms, rival_rms, fits):
-    competing = rivals(vf=50.0, fv=-100.0)
-    competing.rms[[Contact.VF.column, Contact.FV.column]] = label_rms, rival_rms
-    found_states = ambiguity.indistinguishable(Contact.VF, competing, ambiguity.Freedom(True, False))
-    assert (Contact.FV in found_states) == fits
-
-
 @pytest.mark.parametrize(("contact", "motion"), [(Contact.EF, "one-axis"), (Contact.FE, "translation")])
 def test_the_true_contact_is_among_the_indistinguishable_ones(contact, motion):
     simulated = simulate(Scenario((Phase(contact, 3.0, motion),)), 1)

@@ -1,15 +1,11 @@
 """The reported posterior is a distribution, without certainty beside open states; wrenches decide among
 them."""
 
-import json
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from contact_tracker.cli.main import run
 from contact_tracker.map.map import EMPTY_MAP
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking import ambiguity
@@ -44,18 +40,6 @@ def test_every_belief_with_a_lag_is_a_distribution():
     for pose in recorded(EDGE_TO_EDGES).poses[500:1100]:
         beliefs += one.update(pose)
     assert all(is_distribution(b.probability) for b in [*beliefs, *one.finish()])
-
-
-@pytest.mark.long
-def test_a_hinge_offline_is_a_distribution_at_every_tick(shared_recordings: Path, tmp_path: Path):
-    log = shared_recordings.parent / "field_cases" / "real" / "00_negative_probability_hinge.mcap"
-    if not log.is_file():
-        pytest.skip("the recording of the hinge is not here")
-    assert run(["segment", str(log), "-o", str(tmp_path / "out.jsonl")]) == 0
-    lines = (tmp_path / "out.jsonl").read_text().splitlines()
-    posterior = np.array([list(json.loads(line)["probability"].values()) for line in lines])
-    assert len(posterior) > 100
-    assert all(is_distribution(row) for row in posterior)
 
 
 # --- wrenches decide among states that motion does not distinguish, and only among them ---

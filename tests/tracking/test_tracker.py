@@ -132,15 +132,6 @@ def test_memory_is_bounded():
     assert last.contact is Contact.FF
 
 
-@pytest.mark.filterwarnings("error")
-def test_after_a_jump_of_30_m_beliefs_are_distributions():
-    poses = recorded(FACE_TO_EDGE).poses[:400]
-    away_m = 30.0 * (np.arange(400) > 200)[:, None]
-    for belief in in_parts(replace(poses, position_m=poses.position_m + away_m), []):
-        assert belief.probability.sum() == pytest.approx(1.0)
-        json.dumps(belief.to_json(), allow_nan=False)
-
-
 def test_beliefs_at_rest_change_as_slowly_as_the_transition_model():
     """Until a rest is complete; what stays where it is by itself stands on a face, which is not certain."""
     ticks, contacts = 40, np.arange(len(STATES)) < len(CONTACTS)
@@ -178,18 +169,6 @@ def test_with_a_lag_every_contact_has_elements():
     assert len(beliefs) > 10
     assert all(belief.geometry is not None for belief in beliefs)
     assert all(belief.onset_ns <= belief.stamp_ns for belief in beliefs)
-
-
-@pytest.mark.parametrize(("pause_s", "lag_s"), [(0.0, 0.3), (0.03, 0.0), (0.08, 0.3), (2.0, 0.0)])
-def test_a_pause_loses_and_repeats_no_belief(pause_s, lag_s):
-    poses, cuts = paused(107, pause_s), [1, 107, 108, 181]
-    beliefs = in_parts(poses, cuts, lag_s)
-    stamps = np.array([belief.stamp_ns for belief in beliefs])
-    assert (np.diff(stamps) > 0).all()
-    assert set(poses.stamp_ns[np.array([*cuts, 300]) - 1]) <= set(stamps), "the last pose of each part"
-    assert np.diff(stamps).max() < 2 * TICK_NS
-    for belief in beliefs:
-        json.dumps(belief.to_json(), allow_nan=False)
 
 
 def tilted_and_put_down() -> Poses:

@@ -78,23 +78,6 @@ def _most(leave, a):
     return max(leave[a.column, b.column] for b in STATES if b is not a)
 
 
-def test_recordings_begin_and_states_last_as_the_model_says():
-    first = np.exp(log_initial(MODEL))
-    assert first[Contact.FF.column] == pytest.approx(MODEL.transitions.initial_f_f)
-    np.testing.assert_allclose(first[1:], (1.0 - MODEL.transitions.initial_f_f) / 6)
-    fine, coarse = (
-        tick_transitions(replace(MODEL, tick_s=tick_s), 1.0).log_survival for tick_s in (0.1, 1.0)
-    )
-    np.testing.assert_allclose(10 * fine, coarse)  # leaving within a second is as probable with ten ticks
-    at_rest, moving = (tick_transitions(MODEL, max(a, REST_EXPOSURE)).log_survival for a in (0.0, 1.0))
-    np.testing.assert_allclose(at_rest, REST_EXPOSURE * moving)
-    assert REST_EXPOSURE < 0.1
-    nothing = tick_transitions(MODEL, 0.0)  # without exposure nothing changes
-    leave = np.exp(nothing.log_transition)
-    assert leave[FREE, FREE] == leave.sum() == 1.0
-    assert not nothing.log_survival.any()
-
-
 def test_observed_changes_outweigh_the_lattice_prior_by_count():
     """Against the posterior means of gamma and Dirichlet distributions, by their integrals."""
     changes = np.zeros((7, 7))
