@@ -178,6 +178,24 @@ def test_a_carry_in_a_plane_with_a_turn_uses_three_directions():
     assert ambiguity.freedom_of(Contact.EF, window, 0).underused
 
 
+@pytest.mark.parametrize("move", ["tilts", "slides"])
+def test_tilts_on_several_edges_are_no_motion_of_one_contact(move):
+    """Three parallel hinges move an object like a face on a wall beside it; slides with stops between do not
+    turn it."""
+    rises = np.concatenate([np.zeros(12), np.sin(np.linspace(0.0, np.pi, 20))])
+    feet_m = 0.1 * np.repeat([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 0.0, 2.0]], len(rises), axis=0)
+    angle = np.tile(0.5 * rises, 3)
+    rotation = turning(np.array([0.0, 1.0, 0.0]), angle)
+    shifts_m = feet_m - np.einsum("nij,nj->ni", rotation, feet_m)
+    if move == "slides":
+        rotation = np.tile(np.eye(3), (len(angle), 1, 1))
+        shifts_m = angle[:, None] * np.repeat(np.eye(3), len(rises), axis=0)
+    window = ticks(rotation, shifts_m)
+    assert used_directions(window) == 3
+    assert not ambiguity.freedom_of(Contact.FF, window, 0).one_direction
+    assert ambiguity.freedom_by_moves(Contact.FF, window, 0, 0.1).one_direction == (move == "tilts")
+
+
 def rivals(**nats):
     """Evidence by state; states not given fit badly, except free motion."""
     names = [state.value.replace("-", "") for state in STATES]

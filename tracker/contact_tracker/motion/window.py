@@ -373,5 +373,19 @@ def used_directions(window: Window) -> int:
     return min(used, max(_rank(at_origin, origin_sigma), 2))
 
 
+def turns_about_one_axis(window: Window) -> bool:
+    """Whether motion has one degree of freedom, which turns the object: that of a hinge or a screw."""
+    if used_directions(window) != 1:
+        return False
+    shifts, turns = np.split(twist_power(window).power.diagonal() * LEVERS_M**2, 2)
+    return bool(turns.sum() > ONE_AXIS**2 * (shifts.sum() + turns.sum()))
+
+
+def moves_in(window: Window, tick_s: float) -> list[Window]:
+    """The moves between rests, each with a tick of the rests beside it."""
+    edges = np.flatnonzero(np.diff(~at_rest(window, tick_s), prepend=False, append=False)).reshape(-1, 2)
+    return [window.cut(max(first - 1, 0), end + 1) for first, end in edges.tolist()]
+
+
 def _rank(power: Array, sigma: Array) -> int:
     return int(np.count_nonzero(linalg.eigenvalues(power / (sigma[:, None] * sigma)) > USED))

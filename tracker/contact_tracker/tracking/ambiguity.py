@@ -29,7 +29,13 @@ from contact_tracker.map.elements import is_same_element
 from contact_tracker.map.map import Map
 from contact_tracker.motion.free_motion import NOW_TICKS
 from contact_tracker.motion.tick_averaging import NOISY_M
-from contact_tracker.motion.window import DIRECTIONS, Window, used_directions
+from contact_tracker.motion.window import (
+    DIRECTIONS,
+    Window,
+    moves_in,
+    turns_about_one_axis,
+    used_directions,
+)
 from contact_tracker.states import CONTACTS, STATES, Contact
 
 SAME_SPAN: Final = 0.25
@@ -83,8 +89,8 @@ class CompetingEvidence(NamedTuple):
 
 class Freedom(NamedTuple):
     """Whether the motion does not use all freedom that its label leaves, whether it has only one degree of
-    freedom, and for how many ticks the object has moved; ``is_unknown`` of a contact whose motion is older
-    than the window. ``is_programmed``: a machine may be programmed to move so without touching anything."""
+    freedom at a time, and for how many ticks the object has moved; ``is_unknown`` of a contact whose motion
+    is older than the window. ``is_programmed``: a machine may be programmed to move so without a contact."""
 
     underused: bool
     one_direction: bool
@@ -172,6 +178,18 @@ def freedom_of(label: Contact, window: Window, onset: int) -> Freedom:
     in_one_direction = used == 1 and not (label is Contact.FREE and is_short)
     is_underused = used < DIRECTIONS - label.codimension
     return Freedom(is_underused, in_one_direction, moved_ticks, is_programmed=is_programmed)
+
+
+def freedom_by_moves(label: Contact, window: Window, onset: int, tick_s: float) -> Freedom:
+    """As ``freedom_of``, but in one direction also if each move of an object in contact, of two or more
+    between rests, turns it about one axis, as in tilting it on one edge and then on another one: these may be
+    different hinges, which no single contact has to explain."""
+    freedom = freedom_of(label, window, onset)
+    if freedom.underused or freedom.is_unknown or label is Contact.FREE:
+        return freedom
+    moves = moves_in(window.since(onset), tick_s)
+    is_hinged = len(moves) > 1 and all(map(turns_about_one_axis, moves))
+    return freedom._replace(one_direction=freedom.one_direction or is_hinged)
 
 
 def agrees_by_chance(label: Contact, window: Window, onset: int, most_ticks: float = inf) -> bool:

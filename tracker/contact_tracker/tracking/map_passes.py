@@ -167,12 +167,20 @@ def _with_free_if_never_tilted(segmentation: Segmentation, ticks: Sequence[Tick]
     else:
         longest, normals = max(observed, key=lambda part: part[0].end_ns - part[0].start_ns)
         within = slice(*rows["stamp_ns"].searchsorted([longest.start_ns, longest.end_ns + 1]))
-        tilt = _tilt(*normals, np.array([tick.zeta for tick in ticks]))
+        zeta = np.array([tick.zeta for tick in ticks])
+        touching = _tilt(*normals, zeta[within]).max(initial=0.0)
         is_exact = longest.tolerance is None
-        never_tilts = is_exact and bool(tilt.max() <= MOST_TILT * tilt[within].max(initial=0.0))
+        never_tilts = is_exact and bool(_tilt(*_common_axis(zeta), zeta).max() <= MOST_TILT * touching)
     if not never_tilts:
         return segmentation
     return _with_open(segmentation, Contact.FF, np.ones(len(rows), bool), lambda _: (Contact.FREE,))
+
+
+def _common_axis(zeta: Array) -> tuple[Array, Array]:
+    """The axis (3,), in the body and in the world, about which the object turns most between lifted poses
+    (T, 25). The faces of a segment may be across it, as those of a machine's straight moves."""
+    world, _, body = np.linalg.svd(zeta[:, R].mean(axis=0).reshape(3, 3))
+    return body[0], world[:, 0]
 
 
 def _tilt(body_normal: Array, world_normal: Array, zeta: Array) -> Array:

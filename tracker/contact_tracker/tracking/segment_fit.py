@@ -152,11 +152,14 @@ without the test for 69 s; six recordings of everyday handling are surely right 
 (measured once)."""
 
 
-def _rivals(label: Contact, window: Window, fits: Sequence[Bank]) -> tuple[CompetingEvidence, Freedom]:
+def _rivals(
+    label: Contact, window: Window, fits: Sequence[Bank], tick_s: float
+) -> tuple[CompetingEvidence, Freedom]:
     """The evidence of the fits of all contacts to a window, and the freedom that its motion uses."""
     evidence = np.array([*(fit.log_likelihood.max(initial=-np.inf) for fit in fits), 0.0])
     rms = np.array([*(fit.rms.min(initial=np.inf) for fit in fits), 1.0])
-    return CompetingEvidence(evidence, rms), ambiguity.freedom_of(label, window, int(window.index[0]))
+    freedom = ambiguity.freedom_by_moves(label, window, int(window.index[0]), tick_s)
+    return CompetingEvidence(evidence, rms), freedom
 
 
 def _may_touch_in_parts(segment: SegmentTicks) -> Array:
@@ -172,14 +175,16 @@ def _may_touch_in_parts(segment: SegmentTicks) -> Array:
     for first in {*range(0, last, PART_TICKS // 2), last}:
         part = window.cut(first, first + PART_TICKS)
         fits = [_fitted(contact, part, segment) for contact in CONTACT_MODELS]
-        if ambiguity.indistinguishable(Contact.FREE, *_rivals(Contact.FREE, part, fits)):
+        if ambiguity.indistinguishable(
+            Contact.FREE, *_rivals(Contact.FREE, part, fits, segment.model.tick_s)
+        ):
             may_touch[first : first + PART_TICKS] = 1.0
     return may_touch
 
 
 def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) -> SegmentFit:
     model, known_map, label = segment.model, segment.known_map, segment.contact
-    rivals, freedom = _rivals(label, window, fits)
+    rivals, freedom = _rivals(label, window, fits, model.tick_s)
     inseparable = tuple(filter(known_map.allows, ambiguity.indistinguishable(label, rivals, freedom)))
     may_touch, none_fits, share = np.zeros(1), False, None
     if label is Contact.FREE:
