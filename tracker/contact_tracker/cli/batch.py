@@ -121,6 +121,10 @@ def _names(logs: list[str]) -> list[str]:
             say(f"{log}: {count} {are}: left out")
     logs = [name for _, (names, _) in matches for name in names]
     missing = missing_among(log for log in logs if log != "-")
+    if address := next((log for log in missing if "://" in log), None):
+        raise UsageError(
+            f"{address}: addresses are not read: copy the recordings to a disk, or mount them there"
+        )
     if missing:
         unnamed = f" and {len(missing) - _MOST_NAMED} more" if len(missing) > _MOST_NAMED else ""
         effect = "; nothing was segmented" if len(logs) > len(missing) else ""

@@ -99,8 +99,8 @@ def _configure_compare(parser: argparse.ArgumentParser) -> None:
 
 def _configure_batch(parser: argparse.ArgumentParser) -> None:
     text = (
-        "recordings, folders to search for MCAP files and ROS bags, patterns in quotes, URLs (s3://, "
-        "https://, ...), or - for names on stdin, one a line"
+        "recordings, folders to search for MCAP files and ROS bags, patterns in quotes, or - for names on "
+        "stdin, one a line"
     )
     parser.add_argument("logs", nargs="+", metavar="LOG", help=text)
     parser.add_argument(
