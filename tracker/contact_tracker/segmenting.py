@@ -291,11 +291,10 @@ def segmented(
     executor: Executor | None = None,
     progress: Callable[[int], None] | None = None,
     notes: Iterable[str] = (),
-    detail: Detail = Detail.SHARED,
 ) -> Outcome:
     """Segment a trajectory; for the parameters see ``OfflineTracker`` and ``Outcome``."""
     tracker = OfflineTracker(model, known_map, executor, wrenches, trajectory.read_as)
-    result = Segmentation.join(list(tracker.pieces(trajectory, progress, detail)))
+    result = Segmentation.join(list(tracker.pieces(trajectory, progress)))
     has_wrenches = wrenches is not None
     return Outcome(trajectory, result, tracker.report, tuple(notes), has_wrenches, known_map, tracker.map)
 
