@@ -156,17 +156,12 @@ CALLS: dict[str, tuple[Callable[[Given], Callable[..., Any]], dict[str, tuple[An
         {
             "trajectory": (True, 1j, Rotation.identity(FEW), np.zeros((FEW, 7)), iter([1]), *NO_TABLES),
             **OF_MODEL,
-            "mass_kg": (1.0,),  # without wrenches
             "progress": (3, "print", []),
         },
     ),
     "segment with a topic": (
         lambda given: partial(ct.segment, given.log),
         {"wrench": (True, 3, b"a", [], "/none")},
-    ),
-    "segment with wrenches": (
-        lambda given: partial(ct.segment, given.trajectory, wrench=given.wrenches),
-        {"mass_kg": (*NO_NUMBERS, 0.0)},
     ),
     "Tracker": (lambda _: ct.Tracker, {**OF_MODEL, "lag_s": (*NO_NUMBERS, None, 1e3)}),
     "Tracker of some states": (lambda _: ct.Tracker, {"states": (["f-x"], [])}),

@@ -354,16 +354,16 @@ def test_wrenches_decide_as_they_do_for_one_recording(tmp_path) -> None:
     names = write_recordings(tmp_path / "logs", 1)
     log = write_log(tmp_path / "logs" / "a.mcap", topics)
     names.append(log)
-    run(names, tmp_path / "dataset", wrench=("/wrench", 1.0))
+    run(names, tmp_path / "dataset", wrench="/wrench")
     without, row = summary(tmp_path / "dataset").sort_by([("exit_code", "descending")]).to_pylist()
     assert (without["exit_code"], row["exit_code"]) == (2, 0)
     assert "no topic /wrench" in without["error"]
     with pytest.warns(ContactTrackerWarning, match="/wrench is not used"):
-        result = contact_tracker.segment(log, wrench="/wrench", mass_kg=1.0)
+        result = contact_tracker.segment(log, wrench="/wrench")
     assert list(result.warnings) == (row["warnings"] or "").splitlines()
     written = parquet.read_table(tmp_path / "dataset" / "segments" / row["file"])
     assert written.drop_columns("recording").equals(result.to_arrow("segments"))
-    assert run(names, tmp_path / "dataset", wrench=("/wrench", 1.0)).unchanged == 2
+    assert run(names, tmp_path / "dataset", wrench="/wrench").unchanged == 2
     assert run(names, tmp_path / "dataset").done == 2
 
 

@@ -222,13 +222,12 @@ def test_forces_of_a_feature_are_the_wrench(source, at_once, tmp_path) -> None:
     state = np.array(frames["observation.state"].to_pylist())
     np.testing.assert_array_equal(np.hstack([wrenches.force_n, wrenches.moment_nm]), state[:, 1:7])
     assert wrenches.stamp_ns.tolist() == data.trajectory(0).stamp_ns.tolist()
-    options = {"report": lines.append, "wrench": "observation.state[1:7]", "mass_kg": 2.0}
+    options = {"report": lines.append, "wrench": "observation.state[1:7]"}
     with patch("contact_tracker.batch.lerobot.evidence_as_given") as given:
         given.return_value = evidence, "", ("a doubt",)
         data.annotate(tmp_path / "copy", MODEL, **options)
     assert at_once.call_args.args[-1] is evidence
     np.testing.assert_array_equal(given.call_args.args[0].force_n, wrenches.force_n)
-    assert given.call_args.args[-1] == 2.0
     assert [line.endswith("episode 0: a doubt") for line in lines] == [True]
 
 
@@ -259,7 +258,6 @@ def test_what_cannot_be_read_is_one_line(simulated, tmp_path) -> None:
         (["data", "-o", "copy"], "new folder"),
         (["data", "x.mcap", "-o", "new"], "alone"),
         (["data", "-o", "new", "--ticks"], "--ticks"),
-        (["data", "-o", "new", "--mass", "0.5"], "--mass"),
         (["data", "-o", "new", "--wrench", "observation.state", *BY_HAND], "has 8 numbers"),
         (["data", "-o", "new", "--wrench", "/wrench"], "not in /wrench"),
         (["data", "-o", "new", "--time-unit", "ms"], "in seconds"),

@@ -230,7 +230,6 @@ class LeRobot:
         report: Callable[[str], None] = lambda _: None,
         executor: Executor | None = None,
         wrench: str | None = None,
-        mass_kg: float | None = None,
     ) -> int:
         """Write a copy of the data set with the contacts of each frame into the new folder ``out``.
 
@@ -238,7 +237,7 @@ class LeRobot:
         in ``data``, these features in ``meta/info.json``, the names of subtasks in ``meta/subtasks.parquet``
         (v2: ``.jsonl``), and statistics of the new columns where ``meta`` has statistics. An unusable episode
         is reported and ``unknown``. There is no folder after a failure. ``wrench`` is ``entries`` of
-        ``wrenches``, ``mass_kg`` the mass of the object, if known.
+        ``wrenches``.
 
         Returns
         -------
@@ -254,7 +253,7 @@ class LeRobot:
         if target.exists() or Path(os.path.abspath(self.folder)) in target.parents:
             raise UsageError(f"cannot write {out}: a copy of a data set is a new folder beside it")
         bad, used = 0, model_from(model, None, None)
-        jobs = [(self, number, used, known_map, wrench, mass_kg) for number in self._file_of]
+        jobs = [(self, number, used, known_map, wrench) for number in self._file_of]
         if not jobs:
             raise UnreadableRecording(f"{self.folder}: there are no frames")
         if wrench is not None:
@@ -342,10 +341,10 @@ def _stamp_ns(frames: Any) -> NDArray[np.int64]:
 
 
 def _labels_of(
-    job: tuple[LeRobot, int, Model, Map, str | None, float | None],
+    job: tuple[LeRobot, int, Model, Map, str | None],
 ) -> tuple[_Labels, bool, tuple[str, ...]]:
     """The labels of an episode's frames, whether the episode is unusable, and lines to report."""
-    data, episode, model, known_map, wrench, mass_kg = job
+    data, episode, model, known_map, wrench = job
     stamp_ns = _stamp_ns(data._frames(episode))
     unknown = np.full(len(stamp_ns), NAMES.index("unknown"))
     uniform = np.full((len(stamp_ns), len(STATES)), 1.0 / len(STATES), np.float32)
@@ -354,7 +353,7 @@ def _labels_of(
         trajectory = data.trajectory(episode)
         if wrench is not None:
             wrenches = data.wrenches(episode, wrench)
-            result = evidence_as_given(wrenches, wrench, trajectory.poses, model, known_map, mass_kg)
+            result = evidence_as_given(wrenches, wrench, trajectory.poses, model, known_map)
             evidence, _, lines = result
         outcome = segmented(trajectory, model, known_map, evidence)
     except ContactTrackerError as error:

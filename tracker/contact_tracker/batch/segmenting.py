@@ -78,8 +78,7 @@ class Settings:
     topic, frame, relative_to : selection of poses, as in ``recording.open_log``.
     table : what the columns of tables are, as in ``recording.open_log``.
     with_ticks : whether to write the beliefs of all ticks, too.
-    wrench : topic of measured wrenches, which decide between contacts that motion cannot distinguish, and the
-        mass (kg) of the object if known.
+    wrench : topic of measured wrenches, which decide between contacts that motion cannot distinguish.
     """
 
     model: Model
@@ -89,7 +88,7 @@ class Settings:
     relative_to: str | None = None
     with_ticks: bool = False
     table: TableReading = AS_NAMED
-    wrench: tuple[str, float | None] | None = None
+    wrench: str | None = None
 
     @cached_property
     def model_hash(self) -> str:
@@ -100,7 +99,7 @@ class Settings:
     def settings_hash(self) -> str:
         """Hash of all but ``with_ticks``, and of the version."""
         which = self.topic, self.frame, self.relative_to, tuple(self.table.words())
-        return fingerprint((__version__, self.model_hash, which, self.wrench or ()))
+        return fingerprint((__version__, self.model_hash, which, self.wrench or ""))
 
 
 def count(segments: Iterable[Segment], cells: Row) -> None:
@@ -201,9 +200,8 @@ def _segmented(name: str, settings: Settings, folder: Path) -> Row:
     """Write the files of a recording; returns its row."""
     model, known_map, evidence, unused = settings.model, settings.known_map, None, tuple[str, ...]()
     if settings.wrench is not None:
-        topic, mass_kg = settings.wrench
         poses = _open(name, settings)
-        evidence, _, unused = recorded_evidence(name, topic, poses, model, known_map, mass_kg)
+        evidence, _, unused = recorded_evidence(name, settings.wrench, poses, model, known_map)
     log = _open(name, settings)
     tracker = OfflineTracker(model, known_map, wrenches=evidence, read_as=log.source.read_as)
     cells, ticks, file, recording = dict(NO_SEGMENTS), 0, file_of(name), row_name(name)

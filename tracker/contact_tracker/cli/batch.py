@@ -36,7 +36,6 @@ def run(args: argparse.Namespace) -> int:
     if any(os.path.isfile(os.path.join(log, "meta", "info.json")) for log in args.logs):
         return _annotate(args)
 
-    inputs.require_wrench_for_mass(args)
     settings = Settings(
         inputs.load_model(args),
         inputs.load_map(args),
@@ -45,7 +44,7 @@ def run(args: argparse.Namespace) -> int:
         args.relative_to,
         args.ticks,
         args.table,
-        None if args.wrench is None else (args.wrench, args.mass),
+        args.wrench,
     )
     recordings = list(find(_names(args.logs)))
     read = [*(log.name for log in recordings), *inputs.files_read([], args.model, args.known)]
@@ -81,7 +80,6 @@ def run(args: argparse.Namespace) -> int:
 
 def _annotate(args: argparse.Namespace) -> int:
     """Write a copy of a LeRobot data set with the contacts of its frames."""
-    inputs.require_wrench_for_mass(args)
     unused = {"--topic": args.topic, "--frame": args.frame, "--ticks": args.ticks}
     unused |= {"--relative-to": args.relative_to, "--scheduler": args.scheduler, "--rehash": args.rehash}
     option = next((name for name, value in unused.items() if value not in (None, False)), None)
@@ -90,7 +88,7 @@ def _annotate(args: argparse.Namespace) -> int:
     data = LeRobot.open(args.logs[0]).read_as(args.table)
     model, known_map = inputs.load_model(args), inputs.load_map(args)
     with Workers(args.processes or os.cpu_count() or 1, take_over_warnings) as executor:
-        bad = data.annotate(args.output, model, known_map, warn, executor, args.wrench, args.mass)
+        bad = data.annotate(args.output, model, known_map, warn, executor, args.wrench)
     episodes = counted(len(list(data.episodes())), "episode")
     say(f"wrote {args.output}: {episodes}, of which {bad} cannot be used")
     return DAMAGED if bad else DONE
