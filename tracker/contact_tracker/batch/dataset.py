@@ -218,7 +218,6 @@ class Batch:
     ----------
     report : called with one line for each recording that cannot be used or is damaged.
     set_done : called with the number of recordings that are done.
-    looks_at_content : whether to compare contents even if the signatures are equal.
     done, unchanged : numbers of recordings with a new row, and with an unchanged one.
     bad, damaged : numbers of recordings without a result, and with a partial one.
     warned : number of recordings with a new row that has warnings.
@@ -229,7 +228,6 @@ class Batch:
     dataset: Dataset
     report: Callable[[str], None]
     set_done: Callable[[int], None]
-    looks_at_content: bool = False
     done: int = 0
     unchanged: int = 0
     bad: int = 0
@@ -265,8 +263,6 @@ class Batch:
         folder = str(self.dataset.folder)
         for recording in recordings:
             content = self.dataset.content_of(recording.name, self.settings)
-            if content is not None and self.looks_at_content:
-                content = "", content[1]
             if not recording.signature:  # there is no readable file
                 self._add(segmenting.segment_recording(recording.name, content, self.settings, folder))
             elif content is not None and content[0] == recording.signature:

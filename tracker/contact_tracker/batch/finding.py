@@ -4,13 +4,12 @@ import hashlib
 import os
 import shlex
 from collections.abc import Collection, Iterable, Iterator
-from glob import escape, glob
 from itertools import chain
 from typing import Final, NamedTuple
 
 from contact_tracker.errors import UnreadableRecording
 from contact_tracker.files import why_not_regular
-from contact_tracker.recording import may_be_recording, parts_of
+from contact_tracker.recording import parts_of
 
 SUFFIXES: Final = (".mcap", ".mcap.zst", ".mcap.zstd", ".db3", ".bag")
 """Suffixes by which recordings in folders are found; tables, which may have no poses, must be named."""
@@ -31,41 +30,12 @@ def missing_among(names: Iterable[str]) -> list[str]:
     return [name for name in names if not os.path.exists(name)]
 
 
-def matching(name: str) -> tuple[list[str], list[str]]:
-    """The recordings and folders of recordings that match a pattern (``*``, ``?``, ``[...]``, ``**``),
-    sorted, and the other files that match. For a name without a match or pattern: the name itself, and the
-    tables beside the recordings in this folder.
-
-    A folder with a ``metadata.yaml`` is one recording. Raises UnreadableRecording if files match and none of
-    them may be a recording.
-    """
-    if os.path.lexists(name):
-        inside = _files_in(name)  # none if it is no folder
-        tables = _tables_among(inside)
-        is_whole = os.path.exists(os.path.join(name, _METADATA))
-        return [name], [] if is_whole or not recordings_among(inside) else tables
-    paths = sorted(glob(name, recursive=True))
-    bags = {path.rstrip(os.sep) for path in paths if os.path.exists(os.path.join(path, _METADATA))}
-    single = [path for path in paths if os.path.dirname(path) not in bags]
-    folders = [path for path in single if os.path.isdir(path)]
-    files = [path for path in single if not os.path.isdir(path)]
-    chosen = [path for path in files if _may_be_recording(path)]
-    chosen += [path for path in folders if path.rstrip(os.sep) in bags or recordings_among(_files_in(path))]
-    if paths and not chosen:
-        raise UnreadableRecording(
-            f"{name}: none of the {len(paths)} files and folders that match holds poses"
-        )
-    return sorted(chosen) or [name], sorted({*files}.difference(chosen))
-
-
-def _may_be_recording(path: str) -> bool:
-    """Whether a file is a recording by its name or content; an unreadable file counts as a recording."""
-    if path.lower().endswith(SUFFIXES) or not os.path.exists(path):
-        return True
-    try:
-        return os.path.isfile(path) and may_be_recording(path)
-    except (OSError, UnreadableRecording):
-        return True
+def tables_beside(name: str) -> list[str]:
+    """The tables beside the recordings in a folder; empty for a file, a bag, and a folder of tables alone."""
+    if os.path.exists(os.path.join(name, _METADATA)):
+        return []
+    inside = _files_in(name)
+    return _tables_among(inside) if recordings_among(inside) else []
 
 
 def find(names: Iterable[str]) -> Iterator[Recording]:
@@ -98,7 +68,7 @@ def _tables_among(files: Iterable[str]) -> list[str]:
 def pattern_beside(table: str) -> str:
     """A shell's pattern for the files beside a table with its suffix."""
     folder, name = os.path.split(table)
-    return shlex.quote(os.path.join(escape(folder), f"*{os.path.splitext(name)[1]}"))
+    return f"{shlex.quote(folder)}/*{os.path.splitext(name)[1]}"
 
 
 def _files_in(folder: str) -> list[str]:
