@@ -95,7 +95,7 @@ def _annotate(args: argparse.Namespace) -> int:
 
 
 def _names(logs: list[str]) -> list[str]:
-    """The names of recordings in ``logs``; ``-`` stands for the names on standard input, which are separated by
+    """The names of recordings in ``logs``; ``-`` stands for those on standard input, which are separated by
     newlines, or by NUL if the input has any.
 
     A list on standard input comes from another program, and some of its files may be gone: each of these gets
