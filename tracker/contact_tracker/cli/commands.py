@@ -189,9 +189,8 @@ is a folder without recordings, no recording is processed, and the exit code is 
         "show recordings in the rerun viewer",
         """\
 Show recordings in rerun: the moving body with the touching plane, line or point, labels and
-probabilities over time (online and smoothed, with the truth if it is known), and the paper's
-objective functions. Times are seconds since a recording's first pose. Several recordings are
-separate entries of the viewer's list.""",
+probabilities over time (online and smoothed, with the truth if it is known). Times are seconds since
+a recording's first pose. Several recordings are separate entries of the viewer's list.""",
         "contact-tracker view recordings/all_states.mcap",
         _configure_view,
     ),
