@@ -20,7 +20,7 @@ from contact_tracker.states import STATES
 from contact_tracker.tracking.contact_filter import ticks_of
 from contact_tracker.tracking.offline_smoother import segment
 from contact_tracker.tracking.transition_model import destinations, initial, leave_per_s
-from contact_tracker_lab.calibration.parameters import COUNTS, SIGMAS, rounded
+from contact_tracker_lab.calibration.parameters import COUNTS, SIGMAS
 from contact_tracker_lab.calibration.transitions import Counts, count_transitions, window_of
 from contact_tracker_lab.evaluation.evaluate import Evaluation, evaluate
 from contact_tracker_lab.evaluation.metrics import ratio
@@ -159,6 +159,8 @@ def calibrate(plan: Plan, run: Run) -> Calibration:
         Transitions are to be learned, and no recording has truth.
     """
     studies = run(study_recording, [(source, plan.start, plan.folds > 0) for source in plan.sources])
+    if COUNTS in plan.keys and not any(study.counts for study in studies):
+        raise NoTruth("transitions are learned from true states, and no recording has truth: --only noise")
     model, rows = _learn(plan, studies), range(len(studies)) if plan.folds else ()
     models = [
         _learn(plan, [studies[row] for row in rows if row % plan.folds != fold]) for fold in range(plan.folds)
@@ -174,16 +176,14 @@ def _learn(plan: Plan, studies: Sequence[Study]) -> Model:
     model = plan.start
     sigma = np.exp(np.mean(np.log([study.sigma for study in studies]), axis=0)).tolist()
     learned: dict[str, Any] = {
-        key.partition(".")[2]: rounded(value)
+        key.partition(".")[2]: float(f"{value:.3g}")  # as in the file
         for key, value in zip(SIGMAS, sigma, strict=True)
         if key in plan.keys
     }
     model = replace(model, noise=replace(model.noise, **learned))
-    if COUNTS not in plan.keys:
-        return model
     counts = [study.counts for study in studies if study.counts is not None]
-    if not counts:
-        raise NoTruth("transitions are learned from true states, and no recording has truth: --only noise")
+    if COUNTS not in plan.keys or not counts:
+        return model
     total = Counts(*(np.sum(parts, axis=0) for parts in zip(*counts, strict=True)))
     return replace(model, transitions=replace(model.transitions, counts=total.rounded))
 

@@ -30,11 +30,6 @@ def select(only: Sequence[str]) -> tuple[str, ...]:
     return tuple(key for key in LEARNED if {key, key.partition(".")[0]} & names)
 
 
-def rounded(value: float) -> float:
-    """Round to the significant digits of the file, so that the file has exactly the learned value."""
-    return float(f"{value:.3g}")
-
-
 def model_text(model: Model, header: Sequence[str] = ()) -> str:
     """TOML text from which ``load_model`` makes ``model`` again, under comment lines ``header``."""
     lines = [f"# {_printable(' '.join(line.split()))}".rstrip() for line in header]
