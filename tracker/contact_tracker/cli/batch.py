@@ -121,7 +121,9 @@ def _names(logs: list[str]) -> list[str]:
         unnamed = f" and {len(missing) - _MOST_NAMED} more" if len(missing) > _MOST_NAMED else ""
         effect = "; nothing was segmented" if len(logs) > len(missing) else ""
         named = f"{', '.join(missing[:_MOST_NAMED])}{unnamed}: {_NOTHING_THERE}"
-        raise UnreadableRecording(f"{named}{near_file(missing[0])}{effect}")
+        is_pattern = any(mark in missing[0] for mark in "*?[")
+        remedy = "; a shell replaces patterns without quotes" if is_pattern else near_file(missing[0])
+        raise UnreadableRecording(f"{named}{remedy}{effect}")
     listed = _listed() if "-" in logs else []
     return [name for log in logs for name in (listed if log == "-" else [log])]
 
