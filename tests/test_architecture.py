@@ -60,7 +60,6 @@ SINGLE_IMPORTER = {
     "tqdm": ("cli", "api", "benchmark/runner.py"),
     "argparse": ("cli", "benchmark/runner.py", "benchmark/benchmark.py", "physics.py"),
     "distributed": "batch/cluster.py",
-    "fsspec": "batch/remote.py",
     "rosbags": (),  # bags are read without it
 }
 IO_MODULES = {"sys", "os", "io", "pathlib", "logging", "subprocess", "socket", "shutil", "tempfile", "time"}

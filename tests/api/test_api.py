@@ -98,7 +98,9 @@ def test_dates_and_durations_are_stamps_and_quaternions_may_start_with_w() -> No
         assert not found.notes
     table = pandas.DataFrame(np.hstack([few.position_m, few.quat_xyzw]), columns=[*"xyzabcd"])
     table["time"] = dates
-    trajectory = Trajectory.from_dataframe(table, "time", quat_xyzw=("a", "b", "c", "d"))
+    trajectory = Trajectory.from_dataframe(
+        table, columns=dict(zip(["qx", "qy", "qz", "qw"], "abcd", strict=True))
+    )
     np.testing.assert_array_equal(trajectory.stamp_ns, utc_ns)
     with pytest.raises(UsageError, match=r"convert text, as by pandas\.to_datetime"):
         Trajectory.from_arrays(of_numpy.astype(str), few.position_m, few.quat_xyzw)
@@ -138,25 +140,24 @@ def test_names_of_columns_have_units_as_in_files(poses) -> None:
     columns = {"time [ms]": poses.stamp_ns / 1e6}
     columns |= {f"{axis} [mm]": 1e3 * values for axis, values in zip("xyz", poses.position_m.T, strict=True)}
     columns |= dict(zip(("qx", "qy", "qz", "qw"), poses.quat_xyzw.T, strict=True))
-    names = [f"{axis} [mm]" for axis in "xyz"]
-    trajectory = Trajectory.from_dataframe(columns, "time [ms]", names)
+    trajectory = Trajectory.from_dataframe(columns)
     np.testing.assert_allclose(trajectory.position_m, poses.position_m, rtol=0, atol=1e-12)
     np.testing.assert_allclose(trajectory.stamp_ns, poses.stamp_ns, rtol=0, atol=1000)
     assert not trajectory.notes
     with pytest.warns(ContactTrackerWarning, match="they look like seconds"):
-        seconds = Trajectory.from_dataframe(columns | {"time [ms]": poses.stamp_ns / 1e9}, "time [ms]", names)
+        seconds = Trajectory.from_dataframe(columns | {"time [ms]": poses.stamp_ns / 1e9})
     assert "they look like seconds" in seconds.notes[0]
     arrays = poses.position_m, poses.quat_xyzw
     for time_unit, scale, unit in (("ms", 1e-9, "s"), ("ns", 1e-9, "s"), ("s", 1e-6, "ms")):
         with pytest.warns(ContactTrackerWarning, match=f"look like .*: give time_unit='{unit}'"):
             Trajectory.from_arrays(scale * (poses.stamp_ns - poses.stamp_ns[0]), *arrays, time_unit=time_unit)
-    without_units = Trajectory.from_dataframe(columns, "time", ("x", "y", "z"))
+    without_units = Trajectory.from_dataframe(columns, columns={"time": "time", "x": "x"})
     np.testing.assert_array_equal(without_units.position_m, trajectory.position_m)
     with pytest.raises(UsageError, match="no column 'X1'; there are"):
-        Trajectory.from_dataframe(columns, "time", ("X1", "y", "z"))
+        Trajectory.from_dataframe(columns, columns={"x": "X1"})
     columns["x [ft]"] = columns["x [mm]"]
     with pytest.raises(UsageError, match=r"the unit 'ft' of column 'x \[ft\]' is not known"):
-        Trajectory.from_dataframe(columns, "time [ms]", ["x [ft]", *names[1:]])
+        Trajectory.from_dataframe(columns, columns={"x": "x [ft]"})
 
 
 def test_progress_is_written_or_given(poses, capsys) -> None:

@@ -48,7 +48,7 @@ NO_PLACES = (
 NO_TABLES = (None, True, 3, "text", Path("a"), [], {}, {"a": 1}, {1: [2]}, pd.DataFrame(), smooth_poses(3))
 NO_COLUMNS = (None, 3, "text", [[1, 2], [3]], {"a": 1}, Rotation.identity(FEW), smooth_poses(FEW))
 NO_ROWS = (None, 3, [], "row" * 1000, np.zeros((2, 2)), pd.DataFrame({"a": [1]}))
-NO_NAMES = (True, 3, "x", {}, (1, 2, 3, 4), ("x", "y", "z", None))
+NO_NAMES = (True, 3, "x", {"x": 3}, (1, 2, 3, 4), {"x": None})
 NO_KNOWLEDGE = (3, b"a", [], {1: 2}, {"up": 3}, {"up": {"direction": [0, 0, 1j]}}, {"up": {1: 2}})
 
 
@@ -138,8 +138,8 @@ CALLS: dict[str, tuple[Callable[[Given], Callable[..., Any]], dict[str, tuple[An
         lambda given: lambda table=given.table, **more: ct.Trajectory.from_dataframe(table, **more),
         {
             "table": NO_TABLES,
-            **dict.fromkeys(("stamp", "unit"), NO_TEXTS),
-            **dict.fromkeys(("position_m", "quat_xyzw"), NO_NAMES),
+            "unit": NO_TEXTS,
+            "columns": NO_NAMES,
         },
     ),
     "from_dataframe of other lengths": (
@@ -156,17 +156,12 @@ CALLS: dict[str, tuple[Callable[[Given], Callable[..., Any]], dict[str, tuple[An
         {
             "trajectory": (True, 1j, Rotation.identity(FEW), np.zeros((FEW, 7)), iter([1]), *NO_TABLES),
             **OF_MODEL,
-            "mass_kg": (1.0,),  # without wrenches
             "progress": (3, "print", []),
         },
     ),
     "segment with a topic": (
         lambda given: partial(ct.segment, given.log),
         {"wrench": (True, 3, b"a", [], "/none")},
-    ),
-    "segment with wrenches": (
-        lambda given: partial(ct.segment, given.trajectory, wrench=given.wrenches),
-        {"mass_kg": (*NO_NUMBERS, 0.0)},
     ),
     "Tracker": (lambda _: ct.Tracker, {**OF_MODEL, "lag_s": (*NO_NUMBERS, None, 1e3)}),
     "Tracker of some states": (lambda _: ct.Tracker, {"states": (["f-x"], [])}),

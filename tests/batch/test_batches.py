@@ -16,7 +16,7 @@ from batches import BROKEN, MODEL, contents, run, settings, write_broken, write_
 from contact_tracker import errors
 from contact_tracker.batch import segmenting
 from contact_tracker.batch.dataset import FORMAT, Batch, open_dataset
-from contact_tracker.batch.finding import find, matching
+from contact_tracker.batch.finding import find, tables_beside
 from contact_tracker.batch.segmenting import segment_recording
 from contact_tracker.errors import ContactTrackerWarning, StateError, UnreadableRecording, UsageError
 from contact_tracker.exports.columns import COLUMNS
@@ -142,7 +142,7 @@ def test_only_changed_recordings_are_done_again(tmp_path, recordings, monkeypatc
     assert done(topic="/object/pose") == {"0", "1"}
 
 
-def test_a_change_without_new_size_or_time_is_detected_by_rehash_only(tmp_path, recordings) -> None:
+def test_a_change_without_new_size_or_time_is_detected_by_a_new_time_only(tmp_path, recordings) -> None:
     run(recordings[:1], tmp_path / "dataset")
     state = recordings[0].stat()
     data = bytearray(recordings[0].read_bytes())
@@ -151,7 +151,8 @@ def test_a_change_without_new_size_or_time_is_detected_by_rehash_only(tmp_path, 
         file.write(data)
     os.utime(recordings[0], ns=(state.st_atime_ns, state.st_mtime_ns))
     assert run(recordings[:1], tmp_path / "dataset").unchanged == 1
-    assert run(recordings[:1], tmp_path / "dataset", rehash=True).done == 1
+    recordings[0].touch()
+    assert run(recordings[:1], tmp_path / "dataset").done == 1
 
 
 @pytest.mark.parametrize(
@@ -288,30 +289,20 @@ def test_a_folder_is_searched_and_one_with_metadata_is_one_recording(tmp_path) -
         list(find([str(tmp_path / "empty")]))
 
 
-def test_of_files_that_match_a_pattern_only_recordings_are_taken(tmp_path) -> None:
+def test_tables_beside_the_recordings_of_a_folder_are_found(tmp_path) -> None:
     logs = tmp_path / "logs"
     write_recordings(logs / "deep", 2)
     (logs / "bag").mkdir()
     write_recordings(logs / "bag", 1)
     (logs / "bag" / "metadata.yaml").write_text("rosbag2_bagfile_information: {}\n")
     (logs / "notes").mkdir()
-    for name in ("readme.txt", "notes/other.csv", "notes/report.html", "notes/image.png"):
-        (logs / name).write_bytes(b"a,b\n1,2\n" if name.endswith(("txt", "csv")) else b"\x89PNG\0")
-    (logs / "poses.csv").write_text("t,x,y,z,qx,qy,qz,qw\n0,1,2,3,0,0,0,1\n0.1,1,2,3,0,0,0,1\n")
-    (logs / "empty.mcap").touch()
+    for name in ("readme.txt", "poses.csv", "notes/other.csv", "empty.mcap"):
+        (logs / name).touch()
     os.mkfifo(logs / "pipe")
-    for pattern, left_out in ((f"{logs}/**", 5), (f"{logs}/**/*.*", 4), (f"{logs}/**/*.mcap", 0)):
-        names, others = matching(pattern)
-        found = [Path(one.name).relative_to(logs).as_posix() for one in find(names)]
-        tables, bags = ["poses.csv"] * (left_out > 0), ["bag"] if pattern.endswith("**") else ["bag/0.mcap"]
-        assert sorted(found) == sorted([*bags, "deep/0.mcap", "deep/1.mcap", "empty.mcap", *tables]), pattern
-        assert len(others) == left_out + (pattern.endswith("*.*")), "with the metadata.yaml"
-    with pytest.raises(UnreadableRecording, match=r"\*: none of the 3 files and folders that match"):
-        matching(f"{logs}/notes/*")
-    assert matching(f"{logs}/*.bag") == ([f"{logs}/*.bag"], []), "a name that is not there"
     for name, tables in ((f"{logs}", 2), (f"{logs}/notes", 0), (f"{logs}/bag", 0), (f"{logs}/empty.mcap", 0)):
-        names, others = matching(name)
-        assert (names, len(others)) == ([name], tables), "beside recordings of a folder"
+        assert len(tables_beside(name)) == tables, name
+    found = [Path(one.name).relative_to(logs).as_posix() for one in find([str(logs)])]
+    assert found == ["bag", "deep/0.mcap", "deep/1.mcap", "empty.mcap"]
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="names of files are text elsewhere")
@@ -354,16 +345,16 @@ def test_wrenches_decide_as_they_do_for_one_recording(tmp_path) -> None:
     names = write_recordings(tmp_path / "logs", 1)
     log = write_log(tmp_path / "logs" / "a.mcap", topics)
     names.append(log)
-    run(names, tmp_path / "dataset", wrench=("/wrench", 1.0))
+    run(names, tmp_path / "dataset", wrench="/wrench")
     without, row = summary(tmp_path / "dataset").sort_by([("exit_code", "descending")]).to_pylist()
     assert (without["exit_code"], row["exit_code"]) == (2, 0)
     assert "no topic /wrench" in without["error"]
     with pytest.warns(ContactTrackerWarning, match="/wrench is not used"):
-        result = contact_tracker.segment(log, wrench="/wrench", mass_kg=1.0)
+        result = contact_tracker.segment(log, wrench="/wrench")
     assert list(result.warnings) == (row["warnings"] or "").splitlines()
     written = parquet.read_table(tmp_path / "dataset" / "segments" / row["file"])
     assert written.drop_columns("recording").equals(result.to_arrow("segments"))
-    assert run(names, tmp_path / "dataset", wrench=("/wrench", 1.0)).unchanged == 2
+    assert run(names, tmp_path / "dataset", wrench="/wrench").unchanged == 2
     assert run(names, tmp_path / "dataset").done == 2
 
 

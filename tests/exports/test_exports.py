@@ -410,7 +410,7 @@ def test_a_known_upward_is_upward_in_the_figure() -> None:
     axes = pyplot.figure().add_subplot(projection="3d")
     axes.set(box_aspect=(1.0, 1.0, 1.0), xlim=(-1.0, 1.0), ylim=(-1.0, 1.0), zlim=(-1.0, 1.0))
     for up in Rotation.random(10, rng=np.random.default_rng(3)).apply([0.0, 0.0, 1.0]):
-        axes.view_init(*_view_of([], up))
+        axes.view_init(*_view_of(up))
         (x, y), (from_x, from_y) = (proj_transform(*place, axes.get_proj())[:2] for place in (up, 0.0 * up))
         assert y - from_y > 20.0 * abs(x - from_x)
     pyplot.close("all")

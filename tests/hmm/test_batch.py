@@ -1,6 +1,6 @@
-"""Smoothing, expected changes, Viterbi and lag histories against enumeration of all paths."""
+"""Smoothing, Viterbi and lag histories against enumeration of all paths."""
 
-from itertools import pairwise, product
+from itertools import product
 
 import numpy as np
 import pytest
@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from contact_tracker import hmm
-from contact_tracker_lab.calibration.trellis import Trellis, expect, smooth, viterbi
 from trellis_cases import Case
+from whole_trellis import Trellis, smooth, viterbi
 
 seeds = st.integers(0, 2**32 - 1)
 many = settings(max_examples=25, deadline=None)
@@ -17,26 +17,20 @@ many = settings(max_examples=25, deadline=None)
 
 @many
 @given(seed=seeds, scale=st.sampled_from([1.0, 1e4]))
-def test_posterior_changes_evidence_and_path_are_those_of_all_paths(seed, scale):
+def test_posterior_evidence_and_path_are_those_of_all_paths(seed, scale):
     """Also where one path has nearly all the weight."""
     case = Case(seed)
     case.value *= scale
     paths = case.paths()
-    posterior, changes, log_evidence = expect(case.trellis, *case.model)
+    posterior, log_evidence = smooth(case.trellis, *case.model)
     weights = np.array([weight for weight, _ in paths])
     assert log_evidence == pytest.approx(np.logaddexp.reduce(weights), rel=1e-12, abs=1e-9)
-    expected, expected_changes = np.zeros((case.ticks, case.states)), np.zeros_like(changes)
+    expected = np.zeros((case.ticks, case.states))
     for share, (_, segments) in zip(np.exp(weights - log_evidence), paths, strict=True):
         for h, onset, end in segments:
             expected[onset:end, case.state[h]] += share
-        for (before, *_), (after, onset, _) in pairwise(segments):
-            expected_changes[onset, case.state[before], case.state[after]] += share
     np.testing.assert_allclose(posterior, expected, atol=1e-9)
     np.testing.assert_allclose(posterior.sum(axis=1), 1.0)
-    np.testing.assert_allclose(changes, expected_changes, atol=1e-9)
-    smoothed, same_evidence = smooth(case.trellis, *case.model)
-    np.testing.assert_array_equal(smoothed, posterior)
-    assert same_evidence == log_evidence
     weight, segments = max(paths)
     assert np.isfinite(weight)
     assert viterbi(case.trellis, *case.model) == segments
@@ -44,13 +38,12 @@ def test_posterior_changes_evidence_and_path_are_those_of_all_paths(seed, scale)
 
 def test_weights_of_a_long_recording_neither_overflow_nor_underflow():
     case = Case(3, sizes=((3, 6),))
-    unshifted, unshifted_changes, _ = expect(case.trellis, *case.model)
+    unshifted, _ = smooth(case.trellis, *case.model)
     case.value -= 1e9 * (np.arange(case.ticks + 1) - case.onset[:, None])
-    posterior, changes, log_evidence = expect(case.trellis, *case.model)
+    posterior, log_evidence = smooth(case.trellis, *case.model)
     assert np.isfinite(log_evidence)
     np.testing.assert_allclose(posterior.sum(axis=1), 1.0, rtol=1e-12)
     np.testing.assert_allclose(posterior, unshifted, atol=1e-5)
-    assert np.abs(changes.sum(axis=(1, 2)) - unshifted_changes.sum(axis=(1, 2))).max() < 1e-5
 
 
 def test_hypotheses_absent_at_their_onset_have_no_origin():

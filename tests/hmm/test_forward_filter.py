@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from contact_tracker import hmm
 from contact_tracker.hmm.forward_filter import ForwardFilter, ForwardMessage
 from contact_tracker.hmm.smoother import OpenTicks
-from contact_tracker_lab.calibration.trellis import Trellis, smooth, viterbi
 from trellis_cases import Case
+from whole_trellis import Trellis, smooth, viterbi
 
 TOLERANCE = 1e-6
 seeds = st.integers(0, 2**32 - 1)

@@ -136,7 +136,6 @@ def test_a_plan_is_the_same_after_its_file(plan, tmp_path) -> None:
         ("[[step]]\ncontact = 'f-f'\nseconds = 3", "seconds"),
         ("[[step]]\ncontact = 'f-f'\nduration_s = -1", "between"),
         ("duration_sd = 0\n[[step]]\ncontact = 'any'", "duration_sd"),
-        ("tolerance = 0.25\n[[step]]\ncontact = 'any'", "tolerance: is called duration_sd now"),
         ("step = 3", "table"),
         ("[[step]\n", "TOML"),
     ],

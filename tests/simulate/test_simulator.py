@@ -288,35 +288,6 @@ def test_every_shape_can_do_every_contact(object_name: str, surroundings: str) -
         assert np.abs(separation(simulated, poses[::30])).max() < 1e-9
 
 
-@pytest.mark.parametrize(
-    ("name", "change", "message"),
-    [
-        ("all_states", {"phases": ()}, "at least one phase"),
-        ("all_states", {"rate_hz": 0.0}, "rate_hz"),
-        ("all_states", {"rate_hz": float("nan")}, "rate_hz"),
-        ("all_states", {"sigma_position_m": -1.0}, "sigma_position_m"),
-        ("all_states", {"drop_probability": 1.0}, "drop_probability"),
-        ("all_states", {"jitter_s": 1.0}, "jitter_s"),
-        ("all_states", {"object": "banana"}, "object must be one of cube"),
-        ("all_states", {"surroundings": "sea"}, "surroundings must be one of desk"),
-        ("all_states", {"phases": (Phase(Contact.FF, 0.1),)}, "must last"),
-        ("all_states", {"phases": (Phase(Contact.FF, 5.0, "dance"),)}, "motion must be one of"),
-        ("all_states", {"phases": (Phase(Contact.FF, 5.0, "tilt"),)}, "the object cannot tilt"),
-        ("all_states", {"phases": (Phase(Contact.FREE, 5.0, "rest"),)}, "free motion"),
-        ("all_states", {"phases": (Phase(Contact.FF, 5.0), Phase(Contact.EF, 5.0, "rest"))}, "rest must"),
-        ("wall_in_between", {"surroundings": "desk"}, "scenario"),
-        ("wall_in_between", {"phases": (Phase(Contact.EE, 24.0),)}, "scenario"),
-        ("wall_in_between", {"phases": (Phase(Contact.VF, 12.0), Phase(Contact.EF, 12.0))}, "scenario"),
-        ("wall_in_between", {"phases": (Phase(Contact.VF, 12.0),)}, "scenario"),
-        ("hinge", {"phases": (Phase(Contact.FF, 5.0),)}, "one free phase"),
-        ("hinge", {"has_wrench": True}, "a wrench needs one body to touch"),
-    ],
-)
-def test_impossible_scenarios_are_refused(name: str, change: dict[str, object], message: str) -> None:
-    with pytest.raises(UsageError, match=message):
-        replace(named_scenario(name, 0), **change)  # type: ignore[arg-type]
-
-
 def test_unknown_names_and_negative_seeds_are_refused() -> None:
     with pytest.raises(UsageError, match="choose from paper_experiment"):
         simulate("nothing", 0)

@@ -44,9 +44,7 @@ def settings(**options: Any) -> Settings:
     return Settings(options.pop("model", MODEL), EMPTY_MAP, **options)
 
 
-def run(
-    names: Iterable[object], dataset: Path, new: list[Row] | None = None, rehash: bool = False, **options: Any
-) -> Batch:
+def run(names: Iterable[object], dataset: Path, new: list[Row] | None = None, **options: Any) -> Batch:
     """A batch in this process; ``new`` collects the new rows."""
 
     def one_by_one(
@@ -59,7 +57,7 @@ def run(
             yield job, answer
 
     with open_dataset(dataset) as opened:
-        batch = Batch(settings(**options), opened, lambda _: None, lambda _: None, rehash)
+        batch = Batch(settings(**options), opened, lambda _: None, lambda _: None)
         return batch.run(find(map(str, names)), lambda: nullcontext(one_by_one))
 
 

@@ -9,7 +9,6 @@ from contact_tracker.config.loading import load_model
 from contact_tracker.config.parameters import Model, TransitionCounts
 from contact_tracker.states import STATES
 from contact_tracker.tracking.transition_model import FREE, log_initial, tick_transitions
-from contact_tracker_lab.calibration.trellis import Trellis
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -49,29 +48,3 @@ def walk(model: Model, exposure: Array, rng: np.random.Generator) -> Ints:
             leave[FREE] = 0.0
         state.append(int(rng.choice(N, p=leave / leave.sum())))
     return np.array(state)
-
-
-def noisy_trellis(
-    state: Ints, model: Model, exposure: Array, rng: np.random.Generator, blur: float
-) -> Trellis:
-    """The trellis of a forward pass with noisy observations of the states, without pruning.
-
-    It includes the probability of staying, as in the tracker; a contact has a hypothesis per onset, free
-    motion one per tick.
-    """
-    ticks = len(state)
-    observed = np.eye(N)[state] + rng.normal(size=(ticks, N)) * blur
-    evidence = np.cumsum(np.vstack([np.zeros(N), (observed - 0.5) / blur**2]), axis=0)
-    evidence -= evidence[:, [FREE]]  # against free motion
-    stay = np.cumsum(
-        np.vstack([np.zeros(N), *(tick_transitions(model, a).log_survival for a in exposure)]), axis=0
-    )
-    states, onset = np.tile(np.arange(N), ticks), np.repeat(np.arange(ticks), N)
-    alive, value = [], []
-    for b in range(1, ticks + 1):
-        here = np.flatnonzero((onset < b) & ((states != FREE) | (onset == b - 1)))
-        i, a = states[here], onset[here]
-        survival = np.where(i == FREE, 0.0, stay[b, i] - stay[a + 1, i])
-        alive.append(here)
-        value.append(evidence[b, i] - evidence[a, i] + survival)
-    return Trellis(states, onset, alive, value)

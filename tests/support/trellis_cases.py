@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from contact_tracker_lab.calibration.trellis import Trellis
+from whole_trellis import Trellis
 
 SIZES = ((2, 6), (3, 6), (4, 5), (7, 4))  # numbers of states and ticks with few enough paths
 

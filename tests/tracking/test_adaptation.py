@@ -43,13 +43,13 @@ from contact_tracker.tracking.noise_choice import NO_RESTS, RestScatter, are_kep
 from contact_tracker.tracking.offline_smoother import segment
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.tracking.transition_model import log_initial, tick_transitions
-from contact_tracker_lab.calibration.trellis import RecordedPass, smooth
 from contact_tracker_lab.evaluation.evaluate import evaluate
 from contact_tracker_lab.simulate import simulate
 from distortions import exponential, interpolated, low_pass, moving_average, thinned, turned
 from pose_filter import forward
 from short_recordings import EDGE_TO_EDGES, FACE_TO_EDGE, MODEL, SHIPPED, needs_kernels, recorded, shipped
 from smooth_motion import moving, unturned, with_noise
+from whole_trellis import RecordedPass, smooth
 
 PAPER = "paper_experiment"
 AUTOCORRELATION = np.exp(-0.005 / 2.0)

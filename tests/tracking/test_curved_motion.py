@@ -12,7 +12,7 @@ from contact_tracker.tracking.ambiguity import most_beside
 from contact_tracker.tracking.offline_smoother import segment
 from contact_tracker.tracking.segment_fit import SegmentTicks, fit_segment
 from contact_tracker.wrenches.contact_evidence import WindowEvidence
-from contact_tracker_lab.calibration.trellis import window_of
+from contact_tracker_lab.calibration.transitions import window_of
 from pose_filter import forward
 from restricted_motions import MOTIONS, poses_of, tilted_mug
 from short_recordings import MODEL, needs_kernels

@@ -20,7 +20,7 @@ from contact_tracker.tracking.offline_smoother import Segmenter, pieces
 from contact_tracker.tracking.segment_fit import SegmentTicks, fit_segment
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker.tracking.transition_model import tick_transitions
-from contact_tracker_lab.calibration.trellis import window_of
+from contact_tracker_lab.calibration.transitions import window_of
 from pose_filter import forward
 from short_recordings import EDGE_TO_EDGES, FACE_TO_EDGE, MODEL, recorded, segmented, true_contacts
 

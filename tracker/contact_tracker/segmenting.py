@@ -40,7 +40,7 @@ from contact_tracker.tracking.offline_smoother import PassRecord, Segmenter, pie
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker.trajectory import Trajectory
 from contact_tracker.wrenches.contact_evidence import WrenchEvidence
-from contact_tracker.wrenches.load import Load, NoLoad, mass_doubt, require_load
+from contact_tracker.wrenches.load import Load, NoLoad, require_load
 from contact_tracker.wrenches.wrenches import Wrenches
 
 AHEAD_POSES: Final = 100_000
@@ -302,7 +302,7 @@ def segmented(
 
 RecordedEvidence = tuple[WrenchEvidence | None, str, tuple[str, ...]]
 """The evidence, None if the wrenches are not usable; a line with the load, empty if it is unknown or part of
-a warning; and warnings, if wrenches or the mass that was given are not used."""
+a warning; and warnings, if wrenches are not used."""
 
 
 def recorded_evidence(
@@ -311,7 +311,6 @@ def recorded_evidence(
     log: PoseLog,
     model: Model,
     known_map: Map,
-    mass_kg: float | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> RecordedEvidence:
     """Evidence of the wrenches on ``topic``, None for a recording without poses.
@@ -319,7 +318,6 @@ def recorded_evidence(
     Parameters
     ----------
     log : of the poses of the same recording, all of which are read.
-    mass_kg : of the object, if known.
     progress : called at intervals with the number of poses read so far.
 
     Raises
@@ -331,7 +329,7 @@ def recorded_evidence(
     if not len(poses):
         return None, "", ()
     wrench_log = read_wrenches(path, topic, log.source, poses, log.stamping.by_log_time)
-    return evidence_of(wrench_log, topic, poses, model, known_map, mass_kg, progress)
+    return evidence_of(wrench_log, topic, poses, model, known_map, progress)
 
 
 def evidence_of(
@@ -340,30 +338,28 @@ def evidence_of(
     poses: Poses,
     model: Model,
     known_map: Map,
-    mass_kg: float | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> RecordedEvidence:
     """Evidence of the wrenches of a log, as ``recorded_evidence``; messages call them ``name``."""
     noted = f"; {wrench_log.noted}" if wrench_log.noted else ""
     try:
-        evidence, load = wrench_evidence(poses, wrench_log.wrenches, model, known_map, mass_kg, progress)
+        evidence, load = wrench_evidence(poses, wrench_log.wrenches, model, known_map, progress)
     except NoLoad as reason:
         return None, "", (f"{name} is not used: {reason}{noted}",)
     text = (
         f"{len(wrench_log.wrenches)} wrenches {wrench_log.taken}{noted}; "
         f"the hand carries {load.mass_kg:.3f} kg, by {load.ticks:.0f} ticks of free motion"
     )
-    warnings = filter(None, (noted and text, mass_doubt(load, mass_kg)))
-    return evidence, "" if noted else text, tuple(warnings)
+    return (evidence, "", (text,)) if noted else (evidence, text, ())
 
 
 def evidence_as_given(
-    wrenches: Wrenches, name: str, poses: Poses, model: Model, known_map: Map, mass_kg: float | None = None
+    wrenches: Wrenches, name: str, poses: Poses, model: Model, known_map: Map
 ) -> RecordedEvidence:
     """Evidence of wrenches about the body's origin, in its axes, as ``evidence_of``."""
     valid = wrenches.valid
     wrench_log = WrenchLog(valid, len(wrenches) - len(valid), 0, 0, "", "as given")
-    return evidence_of(wrench_log, name, poses, model, known_map, mass_kg)
+    return evidence_of(wrench_log, name, poses, model, known_map)
 
 
 def wrench_evidence(
@@ -371,7 +367,6 @@ def wrench_evidence(
     wrenches: Wrenches,
     model: Model,
     known_map: Map = EMPTY_MAP,
-    mass_kg: float | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> tuple[WrenchEvidence, Load]:
     """Evidence of the wrenches of the hand on the object for its contacts, in a whole recording.
@@ -380,7 +375,6 @@ def wrench_evidence(
     ----------
     poses : all of them, validated.
     wrenches : about the body's origin, in its axes, on the clock of the poses.
-    mass_kg : of all that the sensor carries, if known.
     progress : called at intervals with the number of poses read so far.
 
     Raises
@@ -393,5 +387,5 @@ def wrench_evidence(
     result = Segmentation.join(list(by_motion.pieces(poses, progress, Detail.WEIGHTS)))
     beliefs, column = result.beliefs, Contact.FREE.column
     is_free, p_free = beliefs.rows["contact"] == column, beliefs.probability[:, column]
-    ticks, load = require_load(poses, wrenches.valid, result.stamp_ns, is_free, p_free, mass_kg)
+    ticks, load = require_load(poses, wrenches.valid, result.stamp_ns, is_free, p_free)
     return WrenchEvidence(ticks, load), load

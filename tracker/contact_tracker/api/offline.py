@@ -291,7 +291,6 @@ def segment(
     known: Known = None,
     noise: Deviations = None,
     wrench: str | Wrenches | None = None,
-    mass_kg: float | None = None,
     accuracy: Deviations = None,
     states: Iterable[str] | None = None,
     progress: Progress | bool | None = None,
@@ -307,7 +306,6 @@ def segment(
         radians.
     wrench : the wrench of the hand or robot on the object, which decides between contacts that motion cannot
         distinguish: the topic in the recording, or ``Wrenches`` about the body's origin and in its axes.
-    mass_kg : mass of the object, if known; else it is estimated from free motion.
     accuracy : standard deviations of the systematic errors of poses, as of calibration, in the form of
         ``noise``. They cannot be estimated from the poses, and increase the deviations of elements.
     states : the contacts that can occur, as ``["f-f", "e-f"]`` (default: all); free motion always can.
@@ -323,10 +321,6 @@ def segment(
     ContactTrackerWarning : the warnings of ``contact-tracker segment``, once for this result;
         ``Result.warnings`` has them all.
     """
-    if mass_kg is not None:
-        if wrench is None:
-            raise UsageError("mass_kg is of use with wrench only")
-        mass_kg = number_from(mass_kg, "mass_kg", "above zero", lambda kg: kg > 0.0)
     if not (progress is None or isinstance(progress, bool) or callable(progress)):
         raise UsageError(
             f"progress is True, or a function that takes the number of poses, not {shown(progress)}"
@@ -347,7 +341,7 @@ def segment(
         )
     evidence = None
     if wrench is not None:
-        evidence, load, warnings = _evidence_of(wrench, poses, parameters, known_map, mass_kg)
+        evidence, load, warnings = _evidence_of(wrench, poses, parameters, known_map)
         notes += warnings
         if load:
             log_text(load)
@@ -378,10 +372,10 @@ def _progress_function(progress: Progress | bool | None, total: int) -> Iterator
 
 
 def _evidence_of(
-    wrench: str | Wrenches, trajectory: Trajectory, model: Model, known_map: KnownMap, mass_kg: float | None
+    wrench: str | Wrenches, trajectory: Trajectory, model: Model, known_map: KnownMap
 ) -> RecordedEvidence:
     if isinstance(wrench, Wrenches):
-        return evidence_as_given(wrench, "the wrench", trajectory.poses, model, known_map, mass_kg)
+        return evidence_as_given(wrench, "the wrench", trajectory.poses, model, known_map)
     if not isinstance(wrench, str):
         raise UsageError(f"wrench is a topic or contact_tracker.Wrenches, not {type(wrench).__name__}")
     if trajectory.path is None or trajectory.source is None:
@@ -391,7 +385,7 @@ def _evidence_of(
     path, poses = trajectory.path, trajectory.poses
     with errors_as(UnreadableRecording, path):
         wrenches = read_wrenches(path, wrench, trajectory.source, poses, trajectory.by_log_time)
-    return evidence_of(wrenches, wrench, poses, model, known_map, mass_kg)
+    return evidence_of(wrenches, wrench, poses, model, known_map)
 
 
 @with_known_arguments_of_methods

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import IO, Any, Final, NamedTuple, Self
 
 import contact_tracker.errors as errors
-from contact_tracker.batch import remote, segmenting
+from contact_tracker.batch import segmenting
 from contact_tracker.batch.finding import Recording
 from contact_tracker.batch.segmenting import SUMMARY_COLUMNS, Answer, Content, Row, Settings, row_name
 from contact_tracker.errors import StateError, UsageError
@@ -218,7 +218,6 @@ class Batch:
     ----------
     report : called with one line for each recording that cannot be used or is damaged.
     set_done : called with the number of recordings that are done.
-    looks_at_content : whether to compare contents even if the signatures are equal.
     done, unchanged : numbers of recordings with a new row, and with an unchanged one.
     bad, damaged : numbers of recordings without a result, and with a partial one.
     warned : number of recordings with a new row that has warnings.
@@ -229,7 +228,6 @@ class Batch:
     dataset: Dataset
     report: Callable[[str], None]
     set_done: Callable[[int], None]
-    looks_at_content: bool = False
     done: int = 0
     unchanged: int = 0
     bad: int = 0
@@ -265,14 +263,12 @@ class Batch:
         folder = str(self.dataset.folder)
         for recording in recordings:
             content = self.dataset.content_of(recording.name, self.settings)
-            if content is not None and self.looks_at_content:
-                content = "", content[1]
-            if not recording.signature and not remote.is_remote(recording.name):  # there is no readable file
+            if not recording.signature:  # there is no readable file
                 self._add(segmenting.segment_recording(recording.name, content, self.settings, folder))
-            elif content is not None and recording.signature and content[0] == recording.signature:
+            elif content is not None and content[0] == recording.signature:
                 self._count(recording.name, None)
             else:
-                yield recording.name, content, self.settings, folder, recording.within
+                yield recording.name, content, self.settings, folder
 
     def _add(self, answer: Answer) -> None:
         self.dataset.record(answer)

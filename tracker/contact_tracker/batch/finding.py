@@ -3,15 +3,13 @@
 import hashlib
 import os
 import shlex
-from collections.abc import Collection, Iterable, Iterator, Sequence
-from glob import escape, glob
+from collections.abc import Collection, Iterable, Iterator
 from itertools import chain
 from typing import Final, NamedTuple
 
-from contact_tracker.batch import remote
-from contact_tracker.errors import UnreadableRecording, UsageError
+from contact_tracker.errors import UnreadableRecording
 from contact_tracker.files import why_not_regular
-from contact_tracker.recording import may_be_recording, parts_of
+from contact_tracker.recording import parts_of
 
 SUFFIXES: Final = (".mcap", ".mcap.zst", ".mcap.zstd", ".db3", ".bag")
 """Suffixes by which recordings in folders are found; tables, which may have no poses, must be named."""
@@ -21,102 +19,45 @@ _BLOCK: Final = 2**20
 
 
 class Recording(NamedTuple):
-    """A recording with its absolute ``name`` or URL; ``signature`` is empty if only a worker can determine it
-    or there is no file; ``within`` is the URL of the folder that it was found in."""
+    """A recording with its absolute ``name``; ``signature`` is empty if there is no readable file."""
 
     name: str
     signature: str
-    within: str | None = None
 
 
 def missing_among(names: Iterable[str]) -> list[str]:
-    """The local names that are neither a file nor a folder; URLs are looked up later."""
-    return [name for name in names if not remote.is_remote(name) and not os.path.exists(name)]
+    """The names that are neither a file nor a folder."""
+    return [name for name in names if not os.path.exists(name)]
 
 
-def matching(name: str) -> tuple[list[str], list[str]]:
-    """The local recordings and folders of recordings that match a pattern (``*``, ``?``, ``[...]``, ``**``),
-    sorted, and the other files that match. For a name without a match or pattern: the name itself, and the
-    tables beside the recordings in this folder.
-
-    A folder with a ``metadata.yaml`` is one recording. Raises UnreadableRecording if files match and none of
-    them may be a recording.
-    """
-    if remote.is_remote(name):
-        return [name], []
-    if os.path.lexists(name):
-        inside = _files_in(name)  # none if it is no folder
-        tables = _tables_among(inside)
-        is_whole = os.path.exists(os.path.join(name, _METADATA))
-        return [name], [] if is_whole or not recordings_among(inside) else tables
-    paths = sorted(glob(name, recursive=True))
-    bags = {path.rstrip(os.sep) for path in paths if os.path.exists(os.path.join(path, _METADATA))}
-    single = [path for path in paths if os.path.dirname(path) not in bags]
-    folders = [path for path in single if os.path.isdir(path)]
-    files = [path for path in single if not os.path.isdir(path)]
-    chosen = [path for path in files if _may_be_recording(path)]
-    chosen += [path for path in folders if path.rstrip(os.sep) in bags or recordings_among(_files_in(path))]
-    if paths and not chosen:
-        raise UnreadableRecording(
-            f"{name}: none of the {len(paths)} files and folders that match holds poses"
-        )
-    return sorted(chosen) or [name], sorted({*files}.difference(chosen))
-
-
-def _may_be_recording(path: str) -> bool:
-    """Whether a file is a recording by its name or content; an unreadable file counts as a recording."""
-    if path.lower().endswith(SUFFIXES) or not os.path.exists(path):
-        return True
-    try:
-        return os.path.isfile(path) and may_be_recording(path)
-    except (OSError, UnreadableRecording):
-        return True
+def tables_beside(name: str) -> list[str]:
+    """The tables beside the recordings in a folder; empty for a file, a bag, and a folder of tables alone."""
+    if os.path.exists(os.path.join(name, _METADATA)):
+        return []
+    inside = _files_in(name)
+    return _tables_among(inside) if recordings_among(inside) else []
 
 
 def find(names: Iterable[str]) -> Iterator[Recording]:
     """Each recording once, with folders replaced by the recordings in them, sorted.
 
     A folder with a ``metadata.yaml`` is one recording. Missing recordings are included; their result is that
-    they cannot be read. Raises UnreadableRecording for a folder without recordings, UsageError if two URLs
-    differ only in their query, and MissingExtra.
+    they cannot be read. Raises UnreadableRecording for a folder without recordings.
     """
-    first_names = dict[str, str]()
-    for recording in chain.from_iterable(map(_recordings_at, names)):
-        label = remote.display_name(recording.name)
-        first_name = first_names.setdefault(label, recording.name)
-        if first_name is recording.name:
-            yield recording
-        elif first_name != recording.name:
-            raise UsageError(f"two URLs differ only after {label}, which is not stored: name one of them")
-
-
-def _recordings_at(name: str) -> Iterator[Recording]:
-    if remote.is_remote(name):
-        files = remote.files_in(name)
-        if files is None:
-            yield Recording(name, "")
-            return
-        inside = _require_recordings(name, files)
-        for recording, parts in inside.items():
-            yield Recording(recording, remote.combined_signature(files[part] for part in parts), name)
-    else:
-        yield from (Recording(path, signature_of(path)) for path in recordings_in(os.path.abspath(name)))
+    paths = chain.from_iterable(recordings_in(os.path.abspath(name)) for name in names)
+    for path in dict.fromkeys(paths):
+        yield Recording(path, signature_of(path))
 
 
 def recordings_in(name: str) -> list[str]:
-    """The recordings of a local file or folder, by name; raises UnreadableRecording if it has none."""
+    """The recordings of a file or folder, by name; raises UnreadableRecording if it has none."""
     if not os.path.isdir(name) or os.path.exists(os.path.join(name, _METADATA)):
         return [name]
-    return list(_require_recordings(name, _files_in(name)))
-
-
-def _require_recordings(folder: str, files: Collection[str]) -> dict[str, Sequence[str]]:
+    files = _files_in(name)
     inside, tables = recordings_among(files), _tables_among(files)
     if not inside:
         remedy = f"; name its tables, as {pattern_beside(tables[0])}" if tables else ""
-        raise UnreadableRecording(
-            f"{remote.display_name(folder)}: this folder holds no recording ({', '.join(SUFFIXES)}){remedy}"
-        )
+        raise UnreadableRecording(f"{name}: this folder holds no recording ({', '.join(SUFFIXES)}){remedy}")
     return inside
 
 
@@ -125,34 +66,24 @@ def _tables_among(files: Iterable[str]) -> list[str]:
 
 
 def pattern_beside(table: str) -> str:
-    """A shell's pattern for the files beside a table with its suffix; a URL as it is, as it is no pattern."""
-    if remote.is_remote(table):
-        return shlex.quote(remote.display_name(table))
+    """A shell's pattern for the files beside a table with its suffix."""
     folder, name = os.path.split(table)
-    return shlex.quote(os.path.join(escape(folder), f"*{os.path.splitext(name)[1]}"))
+    return f"{shlex.quote(folder)}/*{os.path.splitext(name)[1]}"
 
 
 def _files_in(folder: str) -> list[str]:
     return [os.path.join(parent, name) for parent, _, names in os.walk(folder) for name in names]
 
 
-def recordings_among(files: Collection[str]) -> dict[str, Sequence[str]]:
-    """The recordings among the paths ``files``, sorted, each with its files.
-
-    A folder with a ``metadata.yaml`` is one recording, with all files in it.
-    """
+def recordings_among(files: Collection[str]) -> list[str]:
+    """The recordings among these paths, sorted; a folder with a ``metadata.yaml`` is one recording."""
     bags = {os.path.dirname(path) for path in files if os.path.basename(path) == _METADATA}
-    recordings: dict[str, list[str]] = {}
-    for path in sorted(files):
-        if (folder := os.path.dirname(path)) in bags:
-            recordings.setdefault(folder, []).append(path)
-        elif path.lower().endswith(SUFFIXES):
-            recordings[path] = [path]
-    return {name: recordings[name] for name in sorted(recordings)}
+    single = {path for path in files if path.lower().endswith(SUFFIXES) and os.path.dirname(path) not in bags}
+    return sorted(bags | single)
 
 
 def files_of(name: str) -> list[str]:
-    """The files of a local recording; raises UnreadableRecording."""
+    """The files of a recording; raises UnreadableRecording."""
     beside = os.path.join(name, _METADATA)
     return [*([beside] if os.path.isfile(beside) else []), *parts_of(name)]
 

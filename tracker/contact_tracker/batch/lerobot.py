@@ -11,12 +11,11 @@ import re
 import shutil
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
-from itertools import chain
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
@@ -46,7 +45,6 @@ _MOST_BYTES: Final = 20_000_000
 """Largest size of ``info.json`` and ``stats.json`` (bytes); real ones have some kilobytes."""
 _MOST_BYTES_OF_EPISODES: Final = 1_000_000_000
 """Largest size of ``episodes_stats.jsonl`` (bytes); real ones have some kilobytes per episode."""
-_QUANTILES: Final = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
 _WRENCH: Final = re.compile(r"([^\[\]]+)(?:\[(\d{1,4}):(\d{1,4})\])?")
 """A feature, or a range of its entries, as ``observation.state[7:13]``."""
 _ERRORS: Final = (pyarrow.ArrowException, OSError, ValueError, KeyError)
@@ -230,15 +228,13 @@ class LeRobot:
         report: Callable[[str], None] = lambda _: None,
         executor: Executor | None = None,
         wrench: str | None = None,
-        mass_kg: float | None = None,
     ) -> int:
         """Write a copy of the data set with the contacts of each frame into the new folder ``out``.
 
         The copy has the columns ``subtask_index`` and ``contact_probability`` (7, in the order of ``STATES``)
         in ``data``, these features in ``meta/info.json``, the names of subtasks in ``meta/subtasks.parquet``
-        (v2: ``.jsonl``), and statistics of the new columns where ``meta`` has statistics. An unusable episode
-        is reported and ``unknown``. There is no folder after a failure. ``wrench`` is ``entries`` of
-        ``wrenches``, ``mass_kg`` the mass of the object, if known.
+        (v2: ``.jsonl``). An unusable episode is reported and ``unknown``. There is no folder after a failure.
+        ``wrench`` is ``entries`` of ``wrenches``.
 
         Returns
         -------
@@ -254,7 +250,7 @@ class LeRobot:
         if target.exists() or Path(os.path.abspath(self.folder)) in target.parents:
             raise UsageError(f"cannot write {out}: a copy of a data set is a new folder beside it")
         bad, used = 0, model_from(model, None, None)
-        jobs = [(self, number, used, known_map, wrench, mass_kg) for number in self._file_of]
+        jobs = [(self, number, used, known_map, wrench) for number in self._file_of]
         if not jobs:
             raise UnreadableRecording(f"{self.folder}: there are no frames")
         if wrench is not None:
@@ -284,7 +280,7 @@ class LeRobot:
                 (copy / file).parent.mkdir(parents=True, exist_ok=True)
                 write_table(_with_labels(frames, of_file), copy / file)
             self._write_meta(copy)
-            _write_statistics(copy, labels.values())
+            _drop_statistics(copy)
             copy.rename(target)
         return bad
 
@@ -342,10 +338,10 @@ def _stamp_ns(frames: Any) -> NDArray[np.int64]:
 
 
 def _labels_of(
-    job: tuple[LeRobot, int, Model, Map, str | None, float | None],
+    job: tuple[LeRobot, int, Model, Map, str | None],
 ) -> tuple[_Labels, bool, tuple[str, ...]]:
     """The labels of an episode's frames, whether the episode is unusable, and lines to report."""
-    data, episode, model, known_map, wrench, mass_kg = job
+    data, episode, model, known_map, wrench = job
     stamp_ns = _stamp_ns(data._frames(episode))
     unknown = np.full(len(stamp_ns), NAMES.index("unknown"))
     uniform = np.full((len(stamp_ns), len(STATES)), 1.0 / len(STATES), np.float32)
@@ -354,7 +350,7 @@ def _labels_of(
         trajectory = data.trajectory(episode)
         if wrench is not None:
             wrenches = data.wrenches(episode, wrench)
-            result = evidence_as_given(wrenches, wrench, trajectory.poses, model, known_map, mass_kg)
+            result = evidence_as_given(wrenches, wrench, trajectory.poses, model, known_map)
             evidence, _, lines = result
         outcome = segmented(trajectory, model, known_map, evidence)
     except ContactTrackerError as error:
@@ -388,87 +384,33 @@ def _with_labels(frames: Any, labels: Mapping[int, _Labels]) -> Any:
     return frames
 
 
-Statistics = dict[str, dict[str, list[float]]]
-"""By feature: ``min``, ``max``, ``mean``, ``std``, ``count`` and quantiles, a number per entry."""
-
-
-def _write_statistics(copy: Path, labels: Iterable[Mapping[int, _Labels]]) -> None:
-    """Write statistics of the new columns, in place of earlier ones, where other features have statistics: in
-    ``stats.json`` over all frames, in ``episodes_stats.jsonl`` (v2.1) or columns of ``episodes`` (v3) over
-    the frames of each episode."""
-    of_episode = {
-        episode: {SUBTASK: _statistics(subtask[:, None]), PROBABILITY: _statistics(probability)}
-        for of_file in labels
-        for episode, (subtask, probability) in of_file.items()
-    }
+def _drop_statistics(copy: Path) -> None:
+    """Remove statistics of earlier columns that were replaced. The new ones have none, as those that LeRobot
+    adds to a data set."""
     meta, path = copy / "meta", copy
     try:
         if (path := meta / "stats.json").exists():
-            statistics = json.loads(read_regular(path, _MOST_BYTES))
-            statistics |= _chosen(_pooled([*of_episode.values()]), statistics)
+            statistics = _others(json.loads(read_regular(path, _MOST_BYTES)))
             path.write_text(json.dumps(statistics, indent=4) + "\n", encoding="utf-8")
         if (path := meta / "episodes_stats.jsonl").exists():
             lines = read_regular(path, _MOST_BYTES_OF_EPISODES).splitlines()
             rows = [json.loads(line) for line in lines if line.strip()]
-            for row in rows:
-                row["stats"] |= _chosen(of_episode.get(row["episode_index"], {}), row["stats"])
+            rows = [{**row, "stats": _others(row["stats"])} for row in rows]
             path.write_text("".join(json.dumps(row) + "\n" for row in rows), encoding="utf-8")
         for path in meta.glob("episodes/*/*.parquet"):
-            write_table(_with_columns(ParquetFile(path).read(), of_episode), path)
+            episodes = ParquetFile(path).read()
+            replaced = tuple(f"stats/{name}/" for name in (SUBTASK, PROBABILITY))
+            if stale := [name for name in episodes.column_names if name.startswith(replaced)]:
+                kept = episodes.drop_columns(stale)  # "datasets" finds the columns by itself
+                metadata = {
+                    key: text for key, text in (kept.schema.metadata or {}).items() if key != b"huggingface"
+                }
+                write_table(kept.replace_schema_metadata(metadata), path)
     except (*_ERRORS, AttributeError, TypeError, RecursionError) as error:
         name = path.relative_to(copy)
         raise UnreadableRecording(f"{name}: statistics cannot be read: {error!r}") from error
 
 
-def _statistics(values: NDArray[Any]) -> dict[str, list[float]]:
-    """Statistics of values (N, D), N > 0: lists of D numbers, and ``count`` of one."""
-    statistics = {
-        "min": values.min(axis=0),
-        "max": values.max(axis=0),
-        "mean": values.mean(axis=0, dtype=float),
-        "std": values.std(axis=0, dtype=float),
-        "count": np.array([len(values)]),
-        **{name: np.quantile(values.astype(float), q, axis=0) for name, q in _QUANTILES.items()},
-    }
-    return {name: value.tolist() for name, value in statistics.items()}
-
-
-def _pooled(episodes: Sequence[Statistics]) -> Statistics:
-    """Statistics of several episodes, pooled as LeRobot does: quantiles are means, weighted by counts."""
-    pooled: Statistics = {}
-    for feature, names in episodes[0].items():
-        kept = {name: np.array([episode[feature][name] for episode in episodes]) for name in names}
-        count = kept["count"]
-        mean = partial(np.average, axis=0, weights=count[:, 0])
-        means = {name: mean(kept[name]) for name in ("mean", *_QUANTILES)}
-        variance = mean(kept["std"] ** 2 + (kept["mean"] - means["mean"]) ** 2)
-        total = {"min": kept["min"].min(axis=0), "max": kept["max"].max(axis=0), "std": np.sqrt(variance)}
-        total |= {"count": count.sum(axis=0), **means}
-        pooled[feature] = {name: value.tolist() for name, value in total.items()}
-    return pooled
-
-
-def _chosen(statistics: Statistics, features: Mapping[str, Mapping[str, Any]]) -> Statistics:
-    """The statistics that other ``features`` have as well, which depend on the version of LeRobot."""
-    names = set(chain.from_iterable(features.values()))
-    return {
-        feature: {name: value for name, value in numbers.items() if name in names}
-        for feature, numbers in statistics.items()
-    }
-
-
-def _with_columns(episodes: Any, of_episode: Mapping[int, Statistics]) -> Any:
-    """A table of episodes with columns ``stats/FEATURE/NAME`` of the new features, if other features have
-    them; null for episodes without frames."""
-    columns = [column for column in episodes.column_names if column.startswith("stats/")]
-    names = {column.rpartition("/")[2]: None for column in columns}
-    replaced = [column for column in columns if column.split("/")[1] in (SUBTASK, PROBABILITY)]
-    episodes = episodes.drop_columns(replaced)
-    numbers = episodes["episode_index"].to_pylist()
-    for feature in (SUBTASK, PROBABILITY):
-        for name in names:
-            rows = [of_episode[k][feature].get(name) if k in of_episode else None for k in numbers]
-            if any(rows):
-                episodes = episodes.append_column(f"stats/{feature}/{name}", pyarrow.array(rows))
-    metadata = {key: text for key, text in (episodes.schema.metadata or {}).items() if key != b"huggingface"}
-    return episodes.replace_schema_metadata(metadata)  # "datasets" finds the columns by itself
+def _others(statistics: Mapping[str, Any]) -> dict[str, Any]:
+    """The statistics of all features but the labels."""
+    return {name: of for name, of in statistics.items() if name not in (SUBTASK, PROBABILITY)}

@@ -12,7 +12,6 @@ from pathlib import Path, PurePosixPath
 from typing import Any, Final, NamedTuple
 
 import contact_tracker.errors as errors
-from contact_tracker.batch import remote
 from contact_tracker.batch.finding import read_content, signature_of
 from contact_tracker.config.parameters import Model
 from contact_tracker.config.table_reading import AS_NAMED, TableReading
@@ -58,9 +57,8 @@ SUMMARY_COLUMNS: Final = {
 
 
 def row_name(name: str) -> str:
-    """The name of a recording as valid text for the column ``recording``; a URL without its query, which may
-    have a token."""
-    return remote.display_name(name).encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
+    """The name of a recording as valid text for the column ``recording``."""
+    return name.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
 
 
 def file_of(name: str) -> str:
@@ -80,8 +78,7 @@ class Settings:
     topic, frame, relative_to : selection of poses, as in ``recording.open_log``.
     table : what the columns of tables are, as in ``recording.open_log``.
     with_ticks : whether to write the beliefs of all ticks, too.
-    wrench : topic of measured wrenches, which decide between contacts that motion cannot distinguish, and the
-        mass (kg) of the object if known.
+    wrench : topic of measured wrenches, which decide between contacts that motion cannot distinguish.
     """
 
     model: Model
@@ -91,7 +88,7 @@ class Settings:
     relative_to: str | None = None
     with_ticks: bool = False
     table: TableReading = AS_NAMED
-    wrench: tuple[str, float | None] | None = None
+    wrench: str | None = None
 
     @cached_property
     def model_hash(self) -> str:
@@ -102,7 +99,7 @@ class Settings:
     def settings_hash(self) -> str:
         """Hash of all but ``with_ticks``, and of the version."""
         which = self.topic, self.frame, self.relative_to, tuple(self.table.words())
-        return fingerprint((__version__, self.model_hash, which, self.wrench or ()))
+        return fingerprint((__version__, self.model_hash, which, self.wrench or ""))
 
 
 def count(segments: Iterable[Segment], cells: Row) -> None:
@@ -132,9 +129,8 @@ def failure(name: str, settings: Settings, exit_code: int, error: str, content_h
 
     ``content_hash`` is None if a further run with the same content and settings may succeed.
     """
-    text = printable(remote.without_secrets(error))
     row = base(name, settings)
-    return row | {"exit_code": exit_code, "error": text, "content_hash": content_hash}
+    return row | {"exit_code": exit_code, "error": printable(error), "content_hash": content_hash}
 
 
 Content = tuple[str, str]
@@ -149,26 +145,19 @@ class Answer(NamedTuple):
     row: Row | None
 
 
-def segment_recording(
-    name: str, previous: Content | None, settings: Settings, folder: str, within: str | None = None
-) -> Answer:
+def segment_recording(name: str, previous: Content | None, settings: Settings, folder: str) -> Answer:
     """Write the segments of a recording into the dataset in ``folder``, if it differs from ``previous``.
 
     The result depends only on the recording's content, its name and the settings. Errors of a recording are
-    reported in its row, not raised; raises OSError if the dataset cannot be written. ``within`` is as in
-    ``remote.signature_of``.
+    reported in its row, not raised; raises OSError if the dataset cannot be written.
     """
     try:
-        signature = _signature_of(name, within)
+        signature = signature_of(name)
         if previous is not None and signature and signature == previous[0]:
             return Answer(name, signature, None)
-        if not remote.is_remote(name):
-            answer = _answer(name, name, signature, previous, settings, Path(folder))
-        else:
-            with remote.local_copy(name, within) as copy:
-                answer = _answer(name, copy, signature, previous, settings, Path(folder))
-        if _signature_of(name, within) != signature:
-            raise UnreadableRecording(f"{remote.display_name(name)}: it changed while it was read")
+        answer = _answer(name, signature, previous, settings, Path(folder))
+        if signature_of(name) != signature:
+            raise UnreadableRecording(f"{name}: it changed while it was read")
     except ContactTrackerError as error:
         answer = Answer(name, "", failure(name, settings, _code(error), str(error), None))
     if answer.row is not None and answer.row["segments_bytes"] is None:
@@ -176,26 +165,19 @@ def segment_recording(
     return answer
 
 
-def _signature_of(name: str, within: str | None) -> str:
-    return remote.signature_of(name, within) if remote.is_remote(name) else signature_of(name)
-
-
 def _code(error: ContactTrackerError) -> int:
     return errors.INPUT if isinstance(error, errors.InputError) else errors.USAGE
 
 
-def _answer(
-    name: str, path: str, signature: str, previous: Content | None, settings: Settings, folder: Path
-) -> Answer:
-    """The answer for a recording at the local ``path``."""
+def _answer(name: str, signature: str, previous: Content | None, settings: Settings, folder: Path) -> Answer:
     try:
-        content_hash, size_bytes = read_content(path)
+        content_hash, size_bytes = read_content(name)
     except OSError as error:
         raise UnreadableRecording(f"{name}: {error.strerror or error}") from error
     if previous is not None and content_hash == previous[1]:
         return Answer(name, signature, None)
     try:
-        row = _segmented(name, path, settings, folder)
+        row = _segmented(name, settings, folder)
         return Answer(name, signature, row | {"content_hash": content_hash, "size_bytes": size_bytes})
     except ContactTrackerError as error:
         code, text = _code(error), str(error)
@@ -209,21 +191,18 @@ def _answer(
         place = f"{os.path.basename(frame.filename)}:{frame.lineno}"
         text = f"this should not happen, please report it: {type(error).__name__}: {error} ({place})"
         code, is_lasting = errors.UNEXPECTED, True
-    label = remote.display_name(name)
-    text = text.replace(path, label)
-    text = text if label in text else f"{label}: {text}"
+    text = text if name in text else f"{name}: {text}"
     row = failure(name, settings, code, text, content_hash if is_lasting else None)
     return Answer(name, signature, row | {"size_bytes": size_bytes})
 
 
-def _segmented(name: str, path: str, settings: Settings, folder: Path) -> Row:
+def _segmented(name: str, settings: Settings, folder: Path) -> Row:
     """Write the files of a recording; returns its row."""
     model, known_map, evidence, unused = settings.model, settings.known_map, None, tuple[str, ...]()
     if settings.wrench is not None:
-        topic, mass_kg = settings.wrench
-        poses = _open(path, settings)
-        evidence, _, unused = recorded_evidence(path, topic, poses, model, known_map, mass_kg)
-    log = _open(path, settings)
+        poses = _open(name, settings)
+        evidence, _, unused = recorded_evidence(name, settings.wrench, poses, model, known_map)
+    log = _open(name, settings)
     tracker = OfflineTracker(model, known_map, wrenches=evidence, read_as=log.source.read_as)
     cells, ticks, file, recording = dict(NO_SEGMENTS), 0, file_of(name), row_name(name)
     targets: list[Rows] = ["segments", "ticks"] if settings.with_ticks else ["segments"]

@@ -187,15 +187,13 @@ def add_map_out(parser: argparse.ArgumentParser) -> None:
 
 
 def add_wrench(parser: argparse.ArgumentParser) -> None:
-    """``--wrench`` and ``--mass``."""
+    """``--wrench``."""
     group = parser.add_argument_group("force")
     text = (
         "WrenchStamped messages on TOPIC are the wrench of the hand or robot on the object: they "
         "distinguish contacts that motion cannot; for a LeRobot data set, entries of its features"
     )
     group.add_argument("--wrench", metavar="TOPIC", help=text)
-    text = "mass of the object, if known (default: from free motion)"
-    group.add_argument("--mass", type=positive, metavar="KG", help=text)
 
 
 def add_output(parser: argparse._ActionsContainer, suffixes: Iterable[str], text: str, **extra: Any) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from contact_tracker.batch.dataset import OWN_FILES, Batch, open_dataset
-from contact_tracker.batch.finding import find, matching, missing_among, pattern_beside
+from contact_tracker.batch.finding import find, missing_among, pattern_beside, tables_beside
 from contact_tracker.batch.lerobot import LeRobot
 from contact_tracker.batch.segmenting import Settings
 from contact_tracker.cli import inputs
@@ -36,7 +36,6 @@ def run(args: argparse.Namespace) -> int:
     if any(os.path.isfile(os.path.join(log, "meta", "info.json")) for log in args.logs):
         return _annotate(args)
 
-    inputs.require_wrench_for_mass(args)
     settings = Settings(
         inputs.load_model(args),
         inputs.load_map(args),
@@ -45,7 +44,7 @@ def run(args: argparse.Namespace) -> int:
         args.relative_to,
         args.ticks,
         args.table,
-        None if args.wrench is None else (args.wrench, args.mass),
+        args.wrench,
     )
     recordings = list(find(_names(args.logs)))
     read = [*(log.name for log in recordings), *inputs.files_read([], args.model, args.known)]
@@ -60,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
         open_dataset(Path(os.path.abspath(args.output))) as dataset,
         progress("batch", "recordings", len(recordings)) as set_done,
     ):
-        batch = Batch(settings, dataset, report, set_done, args.rehash)
+        batch = Batch(settings, dataset, report, set_done)
         batch.run(recordings, lambda: _workers(args))
     if (more_bad := batch.bad + batch.damaged - _MOST_SHOWN) > 0:
         warn(f"{more_bad} more cannot be used or are damaged: the summary names them")
@@ -81,24 +80,23 @@ def run(args: argparse.Namespace) -> int:
 
 def _annotate(args: argparse.Namespace) -> int:
     """Write a copy of a LeRobot data set with the contacts of its frames."""
-    inputs.require_wrench_for_mass(args)
     unused = {"--topic": args.topic, "--frame": args.frame, "--ticks": args.ticks}
-    unused |= {"--relative-to": args.relative_to, "--scheduler": args.scheduler, "--rehash": args.rehash}
+    unused |= {"--relative-to": args.relative_to, "--scheduler": args.scheduler}
     option = next((name for name, value in unused.items() if value not in (None, False)), None)
     if len(args.logs) > 1 or option is not None:
         raise UsageError(f"a LeRobot data set is segmented alone, without {option or 'other recordings'}")
     data = LeRobot.open(args.logs[0]).read_as(args.table)
     model, known_map = inputs.load_model(args), inputs.load_map(args)
     with Workers(args.processes or os.cpu_count() or 1, take_over_warnings) as executor:
-        bad = data.annotate(args.output, model, known_map, warn, executor, args.wrench, args.mass)
+        bad = data.annotate(args.output, model, known_map, warn, executor, args.wrench)
     episodes = counted(len(list(data.episodes())), "episode")
     say(f"wrote {args.output}: {episodes}, of which {bad} cannot be used")
     return DAMAGED if bad else DONE
 
 
 def _names(logs: list[str]) -> list[str]:
-    """The names of recordings that ``logs`` stand for: patterns are expanded, and ``-`` stands for the names
-    on standard input, which are separated by newlines, or by NUL if the input has any.
+    """The names of recordings in ``logs``; ``-`` stands for those on standard input, which are separated by
+    newlines, or by NUL if the input has any.
 
     A list on standard input comes from another program, and some of its files may be gone: each of these gets
     a row. A missing LOG, or a list without any existing file, is a mistake in the call.
@@ -110,22 +108,22 @@ def _names(logs: list[str]) -> list[str]:
     UsageError
         Standard input has no names.
     """
-    matches = [(log, matching(log)) for log in logs]
-    for log, (_, left_out) in matches:
-        count = len(left_out)
-        if left_out and os.path.isdir(log):
-            are = "table is" if count == 1 else "tables are"
-            say(f"{log}: {count} {are} left out: name them, as {pattern_beside(left_out[0])}")
-        elif left_out:
-            are = "file that matches is no recording" if count == 1 else "files that match are no recordings"
-            say(f"{log}: {count} {are}: left out")
-    logs = [name for _, (names, _) in matches for name in names]
+    for log in logs:
+        if tables := tables_beside(log):
+            are = "table is" if len(tables) == 1 else "tables are"
+            say(f"{log}: {len(tables)} {are} left out: name them, as {pattern_beside(tables[0])}")
     missing = missing_among(log for log in logs if log != "-")
+    if address := next((log for log in missing if "://" in log), None):
+        raise UsageError(
+            f"{address}: addresses are not read: copy the recordings to a disk, or mount them there"
+        )
     if missing:
         unnamed = f" and {len(missing) - _MOST_NAMED} more" if len(missing) > _MOST_NAMED else ""
         effect = "; nothing was segmented" if len(logs) > len(missing) else ""
         named = f"{', '.join(missing[:_MOST_NAMED])}{unnamed}: {_NOTHING_THERE}"
-        raise UnreadableRecording(f"{named}{near_file(missing[0])}{effect}")
+        is_pattern = any(mark in missing[0] for mark in "*?[")
+        remedy = "; a shell replaces patterns without quotes" if is_pattern else near_file(missing[0])
+        raise UnreadableRecording(f"{named}{remedy}{effect}")
     listed = _listed() if "-" in logs else []
     return [name for log in logs for name in (listed if log == "-" else [log])]
 

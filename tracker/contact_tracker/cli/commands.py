@@ -98,10 +98,7 @@ def _configure_compare(parser: argparse.ArgumentParser) -> None:
 
 
 def _configure_batch(parser: argparse.ArgumentParser) -> None:
-    text = (
-        "recordings, folders to search for MCAP files and ROS bags, patterns in quotes, URLs (s3://, "
-        "https://, ...), or - for names on stdin, one a line"
-    )
+    text = "recordings, folders to search for MCAP files and ROS bags, or - for names on stdin, one a line"
     parser.add_argument("logs", nargs="+", metavar="LOG", help=text)
     parser.add_argument(
         "-o", "--output", type=Path, required=True, metavar="DATASET", help="the folder of the dataset"
@@ -114,8 +111,6 @@ def _configure_batch(parser: argparse.ArgumentParser) -> None:
     workers = parser.add_mutually_exclusive_group()
     arguments.add_processes(workers, 1024, None, "recordings at once (default: as many as there are cores)")
     workers.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="work on this Dask cluster instead")
-    text = "read all recordings to see whether they have changed, even if size, time and inode are the same"
-    parser.add_argument("--rehash", action="store_true", help=text)
 
 
 def _configure_view(parser: argparse.ArgumentParser) -> None:
@@ -194,9 +189,8 @@ is a folder without recordings, no recording is processed, and the exit code is 
         "show recordings in the rerun viewer",
         """\
 Show recordings in rerun: the moving body with the touching plane, line or point, labels and
-probabilities over time (online and smoothed, with the truth if it is known), and the paper's
-objective functions. Times are seconds since a recording's first pose. Several recordings are
-separate entries of the viewer's list.""",
+probabilities over time (online and smoothed, with the truth if it is known). Times are seconds since
+a recording's first pose. Several recordings are separate entries of the viewer's list.""",
         "contact-tracker view recordings/all_states.mcap",
         _configure_view,
     ),

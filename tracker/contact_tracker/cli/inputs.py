@@ -75,7 +75,6 @@ def load_wrenches(
     UsageError
         The topic does not exist or cannot be used, or the recording cannot be read twice.
     """
-    require_wrench_for_mass(args)
     if args.wrench is None:
         return None
     if name == "-":
@@ -83,20 +82,12 @@ def load_wrenches(
 
     log = open_poses(args, name)
     with progress(f"{name}: load", "poses", log.source.messages) as set_done:
-        evidence, load, warnings = recorded_evidence(
-            name, args.wrench, log, model, known_map, args.mass, set_done
-        )
+        evidence, load, warnings = recorded_evidence(name, args.wrench, log, model, known_map, set_done)
     if load:
         say(f"{name}: {load}")
     for line in warnings:
         note(f"{name}: {line}")
     return evidence
-
-
-def require_wrench_for_mass(args: argparse.Namespace) -> None:
-    """Raise UsageError if ``--mass`` is used without ``--wrench``."""
-    if args.wrench is None and args.mass is not None:
-        raise UsageError("--mass needs --wrench")
 
 
 def check_map_out(args: argparse.Namespace, known_map: Map) -> None:

@@ -58,11 +58,6 @@ def load_model(name_or_path: str = "default") -> Model:
     return model
 
 
-def limits(key: str) -> tuple[float, float]:
-    """Range of the number of ``key``, both ends excluded."""
-    return _RANGES.get(key.rpartition(".")[2], _POSITIVE)
-
-
 def model_file(name_or_path: str) -> Path:
     """The file of a model, with a name as in ``load_model``."""
     return shipped() / f"{name_or_path}.toml" if name_or_path in preset_names() else Path(name_or_path)
@@ -82,7 +77,7 @@ def _value(kind: Any, keys: Keys, key: str) -> Any:
     if kind is bool:
         return keys.flag(key, default=True)
     if kind is float:
-        number, (low, high) = keys.real(key), limits(key)
+        number, (low, high) = keys.real(key), _RANGES.get(key, _POSITIVE)
         if not (low < number < high or (number == 0.0 and keys.called(key) in MAY_BE_ZERO)):
             raise keys.wrong(key, f"must be more than {low:g} and less than {high:g}")
         return number

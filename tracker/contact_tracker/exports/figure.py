@@ -56,15 +56,8 @@ _PAGE: Final[Any] = {"svg.fonttype": "none", "svg.hashsalt": "report", "path.sim
 """Options for SVG: text as text, reproducible files, and curves within half a pixel."""
 PLAIN_TEXT: Final = rc_context({"text.parse_math": False})
 """Decorator for functions that write names, in which dollars do not mark formulas."""
-_VIEWS: Final = [
-    (elevation, turn + quarter)
-    for elevation in (30, 45, 15)
-    for quarter in (-90, 0, 90, 180)
-    for turn in (30, 60)
-]
-"""Directions of view (elevation and azimuth, degrees) in which no axis is seen end-on, if z is upward."""
-_END_ON: Final = 0.5
-"""Ratio of drawn to true length below which an axis is seen end-on."""
+_VIEW_DEG: Final = (30.0, -60.0)
+"""Elevation and azimuth of the eye, from which no axis is seen end-on if z is upward."""
 _ZOOM: Final = 0.75
 """Zoom that leaves room for the names of axes, which matplotlib's layout ignores."""
 _PLACES: Final = 33
@@ -281,7 +274,7 @@ def _draw_parts(figure: FigureBase, parts: Sequence[Part], origin_ns: int, up: A
             place.set_major_locator(MaxNLocator(3))
             place.labelpad = _PART_SIZE
             axes.tick_params(axis, labelsize=_PART_SIZE)
-        axes.view_init(*_view_of(drawn_parts, UP if up is None or side == 0 else up))
+        axes.view_init(*_view_of(UP if up is None or side == 0 else up))
         axes.set_box_aspect((1.0, 1.0, 1.0), zoom=_ZOOM)
         axes.set_title(f"{name} ({frame} frame)", fontsize=10)
         if 0 < len(axes.get_legend_handles_labels()[0]) <= _MOST_LISTED:
@@ -292,25 +285,12 @@ def _draw_parts(figure: FigureBase, parts: Sequence[Part], origin_ns: int, up: A
         _write_names(axes, drawn_parts)
 
 
-def _view_of(parts: Sequence[Part], up: Array = UP) -> tuple[float, float, float]:
-    """The view (elevation, azimuth and roll, degrees), with the unit vector ``up`` (3,) upward, in which the
-    most foreshortened part, or axis seen end-on, is the least foreshortened."""
-    angles = np.radians(_VIEWS)
-    level = np.cos(angles[:, 0])
-    x, y, z = level * np.cos(angles[:, 1]), level * np.sin(angles[:, 1]), np.sin(angles[:, 0])
-    towards = Rotation.align_vectors(up[None], UP[None])[0].apply(np.stack([x, y, z], axis=1))
-    axis_shares = np.linalg.norm(np.cross(towards[:, None], np.eye(3)), axis=2).min(axis=1)
-    shares = np.where(axis_shares > _END_ON, 1.0, axis_shares)
-    for part in parts:
-        strip = part.outline[0] if len(part.outline) == 1 else np.zeros((0, 3))  # of a face or an edge
-        if len(strip) > 1 and np.isfinite(strip).all():
-            axes = np.linalg.svd(strip - strip.mean(axis=0))[2]
-            if len(strip) == 2:
-                share = np.linalg.norm(np.cross(towards, axes[0]), axis=1)
-            else:
-                share = np.abs(towards @ axes[2])
-            shares = np.minimum(shares, share)
-    view = towards[int(shares.argmax())]
+def _view_of(up: Array = UP) -> tuple[float, float, float]:
+    """The view (elevation, azimuth and roll, degrees) with the unit vector ``up`` (3,) upward."""
+    elevation, azimuth = np.radians(_VIEW_DEG)
+    level = np.cos(elevation)
+    eye = np.array([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)])
+    view = Rotation.align_vectors(up[None], UP[None])[0].apply(eye)
     azimuth = np.arctan2(view[1], view[0])
     right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
     roll = np.arctan2(right @ up, np.cross(view, right) @ up)

@@ -73,8 +73,6 @@ class Plan:
         try:
             content = read_table(path_from(path))
             keys = Keys(content)
-            if "tolerance" in content:
-                raise keys.wrong("tolerance", "is called duration_sd now")
             duration_sd = keys.number("duration_sd", DURATION_SD, _LEAST_DURATION_SD, 1.0)
             rows = keys.tables("step")
             keys.finish()

@@ -83,7 +83,7 @@ _IN_PYTHON: Final = {"frame": "child", "map": "meanings"}
 """Arguments of Python by the name of their option on the command line, where they differ."""
 _OPTIONS: Final = (
     *sorted(name.replace("_", "-") for name in _OF_READING | {*_IN_PYTHON}),
-    *("accuracy", "box", "known", "mass", "model", "noise", "plane", "states", "up", "wrench"),
+    *("accuracy", "box", "known", "model", "noise", "plane", "states", "up", "wrench"),
 )
 """Options of the command line that are arguments in Python, too."""
 _OPTION: Final = re.compile(

@@ -12,9 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from contact_tracker.config.quantities import RANGE_NS
 from contact_tracker.config.table_reading import (
-    POSITION,
-    QUATERNION,
-    TIME,
     TIME_UNITS_NS,
     TableReading,
     reading_of,
@@ -195,21 +192,6 @@ def cells_of(table: Any) -> list[list[str]]:
     except (TypeError, ValueError, LookupError) as error:
         raise UsageError("the columns of a table are lists of one length, as of a DataFrame") from error
     return [names, *([str(value) for value in row] for row in rows)]
-
-
-def with_columns(reading: TableReading, stamp: Any, position_m: Any, quat_xyzw: Any) -> TableReading:
-    """The reading with the named columns of stamps, positions and quaternions; raises UsageError."""
-    columns = {} if stamp is None else {TIME: stamp}
-    for name, keys, roles in (("position_m", position_m, POSITION), ("quat_xyzw", quat_xyzw, QUATERNION)):
-        if keys is None:
-            continue
-        if not isinstance(keys, Sequence) or isinstance(keys, str) or len(keys) != len(roles):
-            raise UsageError(f"{name} names {len(roles)} columns, {' '.join(roles)}")
-        columns |= dict(zip(roles, keys, strict=True))
-    for key in columns.values():
-        if not isinstance(key, str):
-            raise UsageError(f"the name of a column is text, not {shown(key)}")
-    return reading.with_(reading_of(columns))
 
 
 def columns_of(table: Any, reading: TableReading) -> tuple[NDArray[Any], float | None, Array]:

@@ -3,7 +3,7 @@
 import json
 import os
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal, Self
@@ -37,7 +37,6 @@ from contact_tracker.trajectory.arrays import (
     positions_and_quaternions,
     stated,
     times,
-    with_columns,
     with_index,
 )
 
@@ -153,9 +152,6 @@ class Trajectory:
     def from_dataframe(
         cls,
         table: Any,
-        stamp: str | None = None,
-        position_m: Sequence[str] | None = None,
-        quat_xyzw: Sequence[str] | None = None,
         unit: str | None = None,
         time_unit: str | None = None,
         euler: str | None = None,
@@ -168,8 +164,7 @@ class Trajectory:
 
         Parameters
         ----------
-        stamp, position_m, quat_xyzw : names of the columns, for the quaternion in the order xyzw. By default
-            columns are identified by their names, as in files; an index with a name or times is a column.
+        table : columns are identified by their names, as in files; an index with a name or times is a column.
         unit, time_unit : of positions and stamps; by default as in their names (``x [mm]``, ``x_mm``,
             ``time [ms]``, ``stamp_ns``), else metres and seconds. Columns of dates have their own unit.
         euler, rotation_vector, matrix, columns, rate : meaning of the columns, see ``read``.
@@ -189,7 +184,6 @@ class Trajectory:
         kind = {"euler": euler, "rotation_vector": rotation_vector, "matrix": matrix, "rate": rate}
         table = with_index(table)
         reading = stated(unit, time_unit, columns=columns, **kind)
-        reading = with_columns(reading, stamp, position_m, quat_xyzw)
         return cls._passed(*columns_of(table, reading), reading)
 
     @classmethod

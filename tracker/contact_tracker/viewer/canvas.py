@@ -42,7 +42,6 @@ INSEPARABLE: Final = "state/inseparable"
 P_SMOOTHED: Final = "probability/smoothed"
 P_FILTERED: Final = "probability/filtered"
 RESIDUAL: Final = "minima/residual"
-PAPER: Final = "minima/paper"
 MOTION: Final = "motion"
 MOTION_SERIES: Final = {"slip": COLOUR[Contact.VF], "3 standard deviations": COLOUR[Contact.FREE]}
 """Colours of the speed at the touching point, and of three standard deviations of its noise."""
@@ -112,8 +111,7 @@ class Canvas:
             self._lane(entity)
         for entity in (P_SMOOTHED, P_FILTERED):
             self._lines(entity, {state.value: COLOUR[state] for state in STATES})
-        for entity in (RESIDUAL, PAPER):
-            self._lines(entity, {contact.value: COLOUR[contact] for contact in CONTACTS})
+        self._lines(RESIDUAL, {contact.value: COLOUR[contact] for contact in CONTACTS})
         self._lines(MOTION, MOTION_SERIES)
         self._static(LEGEND, rr.TextDocument(_LEGEND, media_type=rr.MediaType.MARKDOWN))
         self.most_further = 0
@@ -349,8 +347,7 @@ def offline_layout(eye: Eye, is_one_of_several: bool = False) -> rrb.Blueprint:
     filtered = _plot(P_FILTERED, "Probability, filtered (data so far)", everything, 1.05, legend=False)
     residual = _plot(RESIDUAL, _RESIDUAL, everything, 3.0)
     motion = _plot(MOTION, "Slip at the touching point (m/s)", everything, None)
-    paper = _plot(PAPER, "Paper's objectives, windows of 500 poses (normalised)", everything, 1.0)
-    views = _states(everything), smoothed, filtered, rrb.Tabs(residual, motion, paper)
+    views = _states(everything), smoothed, filtered, rrb.Tabs(residual, motion)
     over_time = rrb.Vertical(*views, row_shares=[15, 14, 7, 12])
     recordings = rrb.BlueprintPanel(state="expanded" if is_one_of_several else "collapsed")
     return _blueprint(eye, over_time, recordings, rrb.TimePanel(state="collapsed", timeline=TIMELINE))

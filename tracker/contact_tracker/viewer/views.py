@@ -22,7 +22,6 @@ from contact_tracker.outputs.outcome import Outcome
 from contact_tracker.outputs.parts import DrawnRecording, KnownParts
 from contact_tracker.outputs.scene import UNKNOWN_EXTENT, Upward, draw
 from contact_tracker.outputs.text import Changes, is_settled, joint_name
-from contact_tracker.paper.window_curves import curves
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Belief
 from contact_tracker.tracking.informative_motion import InformativeMotion
@@ -95,8 +94,6 @@ def _draw(recording: rr.RecordingStream, is_one_of_several: bool, outcome: Outco
         changes = truth.between(int(poses.stamp_ns[0]), int(poses.stamp_ns[-1])).changes()
         starts = np.array([start_ns for start_ns, _ in changes], np.int64)
         sheet.states(canvas.TRUTH, starts, [contact for _, contact in changes])
-    paper = curves(poses)
-    sheet.scalars(canvas.PAPER, paper.stamp_ns, paper.normalised)
     eye = drawn.upward.eye(max(drawn.extent.radius_m, drawn.full_extent.radius_m))
     recording.send_blueprint(canvas.offline_layout(eye, is_one_of_several))
     close(recording)

@@ -47,10 +47,6 @@ BIAS_SD: Final = (1.0, 0.1)
 REACH_M: Final = 0.3
 """Prior standard deviation (m) of the centre of mass about the body's origin, scale of the radius of
 gyration, and prior standard deviation of touching elements from the origin of a window's frame."""
-AGREES: Final = 0.07
-"""Relative standard deviation of a tick's weight, and largest one of the load's mass, from a given mass."""
-MASS_SHARE: Final = 0.02
-"""Relative standard deviation of a given mass."""
 EXPLAINED: Final = 0.25
 """Least share of the free ticks that a load has to explain: by motion alone some contacts seem free."""
 UNEXPLAINED: Final = 0.05
@@ -108,9 +104,7 @@ class Load:
         return float(np.linalg.norm(self.weight_n)) / GRAVITY
 
 
-def estimate_load(
-    ticks: TickWrenches, is_free: Bools, p_free: Array, mass_kg: float | None = None
-) -> Load | None:
+def estimate_load(ticks: TickWrenches, is_free: Bools, p_free: Array) -> Load | None:
     """Estimate the load by robust least squares over ticks that are probably free.
 
     Ticks in contact may be among them: the estimate starts from the load of most runs of free ticks, and
@@ -120,7 +114,6 @@ def estimate_load(
     ----------
     is_free : (T,) whether a tick is free by its motion; only these are used.
     p_free : (T,) probability of that.
-    mass_kg : of the object, if known.
     """
     usable = ticks.is_measured & is_free
     usable[1:] &= is_free[:-1]
@@ -128,25 +121,22 @@ def estimate_load(
     rows = np.flatnonzero(usable)
     if len(rows) < FEWEST_TICKS:
         return None
-    starts, free = _agreed_weights(ticks, rows, p_free[rows], mass_kg), ticks.at(rows)
-    loads = (_refine(free, weight_n, mass_kg) for weight_n in starts)
+    starts, free = _agreed_weights(ticks, rows, p_free[rows]), ticks.at(rows)
+    loads = (_refine(free, weight_n) for weight_n in starts)
     return max(loads, key=lambda load: load.fit, default=None)
 
 
-def _agreed_weights(ticks: TickWrenches, rows: Ints, p_free: Array, mass_kg: float | None) -> list[Array]:
+def _agreed_weights(ticks: TickWrenches, rows: Ints, p_free: Array) -> list[Array]:
     """Weights (3,) in which most runs of ticks agree, at most ``STARTS``, the best supported one first; the
     weight of a single run may be from a contact."""
     stride = -(-len(rows) // MOST_COMPARED)
     rows, p_free = rows[::stride], p_free[::stride]
     free = ticks.at(rows)
-    weight_n = _in_world(free, free.force_n - (mass_kg or 0.0) * free.acceleration)
+    weight_n = _in_world(free, free.force_n)
     distance_n = np.linalg.norm(weight_n[:, None] - weight_n, axis=2)
     run = np.cumsum(np.append(0, np.diff(rows) > stride))
     kernel = p_free / (1.0 + (distance_n / NEAR_N) ** 2)
     support = np.sum([kernel[:, run == number].mean(axis=1) for number in range(run[-1] + 1)], axis=0)
-    if mass_kg is not None:
-        ratio = np.linalg.norm(weight_n, axis=1) / (GRAVITY * mass_kg)
-        support = support * np.exp(-0.5 * ((ratio - 1.0) / AGREES) ** 2)
     weights = list[Array]()
     while len(weights) < STARTS and np.max(support) > 0.0:
         near = distance_n[int(np.argmax(support))] < 2.0 * NEAR_N
@@ -160,7 +150,7 @@ def _in_world(ticks: TickWrenches, force_n: Array) -> Array:
     return np.asarray(-np.einsum("tij,tj->ti", ticks.rotation, force_n))
 
 
-def _refine(free: TickWrenches, weight_n: Array, mass_kg: float | None) -> Load:
+def _refine(free: TickWrenches, weight_n: Array) -> Load:
     """Iteratively reweighted least squares: force for weight and its bias, moment for the rest."""
     force_noise, moment_noise = free.force_variance, free.moment_variance
     centre, scale = np.zeros(3), 1.0
@@ -172,12 +162,7 @@ def _refine(free: TickWrenches, weight_n: Array, mass_kg: float | None) -> Load:
         down = weight_n / max(float(np.linalg.norm(weight_n)), 1e-9)
         # the mass follows from the weight: a mass of its own would add up the errors of all rounds
         design[..., :3] += inertial[..., None] * down / max(GRAVITY * mass, 1e-9)
-        prior, pull = _force_prior(), np.zeros(6)
-        if mass_kg is not None:  # its length is known, not its direction
-            sd = MASS_SHARE * GRAVITY * mass_kg
-            prior[:3, :3] += np.outer(down, down) / sd**2
-            pull[:3] = down * GRAVITY * mass_kg / sd**2
-        force, by_force = _solve(design, free.force_n, weight / force_noise, prior, pull)
+        force, by_force = _solve(design, free.force_n, weight / force_noise, _force_prior())
         weight_n, bias = force[:3], force[3:]
         off_force = free.force_n - np.einsum("tij,j->ti", design, force)
         mass = float(np.linalg.norm(weight_n)) / GRAVITY
@@ -301,13 +286,11 @@ def _root(covariance: Array) -> Array:
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
-def _solve(
-    design: Array, target: Array, weight: Array, prior: Array, pull: Array | float = 0.0
-) -> tuple[Array, Array]:
+def _solve(design: Array, target: Array, weight: Array, prior: Array) -> tuple[Array, Array]:
     """Weighted least squares: the solution (P,) and its covariance (P, P)."""
     information = np.einsum("t,tij,tik->jk", weight, design, design) + prior
     covariance = np.linalg.pinv(information, hermitian=True)
-    return covariance @ (np.einsum("t,tij,ti->j", weight, design, target) + pull), covariance
+    return covariance @ np.einsum("t,tij,ti->j", weight, design, target), covariance
 
 
 def _forces(ticks: TickWrenches, weight_n: Array, mass: float, centre_m: Array) -> tuple[Array, Array]:
@@ -350,30 +333,14 @@ class NoLoad(Exception):
     """The wrenches of a recording cannot be used; the text is one line with the reason."""
 
 
-def mass_doubt(load: Load, mass_kg: float | None) -> str:
-    """One line of warning if free motion has overruled the mass that is given; else empty."""
-    if mass_kg is None or abs(load.mass_kg / mass_kg - 1.0) <= AGREES:
-        return ""
-    return (
-        f"the mass that is given, {mass_kg:g} kg, does not fit the wrenches in free motion: "
-        f"{load.mass_kg:.3f} kg is used. Check the mass (of all that the sensor carries), and the unit (N) "
-        "and sign of the forces"
-    )
-
-
 def require_load(
-    poses: Poses,
-    wrenches: Wrenches,
-    stamp_ns: Ints,
-    is_free: Bools,
-    p_free: Array,
-    mass_kg: float | None = None,
+    poses: Poses, wrenches: Wrenches, stamp_ns: Ints, is_free: Bools, p_free: Array
 ) -> tuple[TickWrenches, Load]:
     """Wrenches in the ticks that end at ``stamp_ns`` (T,), and the load estimated from them.
 
     Parameters
     ----------
-    is_free, p_free, mass_kg : see ``estimate_load``.
+    is_free, p_free : see ``estimate_load``.
 
     Raises
     ------
@@ -383,9 +350,7 @@ def require_load(
     ticks = average(poses, wrenches, stamp_ns)
     if ticks.is_measured.mean() < LEAST_SHARE:
         raise NoLoad("wrenches and poses hardly overlap in time: are their stamps of one clock?")
-    load = estimate_load(ticks, is_free, p_free, mass_kg)
-    if load is None and mass_kg is not None:  # a mass that is far off fits no tick
-        load = estimate_load(ticks, is_free, p_free)
+    load = estimate_load(ticks, is_free, p_free)
     if load is None:
         raise NoLoad(TOO_LITTLE)
     fits = list[tuple[float, str]]()

@@ -34,7 +34,7 @@ from contact_tracker.tracking.contact_filter import ticks_of
 from contact_tracker.tracking.state import scales_of
 from contact_tracker_lab.benchmark.fixed_windows import FRAMES
 from contact_tracker_lab.benchmark.scores import OFFLINE, Answer, Method
-from contact_tracker_lab.calibration.trellis import window_of
+from contact_tracker_lab.calibration.transitions import window_of
 from contact_tracker_lab.evaluation.scoring import UNSCORED, Scoring, tick_in_force
 
 STEP: Final = 100

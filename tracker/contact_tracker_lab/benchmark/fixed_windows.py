@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
+from scipy.special import softmax
 
 import contact_tracker.hmm as hmm
 from contact_tracker.arrays import Array, Ints
@@ -28,7 +29,6 @@ from contact_tracker.paper.window_curves import curves
 from contact_tracker.states import STATES
 from contact_tracker.tracking.transition_model import destinations
 from contact_tracker_lab.benchmark.scores import OFFLINE, Answer, Method, Score, Scores
-from contact_tracker_lab.calibration.trellis import Trellis, smooth, viterbi
 from contact_tracker_lab.evaluation.scoring import Scoring, Subset, tick_in_force
 
 FRAMES: Final = 500
@@ -174,13 +174,17 @@ def _chain(recordings: Sequence[Windows], model: Model, states: Ints, step_s: fl
 
 def smoothed(log_density: Array, log_initial: Array, log_transition: Array) -> tuple[Array, Ints]:
     """Posterior (W, S) given all windows, and the most probable path (W,)."""
-    count, states = log_density.shape
-    index = np.arange(count * states)
-    trellis = Trellis(index % states, index // states, list(index.reshape(count, states)), list(log_density))
-    transitions = np.broadcast_to(log_transition, (count, states, states))
-    path = viterbi(trellis, log_initial, transitions)
-    label = np.array([hypothesis % states for hypothesis, _, _ in path])
-    return smooth(trellis, log_initial, transitions)[0], label
+    later, onward = np.zeros_like(log_density), np.zeros_like(log_density)  # sums and largest of later paths
+    for row in range(len(log_density) - 2, -1, -1):
+        after = log_transition + log_density[row + 1]
+        later[row] = hmm.log_sum_exp(after + later[row + 1])
+        onward[row] = (after + onward[row + 1]).max(axis=1)
+    path = [int((log_initial + log_density[0] + onward[0]).argmax())]
+    for row in range(1, len(log_density)):
+        path.append(int((log_transition[path[-1]] + log_density[row] + onward[row]).argmax()))
+    with np.errstate(divide="ignore"):
+        joint = np.log(filtered(log_density, log_initial, log_transition)) + later
+    return softmax(joint, axis=1), np.array(path)
 
 
 def filtered(log_density: Array, log_initial: Array, log_transition: Array) -> Array:

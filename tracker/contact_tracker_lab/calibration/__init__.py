@@ -1,9 +1,8 @@
-"""Calibration: learning a model's parameters from recordings, with or without truth.
+"""Calibration: learning a model's transitions and noise from recordings with truth.
 
 ::
 
-    recording -> Study   (calibrate: true or estimated states, fitted segments; one process each)
-    studies -> Model     (parameters from the stream's noise, residuals, transitions and a direct search)
+    recording -> Study   (calibrate: counts of the true states, and the stream's noise; one process each)
+    studies -> Model     (calibrate; its file: parameters)
     folds -> report      (cross-validation: each recording scored by a model learned from others)
-    Model -> TOML        (parameters)
 """

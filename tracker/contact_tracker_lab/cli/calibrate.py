@@ -23,10 +23,9 @@ if TYPE_CHECKING:
 
 HELP: Final = "learn a model from recordings"
 DESCRIPTION: Final = """\
-Learn a model's parameters from recordings: how contacts follow each other, how far they are from
-ideal ones, and the sensor's noise. Recordings with ground truth are learned from directly, the others by
-expectation-maximisation with the present model. The report says what changed, and what that is
-worth on recordings that were held out."""
+Learn a model's parameters from recordings: how contacts follow each other, and the sensor's noise.
+Contacts are learned from recordings with ground truth. The report says what changed, and what that is worth
+on recordings that were held out."""
 EXAMPLE: Final = "contact-tracker calibrate recordings/ --only transitions --folds 0 -o mine.toml"
 USUAL_FOLDS: Final = 5
 WIDTH: Final = 108
@@ -39,13 +38,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     arguments.add_output(parser, (".toml",), "write FILE.toml, whole or not at all", required=True)
     text = f"start from a TOML file or a shipped model: {', '.join(preset_names())} (default: %(default)s)"
     parser.add_argument("--start", default="default", metavar="NAME|FILE", help=text)
-    text = "learn only these parameters or tables (default: all but a few; a search takes hours)"
+    text = "learn only these parameters or tables (default: all)"
     parser.add_argument("--only", nargs="+", default=[], metavar="KEY", help=text)
     text = f"hold out each N-th recording in turn, 0 for none (default: {USUAL_FOLDS}, or one for each)"
     parser.add_argument("--folds", type=_folds, metavar="N", help=text)
-    truth = parser.add_mutually_exclusive_group()
-    truth.add_argument("--labelled", action="store_true", help="refuse recordings without truth")
-    truth.add_argument("--unlabelled", action="store_true", help="do not learn from truth, only score by it")
     arguments.add_processes(
         parser, 1024, os.cpu_count() or 1, "recordings at once (default: as many as there are cores)"
     )
@@ -68,8 +64,8 @@ def run(args: argparse.Namespace) -> int:
     names = inputs.recordings_in(args.logs, "calibrate")
     files = inputs.files_read(names, args.start, args.known)
     check = check_output(args.output, args.overwrite, files)
-    ways, start, sources = select(args.only), load_model(args.start), _sources(args, names)
-    plan = Plan(sources, start, ways, _how_many_folds(args.folds, len(sources)))
+    keys, start, sources = select(args.only), load_model(args.start), _sources(args, names)
+    plan = Plan(sources, start, keys, _how_many_folds(args.folds, len(sources)))
     processes = min(args.processes, len(sources))
     with (
         Workers(processes, take_over_warnings) if processes > 1 else nullcontext() as pool,
@@ -87,7 +83,7 @@ def run(args: argparse.Namespace) -> int:
             return answers
 
         calibration = calibrate(plan, run_jobs)
-    text = model_text(replace(calibration.learned.model, name=args.output.stem), _header(calibration, args))
+    text = model_text(replace(calibration.model, name=args.output.stem), _header(calibration, args))
     with whole_file(args.output, check) as temporary:
         temporary.write_text(text, encoding="utf-8")
     say(f"wrote {args.output}")
@@ -95,11 +91,6 @@ def run(args: argparse.Namespace) -> int:
     if calibration.log_loss is not None and calibration.log_loss[1] > calibration.log_loss[0]:
         loss = "{:.3f} before, {:.3f} after".format(*calibration.log_loss)
         warn(f"worse on recordings held out: log-loss {loss}; --only leaves out what does harm")
-    if calibration.left_out:
-        warn(
-            f"not learned: {', '.join(calibration.left_out)}; without truth they make recordings held out "
-            "less probable; give recordings with truth to learn them"
-        )
     damaged = [study for study in calibration.studies if study.damage is not None]
     for study in damaged:
         warn(f"{study.name}: {study.damage}")
@@ -108,18 +99,14 @@ def run(args: argparse.Namespace) -> int:
 
 def _sources(args: argparse.Namespace, names: Sequence[str]) -> "tuple[Source, ...]":
     from contact_tracker.cli import inputs
-    from contact_tracker.recording import need_truth
     from contact_tracker_lab.calibration.calibrate import Source
 
     for name in names:
         if os.path.exists(name) and not (os.path.isfile(name) or os.path.isdir(name)):
             raise UsageError(f"calibrate reads a recording several times: {name} is not a regular file")
     known_map = inputs.load_map(args)
-    options = args.topic, args.frame, not args.unlabelled, known_map, args.relative_to, args.table
-    sources = tuple(Source(name, *options) for name in names)
-    for source in sources if args.labelled else ():
-        need_truth(source.name, source.topic, source.frame)
-    return sources
+    options = args.topic, args.frame, known_map, args.relative_to, args.table
+    return tuple(Source(name, *options) for name in names)
 
 
 def _how_many_folds(folds: int | None, recordings: int) -> int:
@@ -138,8 +125,8 @@ def _header(calibration: "Calibration", args: argparse.Namespace) -> list[str]:
     names = " ".join(Path(study.name).name for study in studies)
     texts = (
         f"Made by contact-tracker {__version__}; docs/models.md says what each parameter does.",
-        f"Learned: {', '.join(calibration.plan.ways)}. The rest is that of {calibration.plan.start.name}.",
-        f"From {len(studies)} recordings, {sum(s.labelled for s in studies)} with truth: {names}",
+        f"Learned: {', '.join(calibration.plan.keys)}. The rest is that of {calibration.plan.start.name}.",
+        f"From {len(studies)} recordings, {sum(s.counts is not None for s in studies)} with truth: {names}",
     )
     lines = [line for text in texts for line in textwrap.wrap(text, WIDTH, break_on_hyphens=False)]
     return [lines[0], _command(args), *lines[1:]]
@@ -156,6 +143,5 @@ def _command(args: argparse.Namespace) -> str:
     words += args.table.words()
     words += ["--known", os.path.relpath(args.known)] if args.known else []
     words += ["--start", start] if args.start != "default" else []
-    words += ["--unlabelled"] if args.unlabelled else []
     words += ["--only", *args.only] if args.only else []
     return shlex.join([*words, "-o", args.output.name if output.startswith(os.pardir) else output])

@@ -15,10 +15,9 @@ HELP: Final = "compare with the truth that recordings carry, or with your own la
 DESCRIPTION: Final = """\
 Segment recordings and compare with the truth in them, offline and online side by side: accuracy,
 F1, confusion, boundaries, delays, calibration and geometry, for each recording and in total. These
-score the contact at each time, the first one if there are several. Further contacts are scored in a
-separate table, without their elements. --labels FILE compares with your own labels, which may be
-coarse, as touch and no touch. With --relative-to the truth of elements, which is in the frame of the
-recording, is not used."""
+score the contact at each time, the first one if there are several. --labels FILE compares with your
+own labels, which may be coarse, as touch and no touch. With --relative-to the truth of elements, which
+is in the frame of the recording, is not used."""
 EXAMPLE: Final = "contact-tracker evaluate recordings/"
 
 
@@ -35,7 +34,6 @@ def run(args: argparse.Namespace) -> int:
     from contact_tracker.motion.poses import Poses
     from contact_tracker.recording import need_truth
     from contact_tracker.segmenting import segmented
-    from contact_tracker.tracking.belief import Detail
     from contact_tracker.trajectory import Trajectory
     from contact_tracker_lab.evaluation.evaluate import Answering, evaluate
     from contact_tracker_lab.evaluation.report import Report
@@ -61,9 +59,9 @@ def run(args: argparse.Namespace) -> int:
         poses = Poses.collect(answering.through(log.arrivals()))
         if not len(poses):
             raise log.no_poses(name)
-        trajectory, detail = Trajectory.from_log(log, name, poses, True), Detail.FORMATION
+        trajectory = Trajectory.from_log(log, name, poses, True)
         with progress(name, "poses", len(poses)) as set_done:
-            result = segmented(trajectory, model, known_map, wrenches, progress=set_done, detail=detail)
+            result = segmented(trajectory, model, known_map, wrenches, progress=set_done)
         for line in result.warnings:
             warn(f"{name}: {line}")
         evaluations[name] = evaluate(poses, truth, result.segmentation, answering.finish())

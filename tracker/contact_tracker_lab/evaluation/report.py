@@ -3,7 +3,7 @@
 import json
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial, reduce
 from operator import add
 from pathlib import Path
@@ -14,7 +14,7 @@ from contact_tracker.arrays import Array
 from contact_tracker.errors import UsageError, printable
 from contact_tracker.states import STATES
 from contact_tracker.trajectory.arguments import ModelLike, model_from, with_known_arguments
-from contact_tracker_lab.evaluation.evaluate import Evaluation, FurtherScore, answers_to
+from contact_tracker_lab.evaluation.evaluate import Evaluation, answers_to
 from contact_tracker_lab.evaluation.evaluate import evaluate as evaluate_segmentation
 from contact_tracker_lab.evaluation.geometry_errors import GeometryErrors
 from contact_tracker_lab.evaluation.metrics import Tally, quantile
@@ -47,11 +47,6 @@ CHANGE_NOTE: Final = """\
 Boundary: from a true change to the nearest found one, median and 90 %; missed:
 share without one. Delay: from a true onset until the label is right for 0.3 s;
 never: share without such a time."""
-FURTHER_NOTE: Final = """\
-Further contacts. Right: share of the time with several contacts in which
-exactly these kinds are reported. Open: share in which the true kinds are only
-listed as inseparable. False: share of the time without a further contact in
-which one is reported."""
 GEOMETRY_NOTE: Final = """\
 Found: true segments found with geometry. Angle of normals and directions,
 distance of the true element from the found one where they touched, median and
@@ -90,8 +85,6 @@ class Report:
             _confusion_text("offline", total.offline),
             _confusion_text("online", total.online),
         ]
-        if total.further_offline.several_s or total.further_offline.false_s or total.further_online.false_s:
-            blocks += [table(_FURTHER, _mode_rows(entries, _further_cells, "further_")), FURTHER_NOTE]
         if total.geometry.true_segments:
             rows = [[_short(name, WIDEST_NAME), *_geometry_cells(value.geometry)] for name, value in entries]
             kinds = ("plane", "line", "point")
@@ -144,15 +137,12 @@ def evaluate(
     poses, truth = result.trajectory.poses, result.truth_by(labels, meanings)
     answers = answers_to(poses, model_from(model)) if by_arrival else None
     name = Path(result.trajectory.name).name
-    evaluation = evaluate_segmentation(poses, truth, result.segmentation, answers)
-    return Report({name: replace(evaluation, further_online=FurtherScore())})  # a result has none
+    return Report({name: evaluate_segmentation(poses, truth, result.segmentation, answers)})
 
 
 _BELIEF: Final = ("recording", "log-loss", "Brier", "ECE", "sure & wrong", "open")
 _BELIEF_FIGURES: Final = ("log_loss", "brier", "calibration_error", "sure_wrong", "open")
 _CHANGE: Final = ("recording", "changes", "boundary s", "90 %", "missed", "delay s", "90 %", "never")
-_FURTHER: Final = ("recording", "several s", "right", "open", "alone s", "false")
-_FURTHER_FIGURES: Final = ("several_s", "right", "open", "alone_s", "false")
 _GEOMETRY: Final = ("recording", "found", "angle deg", "90 %", "distance mm", "90 %", "within 3 sd")
 
 
@@ -161,16 +151,13 @@ def _short(name: str, widest: int = WIDTH) -> str:
     return name if len(name) <= widest else "…" + name[1 - widest :]
 
 
-def _mode_rows(
-    entries: list[tuple[str, Evaluation]], cells: Callable[[Any], list[str]], prefix: str = ""
-) -> list[list[str]]:
-    """The name of each entry, and below it a row for each mode, for scores whose names begin with
-    ``prefix``."""
+def _mode_rows(entries: list[tuple[str, Evaluation]], cells: Callable[[Any], list[str]]) -> list[list[str]]:
+    """The name of each entry, and below it a row for each mode."""
     rows = []
     for name, value in entries:
         rows.append([_short(name)])
         for mode in ("offline", "online", "by arrival"):
-            scores = getattr(value, f"{prefix}{mode.removeprefix('by ')}", None)
+            scores = getattr(value, mode.removeprefix("by "))
             if scores is not None:
                 rows.append([f"  {mode}", *cells(scores)])
     return rows
@@ -198,10 +185,6 @@ def _change_cells(tally: Tally) -> list[str]:
         *_median_and_most(tally.delay_s),
         number(tally.never_share, 2),
     ]
-
-
-def _further_cells(score: FurtherScore) -> list[str]:
-    return [number(getattr(score, name), 1 if name.endswith("_s") else 3) for name in _FURTHER_FIGURES]
 
 
 def _geometry_cells(errors: GeometryErrors, with_found: bool = True) -> list[str]:
@@ -232,10 +215,6 @@ def _evaluation_json(value: Evaluation) -> dict[str, Any]:
             "found_segments": value.geometry.found_segments,
             **_geometry_json(value.geometry),
             **kinds,
-        },
-        "further": {
-            mode: {name: getattr(score, name) for name in _FURTHER_FIGURES}
-            for mode, score in (("offline", value.further_offline), ("online", value.further_online))
         },
     }
 

@@ -39,7 +39,6 @@ SURROUNDINGS: Final[Mapping[str, Array]] = {
 """Vertices of fixed bodies, of which objects touch the top face (+z), or an edge or corner of it."""
 CORNER: Final = "table and wall"
 """Surroundings of scenarios with a further contact: two planes at a right angle."""
-MOTIONS: Final = ("normal", "rest", "translation", "one-axis", "tilt")
 
 
 class Phase(NamedTuple):
@@ -107,63 +106,6 @@ class Scenario:
     joint: JointKind | None = None
     has_wrench: bool = False
     name: str = "custom"
-
-    def __post_init__(self) -> None:
-        """Raises UsageError if the scenario is not possible."""
-        _require(len(self.phases) > 0, "a scenario needs at least one phase")
-        _require(1.0 <= self.rate_hz <= 1e5, "rate_hz must be in 1..100000")
-        for key in (
-            *("sigma_position_m", "sigma_rotation_rad", "amplitude_m", "amplitude_rad"),
-            *("outlier_probability", "drop_probability", "hold_probability"),
-        ):
-            _require(0.0 <= getattr(self, key) < 1.0, f"{key} must be at least 0 and less than 1")
-        _require(0.0 <= self.lead_s < 60.0, "lead_s must be in 0..60")
-        _require(0.0 <= self.jitter_s <= 0.2 / self.rate_hz, "jitter_s must be in 0..0.2 / rate_hz")
-        low, high = self.bandwidth_hz
-        _require(0.0 < low <= high < self.rate_hz / 2, "bandwidth_hz must be a range below half the rate")
-        _require(self.object in OBJECTS, f"object must be one of {', '.join(OBJECTS)}")
-        if self.further is None:
-            names = ", ".join(SURROUNDINGS)
-            _require(self.surroundings in SURROUNDINGS, f"surroundings must be one of {names}")
-        else:
-            _check_further(self, self.further)
-        if self.joint is not None:
-            is_plain = len(self.phases) == 1 and self.phases[0].contact is Contact.FREE
-            _require(is_plain and self.further is None, "a joint needs a scenario of one free phase")
-        if self.has_wrench:
-            _require(self.further is None and self.joint is None, "a wrench needs one body to touch")
-        for previous, phase in zip((None, *self.phases), self.phases, strict=False):
-            _check(phase, previous)
-
-
-def _check_further(scenario: Scenario, further: Further) -> None:
-    _require(len(scenario.phases) == 1, "a further contact needs a scenario of one phase")
-    on_a_plane = {Contact.FF, Contact.EF, Contact.VF}
-    contacts = {scenario.phases[0].contact, further.contact}
-    _require(contacts <= on_a_plane, "with a further contact, both must be f-f, e-f or v-f")
-    _require(scenario.surroundings == CORNER, f"with a further contact, surroundings must be {CORNER!r}")
-    start, end = further.start_s or 0.0, further.end_s or scenario.phases[0].duration_s
-    is_within = 0.0 <= start < end <= scenario.phases[0].duration_s
-    _require(is_within, "a further contact must end after its start")
-
-
-def _check(phase: Phase, previous: Phase | None) -> None:
-    shortest = 0.5 if phase.motion in ("normal", "rest") else 2.5
-    _require(phase.motion in MOTIONS, f"motion must be one of {', '.join(MOTIONS)}")
-    lasts = shortest <= phase.duration_s <= 86_400.0
-    _require(lasts, f"a phase of motion {phase.motion} must last {shortest} s to one day")
-    _require(phase.motion != "tilt" or phase.contact is not Contact.FF, "in f-f the object cannot tilt")
-    if phase.contact is Contact.FREE:
-        _require(phase.motion == "normal", "free motion can only be normal")
-        _require(previous is None or previous.contact is not Contact.FREE, "two free phases in a row are one")
-    if phase.motion == "rest":
-        came_to_rest = previous is None or previous.contact is phase.contact
-        _require(came_to_rest, "rest must come first or follow the same contact")
-
-
-def _require(holds: bool, message: str) -> None:
-    if not holds:
-        raise UsageError(f"scenario: {message}")
 
 
 def _phases(duration_s: float, *contacts: Contact) -> tuple[Phase, ...]:

@@ -8,11 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from contact_tracker.arrays import Array, Ints
-from contact_tracker.config.parameters import Model
 from contact_tracker.hmm import birth_log_weights, log_sum_exp
 from contact_tracker.hypotheses.bank_update import LiveHypotheses
-from contact_tracker.motion.tick_averaging import Tick, tick_anisotropy, tick_variances
-from contact_tracker.motion.window import Window
 from contact_tracker.tracking.contact_filter import FilteredTick
 from contact_tracker.tracking.transition_model import FREE
 
@@ -70,19 +67,7 @@ def viterbi(trellis: Trellis, log_initial: Array, log_transition: Array) -> list
 
 
 def smooth(trellis: Trellis, log_initial: Array, log_transition: Array) -> tuple[Array, float]:
-    """Posterior (T, states) of the state at each tick given all data, and the log evidence of the data."""
-    posterior, _, log_evidence = expect(trellis, log_initial, log_transition)
-    return posterior, log_evidence
-
-
-def expect(trellis: Trellis, log_initial: Array, log_transition: Array) -> tuple[Array, Array, float]:
-    """Posterior of the states at each tick, and of the changes at each boundary.
-
-    Returns
-    -------
-    posterior (T, N) of the state at each tick given all data; changes (T, N, N), the probability that at the
-    boundary before each tick i is left and j begins (zero before the first); the log evidence of the data.
-    """
+    """Posterior (T, N) of the state at each tick given all data, and the log evidence of the data."""
     states, ticks, count = len(log_initial), len(trellis.alive), len(trellis.state)
     entry = np.full(count, -np.inf)
     log_ended = np.full((ticks + 1, states), -np.inf)
@@ -96,8 +81,7 @@ def expect(trellis: Trellis, log_initial: Array, log_transition: Array) -> tuple
     onward = np.full((ticks + 1, states), -np.inf)  # log probability of later data if a state is left at b
     onward[ticks] = 0.0
     inward = np.full(count, -np.inf)  # log probability of a hypothesis' and later data
-    posterior, changes = np.zeros((ticks, states)), np.zeros((ticks, states, states))
-    lasting = np.zeros(count)  # probability that a hypothesis ends at b or later
+    posterior, lasting = np.zeros((ticks, states)), np.zeros(count)  # lasting: it ends at b or later
     for b in range(ticks, 0, -1):
         alive, likelihood = trellis.alive[b - 1], trellis.log_likelihood[b - 1]
         state = trellis.state[alive]
@@ -108,23 +92,7 @@ def expect(trellis: Trellis, log_initial: Array, log_transition: Array) -> tuple
         fresh = alive[trellis.onset[alive] == b - 1]
         begin = _by_state(inward[fresh], trellis.state[fresh], states)
         onward[b - 1] = log_sum_exp(log_transition[b - 1] + begin[None, :], axis=1)
-        if b > 1:
-            changes[b - 1] = np.exp(log_ended[b - 1][:, None] + log_transition[b - 1] + begin - log_evidence)
-    total = posterior.sum(axis=1)  # 1 up to rounding
-    return posterior / total[:, None], changes / total[:, None, None], log_evidence
-
-
-def window_of(ticks: Sequence[Tick], model: Model) -> Window:
-    """All ticks of a recording, at least one, with the noise estimate of its end."""
-    noise, count = ticks[-1].noise, np.array([float(tick.count) for tick in ticks])
-    return Window(
-        np.arange(len(ticks)),
-        np.array([tick.zeta for tick in ticks]),
-        tick_variances(noise, count, model),
-        np.array([tick.innovation_excess for tick in ticks]),
-        tick_anisotropy(noise, count, model),
-        frames=count,
-    )
+    return posterior / posterior.sum(axis=1)[:, None], log_evidence
 
 
 @dataclass
