@@ -7,10 +7,12 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import cache
-from itertools import chain, islice, product
+from itertools import chain, islice, product, takewhile
+from operator import eq
 from typing import Any, Final
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from contact_tracker.arrays import Array
 from contact_tracker.config.quantities import ANGLE_UNITS
@@ -57,8 +59,10 @@ _COMMANDED: Final = re.compile(
     r"|plan(?:ned)?)(?![a-z])"
 )
 """Names of poses that a robot was to have, which are proposed after those that it had."""
-_MOST_GROUPS: Final = 12
-"""Largest number of groups of numbered columns that are tried, alone and in pairs."""
+_MOST_GROUPS: Final = 40
+"""Largest number of groups of numbered columns that are tried, alone and in pairs, and of prefixes."""
+_NO_POSES: Final = re.compile(r"(?i:joint|vel|acc|force|torque|wrench|gripper|cov|action)")
+"""Groups of columns that are no poses, whatever their values."""
 _OF_JOINTS: Final = re.compile("position|velocity|effort")
 """Groups of columns beside those of efforts, as in JointState."""
 _FEW_STEPS: Final = 2
@@ -110,8 +114,6 @@ KNOWN: Final[Sequence[tuple[str, tuple[str, ...], TableReading]]] = (
     ("matrices by row and column", ("r11", "r33"), reading_of(matrix="rows")),
 )
 """Known systems: name; names of columns by which the system is recognised (``_plainly``); the reading."""
-_SIZES: Final = (3, 4, 6, 7)
-"""Numbers of columns in groups that may be a position, a quaternion, or both; larger groups may be more."""
 _TURNING: Final = re.compile("rot|rvec|axis|rpy|euler|angle|orient|rodrigues", re.IGNORECASE)
 """Names of groups of three columns that are a rotation."""
 
@@ -162,6 +164,11 @@ def _plainly(name: str) -> str:
     return re.sub(r"[\[_.](\d+)\]?$", r"[\1]", name.lower())
 
 
+def _shared(name: str, other: str) -> int:
+    """The length of the beginning that two names share."""
+    return len([*takewhile(bool, map(eq, name, other))])
+
+
 def _is_commanded(name: str) -> bool:
     return _COMMANDED.search(name) is not None
 
@@ -172,7 +179,7 @@ def _clock(values: Array, taken: Collection[int]) -> tuple[int | None, bool]:
     frames = None
     for place in range(values.shape[1]):
         steps = np.diff(values[np.isfinite(values[:, place]), place])
-        if place not in taken and steps[_FEW_STEPS:].size and steps.any() and (steps >= 0.0).all():
+        if place not in taken and steps[_FEW_STEPS:].any() and (steps >= 0.0).all():
             if not (steps == 1.0).all():
                 return place, False
             frames = place if frames is None else frames
@@ -182,12 +189,12 @@ def _clock(values: Array, taken: Collection[int]) -> tuple[int | None, bool]:
 @np.errstate(over="ignore", invalid="ignore")
 def may_be_trajectory(rows: Sequence[Sequence[str]]) -> bool:
     """Whether rows of eight values may be of a time and a pose: their last four values have mostly the same
-    norm, as scaled quaternions have and angles that change have not; and the pose is not before the time."""
+    norm, as scaled quaternions have and angles that change have not; and no other ones are a quaternion."""
     table = np.array([numbers(row) for row in rows if len(row) == 8]).reshape(-1, 8)
     ends = _present(table[:, -4:])
     if not len(ends):
         return True
-    if _begin_of_pose(table) == 0:
+    if _begin_of_quaternion(table) not in (None, 4):
         return False
     norms = np.linalg.norm(ends, axis=1)
     rounding = 1.0 if (ends == np.rint(ends)).all() else 0.0  # for four integers, half a unit each
@@ -195,18 +202,53 @@ def may_be_trajectory(rows: Sequence[Sequence[str]]) -> bool:
     return bool(2 * np.count_nonzero(is_near) >= len(norms))
 
 
-def _begin_of_pose(rows: Array) -> int | None:
-    """The first column of rows (N, k) at which a position and a unit quaternion may begin, preferably one at
-    which they change; None without one."""
+def _begin_of_quaternion(rows: Array) -> int | None:
+    """The first column of rows (N, k) at which a unit quaternion may begin that has a position before or
+    after it, preferably one that changes; None without one."""
     constant = None
-    for begin in range(rows.shape[1] - len(POSE_ROLES) + 1):
-        poses = _present(rows[:, begin : begin + len(POSE_ROLES)])
-        norms = np.linalg.norm(poses[:, 3:], axis=1)
-        if len(poses) and (np.abs(norms - 1.0) < _UNIT_NORM).all():
-            if (poses != poses[0]).any():
+    for begin in range(rows.shape[1] - len(QUATERNION) + 1):
+        quats = rows[:, begin : begin + len(QUATERNION)]
+        if _are_unit(quats) and (begin >= 3 or begin + len(POSE_ROLES) <= rows.shape[1]):
+            if (_present(quats) != _present(quats)[0]).any():
                 return begin
             constant = begin if constant is None else constant
     return constant
+
+
+def _are_unit(quats: Array) -> bool:
+    """Whether values (N, 4) are unit quaternions where they are not lost."""
+    norms = np.linalg.norm(_present(quats), axis=1)
+    return len(norms) > 0 and bool((np.abs(norms - 1.0) < _UNIT_NORM).all())
+
+
+def _pose_in(values: Array) -> tuple[int, dict[str, int], str | None] | None:
+    """Where neighbouring columns of rows (N, k) are a pose by their values: the first of them, the number of
+    columns by role in order, and the order of matrices; None if none are."""
+    count = values.shape[1]
+    for roles in ({"matrix": 16}, {"matrix": 12}, {"position": 3, "matrix": 9}, {"matrix": 9, "position": 3}):
+        before = 3 if next(iter(roles)) == "position" else 0
+        for begin in range(count - sum(roles.values()) + 1):
+            matrices = values[:, begin + before : begin + before + roles["matrix"]]
+            if (order := _order_of_matrices(matrices)) is not None:
+                return begin, roles, order
+    begin = _begin_of_quaternion(values)
+    if begin is None:
+        return None
+    place, steps = begin - 3, np.diff(values[:, 0])
+    if place >= 3 and _are_angles_of(values[:, place:begin], values[:, begin : begin + 4]):
+        return place - 3, {"position": 3, "": 3, "quaternion": 4}, None
+    is_of_time = place == 0 and steps.size and 0 < steps.max() <= 2 * np.median(steps) and steps.min() > 0
+    if place < 0 or (is_of_time and begin + len(POSE_ROLES) <= count):
+        return begin, {"quaternion": 4, "position": 3}, None
+    return place, {"position": 3, "quaternion": 4}, None
+
+
+def _are_angles_of(angles: Array, quats: Array) -> bool:
+    """Whether values (N, 3) are roll, pitch and yaw of quaternions (N, 4)."""
+    is_there = np.isfinite(np.c_[angles, quats]).all(axis=1) & quats.any(axis=1)
+    expected = Rotation.from_quat(quats[is_there]).as_euler("xyz")
+    units = (1.0, 180.0 / np.pi)
+    return any(np.allclose(angles[is_there], unit * expected, atol=1e-3 * unit) for unit in units)
 
 
 def _present(rows: Array) -> Array:
@@ -369,7 +411,9 @@ class _Proposal:
                 candidate = replace(meaning, columns=spelled).with_(self._reading)
                 for way in self._with_units(candidate):
                     yield f"if its columns are those of {system},", way, False
-        yield f"{self._about_time}:", self._reading, False
+        as_named = (f"{self._about_time}:", self._reading, False)
+        if is_known := _fault(columns, self._reading) is None:
+            yield as_named
         matches = [pattern.fullmatch(name) for name in columns.names for pattern in (NUMBERED, BY_ROW)]
         bases = [match[1] for match in matches if match is not None and CAN_BE_GIVEN(match[1])]
         sizes = Counter(match[1] for match in map(BY_ROW.fullmatch, columns.names) if match is not None)
@@ -379,27 +423,30 @@ class _Proposal:
             """Whether a group is no row of a matrix, not of joints, and no name that occurs twice."""
             row = NUMBERED.fullmatch(base)
             is_row = row is not None and sizes[row[1]] in MATRIX_SHAPES
-            return not is_row and _OF_JOINTS.sub("", base) not in of_joints and base not in columns.names
+            is_other = _NO_POSES.search(base) or _OF_JOINTS.sub("", base) in of_joints
+            return not is_row and not is_other and base not in columns.names
 
         apart = filter(is_apart, dict.fromkeys(sorted(bases, key=_is_commanded)))
-        counted = ((base, len(self._group(base))) for base in islice(apart, _MOST_GROUPS))
-        parts = [(base, size) for base, size in counted if size in _SIZES or size > len(POSE_ROLES)]
-        pairs = (
-            [a, b]
-            for a, b in product(parts, parts)
-            if (a[1] < b[1] or (a[1] == b[1] == 3 and a != b)) and not a[0].startswith(f"{b[0]}[")
-        )
-        for groups in chain(([part] for part in parts), pairs):
-            candidate = self._reading
-            for base, size in groups:
-                is_turn = len(groups) > 1 and size == 3 and _TURNING.search(base) is not None
-                meaning = reading_of({"rotation": base}) if is_turn else self._meant(base)
-                has_time = any(role == TIME for role, _ in meaning.columns)
-                candidate = meaning.with_(self._stated if has_time else candidate)
-            is_square = candidate.matrix is not None and 9 in [
-                len(columns.places(name, True)) for role, name in candidate.columns if role == "matrix"
-            ]
-            yield "if its columns are meant so,", candidate, is_square
+        meant = ((base, *self._meant(base)) for base in islice(apart, _MOST_GROUPS))
+        parts = [(base, way, shows) for base, way, shows in meant if way is not None]
+        places = [(base, way) for base, way, _ in parts if [*dict(way.columns)] == ["position"]]
+        for shows in (True, False):
+            alone = [(base, way) for base, way, is_shown in parts if is_shown == shows]
+            yield from (self._with(way) for _, way in alone)
+            for base, way in alone:
+                near = sorted(places, key=lambda place: -_shared(place[0], base))
+                yield from (self._with(way, place) for _, place in near if way.columns != place.columns)
+            if shows and not is_known:
+                yield as_named
+
+    def _with(self, way: TableReading, place: TableReading | None = None) -> tuple[str, TableReading, bool]:
+        """The candidate of what a group is meant as, with the position in another."""
+        has_time = any(role == TIME for role, _ in way.columns)
+        stated = self._stated if has_time else self._reading
+        candidate = way.with_(stated if place is None else place.with_(stated))
+        names = [name for role, name in candidate.columns if role == "matrix"]
+        is_square = 9 in [len(self._columns.places(name, True)) for name in names]
+        return "if its columns are meant so,", candidate, is_square
 
     def _with_units(self, known: TableReading) -> list[TableReading]:
         """The reading of a known system, and without its units, which comes first if positions would be near
@@ -412,10 +459,12 @@ class _Proposal:
             ways = ways[::-1] if is_near and not self._stated.unit else ways
         return ways
 
-    def _meant(self, base: str) -> TableReading:
-        """The reading of numbered columns by their first values: of a matrix, or of a position with a unit
-        quaternion, as in KITTI and TUM, and of the time beside them; else by their number."""
+    def _meant(self, base: str) -> tuple[TableReading | None, bool]:
+        """The reading of numbered columns, and whether their first values show it: a rotation, with the
+        position and the time beside it; else that of their number, or None if it is none of a pose."""
         group, whole = self._group(base), len(self._columns.numbered(base))
+        if not group:
+            return None, False
         values, count, first = self._values(list(group.values())), len(group), min(group)
 
         def meaning(begin: int, how: Mapping[str, Any], **sizes: int) -> TableReading:
@@ -424,6 +473,7 @@ class _Proposal:
             for role, size in sizes.items():
                 start, at = first + at, at + size
                 columns[role] = base if size == whole else f"{base}[{start}:{start + size}]"
+            columns.pop("", None)
             if not self._lacks_time or whole == at - begin:
                 return reading_of(columns, **how)
             clock, is_frame = _clock(values, range(begin, at))
@@ -435,21 +485,23 @@ class _Proposal:
             how = {**how, "time_unit": _A_RATE} if is_frame and times and len(values) > 1 else how
             return reading_of({**dict(zip((TIME, REST), times, strict=False)), **columns}, **how)
 
-        for before, size in ((0, 16), (0, 12), *([(0, 9)] if count == 9 else []), (3, 9)):
-            for begin in range(count - before - size + 1):
-                place = begin + before
-                if (order := _order_of_matrices(values[:, place : place + size])) is not None:
-                    position = {"position": before} if before else {}
-                    return meaning(begin, {"matrix": order}, **position, matrix=size)
-        begin_of_pose = _begin_of_pose(values) if count >= len(POSE_ROLES) else None
-        if begin_of_pose is not None or (count == len(POSE_ROLES) and not len(_present(values))):
-            return meaning(begin_of_pose or 0, {}, position=3, quaternion=4)
-        is_nameless = base == UNNAMED
-        if count in (16, 12, 9) and not is_nameless:
-            return meaning(0, {"matrix": "rows"}, matrix=count)
-        if count in (6, 7) and (len(_present(values)) or not is_nameless):
-            return meaning(count - 6 if is_nameless else 0, {}, position=3, rotation=3)
-        return meaning(0, {}, quaternion=4) if count == 4 else reading_of({"position": base})
+        if (found := _pose_in(values)) is not None:
+            begin, sizes, order = found
+            return meaning(begin, {} if order is None else {"matrix": order}, **sizes), True
+        if count == 9 and _order_of_matrices(values) is not None:
+            return meaning(0, {"matrix": "rows"}, matrix=9), True
+        is_nameless, is_lost = base == UNNAMED, not len(_present(values))
+        if count == 4 and (is_lost or _are_unit(values)):
+            return meaning(0, {}, quaternion=4), not is_lost
+        if count == 3:
+            return meaning(0, {}, **{"rotation" if _TURNING.search(base) else "position": 3}), False
+        if count == len(POSE_ROLES) and is_lost:
+            return meaning(0, {}, position=3, quaternion=4), False
+        if count in MATRIX_SHAPES and is_lost and not is_nameless:
+            return meaning(0, {"matrix": "rows"}, matrix=count), False
+        if count in (6, 7) and not (is_lost and is_nameless):
+            return meaning(count - 6 if is_nameless else 0, {}, position=3, rotation=3), False
+        return None, False
 
     def _of_rotation(self, fault: Exception, reading: TableReading) -> str | None:
         """The probable meaning of the three numbers of a rotation that a reading leaves open, with the
