@@ -133,6 +133,12 @@ READ: list[tuple[str, Lines]] = [
     (f"Time,{NAMES}\ns,mm,mm,mm,,,,", rows(T, P_MM, Q)),
     ("t,x,y,z,q0,qx,qy,qz", rows(T, P, REAL_FIRST)),
     ("time [min],x [in],y [in],z [in],qx,qy,qz,qw", rows(T / 60, P / 0.0254, Q)),
+    (f",cup,cup,cup,cup,cup,cup,cup\n,{NAMES}\ntime,,,,,,,", rows(T, POSE)),  # by pandas
+    ("t,position,,,rotation,,,\n,X,Y,Z,X,Y,Z,W", rows(T, POSE)),  # cells that were merged
+    (
+        f"{NAMES.replace(',', ' ')} t",
+        by(" ", [[str(i), *row] for i, row in enumerate(rows(POSE, T))]),
+    ),  # by R
     (f"sep=;\nTime;{names(';')}", by(";", rows(T, POSE))),
     (f"time | {names(' | ')}", by(" | ", rows(T, POSE))),
     (QUALISYS + numbered("Rot[{}]", 9).replace(",", "\t"), by("\t", QUALISYS_ROWS)),
@@ -236,18 +242,12 @@ PROPOSALS: dict[str, tuple[str, Lines, str]] = {
         rows(T, P, DEGREES),
         "--euler xyz:deg",
     ),
-    "ZED": ("t,tx,ty,tz,ox,oy,oz,ow", rows(T, POSE), "--columns qx=ox,qy=oy,qz=oz,qw=ow"),
     "a time by its values": (f"X_Value,{NAMES}", rows(T, POSE), "--columns time=X_Value"),
     "an index of times without a name": (f",{NAMES}", rows(T, POSE), "--columns time=c0"),
     "an index of rows without a name": (f",{NAMES}", rows(np.arange(120), POSE), "--time-unit 100Hz"),
     "a time after the pose": (
         *("", rows(POSE, T)),
         "--columns time=c7,position=c[0:3],quaternion=c[3:7]",
-    ),
-    "names of bodies above": (
-        f",cup,cup,cup,cup,cup,cup,cup\n,{NAMES}\ntime,,,,,,,",
-        rows(T, POSE),
-        "--columns time=c0",
     ),
     "days": (
         f"Date,{NAMES}",
@@ -268,7 +268,7 @@ PROPOSALS: dict[str, tuple[str, Lines, str]] = {
     "vectors of OpenCV": (
         f"t,{numbered('rvec{}', 3)},{numbered('tvec{}', 3)}",
         rows(T, VECTORS, P),
-        "--rotation-vector --columns position=tvec,rotation=rvec",
+        "--rotation-vector --columns rotation=rvec,position=tvec",
     ),
     "matrices without names": (
         *("", rows(T, WHOLE[:, :3])),

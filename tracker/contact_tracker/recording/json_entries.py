@@ -17,8 +17,20 @@ LEAST_OF_POSE: Final = 6
 _DOCUMENT: Final = 2**26
 """Longest JSON document (characters), as it is in memory as a whole."""
 _BEGIN_DOCUMENT: Final = re.compile(r"\s*(?:\{|\[\s*(?:$|[\[{]))")
-loads: Final = partial(json.loads, parse_float=str, parse_int=str, parse_constant=str)
-"""JSON, with numbers and NaN as text."""
+_PYTHON: Final = (("'", '"'), ("None", "null"), ("True", "true"), ("False", "false"))
+_loads: Final = partial(json.loads, parse_float=str, parse_int=str, parse_constant=str)
+
+
+def loads(text: str) -> Any:
+    """The content of JSON, or of a dictionary as Python prints it; numbers and NaN are text."""
+    try:
+        return _loads(text)
+    except ValueError:
+        if '"' in text:
+            raise
+        for word, written in _PYTHON:
+            text = text.replace(word, written)
+        return _loads(text)
 
 
 def flattened(entry: Mapping[str, Any]) -> dict[str, str]:
@@ -64,7 +76,7 @@ def is_document(lines: Sequence[str]) -> bool:
     if not second or not first.lstrip().startswith("{"):
         return _BEGIN_DOCUMENT.match(first) is not None
     try:
-        json.loads(first)
+        loads(first)
     except (ValueError, RecursionError):
         return True
     return False

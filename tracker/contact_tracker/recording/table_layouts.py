@@ -354,7 +354,11 @@ _NO_POSE: Final = re.compile(
 _MARK_RUN: Final = re.compile(r"([._/: -])[._/: -]+")
 _OF_ROTATION: Final = r"(?<![a-z])(?:(?:rotation|orientation|rot|ori)[._/: -]*)?"
 """Begins names such as ``rotation_euler_x``."""
-_TURNS: Final = {"roll": "x", "pitch": "y", "elevation": "y", "yaw": "z", "heading": "z", "azimuth": "z"}
+_TURNS: Final = {
+    **dict.fromkeys(("roll", "bank"), "x"),
+    **dict.fromkeys(("pitch", "elevation"), "y"),
+    **dict.fromkeys(("yaw", "heading", "azimuth"), "z"),
+}
 _AXES: Final = {"i": "x", "j": "y", "k": "z", "r": "w", "real": "w", **_TURNS}
 _ROLES: Final[Sequence[tuple[re.Pattern[str], str]]] = tuple(
     (re.compile(_BODY + pattern), role)
@@ -374,7 +378,7 @@ _ROLES: Final[Sequence[tuple[re.Pattern[str], str]]] = tuple(
         (rf"{_OF_ROTATION}({'|'.join(_TURNS)})", "r{0}"),
         (
             rf"{_OF_ROTATION}(?:r|rot|rotat(?:e|ion)|euler|(?:euler_?)?angles?|theta|rotvec|rvec|axis_?angle|(?:rot_?)?axis|o)"
-            r"[._/: -]*([xyz])",
+            r"[._/: -]*([xyzw])",
             "r{0}",
         ),
         (r"(?<![a-z])(?:rot_?)?(?:angle|theta)", ANGLE),
@@ -464,6 +468,9 @@ class Columns:
             if place not in stated.values():
                 for body, role in _roles(name, reading.matrix == "columns"):
                     by_body.setdefault(body, {}).setdefault(role, place)
+        for roles in by_body.values():
+            if roles.keys() >= {*ANGLES, "rw"} and not roles.keys() & {*QUATERNION}:
+                roles |= {f"q{role[1]}": roles.pop(role) for role in (*ANGLES, "rw")}
         if not stated.keys() & {*POSE_ROLES}:
             self._add_with_frames(by_body)
         times = {role: stated.pop(role) for role in (TIME, REST) if role in stated}

@@ -106,8 +106,6 @@ KNOWN: Final[Sequence[tuple[str, tuple[str, ...], TableReading]]] = (
     (_AXIS_ANGLE, ("ax", "ay", "az", "angle"), reading_of("rx=ax,ry=ay,rz=az", rotation_vector=True)),
     (_AXIS_ANGLE, ("ux", "uy", "uz", "theta"), reading_of("rx=ux,ry=uy,rz=uz", rotation_vector=True)),
     ("a position and a quaternion", ("x", "x[1]", "w"), reading_of("qx=x[1],qy=y[1],qz=z[1],qw=w")),
-    ("a quaternion", ("rx", "ry", "rz", "rw"), reading_of("qx=rx,qy=ry,qz=rz,qw=rw")),
-    ("ZED", ("tx", "ox", "oy", "oz", "ow"), reading_of("qx=ox,qy=oy,qz=oz,qw=ow")),
     ("ABB", ("x", "q1", "q2", "q3", "q4"), reading_of("qw=Q1,qx=Q2,qy=Q3,qz=Q4", unit="mm")),
     ("ABB's EGM", ("x", "u0", "u1", "u2", "u3"), reading_of("qw=u0,qx=u1,qy=u2,qz=u3", unit="mm")),
     ("quaternions with the real part first", ("q0", "q3"), reading_of("qw=q0,qx=q1,qy=q2,qz=q3")),
