@@ -4,7 +4,7 @@ import json
 import re
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from itertools import islice
+from itertools import chain, islice
 from typing import IO, Any, Final
 
 from contact_tracker.errors import UnreadableRecording
@@ -95,7 +95,7 @@ def entries_in(file: IO[str]) -> list[Any]:
     except (ValueError, RecursionError) as error:
         raise UnreadableRecording(f"it begins like JSON, but is none: {error}") from error
     if isinstance(content, dict):
-        content = next(filter(None, (entries(content) for entries in _FORMS)), [])
+        content = _entries_of(content)
     if content == []:
         raise UnreadableRecording(
             "it is JSON without entries in a list, or lists of one length by name: write these alone, as by "
@@ -105,14 +105,20 @@ def entries_in(file: IO[str]) -> list[Any]:
 
 
 _Document = Mapping[str, Any]
+_DIGITS: Final = re.compile(r"\d+")
 
 
 def _by_time(document: _Document) -> list[Any]:
-    """The entry, or the objects, of each time or number of a frame."""
-    if not all(are_numbers([name]) or stamp_of_date(name) for name in document):
-        return []
-    key = "frame" if all(n.isdigit() and len(n) < DIGITS_OF_STAMP for n in document) else "time"
-    parts = ((name, value if _has_objects(value) else [value]) for name, value in document.items())
+    """The entry, or the objects, of each time, number of a frame, or file with such a number."""
+    names = [*document]
+    if not all(are_numbers([name]) or stamp_of_date(name) for name in names):
+        names = [digits for name in names for digits in _DIGITS.findall(name)]
+        forms = {_DIGITS.sub("", name) for name in document}
+        if len(forms) > 1 or not 1 < len(document) == len(names) == len({*names}):
+            return []
+    key = "frame" if all(n.isdigit() and len(n) < DIGITS_OF_STAMP for n in names) else "time"
+    values = zip(names, document.values(), strict=True)
+    parts = ((name, value if _has_objects(value) else [value]) for name, value in values)
     return [{key: name, **_named(entry)} for name, value in parts for entry in value]
 
 
@@ -166,6 +172,13 @@ _FORMS: Final[Sequence[Callable[[_Document], list[Any]]]] = (
     _by_name,
 )
 """Forms of documents that are an object; each function returns the entries, none of another form."""
+
+
+def _entries_of(document: _Document) -> list[Any]:
+    """The entries of an object, or of the first part that has any."""
+    parts = (part for part in document.values() if isinstance(part, dict))
+    found = chain((entries(document) for entries in _FORMS), map(_entries_of, parts))
+    return next(filter(None, found), [])
 
 
 def _lists(document: _Document) -> dict[str, list[Any]]:

@@ -4,6 +4,7 @@ import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cache
 from itertools import chain, groupby
 from typing import Any, Final
 
@@ -197,7 +198,7 @@ class TableLayout:
     rest : index of a column with the fraction of the second, in units of ``rest_ns``.
     has_own_unit : whether the format itself defines the unit of its times.
     names : names of the values in JSON lines, or in cells with several values, whose columns are ``heads``.
-    quaternion : names of the columns of the only body's quaternion, if users can state other columns.
+    turn : names of the columns of the only body's quaternion or angles, if users can state other columns.
     has_angles : whether the names of columns say that rotations are angles.
     note : one line on what is not read, or empty.
     body : index of the column with the name of the body of each row; None if all are of one.
@@ -216,7 +217,7 @@ class TableLayout:
     has_own_unit: bool = False
     names: tuple[str, ...] = ()
     heads: tuple[str, ...] = ()
-    quaternion: tuple[str, ...] = ()
+    turn: tuple[str, ...] = ()
     has_angles: bool = False
     note: str = ""
     body: int | None = None
@@ -343,14 +344,18 @@ FRAME: Final = re.compile(r"(?:.*[./ ])?(?:frame|frame_?(?:number|no|nr|index|id
 _CLOCKS: Final = frozenset({"", "unix", "utc", "epoch", "posix"})
 """Texts in brackets after a time that leave its unit open."""
 _BODY: Final = r"(.*?)[._/: -]*"
-_AFTER: Final = re.compile(r"(?:(?P<turn>q)|[pt]?)(?P<axis>(?(turn)[xyzw]|[xyz]))[._/: -]+(?P<body>.+)")
-"""A role before the name of the body, as in ``qx_world_device``."""
+_AFTER: Final = re.compile(
+    r"(?:(?P<turn>q)|[pt]?)(?P<axis>(?(turn)[xyzw]|[xyz]))(?:[._/: -]+|(?=\d+$))(?P<body>.+)"
+)
+"""A role before the name or number of the body, as in ``qx_world_device`` and ``qx1``."""
 _FRAMED: Final = re.compile(r"(?:(?P<turn>q)|t)_(?P<body>\w+)_(?P<axis>[wxyz])")
 """The frames of a transform between the parts of a role, as in ``t_wo_x`` and ``q_wo_x``."""
 _NO_POSE: Final = re.compile(
     r"(?:.*[._/: -])?(?:std|stdev|sd|sigma|var|cov|err|error|vel|dot|acc|ref|cmd|des)"
 )
 """Names after roles of deviations, derivatives and commanded poses."""
+_RATE: Final = re.compile(r"(?:.*[._/: -])?(?:lin|ang|free)?(?:acc|vel|gyr|mag)[a-z]*")
+"""Names of vectors that are no positions, though their columns end with x, y and z."""
 _MARK_RUN: Final = re.compile(r"([._/: -])[._/: -]+")
 _OF_ROTATION: Final = r"(?<![a-z])(?:(?:rotation|orientation|rot|ori)[._/: -]*)?"
 """Begins names such as ``rotation_euler_x``."""
@@ -412,9 +417,10 @@ POSE_ROLES: Final = (*POSITION, *QUATERNION)
 
 class Columns:
     """The columns of a table: names as written, ``plain`` names in lower case without units, and the
-    units."""
+    units; ``rows`` gives the first ones."""
 
-    def __init__(self, names: Sequence[str], units: Sequence[str] = ()) -> None:
+    def __init__(self, names: Sequence[str], units: Sequence[str] = (), rows: Rows = tuple) -> None:
+        self._rows = cache(rows)
         self.names = [name.strip()[: 4 * LONGEST_CELL] for name in names]
         whole = (_LEVELS.sub(lambda mark: "." * (len(mark[0]) > 2), name) for name in self.names)
         self.plain = [_CAMEL.sub("_", name.lstrip("#").strip().rstrip(".")).lower() for name in whole]
@@ -488,7 +494,7 @@ class Columns:
             shared = sum(bool(body) and name.startswith(body) for name in names)
             return shared * (by_body[body].keys() >= {*POSITION}), not body, len(by_body[body])
 
-        return max(by_body, key=rank, default="")
+        return max((body for body in by_body if not _RATE.fullmatch(body)), key=rank, default="")
 
     def _add_with_frames(self, by_body: dict[str, dict[str, int]]) -> None:
         """Add the columns with frames in their names: after the parts if no body has a position so far
@@ -523,10 +529,16 @@ class Columns:
         patterns = (FRAME, _TIME, _ELAPSED) if reading.has_frame_numbers else (_TIME, _ELAPSED)
         for pattern in patterns:
             matches = [(match, i) for i, match in enumerate(map(pattern.fullmatch, self.plain)) if match]
-            if matches:
-                match, place = min(matches, key=lambda part: " " in part[0][0])  # not ``wait time``
+            if matches:  # not ``wait time``, nor whole seconds beside a finer time
+                match, place = min(matches, key=lambda part: (" " in part[0][0], self._is_coarse(part[1])))
                 return place, self._rest(match[1]) if pattern is _ELAPSED else None
         return (-1 if reading.has_frame_numbers else None), None
+
+    def _is_coarse(self, place: int) -> bool:
+        """Whether most of the first times in a column are those before them, and in others they are not."""
+        times = [i for i, plain in enumerate(self.plain) if _TIME.fullmatch(plain)]
+        counts = {i: len({row[i] for row in self._rows() if len(row) > i}) for i in times[1:] and times}
+        return 2 * counts.get(place, 0) < max(counts.values(), default=0)
 
     def _rest(self, prefix: str | None) -> int | None:
         """Index of the column with the fraction of seconds whose name has this prefix: the finest one. As
@@ -570,16 +582,14 @@ def layout(columns: Columns, reading: TableReading) -> TableLayout:
     if time is None or not bodies:
         best = max(by_body.values(), key=len, default=())
         raise _lacking(columns, reading, time is not None, POSE_ROLES if bodies else best)
-    quaternion = tuple(columns.names[place] for place in bodies[0].columns[3:])
-    has_angles = are_named_angles(quaternion)
-    if len(bodies) > 1 or bodies[0].kind != "quaternion" or not all(map(CAN_BE_GIVEN, quaternion)):
-        quaternion = ()
+    turn = tuple(columns.names[place] for place in bodies[0].columns[3:])
+    has_angles = are_named_angles(turn)
+    is_named = bodies[0].kind in ("quaternion", "euler") and all(map(CAN_BE_GIVEN, turn))
+    turn = turn if is_named and len(bodies) == 1 else ()
     time_ns = 1e9 if rest is not None else time_ns
     named_rest = _REST.fullmatch(columns.plain[rest]) if rest is not None else None
     rest_ns = 1.0 if named_rest is None else _REST_NS[named_rest[2]]
-    return TableLayout(
-        time, time_ns, bodies, rest=rest, rest_ns=rest_ns, quaternion=quaternion, has_angles=has_angles
-    )
+    return TableLayout(time, time_ns, bodies, rest=rest, rest_ns=rest_ns, turn=turn, has_angles=has_angles)
 
 
 def are_named_angles(names: Sequence[str]) -> bool:

@@ -16,7 +16,17 @@ from scipy.spatial.transform import Rotation
 
 from contact_tracker.arrays import Array
 from contact_tracker.config.quantities import ANGLE_UNITS
-from contact_tracker.config.table_reading import POSITION, QUATERNION, REST, TIME, TableReading, reading_of
+from contact_tracker.config.table_reading import (
+    ANGLES,
+    GROUPS,
+    MATRIX,
+    POSITION,
+    QUATERNION,
+    REST,
+    TIME,
+    TableReading,
+    reading_of,
+)
 from contact_tracker.errors import ChoiceError, UnreadableRecording
 from contact_tracker.motion.pose_validation import NORM_TOLERANCE
 from contact_tracker.recording.table_bodies import with_body
@@ -68,13 +78,20 @@ _OF_JOINTS: Final = re.compile("position|velocity|effort")
 _FEW_STEPS: Final = 2
 """Number of steps in which columns of other things than a time also rise."""
 _A_RATE: Final = "100Hz"
-_ORDERS: Final = "Orders are those of scipy: xyz about fixed axes, XYZ about the body's; deg or rad"
+_ORDERS: Final = (
+    "Orders are those of scipy: xyz about fixed axes, XYZ about the body's; deg or rad; rx, ry, rz (or "
+    "rotation) are the columns of the angles about x, y, z"
+)
 _UNIT_NORM: Final = 0.002
 """Largest deviation of a quaternion's norm from 1, and of a matrix from a rotation, in rounded values."""
 FIRST_ROWS: Final = 64
 """Number of first rows whose values may be looked at."""
 _AXIS_ANGLE: Final = "an axis and an angle (in degrees if the name ends with _deg)"
-_OPENSIM: Final = re.compile(r".*_o[xyz]\b", re.IGNORECASE)
+_NAMED_ORDERS: Final = {
+    re.compile(r".*_o[xyz]\b", re.IGNORECASE): "XYZ",  # OpenSim
+    re.compile(r".*euler_?angles", re.IGNORECASE): "zxy",  # Unity
+}
+"""Orders of angles by the names of their columns."""
 KNOWN: Final[Sequence[tuple[str, tuple[str, ...], TableReading]]] = (
     (
         "UR's RTDE",
@@ -112,6 +129,12 @@ KNOWN: Final[Sequence[tuple[str, tuple[str, ...], TableReading]]] = (
     ("matrices by row and column", ("r11", "r33"), reading_of(matrix="rows")),
 )
 """Known systems: name; names of columns by which the system is recognised (``_plainly``); the reading."""
+_WIDEST: Final = 400
+"""Largest number of neighbouring columns of any names in which a pose is looked for."""
+_NO_PLACE: Final = re.compile(
+    r"(?:[adfgmsvw]|.*(?:vel|acc|gyr|mag|force|torque|std|err|scale|size)[a-z]*)[._/: -]*[xyz]"
+)
+"""Names of vectors that are no positions, and no rotations beside these."""
 _TURNING: Final = re.compile("rot|rvec|axis|rpy|euler|angle|orient|rodrigues", re.IGNORECASE)
 """Names of groups of three columns that are a rotation."""
 
@@ -131,7 +154,7 @@ def layout_of_names(
     """
     if len(names) > MOST_COLUMNS:
         raise UnreadableRecording(f"its {len(names)} columns are too many: needed are {NEEDED}")
-    columns = Columns(names, units)
+    columns = Columns(names, units, rows)
     try:
         return with_body(layout(columns, reading), columns, rows)
     except UnreadableRecording as error:
@@ -287,7 +310,8 @@ class _Proposal:
             clock, self._about_time = self._time()
             self._lacks_time = clock is None
             rate = reading_of(time_unit=reading.time_unit or _A_RATE)
-            self._reading = reading.with_(rate if clock is None else reading_of({TIME: clock}))
+            time = {} if clock is None else {TIME: clock, **self._rest(clock)}
+            self._reading = reading.with_(reading_of(time) if time else rate)
 
     def _time(self) -> tuple[str | None, str]:
         """The name of the column that seems to be the time, if any, and its description."""
@@ -312,6 +336,19 @@ class _Proposal:
         if clock is None or is_frame:
             return None, "it has no times"
         return columns.names[clock], f"if {self._shown(columns.names[clock])} is the time"
+
+    def _rest(self, clock: str) -> dict[str, str]:
+        """The role and the name of the column with the nanoseconds, if those of a time are whole seconds that
+        rise only with these."""
+        seconds = self._values([self._columns.names.index(clock)])[:, 0]
+        for name in (
+            self._columns.names if not (seconds % 1.0).any() and (np.diff(seconds) == 0).any() else ()
+        ):
+            rest = self._values([self._columns.names.index(name)])[:, 0]
+            is_rest = name != clock and (rest >= 0).all() and 1e6 < rest.max(initial=0) < 1e9
+            if is_rest and CAN_BE_GIVEN(name) and (np.diff(seconds * 1e9 + rest) > 0).all():
+                return {REST: name}
+        return {}
 
     def _shown(self, name: str) -> str:
         return "its first column, which has no name," if name == f"{UNNAMED}0" else name
@@ -361,8 +398,7 @@ class _Proposal:
                     reading = reading.with_(reading_of(time_unit=unit))
             columns, text = dict(reading.columns), reading.command(self._path)
             if is_square:
-                along_columns = replace(reading, matrix="columns").command(self._path)
-                text += f" or, if it goes along columns, {along_columns}"
+                text += f" or, if it goes along columns, {_along_columns(reading).command(self._path)}"
             elif (group := columns.pop("quaternion", None)) is not None:
                 real_first = replace(reading, columns=(*columns.items(), ("wxyz", group))).command(self._path)
                 is_named = "wxyz" in group.lower()
@@ -434,8 +470,46 @@ class _Proposal:
             for base, way in alone:
                 near = sorted(places, key=lambda place: -_shared(place[0], base))
                 yield from (self._with(way, place) for _, place in near if way.columns != place.columns)
+            if shows:
+                yield from self._of_neighbours()
             if shows and not is_known:
                 yield as_named
+        after = next(
+            (p["z"] + 1 for p in columns.find(self._stated).values() if p.keys() >= {*POSITION}), None
+        )
+        turns = columns.names[after : after + 3] if after is not None else []
+        is_turn = len(turns) == 3 and not any(_NO_PLACE.fullmatch(columns.plain[after + i]) for i in range(3))
+        if is_turn and np.isfinite(self._values(range(after, after + 3))).any():
+            stated = reading_of(dict(zip(ANGLES, turns, strict=True)))
+            yield "if its columns are meant so,", stated.with_(self._reading), False
+
+    def _of_neighbours(self) -> Iterator[tuple[str, TableReading, bool]]:
+        """The candidate of neighbouring columns whose first values are a pose, if their names are in no group
+        and say which part of a quaternion each is."""
+        columns = self._columns
+        width = min([len(columns.names), _WIDEST, *map(len, self._rows())])
+        begin, sizes, order = _pose_in(self._values(range(width))) or (0, {}, None)
+        roles, place = dict[str, str](), begin
+        for role, size in sizes.items():
+            names, plain = (part[place : place + size] for part in (columns.names, columns.plain))
+            parts = GROUPS.get(role, ())
+            if role == "quaternion":
+                parts = tuple(f"q{name[-1:]}" for name in plain)
+            roles |= dict(zip(parts, names, strict=False))
+            place += size
+        is_told = {*roles} in ({*POSITION, *QUATERNION}, {*POSITION, *MATRIX})
+        places = [columns.plain[columns.names.index(roles[axis])] for axis in POSITION] if is_told else []
+        forms = {
+            plain.replace(axis, "", 1) for plain, axis in zip(places, POSITION, strict=False) if axis in plain
+        }
+        is_told = is_told and len(forms) == 1 and not any(map(_NO_PLACE.fullmatch, places))
+        if is_told and all(map(CAN_BE_GIVEN, roles.values())):
+            how = {} if order is None else {"matrix": order}
+            yield (
+                "if its columns are meant so,",
+                reading_of(roles, **how).with_(self._reading),
+                order is not None,
+            )
 
     def _with(self, way: TableReading, place: TableReading | None = None) -> tuple[str, TableReading, bool]:
         """The candidate of what a group is meant as, with the position in another."""
@@ -509,11 +583,28 @@ class _Proposal:
         description, ways = self._three_numbers(str(fault).split(", "), reading)
         candidates = [reading.with_(way) for way in ways]
         if candidates := [candidate for candidate in candidates if not _fault(self._columns, candidate)]:
-            return f"its rotations are {fault}, {description}: read them by {self.commands(candidates)}"
+            first = self._with_rotation_first(reading)
+            text = f"its rotations are {fault}, {description}: read them by {self.commands(candidates)}"
+            return (
+                text
+                if first is None
+                else f"{text}; or, if the rotation comes first, by {self.commands([first])}"
+            )
         if description:
             return None
         unit = f"write its unit into the names, as in '{str(fault).partition(', ')[0]} [deg]'"
         return f"its rotation vector {fault} is longer than a turn in radians: {unit}"
+
+    def _with_rotation_first(self, reading: TableReading) -> TableReading | None:
+        """The reading of six columns without names as a rotation vector before a position, if one may be."""
+        columns = dict(reading.columns)
+        place, turn = columns.get("position", ""), columns.get("rotation", "")
+        if not (place.startswith(f"{UNNAMED}[") and turn) or are_no_radians(
+            self._values(self._columns.places(place, True))
+        ):
+            return None
+        columns |= {"position": turn, "rotation": place}
+        return replace(reading, columns=tuple(columns.items())).with_(reading_of(rotation_vector=True))
 
     def _three_numbers(self, names: Sequence[str], reading: TableReading) -> tuple[str, list[TableReading]]:
         """The possible meaning, in words, and the readings of a rotation in three columns, by their names and
@@ -527,18 +618,26 @@ class _Proposal:
             if is_far:
                 return "", []
             return "a rotation vector", [reading_of(rotation_vector=True)]
-        order = reading.euler or ("XYZ" if any(map(_OPENSIM.match, names)) else "xyz")
+        named = (order for pattern, order in _NAMED_ORDERS.items() if all(map(pattern.match, names)))
+        order = reading.euler or next(named, "xyz")
         units = units[:1] or (["deg"] if is_far else ["deg", "rad"])
         angles = [reading_of(euler=f"{order}:{unit}") for unit in units]
         if reading.euler:
             return f"angles in the order {order} without their unit", angles
-        if are_named_angles(names) or order == "XYZ" or is_far:
+        if are_named_angles(names) or order != "xyz" or is_far:
             return "three angles", angles
         vector = reading_of(rotation_vector=True)
         description = "three numbers, angles or a rotation vector"
         if len(angles) > 1 and len(values):  # no larger than a turn in radians: hardly degrees
             return description, [vector, *angles[::-1]]
         return description, [angles[0], vector]
+
+
+def _along_columns(reading: TableReading) -> TableReading:
+    """The reading with matrices that go along columns."""
+    swapped = ((f"r{role[2]}{role[1]}" if role in MATRIX else role, name) for role, name in reading.columns)
+    is_group = "matrix" in dict(reading.columns)
+    return replace(reading, matrix="columns") if is_group else replace(reading, columns=tuple(swapped))
 
 
 def _fault(columns: Columns, reading: TableReading) -> Exception | None:

@@ -99,6 +99,9 @@ _ROUNDED_S: Final = 0.00051
 _ORDER: Final = re.compile(r"([xyz]{3})", re.IGNORECASE)
 _ABOUT: Final = re.compile(r"Global Angle\s*(?:\(([^)]*)\))?\s*")
 _TUM: Final = tuple(range(1, 8))
+TUM: Final = f"time={UNNAMED}0,position={UNNAMED}[1:4]"
+_TURN_OF_TUM: Final = tuple(f"{UNNAMED}{place}" for place in range(4, 8))
+"""Names of the columns of a trajectory, for commands with other quaternions."""
 _MARKS: Final = (";", "\t", "|", ",")
 """Separators of values; a comma may also be the decimal point."""
 _SEPARATOR_LINE: Final = re.compile(r'"?sep=(.)"?\s*', re.IGNORECASE)
@@ -107,14 +110,14 @@ _GROUP: Final = re.compile(r"(?:(?<=^)|(?<=[,;\t|])) *(\w*[(\[{][^()\[\]{}]*[)\]
 _WHOLE: Final = re.compile(r"\s*\w*[(\[]([^()\[\]{}]*)[)\]][\s,;]*")
 """A row in brackets, as a tuple of Python."""
 _OPEN_CELL: Final = re.compile(r'(?:^|[,;\t])"[^"\[(]{0,20}[\[(][^"]*$')
-_LINES_OF_CELL: Final = 16
-"""Largest number of lines of a cell with a matrix in quotes."""
+_LINES_OF_CELLS: Final = 32
+"""Largest number of lines of a row whose cells have matrices in quotes."""
 _TYPED: Final = re.compile(r"np\.\w+\(([^()]*)\)")
 """A number with its type, as in ``np.float64(0.1)``."""
 _BRACKETS: Final = re.compile(r"[()\[\]{}]")
 _CALL: Final = re.compile(r"[A-Za-z]\w*(?=[(\[])")
 """The name before values in brackets, as in ``p[0.1, 0.2, 0.3, 0, 0, 0]`` of UR."""
-_BETWEEN: Final = re.compile(r"\s*;\s*|,\s+|\s+")
+_BETWEEN: Final = re.compile(r"\s*;\s*|\s*,\s+|\s+")
 _QUALISYS: Final = "NO_OF_FRAMES"
 _OF_MATRIX: Final = re.compile(r"Rot\[([0-8])\]")
 _NUMBER: Final = re.compile(
@@ -200,12 +203,10 @@ def _lines(file: IO[str]) -> Iterator[str]:
     type."""
     for line in iter(lambda: file.readline(_LINE), ""):
         if '"' in line and _OPEN_CELL.search(line):
-            parts = [line.rstrip()]
-            while '"' not in parts[-1] or len(parts) == 1:
-                parts.append(file.readline(_LINE))
-                if not parts[-1] or len(parts) > _LINES_OF_CELL:
+            for more in takewhile(bool, (file.readline(_LINE) for _ in range(_LINES_OF_CELLS))):
+                line = f"{line.rstrip()} {more}"
+                if line.count('"') % 2 == 0:
                     break
-            line = " ".join(parts)
         yield _TYPED.sub(r"\1", line) if "np." in line else line
 
 
@@ -576,7 +577,7 @@ def _layout_of_rows(
     is_tum = separator is None and len(values) == 1 + len(_TUM) and may_be_trajectory(table)
     if is_tum and not (reading.kind or reading.columns):
         body = Body("", _TUM, LENGTHS_M[reading.unit or "m"])
-        return TableLayout(0, reading.time_ns, (body,), "TUM", None, rows[0])
+        return TableLayout(0, reading.time_ns, (body,), "TUM", None, rows[0], turn=_TURN_OF_TUM)
     width = Counter(map(len, table)).most_common(1)[0][0]
     table = [row for row in table if len(row) == width]
     try:
