@@ -4,7 +4,7 @@ import json
 import re
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from itertools import chain, islice
+from itertools import islice
 from typing import IO, Any, Final
 
 from contact_tracker.errors import UnreadableRecording
@@ -175,10 +175,11 @@ _FORMS: Final[Sequence[Callable[[_Document], list[Any]]]] = (
 
 
 def _entries_of(document: _Document) -> list[Any]:
-    """The entries of an object, or of the first part that has any."""
-    parts = (part for part in document.values() if isinstance(part, dict))
-    found = chain((entries(document) for entries in _FORMS), map(_entries_of, parts))
-    return next(filter(None, found), [])
+    """The entries of an object, or of the first part whose entries may be poses."""
+    if found := next(filter(None, (entries(document) for entries in _FORMS)), []):
+        return found
+    inside = map(_entries_of, (part for part in document.values() if isinstance(part, dict)))
+    return next((part for part in inside if part and _may_be_pose([*rows_of(part[0])[0].values()])), [])
 
 
 def _lists(document: _Document) -> dict[str, list[Any]]:

@@ -382,9 +382,9 @@ class _Proposal:
         ]
         return {number: place for number, place in group.items() if kept and kept[0] <= number <= kept[-1]}
 
-    def commands(self, readings: Sequence[TableReading], is_square: bool = False) -> str:
+    def commands(self, readings: Sequence[TableReading], has_other: bool = False) -> str:
         """The commands of readings, and alternatives: for a group of four values, with the real part first;
-        for a matrix that ``is_square``, along columns. Then what the user has to replace in them."""
+        and the other way of a rotation that ``has_other``. Then what the user has to replace in them."""
         texts, about = list[str](), dict[str, None]()
         for reading in readings:
             if reading.has_frame_numbers and not self._stated.has_frame_numbers:
@@ -397,14 +397,15 @@ class _Proposal:
                     unit = unit_of_dates(self._values([table.time])[:, 0])
                     reading = reading.with_(reading_of(time_unit=unit))
             columns, text = dict(reading.columns), reading.command(self._path)
-            if is_square:
-                text += f" or, if it goes along columns, {_along_columns(reading).command(self._path)}"
+            if has_other:
+                how, other = _other_way(reading)
+                text += f" or, {how}, {other.command(self._path)}"
             elif (group := columns.pop("quaternion", None)) is not None:
                 real_first = replace(reading, columns=(*columns.items(), ("wxyz", group))).command(self._path)
                 is_named = "wxyz" in group.lower()
                 text = real_first if is_named else f"{text} or, with the real part first, {real_first}"
             parts = [str(columns.get(role, "")) for role in ("qw", *QUATERNION[:3])]
-            if all(name[-1:].isdigit() for name in parts):
+            if not has_other and all(name[-1:].isdigit() for name in parts):
                 last = replace(reading, columns=()).with_(
                     reading_of({**columns, **dict(zip(QUATERNION, parts, strict=True))})
                 )
@@ -416,17 +417,17 @@ class _Proposal:
     @np.errstate(over="ignore", invalid="ignore")  # numbers may be of any size
     def text(self) -> str | None:
         """The meaning with its commands; None if nothing fits."""
-        for meaning, candidate, is_square in self._candidates():
+        for meaning, candidate, has_other in self._candidates():
             fault = _fault(self._columns, candidate)
             if fault is None:
-                return f"{meaning} read them by {self.commands([candidate], is_square)}"
+                return f"{meaning} read them by {self.commands([candidate], has_other)}"
             if (text := self._of_rotation(fault, candidate)) is not None:
                 return text
         return None
 
     def _candidates(self) -> Iterator[tuple[str, TableReading, bool]]:
-        """The meaning in words, the reading, and whether it has a square matrix: of known systems, of the
-        columns as they are named, and of groups of numbered columns, alone and in pairs."""
+        """The meaning in words, the reading, and whether it ``has_other`` one (``_other_way``): of known
+        systems, of the columns as they are named, of groups of numbered columns, and of neighbouring ones."""
         columns = self._columns
         written = {_plainly(name): name for name in reversed(columns.names)}
         known = {*written, *map(_plainly, columns.plain)}
@@ -474,14 +475,22 @@ class _Proposal:
                 yield from self._of_neighbours()
             if shows and not is_known:
                 yield as_named
-        after = next(
-            (p["z"] + 1 for p in columns.find(self._stated).values() if p.keys() >= {*POSITION}), None
-        )
-        turns = columns.names[after : after + 3] if after is not None else []
-        is_turn = len(turns) == 3 and not any(_NO_PLACE.fullmatch(columns.plain[after + i]) for i in range(3))
-        if is_turn and np.isfinite(self._values(range(after, after + 3))).any():
-            stated = reading_of(dict(zip(ANGLES, turns, strict=True)))
-            yield "if its columns are meant so,", stated.with_(self._reading), False
+        yield from self._after_position()
+
+    def _after_position(self) -> Iterator[tuple[str, TableReading, bool]]:
+        """The candidate of the columns after a named position whose own names say nothing: four with the
+        values of quaternions, else three numbers."""
+        columns, by_body = self._columns, self._columns.find(self._stated).values()
+        after = next((roles["z"] + 1 for roles in by_body if roles.keys() >= {*POSITION}), len(columns.names))
+        is_told = any(plain == "w" for plain in columns.plain) or any({*QUATERNION} & {*r} for r in by_body)
+        for roles in (QUATERNION, ANGLES):
+            names, plain = (part[after : after + len(roles)] for part in (columns.names, columns.plain))
+            if is_told or len(names) < len(roles) or any(map(_NO_PLACE.fullmatch, plain)):
+                continue
+            values = self._values(range(after, after + len(roles)))
+            if _are_unit(values) if roles is QUATERNION else np.isfinite(values).any():
+                stated = reading_of(dict(zip(roles, names, strict=True))).with_(self._reading)
+                yield "if its columns are meant so,", stated, roles is QUATERNION
 
     def _of_neighbours(self) -> Iterator[tuple[str, TableReading, bool]]:
         """The candidate of neighbouring columns whose first values are a pose, if their names are in no group
@@ -633,11 +642,16 @@ class _Proposal:
         return description, [angles[0], vector]
 
 
-def _along_columns(reading: TableReading) -> TableReading:
-    """The reading with matrices that go along columns."""
-    swapped = ((f"r{role[2]}{role[1]}" if role in MATRIX else role, name) for role, name in reading.columns)
-    is_group = "matrix" in dict(reading.columns)
-    return replace(reading, matrix="columns") if is_group else replace(reading, columns=tuple(swapped))
+def _other_way(reading: TableReading) -> tuple[str, TableReading]:
+    """The other reading of matrices, along columns, or of quaternions, with the real part first, in words."""
+    columns = dict(reading.columns)
+    if "matrix" in columns:
+        return "if it goes along columns", replace(reading, matrix="columns")
+    if reading.matrix is not None:
+        swapped = {f"r{role[2]}{role[1]}" if role in MATRIX else role: columns[role] for role in columns}
+        return "if it goes along columns", replace(reading, columns=tuple(swapped.items()))
+    first = dict(zip(GROUPS["wxyz"], (columns[role] for role in QUATERNION), strict=True))
+    return "with the real part first", replace(reading, columns=tuple((columns | first).items()))
 
 
 def _fault(columns: Columns, reading: TableReading) -> Exception | None:
