@@ -98,17 +98,10 @@ KNOWN: Final[Sequence[tuple[str, tuple[str, ...], TableReading]]] = (
         ("actual_tcp_pose[0]", "actual_tcp_pose[5]"),
         reading_of("position=actual_TCP_pose[0:3],rotation=actual_TCP_pose[3:6]", rotation_vector=True),
     ),
-    ("libfranka", ("o_t_ee[0]", "o_t_ee[15]"), reading_of("matrix=O_T_EE", matrix="columns")),
     ("Qualisys", ("x", "rot[0]", "rot[8]"), reading_of("matrix=Rot", matrix="columns", unit="mm")),
     ("PX4", ("timestamp_sample", "position[2]", "q[3]"), reading_of("position=position,wxyz=q")),
     ("PX4", ("timestamp_sample", "x", "q[3]"), reading_of("wxyz=q")),
-    ("NDI", ("tx", "q0", "qx"), reading_of(unit="mm")),
     ("NDI", ("frame", "state", "tx", "rz"), reading_of(unit="mm", euler="xyz:deg")),
-    (
-        "BOP",
-        ("frame", "cam_r_m2c[8]", "cam_t_m2c[2]"),
-        reading_of("position=cam_t_m2c,matrix=cam_R_m2c", matrix="rows", unit="mm"),
-    ),
     (
         "BOP, at 30 frames a second",
         ("im_id", "r[8]", "t[2]"),
@@ -129,8 +122,6 @@ KNOWN: Final[Sequence[tuple[str, tuple[str, ...], TableReading]]] = (
     ("matrices by row and column", ("r11", "r33"), reading_of(matrix="rows")),
 )
 """Known systems: name; names of columns by which the system is recognised (``_plainly``); the reading."""
-_WIDEST: Final = 400
-"""Largest number of neighbouring columns of any names in which a pose is looked for."""
 _NO_PLACE: Final = re.compile(
     r"(?:[adfgmsvw]|.*(?:vel|acc|gyr|mag|force|torque|std|err|scale|size)[a-z]*)[._/: -]*[xyz]"
 )
@@ -338,15 +329,14 @@ class _Proposal:
         return columns.names[clock], f"if {self._shown(columns.names[clock])} is the time"
 
     def _rest(self, clock: str) -> dict[str, str]:
-        """The role and the name of the column with the nanoseconds, if those of a time are whole seconds that
-        rise only with these."""
-        seconds = self._values([self._columns.names.index(clock)])[:, 0]
-        for name in (
-            self._columns.names if not (seconds % 1.0).any() and (np.diff(seconds) == 0).any() else ()
-        ):
-            rest = self._values([self._columns.names.index(name)])[:, 0]
-            is_rest = name != clock and (rest >= 0).all() and 1e6 < rest.max(initial=0) < 1e9
-            if is_rest and CAN_BE_GIVEN(name) and (np.diff(seconds * 1e9 + rest) > 0).all():
+        """The role and the name of the column with the nanoseconds, if a time is whole seconds that only rise
+        with these."""
+        places = {name: place for place, name in enumerate(self._columns.names) if CAN_BE_GIVEN(name)}
+        seconds = self._values([places.pop(clock)])[:, 0]
+        for name, place in places.items() if not (seconds % 1.0).any() and not np.diff(seconds).all() else ():
+            rest = self._values([place])[:, 0]
+            is_rest = (rest >= 0).all() and 1e6 < rest.max(initial=0) < 1e9
+            if is_rest and (np.diff(seconds * 1e9 + rest) > 0).all():
                 return {REST: name}
         return {}
 
@@ -471,54 +461,25 @@ class _Proposal:
             for base, way in alone:
                 near = sorted(places, key=lambda place: -_shared(place[0], base))
                 yield from (self._with(way, place) for _, place in near if way.columns != place.columns)
-            if shows:
-                yield from self._of_neighbours()
             if shows and not is_known:
                 yield as_named
         yield from self._after_position()
 
     def _after_position(self) -> Iterator[tuple[str, TableReading, bool]]:
-        """The candidate of the columns after a named position whose own names say nothing: four with the
-        values of quaternions, else three numbers."""
+        """The candidates of the columns after a named position whose own names say nothing: of matrices or
+        quaternions by their values, else of three numbers."""
         columns, by_body = self._columns, self._columns.find(self._stated).values()
         after = next((roles["z"] + 1 for roles in by_body if roles.keys() >= {*POSITION}), len(columns.names))
         is_told = any(plain == "w" for plain in columns.plain) or any({*QUATERNION} & {*r} for r in by_body)
-        for roles in (QUATERNION, ANGLES):
+        for roles, how in ((MATRIX, {"matrix": "rows"}), (QUATERNION, {}), (ANGLES, {})):
             names, plain = (part[after : after + len(roles)] for part in (columns.names, columns.plain))
-            if is_told or len(names) < len(roles) or any(map(_NO_PLACE.fullmatch, plain)):
+            if is_told or len(names) < len(roles) or any(map(_NO_PLACE.fullmatch, plain[:3])):
                 continue
             values = self._values(range(after, after + len(roles)))
-            if _are_unit(values) if roles is QUATERNION else np.isfinite(values).any():
-                stated = reading_of(dict(zip(roles, names, strict=True))).with_(self._reading)
-                yield "if its columns are meant so,", stated, roles is QUATERNION
-
-    def _of_neighbours(self) -> Iterator[tuple[str, TableReading, bool]]:
-        """The candidate of neighbouring columns whose first values are a pose, if their names are in no group
-        and say which part of a quaternion each is."""
-        columns = self._columns
-        width = min([len(columns.names), _WIDEST, *map(len, self._rows())])
-        begin, sizes, order = _pose_in(self._values(range(width))) or (0, {}, None)
-        roles, place = dict[str, str](), begin
-        for role, size in sizes.items():
-            names, plain = (part[place : place + size] for part in (columns.names, columns.plain))
-            parts = GROUPS.get(role, ())
-            if role == "quaternion":
-                parts = tuple(f"q{name[-1:]}" for name in plain)
-            roles |= dict(zip(parts, names, strict=False))
-            place += size
-        is_told = {*roles} in ({*POSITION, *QUATERNION}, {*POSITION, *MATRIX})
-        places = [columns.plain[columns.names.index(roles[axis])] for axis in POSITION] if is_told else []
-        forms = {
-            plain.replace(axis, "", 1) for plain, axis in zip(places, POSITION, strict=False) if axis in plain
-        }
-        is_told = is_told and len(forms) == 1 and not any(map(_NO_PLACE.fullmatch, places))
-        if is_told and all(map(CAN_BE_GIVEN, roles.values())):
-            how = {} if order is None else {"matrix": order}
-            yield (
-                "if its columns are meant so,",
-                reading_of(roles, **how).with_(self._reading),
-                order is not None,
-            )
+            is_turn = _order_of_matrices(values) if roles is MATRIX else _are_unit(values)
+            if is_turn or (roles is ANGLES and np.isfinite(values).any()):
+                stated = reading_of(dict(zip(roles, names, strict=True)), **how).with_(self._reading)
+                yield "if its columns are meant so,", stated, roles is not ANGLES
 
     def _with(self, way: TableReading, place: TableReading | None = None) -> tuple[str, TableReading, bool]:
         """The candidate of what a group is meant as, with the position in another."""
@@ -559,12 +520,13 @@ class _Proposal:
                 return reading_of(columns, **how)
             clock, is_frame = _clock(values, range(begin, at))
             clock = begin - 1 if len(values) == 1 and begin else clock
-            times = [] if clock is None else [self._columns.names[list(group.values())[clock]]]
+            time = "" if clock is None else self._columns.names[list(group.values())[clock]]
             texts = self._rows()[0][: begin and 2]
             if "".join(texts).isdigit() and len(texts[0]) == DIGITS_OF_STAMP > len(texts[1]):
-                times, is_frame = [f"{UNNAMED}0", f"{UNNAMED}1"], False
-            how = {**how, "time_unit": _A_RATE} if is_frame and times and len(values) > 1 else how
-            return reading_of({**dict(zip((TIME, REST), times, strict=False)), **columns}, **how)
+                time = f"{UNNAMED}0"
+            times = {TIME: time, **self._rest(time)} if time else {}
+            how = {**how, "time_unit": _A_RATE} if is_frame and len(times) == 1 and len(values) > 1 else how
+            return reading_of({**times, **columns}, **how)
 
         if (found := _pose_in(values)) is not None:
             begin, sizes, order = found
@@ -593,12 +555,8 @@ class _Proposal:
         candidates = [reading.with_(way) for way in ways]
         if candidates := [candidate for candidate in candidates if not _fault(self._columns, candidate)]:
             first = self._with_rotation_first(reading)
-            text = f"its rotations are {fault}, {description}: read them by {self.commands(candidates)}"
-            return (
-                text
-                if first is None
-                else f"{text}; or, if the rotation comes first, by {self.commands([first])}"
-            )
+            also = f"; or, if the rotation comes first, by {self.commands([first])}" if first else ""
+            return f"its rotations are {fault}, {description}: read them by {self.commands(candidates)}{also}"
         if description:
             return None
         unit = f"write its unit into the names, as in '{str(fault).partition(', ')[0]} [deg]'"
