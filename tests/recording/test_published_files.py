@@ -186,6 +186,15 @@ def test_orientations_alone_are_no_positions(tmp_path: Path) -> None:
     assert_read(path, "--columns", columns[1].replace("x=a,y=b,z=c", "x=east,y=north,z=up"))
 
 
+@pytest.mark.parametrize("vector", ["acc_", "linear_acceleration.", "gyr_", "v_", "mag."])
+def test_vectors_beside_orientations_are_no_positions(tmp_path: Path, vector: str) -> None:
+    for quaternion in ("qw,qx,qy,qz", "q0,q1,q2,q3"):
+        path = write(
+            tmp_path / "imu.csv", [f"t,{named(vector, 'x,y,z')},{quaternion}"], rows(T, P, REAL_FIRST)
+        )
+        assert "read them by" not in refusal(path)
+
+
 def test_labels_in_xml_have_a_remedy(tmp_path: Path) -> None:
     (path := tmp_path / "take.eaf").write_text('<?xml version="1.0"?>\n<ANNOTATION_DOCUMENT AUTHOR="">\n')
     with pytest.raises(NoTruth, match="it is XML: export it as tab-delimited text"):

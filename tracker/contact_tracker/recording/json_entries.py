@@ -135,7 +135,7 @@ def _by_column_and_row(document: _Document) -> list[Any]:
 def _under_names(document: _Document) -> list[Any]:
     """The rows in a list, below the names of their columns in another, and beside the index of pandas."""
     lists = _lists(document)
-    names = next((value for value in lists.values() if all(isinstance(name, str) for name in value)), [])
+    names = next((value for value in lists.values() if all(map(_is_name, value))), [])
     tables = [v for v in lists.values() if v and isinstance(v[0], list) and len(v[0]) == len(names)]
     if len(tables) != 1 or not names:
         return []
@@ -184,6 +184,10 @@ def _entries_of(document: _Document) -> list[Any]:
 
 def _lists(document: _Document) -> dict[str, list[Any]]:
     return {name: value for name, value in document.items() if isinstance(value, list)}
+
+
+def _is_name(value: Any) -> bool:
+    return isinstance(value, str) and not are_numbers([value])
 
 
 def _has_objects(value: Any) -> bool:

@@ -354,7 +354,7 @@ _NO_POSE: Final = re.compile(
     r"(?:.*[._/: -])?(?:std|stdev|sd|sigma|var|cov|err|error|vel|dot|acc|ref|cmd|des)"
 )
 """Names after roles of deviations, derivatives and commanded poses."""
-_RATE: Final = re.compile(r"(?:.*[._/: -])?(?:lin|ang|free)?(?:acc|vel|gyr|mag)[a-z]*")
+_RATE: Final = re.compile(r"(?:.*[._/: -])?(?:(?:lin|ang|free)?(?:acc|vel|gyr|mag)[a-z]*|[avw])")
 """Names of vectors that are no positions, though their columns end with x, y and z."""
 _MARK_RUN: Final = re.compile(r"([._/: -])[._/: -]+")
 _OF_ROTATION: Final = r"(?<![a-z])(?:(?:rotation|orientation|rot|ori)[._/: -]*)?"

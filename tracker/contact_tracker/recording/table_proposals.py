@@ -243,15 +243,15 @@ def _pose_in(values: Array) -> tuple[int, dict[str, int], str | None] | None:
             matrices = values[:, begin + before : begin + before + roles["matrix"]]
             if (order := _order_of_matrices(matrices)) is not None:
                 return begin, roles, order
-    begin = _begin_of_quaternion(values)
-    if begin is None:
+    turn = _begin_of_quaternion(values)
+    if turn is None:
         return None
-    place, steps = begin - 3, np.diff(values[:, 0])
-    if place >= 3 and _are_angles_of(values[:, place:begin], values[:, begin : begin + 4]):
+    place, steps = turn - 3, np.diff(values[:, 0])
+    if place >= 3 and _are_angles_of(values[:, place:turn], values[:, turn : turn + 4]):
         return place - 3, {"position": 3, "": 3, "quaternion": 4}, None
     is_of_time = place == 0 and steps.size and 0 < steps.max() <= 2 * np.median(steps) and steps.min() > 0
-    if place < 0 or (is_of_time and begin + len(POSE_ROLES) <= count):
-        return begin, {"quaternion": 4, "position": 3}, None
+    if place < 0 or (is_of_time and turn + len(POSE_ROLES) <= count):
+        return turn, {"quaternion": 4, "position": 3}, None
     return place, {"position": 3, "quaternion": 4}, None
 
 
@@ -301,8 +301,7 @@ class _Proposal:
             clock, self._about_time = self._time()
             self._lacks_time = clock is None
             rate = reading_of(time_unit=reading.time_unit or _A_RATE)
-            time = {} if clock is None else {TIME: clock, **self._rest(clock)}
-            self._reading = reading.with_(reading_of(time) if time else rate)
+            self._reading = reading.with_(rate if clock is None else reading_of({TIME: clock}))
 
     def _time(self) -> tuple[str | None, str]:
         """The name of the column that seems to be the time, if any, and its description."""
@@ -327,18 +326,6 @@ class _Proposal:
         if clock is None or is_frame:
             return None, "it has no times"
         return columns.names[clock], f"if {self._shown(columns.names[clock])} is the time"
-
-    def _rest(self, clock: str) -> dict[str, str]:
-        """The role and the name of the column with the nanoseconds, if a time is whole seconds that only rise
-        with these."""
-        places = {name: place for place, name in enumerate(self._columns.names) if CAN_BE_GIVEN(name)}
-        seconds = self._values([places.pop(clock)])[:, 0]
-        for name, place in places.items() if not (seconds % 1.0).any() and not np.diff(seconds).all() else ():
-            rest = self._values([place])[:, 0]
-            is_rest = (rest >= 0).all() and 1e6 < rest.max(initial=0) < 1e9
-            if is_rest and (np.diff(seconds * 1e9 + rest) > 0).all():
-                return {REST: name}
-        return {}
 
     def _shown(self, name: str) -> str:
         return "its first column, which has no name," if name == f"{UNNAMED}0" else name
@@ -520,13 +507,12 @@ class _Proposal:
                 return reading_of(columns, **how)
             clock, is_frame = _clock(values, range(begin, at))
             clock = begin - 1 if len(values) == 1 and begin else clock
-            time = "" if clock is None else self._columns.names[list(group.values())[clock]]
+            times = [] if clock is None else [self._columns.names[list(group.values())[clock]]]
             texts = self._rows()[0][: begin and 2]
             if "".join(texts).isdigit() and len(texts[0]) == DIGITS_OF_STAMP > len(texts[1]):
-                time = f"{UNNAMED}0"
-            times = {TIME: time, **self._rest(time)} if time else {}
-            how = {**how, "time_unit": _A_RATE} if is_frame and len(times) == 1 and len(values) > 1 else how
-            return reading_of({**times, **columns}, **how)
+                times, is_frame = [f"{UNNAMED}0", f"{UNNAMED}1"], False
+            how = {**how, "time_unit": _A_RATE} if is_frame and times and len(values) > 1 else how
+            return reading_of({**dict(zip((TIME, REST), times, strict=False)), **columns}, **how)
 
         if (found := _pose_in(values)) is not None:
             begin, sizes, order = found

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
-from itertools import accumulate, chain, islice, pairwise, repeat, takewhile
+from itertools import chain, islice, pairwise, repeat, takewhile
 from typing import IO, Any, Final
 
 import numpy as np
@@ -558,32 +558,36 @@ def _layout_of_rows(
         elif not values and len(lines) < FIRST_ROWS:
             raise UnreadableRecording("it has a header but no rows")
         return replace(layout, separator=separator, skip=skip)
-    first = next((k for k, i in enumerate(rows) if _are_values(_cells_of(lines[i], _separator(lines[i])))), 0)
-    width = len(_cells_of(lines[rows[first]], _separator(lines[rows[first]])))
-    if first and not any(is_proposed or abs(count - width) < 2 for is_proposed, count in errors):
-        errors.clear()  # of text above rows without names
-        rows = rows[first:]
+    begin = next((k for k, i in enumerate(rows) if _are_values(_cells_of(lines[i], _separator(lines[i])))), 0)
+    width = len(_cells_of(lines[rows[begin]], _separator(lines[rows[begin]])))
+    if begin and not any(is_proposed or abs(count - width) < 2 for is_proposed, count in errors):
+        return _layout_without_names(lines, rows[begin:], reading, path)  # below other text
     if errors and max(errors)[1] >= 0:
         if not max(errors)[0] and not any(map(_may_be_row, lines)):
             raise UnreadableRecording("it is text without rows of numbers, not a table of poses")
         raise errors[max(errors)]
+    try:
+        return _layout_without_names(lines, rows, reading, path)
+    except UnreadableRecording as error:
+        raise next(iter(errors.values()), error) from None
+
+
+def _layout_without_names(
+    lines: Sequence[str], rows: Sequence[int], reading: TableReading, path: str
+) -> TableLayout:
+    """The layout of the lines with these numbers, by their values."""
     separator = _separator(lines[rows[0]])
     table = [[value.strip(BLANKS) for value in _cells_of(lines[i], separator)] for i in rows]
     if [cell for cell in table[0] if cell] == [str(i) for i in range(len(table[0]) - (not table[0][0]))]:
         rows, table = rows[1:], table[1:]  # numbers of columns, as by pandas
-    values = table[0]
-    if not errors:
-        _refuse_blocks(table, os.path.basename(path))
-    is_tum = separator is None and len(values) == 1 + len(_TUM) and may_be_trajectory(table)
+    _refuse_blocks(table, os.path.basename(path))
+    is_tum = separator is None and len(table[0]) == 1 + len(_TUM) and may_be_trajectory(table)
     if is_tum and not (reading.kind or reading.columns):
         body = Body("", _TUM, LENGTHS_M[reading.unit or "m"])
         return TableLayout(0, reading.time_ns, (body,), "TUM", None, rows[0], turn=_TURN_OF_TUM)
     width = Counter(map(len, table)).most_common(1)[0][0]
     table = [row for row in table if len(row) == width]
-    try:
-        return replace(layout_without_names(table, reading, path), separator=separator, skip=rows[0])
-    except UnreadableRecording as error:
-        raise next(iter(errors.values()), error) from None
+    return replace(layout_without_names(table, reading, path), separator=separator, skip=rows[0])
 
 
 def _numbered(names: Sequence[str]) -> list[str]:
@@ -597,10 +601,10 @@ def _numbered(names: Sequence[str]) -> list[str]:
 
 def _stacked(heads: Sequence[Sequence[str]]) -> list[str]:
     """Names of columns that are in several rows; blanks are of cells that are merged, but in the last row."""
-    filled = [
-        [row[0], *accumulate(row[1:], lambda left, cell: cell or left)] if row is not heads[-1] else row
-        for row in heads
-    ]
+    filled = [[*row] for row in heads]
+    for row in filled[:-1]:
+        for place in range(2, len(row)):
+            row[place] = row[place] or row[place - 1]
     return [".".join(filter(None, cells)) for cells in zip(*filled, strict=True)]
 
 
