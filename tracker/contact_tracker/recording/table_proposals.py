@@ -18,6 +18,7 @@ from contact_tracker.arrays import Array
 from contact_tracker.config.quantities import ANGLE_UNITS
 from contact_tracker.config.table_reading import (
     ANGLES,
+    AS_NAMED,
     GROUPS,
     MATRIX,
     POSITION,
@@ -359,9 +360,8 @@ class _Proposal:
         ]
         return {number: place for number, place in group.items() if kept and kept[0] <= number <= kept[-1]}
 
-    def commands(self, readings: Sequence[TableReading], has_other: bool = False) -> str:
-        """The commands of readings, and alternatives: for a group of four values, with the real part first;
-        and the other way of a rotation that ``has_other``. Then what the user has to replace in them."""
+    def commands(self, readings: Sequence[TableReading]) -> str:
+        """The commands of readings, and the others of rotations; then what the user has to replace in them."""
         texts, about = list[str](), dict[str, None]()
         for reading in readings:
             if reading.has_frame_numbers and not self._stated.has_frame_numbers:
@@ -373,38 +373,51 @@ class _Proposal:
                 if table.time >= 0 and not (table.time_ns or table.rest is not None):
                     unit = unit_of_dates(self._values([table.time])[:, 0])
                     reading = reading.with_(reading_of(time_unit=unit))
-            columns, text = dict(reading.columns), reading.command(self._path)
-            if has_other:
-                how, other = _other_way(reading)
-                text += f" or, {how}, {other.command(self._path)}"
-            elif (group := columns.pop("quaternion", None)) is not None:
-                real_first = replace(reading, columns=(*columns.items(), ("wxyz", group))).command(self._path)
-                is_named = "wxyz" in group.lower()
-                text = real_first if is_named else f"{text} or, with the real part first, {real_first}"
-            parts = [str(columns.get(role, "")) for role in ("qw", *QUATERNION[:3])]
-            if not has_other and all(name[-1:].isdigit() for name in parts):
-                last = replace(reading, columns=()).with_(
-                    reading_of({**columns, **dict(zip(QUATERNION, parts, strict=True))})
-                )
-                text += f" or, with the real part last, {last.command(self._path)}"
-            texts.append(text)
+            how, other = self._other_way(reading)
+            is_named = "wxyz" in dict(reading.columns).get("quaternion", "").lower()
+            texts.append((other if is_named else reading).command(self._path))
+            if how and not is_named:
+                texts[-1] += f" or, {how}, {other.command(self._path)}"
         orders = f". {_ORDERS}" if any(reading.euler for reading in readings) else ""
         return f"{' or '.join(texts)}{', with ' * bool(about)}{' and '.join(about)}{orders}"
+
+    def _other_way(self, reading: TableReading) -> tuple[str, TableReading]:
+        """Where names do not say it, the way in words, and the reading, of matrices along columns, or of
+        quaternions with the real part at the other end."""
+        columns, names = dict(reading.columns), self._columns.names
+        if reading.matrix is not None and "matrix" in columns:
+            is_square = len(self._columns.places(columns["matrix"], True)) == 9
+            return "if it goes along columns" * is_square, replace(reading, matrix="columns")
+        if reading.matrix is not None:
+            swapped = {f"r{role[2]}{role[1]}" if role in MATRIX else role: columns[role] for role in columns}
+            how = "if it goes along columns" * ("r11" in columns)
+            return how, replace(reading, columns=tuple(swapped.items()))
+        if (group := columns.pop("quaternion", None)) is not None:
+            columns["wxyz"] = group
+            return "with the real part first", replace(reading, columns=tuple(columns.items()))
+        parts = sorted((columns[role] for role in QUATERNION if role in columns), key=names.index)
+        if len(parts) < len(QUATERNION) or parts[0][-1:].lower() == "w" or parts[-1][-1:].lower() == "w":
+            return "", reading
+        is_first = parts[0] == columns["qw"]
+        columns |= zip(QUATERNION if is_first else GROUPS["wxyz"], parts, strict=True)
+        return f"with the real part {'last' if is_first else 'first'}", replace(
+            reading, columns=tuple(columns.items())
+        )
 
     @np.errstate(over="ignore", invalid="ignore")  # numbers may be of any size
     def text(self) -> str | None:
         """The meaning with its commands; None if nothing fits."""
-        for meaning, candidate, has_other in self._candidates():
+        for meaning, candidate in self._candidates():
             fault = _fault(self._columns, candidate)
             if fault is None:
-                return f"{meaning} read them by {self.commands([candidate], has_other)}"
+                return f"{meaning} read them by {self.commands([candidate])}"
             if (text := self._of_rotation(fault, candidate)) is not None:
                 return text
         return None
 
-    def _candidates(self) -> Iterator[tuple[str, TableReading, bool]]:
-        """The meaning in words, the reading, and whether it ``has_other`` one (``_other_way``): of known
-        systems, of the columns as they are named, of groups of numbered columns, and of neighbouring ones."""
+    def _candidates(self) -> Iterator[tuple[str, TableReading]]:
+        """The meaning in words, and the reading: of known systems, of the columns as they are named, of groups
+        of numbered columns, and of columns after a position."""
         columns = self._columns
         written = {_plainly(name): name for name in reversed(columns.names)}
         known = {*written, *map(_plainly, columns.plain)}
@@ -422,8 +435,8 @@ class _Proposal:
                 spelled = tuple((role, written.get(_plainly(name), name)) for role, name in roles)
                 candidate = replace(meaning, columns=spelled).with_(self._reading)
                 for way in self._with_units(candidate):
-                    yield f"if its columns are those of {system},", way, False
-        as_named = (f"{self._about_time}:", self._reading, False)
+                    yield f"if its columns are those of {system},", way
+        as_named = (f"{self._about_time}:", self._reading)
         if is_known := _fault(columns, self._reading) is None:
             yield as_named
         matches = [pattern.fullmatch(name) for name in columns.names for pattern in (NUMBERED, BY_ROW)]
@@ -444,15 +457,19 @@ class _Proposal:
         places = [(base, way) for base, way, _ in parts if [*dict(way.columns)] == ["position"]]
         for shows in (True, False):
             alone = [(base, way) for base, way, is_shown in parts if is_shown == shows]
-            yield from (self._with(way) for _, way in alone)
+            pairs = list[tuple[TableReading, TableReading]]()
             for base, way in alone:
                 near = sorted(places, key=lambda place: -_shared(place[0], base))
-                yield from (self._with(way, place) for _, place in near if way.columns != place.columns)
+                pairs += [(way, place) for _, place in near if way.columns != place.columns]
+            for way, place in chain(((way, AS_NAMED) for _, way in alone), pairs):
+                has_time = any(role == TIME for role, _ in way.columns)
+                stated = self._stated if has_time else self._reading
+                yield "if its columns are meant so,", way.with_(place.with_(stated))
             if shows and not is_known:
                 yield as_named
         yield from self._after_position()
 
-    def _after_position(self) -> Iterator[tuple[str, TableReading, bool]]:
+    def _after_position(self) -> Iterator[tuple[str, TableReading]]:
         """The candidates of the columns after a named position whose own names say nothing: of matrices or
         quaternions by their values, else of three numbers."""
         columns, by_body = self._columns, self._columns.find(self._stated).values()
@@ -466,16 +483,7 @@ class _Proposal:
             is_turn = _order_of_matrices(values) if roles is MATRIX else _are_unit(values)
             if is_turn or (roles is ANGLES and np.isfinite(values).any()):
                 stated = reading_of(dict(zip(roles, names, strict=True)), **how).with_(self._reading)
-                yield "if its columns are meant so,", stated, roles is not ANGLES
-
-    def _with(self, way: TableReading, place: TableReading | None = None) -> tuple[str, TableReading, bool]:
-        """The candidate of what a group is meant as, with the position in another."""
-        has_time = any(role == TIME for role, _ in way.columns)
-        stated = self._stated if has_time else self._reading
-        candidate = way.with_(stated if place is None else place.with_(stated))
-        names = [name for role, name in candidate.columns if role == "matrix"]
-        is_square = 9 in [len(self._columns.places(name, True)) for name in names]
-        return "if its columns are meant so,", candidate, is_square
+                yield "if its columns are meant so,", stated
 
     def _with_units(self, known: TableReading) -> list[TableReading]:
         """The reading of a known system, and without its units, which comes first if positions would be near
@@ -584,18 +592,6 @@ class _Proposal:
         if len(angles) > 1 and len(values):  # no larger than a turn in radians: hardly degrees
             return description, [vector, *angles[::-1]]
         return description, [angles[0], vector]
-
-
-def _other_way(reading: TableReading) -> tuple[str, TableReading]:
-    """The other reading of matrices, along columns, or of quaternions, with the real part first, in words."""
-    columns = dict(reading.columns)
-    if "matrix" in columns:
-        return "if it goes along columns", replace(reading, matrix="columns")
-    if reading.matrix is not None:
-        swapped = {f"r{role[2]}{role[1]}" if role in MATRIX else role: columns[role] for role in columns}
-        return "if it goes along columns", replace(reading, columns=tuple(swapped.items()))
-    first = dict(zip(GROUPS["wxyz"], (columns[role] for role in QUATERNION), strict=True))
-    return "with the real part first", replace(reading, columns=tuple((columns | first).items()))
 
 
 def _fault(columns: Columns, reading: TableReading) -> Exception | None:
