@@ -361,7 +361,7 @@ class _Proposal:
         return {number: place for number, place in group.items() if kept and kept[0] <= number <= kept[-1]}
 
     def commands(self, readings: Sequence[TableReading]) -> str:
-        """The commands of readings, and the others of rotations; then what the user has to replace in them."""
+        """The commands of readings, and of other ways of rotations; then what the user has to replace."""
         texts, about = list[str](), dict[str, None]()
         for reading in readings:
             if reading.has_frame_numbers and not self._stated.has_frame_numbers:
@@ -384,7 +384,7 @@ class _Proposal:
     def _other_way(self, reading: TableReading) -> tuple[str, TableReading]:
         """Where names do not say it, the way in words, and the reading, of matrices along columns, or of
         quaternions with the real part at the other end."""
-        columns, names = dict(reading.columns), self._columns.names
+        columns = dict(reading.columns)
         if reading.matrix is not None and "matrix" in columns:
             is_square = len(self._columns.places(columns["matrix"], True)) == 9
             return "if it goes along columns" * is_square, replace(reading, matrix="columns")
@@ -395,14 +395,14 @@ class _Proposal:
         if (group := columns.pop("quaternion", None)) is not None:
             columns["wxyz"] = group
             return "with the real part first", replace(reading, columns=tuple(columns.items()))
-        parts = sorted((columns[role] for role in QUATERNION if role in columns), key=names.index)
+        stated = [columns[role] for role in QUATERNION if role in columns]
+        parts = sorted(stated, key=lambda name: self._columns.places(name, False))
         if len(parts) < len(QUATERNION) or parts[0][-1:].lower() == "w" or parts[-1][-1:].lower() == "w":
             return "", reading
         is_first = parts[0] == columns["qw"]
         columns |= zip(QUATERNION if is_first else GROUPS["wxyz"], parts, strict=True)
-        return f"with the real part {'last' if is_first else 'first'}", replace(
-            reading, columns=tuple(columns.items())
-        )
+        how = f"with the real part {'last' if is_first else 'first'}"
+        return how, replace(reading, columns=tuple(columns.items()))
 
     @np.errstate(over="ignore", invalid="ignore")  # numbers may be of any size
     def text(self) -> str | None:
@@ -416,8 +416,8 @@ class _Proposal:
         return None
 
     def _candidates(self) -> Iterator[tuple[str, TableReading]]:
-        """The meaning in words, and the reading: of known systems, of the columns as they are named, of groups
-        of numbered columns, and of columns after a position."""
+        """The meaning in words, and the reading: of known systems, of the columns as they are named, of
+        groups of numbered columns, and of columns after a position."""
         columns = self._columns
         written = {_plainly(name): name for name in reversed(columns.names)}
         known = {*written, *map(_plainly, columns.plain)}
@@ -461,10 +461,10 @@ class _Proposal:
             for base, way in alone:
                 near = sorted(places, key=lambda place: -_shared(place[0], base))
                 pairs += [(way, place) for _, place in near if way.columns != place.columns]
-            for way, place in chain(((way, AS_NAMED) for _, way in alone), pairs):
+            for way, at in chain(((way, AS_NAMED) for _, way in alone), pairs):
                 has_time = any(role == TIME for role, _ in way.columns)
                 stated = self._stated if has_time else self._reading
-                yield "if its columns are meant so,", way.with_(place.with_(stated))
+                yield "if its columns are meant so,", way.with_(at.with_(stated))
             if shows and not is_known:
                 yield as_named
         yield from self._after_position()
