@@ -494,7 +494,8 @@ class Columns:
             shared = sum(bool(body) and name.startswith(body) for name in names)
             return shared * (by_body[body].keys() >= {*POSITION}), not body, len(by_body[body])
 
-        return max((body for body in by_body if not _RATE.fullmatch(body)), key=rank, default="")
+        bodies = (body for body in by_body if rank(body)[0] or not _RATE.fullmatch(body))
+        return max(bodies, key=rank, default="")
 
     def _add_with_frames(self, by_body: dict[str, dict[str, int]]) -> None:
         """Add the columns with frames in their names: after the parts if no body has a position so far
