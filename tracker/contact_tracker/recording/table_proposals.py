@@ -474,7 +474,8 @@ class _Proposal:
         quaternions by their values, else of three numbers."""
         columns, by_body = self._columns, self._columns.find(self._stated).values()
         after = next((roles["z"] + 1 for roles in by_body if roles.keys() >= {*POSITION}), len(columns.names))
-        is_told = any(plain == "w" for plain in columns.plain) or any({*QUATERNION} & {*r} for r in by_body)
+        has_w = any(re.fullmatch(r"(?:.*[._/: -])?w", plain) for plain in columns.plain)
+        is_told = has_w or any({*QUATERNION} & {*roles} for roles in by_body)
         for roles, how in ((MATRIX, {"matrix": "rows"}), (QUATERNION, {}), (ANGLES, {})):
             names, plain = (part[after : after + len(roles)] for part in (columns.names, columns.plain))
             if is_told or len(names) < len(roles) or any(map(_NO_PLACE.fullmatch, plain[:3])):
