@@ -155,6 +155,15 @@ STATED: dict[str, tuple[dict[str, str | bool], str, list[int], str]] = {
 }
 
 
+def test_a_wrong_order_is_named_with_the_columns() -> None:
+    """And so is the order of a quaternion."""
+    poses = shipped(PAPER)
+    read = quaternions("euler", as_numbers(poses, "ZYX")[:, ::-1], "XYZ:rad")
+    read_as = ReadAs(table=TableReading(euler="XYZ:deg"), path="a.csv", turn=("A", "B", "C"))
+    result = mistake_in(replace(poses, quat_xyzw=read), read_as=read_as)
+    assert "a.csv --euler ZYX:deg --columns rz=A,ry=B,rx=C" in result
+
+
 @pytest.mark.parametrize("mistake", STATED)
 def test_a_wrong_statement_on_rotations_is_named_with_the_right_one(mistake: str) -> None:
     stated, true, places, said = STATED[mistake]

@@ -108,6 +108,20 @@ EXPORTS: dict[str, Callable[[Path], object]] = {
     "by rows.json": lambda path: path.write_text(
         json.dumps({"time": [*T], "p": P.T.tolist(), "q": Q.T.tolist()})
     ),
+    "by files.json": lambda path: path.write_text(
+        json.dumps({f"frame_{i:04}.png": {"T": matrix} for i, matrix in enumerate(WHOLE.tolist())})
+    ),
+    "in a part.json": lambda path: path.write_text(
+        json.dumps({"about": {"rate": 200}, "poses": {"t": [*T], "p": P.tolist(), "q": Q.tolist()}})
+    ),
+    "metadata.json": lambda path: path.write_text(  # as of Record3D
+        json.dumps(
+            {"fps": 200, "initPose": [0.0] * 7, "poses": np.c_[Q, P].tolist(), "frameTimestamps": [*T]}
+        )
+    ),
+    "joints and poses.npz": lambda path: np.savez(
+        path, time=T, joint_positions=np.tile(np.arange(7.0), (len(T), 1)), grip=P + 1, cup_pos=P, cup_quat=Q
+    ),
     "by times.json": lambda path: path.write_text(
         json.dumps({f"{t:.9f}": {"p": [*p], "q": [*q]} for t, p, q in zip(T, P, Q, strict=True)})
     ),
@@ -177,7 +191,20 @@ def write_dtrack(path: Path) -> None:
 def write_files_of_matrices(path: Path) -> None:
     path.mkdir()
     for number, matrix in enumerate(WHOLE):
-        np.savetxt(path / f"{number:06d}.txt", matrix)
+        np.savetxt(path / f"{number}.txt", matrix)
+
+
+def write_files_of_entries(path: Path) -> None:
+    path.mkdir()
+    for number, one in enumerate(LISTS):
+        (path / f"{number}.json").write_text(json.dumps(one))
+
+
+def write_echo(path: Path) -> None:
+    pose = "{{position: {{x: {}, y: {}, z: {}}}, orientation: {{x: {}, y: {}, z: {}, w: {}}}}}"
+    head = "header:\n  stamp: {{sec: 1700000000, nanosec: {}}}\n  frame_id: map\npose: {}\n---\n"
+    lines = zip(SINCE_NS.tolist(), POSE.tolist(), strict=True)
+    path.write_text("".join(head.format(ns, pose.format(*row)) for ns, row in lines))
 
 
 def write_stream(path: Path) -> None:
@@ -187,6 +214,8 @@ def write_stream(path: Path) -> None:
 
 CONVERTED: dict[str, tuple[Callable[[Path], object], str]] = {
     "folder": (write_files_of_matrices, "poses.npy"),
+    "entries": (write_files_of_entries, "poses.json"),
+    "echo.txt": (write_echo, "poses.json"),
     "four lines": (lambda path: np.savetxt(path, WHOLE.reshape(-1, 4)), "poses.npy"),
     "three lines": (lambda path: np.savetxt(path, WHOLE[:, :3].reshape(-1, 4)), "poses.npy"),
     "dtrack.txt": (write_dtrack, "body.txt"),
@@ -207,10 +236,12 @@ def test_the_line_of_python_makes_a_file_that_is_read(
     with pytest.raises(UnreadableRecording) as raised:
         open_log(name)
     code, command = re.search(
-        r"((?:numpy|pyarrow)\.\w.*) makes a file(?:.*read by (.*))?", str(raised.value)
+        r"((?:numpy|pyarrow|json)\.\w.*) makes a file(?:.*read by (.*))?", str(raised.value)
     ).groups()
-    exec(code, {"np": np, "numpy": np, "pyarrow": pyarrow, "re": re, "glob": glob})
-    options = shlex.split(command or "")[3:] or (proposed(Path(file)) if file == "poses.npy" else [])
+    modules = {"np": np, "numpy": np, "pyarrow": pyarrow, "re": re, "glob": glob, "json": json}
+    exec(code, modules | ({"yaml": pytest.importorskip("yaml")} if "yaml." in code else {}))
+    is_open = file == "poses.npy" or name == "entries"
+    options = shlex.split(command or "")[3:] or (proposed(Path(file)) if is_open else [])
     assert_read(Path(file), *(re.sub("100?Hz", "200Hz", word) for word in options))
 
 

@@ -186,6 +186,15 @@ def test_orientations_alone_are_no_positions(tmp_path: Path) -> None:
     assert_read(path, "--columns", columns[1].replace("x=a,y=b,z=c", "x=east,y=north,z=up"))
 
 
+@pytest.mark.parametrize("vector", ["acc_", "linear_acceleration.", "gyr_", "v_", "mag."])
+def test_vectors_beside_orientations_are_no_positions(tmp_path: Path, vector: str) -> None:
+    for quaternion in ("qw,qx,qy,qz", "q0,q1,q2,q3"):
+        path = write(
+            tmp_path / "imu.csv", [f"t,{named(vector, 'x,y,z')},{quaternion}"], rows(T, P, REAL_FIRST)
+        )
+        assert "read them by" not in refusal(path)
+
+
 def test_labels_in_xml_have_a_remedy(tmp_path: Path) -> None:
     (path := tmp_path / "take.eaf").write_text('<?xml version="1.0"?>\n<ANNOTATION_DOCUMENT AUTHOR="">\n')
     with pytest.raises(NoTruth, match="it is XML: export it as tab-delimited text"):
@@ -241,7 +250,6 @@ ONE_DATE = ["2024-05-14 10:22:31"] * COUNT
         (",x,y,z,qx,qy,qz,qw", [DATES, POSE]),
         ("Frame#,X(in),Y(in),Z(in),Az,El,Roll", [np.arange(COUNT), P / 0.0254, KUKA]),
         ("time,x,y,z,q1,q2,q3,q4", [T, P, REAL_FIRST]),
-        ("t,tx,ty,tz,rx,ry,rz,rw", [T, POSE]),
         (f"sim_time,{named('/World/Cube:translate:', 'x,y,z')},{named('/World/Cube:orient:', 'w,x,y,z')}",
          [T, P, REAL_FIRST]),
         ("frame,translateX [cm],translateY [cm],translateZ [cm],rotateX,rotateY,rotateZ",
@@ -261,6 +269,9 @@ def test_what_is_proposed_for_names_of_programs_is_right(
     ("head", "columns"),
     [
         ("time," + named("xpos_", "x,y,z") + "," + named("xquat_", "w,x,y,z"), [T, P, REAL_FIRST]),
+        ("t,tx,ty,tz,rx,ry,rz,rw", [T, POSE]),
+        ("time,x,y,z,r_w,r_x,r_y,r_z", [T, P, REAL_FIRST]),
+        ("t,tx,ty,tz,ox,oy,oz,ow", [T, POSE]),
         # deviations, errors, goals and velocities are no body
         *((f"time,x,y,z,qx,qy,qz,qw,{others}", [T, POSE, np.ones((COUNT, 7))])
           for others in ("x_std,y_std,z_std,qx_std,qy_std,qz_std,qw_std",

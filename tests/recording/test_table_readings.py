@@ -51,6 +51,9 @@ SECONDS, REST = [str(1_700_000_000 + n // 10**9) for n in SINCE_NS], [str(n % 10
 ENTRIES = list(zip(T.tolist(), P.tolist(), Q.tolist(), strict=True))
 
 
+CELLS = list(zip(rows(T), rows(P), rows(Q), strict=True))
+
+
 def entry(p: list[float], q: list[float]) -> str:
     """A pose in JSON."""
     return json.dumps({"position": dict(zip("xyz", p, strict=True)), "q": dict(zip("xyzw", q, strict=True))})
@@ -120,11 +123,19 @@ VALUES = ("{}={}", "{}: {}", "{} = {};", "{}:{},", "INFO pose: .. {}={}", "of: {
 READ: list[tuple[str, Lines]] = [
     *((head, rows(T, POSE)) for head in HEADS),
     (f"# by me\nt,{NAMES},gap [mm]", rows(T, POSE, T)),
+    ("Tracker 1.2\nDone in 3 s", by(" ", rows(T, POSE))),  # text above a trajectory
+    (f"# t, {NAMES.replace(',', ', ')}", by(" ", rows(T, POSE))),
+    (f"time,timestamp,{NAMES}", rows([f"10:00:0{n // 10**9}" for n in SINCE_NS], T, POSE)),
+    ("t,px1,py1,pz1,qx1,qy1,qz1,qw1", rows(T, POSE)),
+    (f"t,{NAMES}", [[f"np.float64({value})" for value in row] for row in rows(T, POSE)]),
+    ("t,p,q", [[t, "x={} y={} z={}".format(*p), "X={} Y={} Z={} W={}".format(*q)] for [t], p, q in CELLS]),
+    ("", [[str(dict(zip(["t", *NAMES.split(",")], row, strict=True)))] for row in np.c_[T, POSE].tolist()]),
     *(  # columns rot_x may be those of a quaternion, but not beside qx
         (f"t,x,y,z,{xyz(f'{angles}_')},qx,qy,qz,qw", rows(T, P, DEGREES, Q))
         for angles in ("orient", "rot", "orientation")
     ),
     (f"secs,nsecs,{NAMES}", rows(SECONDS, REST, POSE)),
+    (f"ZeitInSec,ZeitInNanoSec,{NAMES}", rows(SECONDS, REST, POSE)),
     (f"sec,usec,{NAMES}", rows(["1700000000"] * 120, [str(n // 1000) for n in SINCE_NS], POSE)),
     (f"time,{NAMES}", rows([f"1 days 00:00:{t:09.6f}" for t in T.tolist()], POSE)),
     (f"time,{NAMES}\n[iso],,,,,,,", rows([f"2026-03-01 10:00:{t:012.9f}" for t in T.tolist()], POSE)),
@@ -133,6 +144,12 @@ READ: list[tuple[str, Lines]] = [
     (f"Time,{NAMES}\ns,mm,mm,mm,,,,", rows(T, P_MM, Q)),
     ("t,x,y,z,q0,qx,qy,qz", rows(T, P, REAL_FIRST)),
     ("time [min],x [in],y [in],z [in],qx,qy,qz,qw", rows(T / 60, P / 0.0254, Q)),
+    (f",cup,cup,cup,cup,cup,cup,cup\n,{NAMES}\ntime,,,,,,,", rows(T, POSE)),  # by pandas
+    ("t,position,,,rotation,,,\n,X,Y,Z,X,Y,Z,W", rows(T, POSE)),  # cells that were merged
+    (
+        f"{NAMES.replace(',', ' ')} t",
+        by(" ", [[str(i), *row] for i, row in enumerate(rows(POSE, T))]),
+    ),  # by R
     (f"sep=;\nTime;{names(';')}", by(";", rows(T, POSE))),
     (f"time | {names(' | ')}", by(" | ", rows(T, POSE))),
     (QUALISYS + numbered("Rot[{}]", 9).replace(",", "\t"), by("\t", QUALISYS_ROWS)),
@@ -233,21 +250,15 @@ PROPOSALS: dict[str, tuple[str, Lines, str]] = {
     ),
     "angles of Unity": (
         f"t,{xyz('transform.position.')},{xyz('transform.eulerAngles.')}",
-        rows(T, P, DEGREES),
-        "--euler xyz:deg",
+        rows(T, P, TURN.as_euler("zxy", degrees=True)[:, [1, 2, 0]]),
+        "--euler zxy:deg",
     ),
-    "ZED": ("t,tx,ty,tz,ox,oy,oz,ow", rows(T, POSE), "--columns qx=ox,qy=oy,qz=oz,qw=ow"),
     "a time by its values": (f"X_Value,{NAMES}", rows(T, POSE), "--columns time=X_Value"),
     "an index of times without a name": (f",{NAMES}", rows(T, POSE), "--columns time=c0"),
     "an index of rows without a name": (f",{NAMES}", rows(np.arange(120), POSE), "--time-unit 100Hz"),
     "a time after the pose": (
         *("", rows(POSE, T)),
         "--columns time=c7,position=c[0:3],quaternion=c[3:7]",
-    ),
-    "names of bodies above": (
-        f",cup,cup,cup,cup,cup,cup,cup\n,{NAMES}\ntime,,,,,,,",
-        rows(T, POSE),
-        "--columns time=c0",
     ),
     "days": (
         f"Date,{NAMES}",
@@ -268,7 +279,7 @@ PROPOSALS: dict[str, tuple[str, Lines, str]] = {
     "vectors of OpenCV": (
         f"t,{numbered('rvec{}', 3)},{numbered('tvec{}', 3)}",
         rows(T, VECTORS, P),
-        "--rotation-vector --columns position=tvec,rotation=rvec",
+        "--rotation-vector --columns rotation=rvec,position=tvec",
     ),
     "matrices without names": (
         *("", rows(T, WHOLE[:, :3])),
@@ -277,6 +288,78 @@ PROPOSALS: dict[str, tuple[str, Lines, str]] = {
     "numbered rows without names": (
         *("", rows(np.arange(120), T, POSE)),
         "--columns time=c1,position=c[2:5],quaternion=c[5:9]",
+    ),
+    "quaternions before positions": (
+        *("", rows(T, Q, P)),
+        "--columns time=c0,quaternion=c[1:5],position=c[5:8]",
+    ),
+    "numbers of frames before quaternions and positions": (
+        *("", by(" ", rows(np.arange(120), Q, P))),
+        "--time-unit 100Hz --columns time=c0,quaternion=c[1:5],position=c[5:8]",
+    ),
+    "angles beside quaternions": (
+        *("", rows(T, P, np.radians(DEGREES), Q)),
+        "--columns time=c0,position=c[1:4],quaternion=c[7:11]",
+    ),
+    "matrices before positions": (
+        *("", rows(T, MATRICES, P)),
+        "--matrix rows --columns time=c0,matrix=c[1:10],position=c[10:13]",
+    ),
+    "numbers of columns": (
+        *(",0,1,2,3,4,5,6,7", rows(np.arange(120), T, POSE)),
+        "--columns time=c1,position=c[2:5],quaternion=c[5:9]",
+    ),
+    "other lines between": (
+        *(
+            "",
+            by(
+                " ",
+                [row for i, one in enumerate(rows(T, POSE, T)) for row in ([["lost"] * (not i), one])][1:],
+            ),
+        ),
+        "--columns time=c0,position=c[1:4],quaternion=c[4:8]",
+    ),
+    "tuples": (
+        *("", [[str(tuple(row))] for row in np.c_[T, POSE].tolist()]),
+        "--columns time=c0,position=c[1:4],quaternion=c[4:8]",
+    ),
+    "matrices in several lines of a cell": (
+        "t,T",
+        [
+            [repr(t), '"' + str(matrix.tolist()).replace("], ", "],\n ") + '"']
+            for t, matrix in zip(T.tolist(), WHOLE, strict=True)
+        ],
+        "--matrix rows --columns matrix=T",
+    ),
+    "steps of time": (f"dt,{NAMES}", rows(np.r_[0.0, [0.005] * 119], POSE), "--time-unit 100Hz"),
+    "a matrix of the camera beside poses": (
+        f"t,{numbered('K{}', 9)},{numbered('R{}', 9)},tx,ty,tz",
+        rows(T, np.tile([500.0, 0, 320, 0, 500, 240, 0, 0, 1], (120, 1)), MATRICES, P),
+        "--matrix rows --columns matrix=R",
+    ),
+    "joints before poses": (
+        f"t,{numbered('joint_{}', 7)},{numbered('tool_{}', 7)}",
+        rows(T, np.tile(np.arange(7.0), (120, 1)), POSE),
+        "--columns position=tool[0:3],quaternion=tool[3:7]",
+    ),
+    "angles beside matrices": (
+        f"t,x,y,z,rx,ry,rz,{numbered('b{}', 9)}",
+        rows(T, P, DEGREES, MATRICES),
+        "--matrix rows --columns matrix=b",
+    ),
+    "angles of any names": (
+        "t,x,y,z,A1,A2,A3",
+        rows(T, P, DEGREES),
+        "--euler xyz:deg --columns rx=A1,ry=A2,rz=A3",
+    ),
+    "quaternions of any names": (
+        *("t,x,y,z,k,l,m,n", rows(T, POSE)),
+        "--columns qx=k,qy=l,qz=m,qw=n",
+    ),
+    "axes of the body": (
+        "t,x,y,z,Xx,Xy,Xz,Yx,Yy,Yz,Zx,Zy,Zz",
+        rows(T, P, MATRICES),
+        "--matrix rows --columns r11=Xx,r12=Xy,r13=Xz,r21=Yx,r22=Yy,r23=Yz,r31=Zx,r32=Zy,r33=Zz",
     ),
     "angles without names": (
         *("", rows(T, P, DEGREES)),
@@ -509,9 +592,8 @@ def test_columns_without_names_beside_named_ones_have_numbers(tmp_path: Path) ->
     """As where one name stands for the four columns of a quaternion, and dates have hours of one digit."""
     seconds = [f"2022-08-15 9:28:{58.177 + t:.6f}" for t in T]
     path = write(tmp_path / "a.csv", ["time,x,y,z,rotation,,,"], rows(seconds, P, Q))
-    with pytest.raises(UnreadableRecording, match="z, rotation, c5, c6, c7: missing are qx"):
-        open_log(str(path))
-    assert_read(path, "--columns", "qx=rotation,qy=c5,qz=c6,qw=c7")
+    assert proposed(path) == ["--columns", "qx=rotation,qy=c5,qz=c6,qw=c7"]
+    assert_read(path, *proposed(path))
 
 
 @pytest.mark.parametrize(

@@ -219,7 +219,7 @@ _QUATERNIONS: Final = (
 
 def _by_quaternions(read_as: ReadAs) -> Iterator[Reading]:
     """Quaternions in other orders, if orientations are quaternions, and inverse orientations."""
-    table, names = read_as.table, read_as.quaternion
+    table, names = read_as.table, read_as.turn
     inverted = "inverted (rotation of the world in the body)"
     numbering = "rows" if table.matrix == "columns" else "columns"
     texts = {
@@ -289,11 +289,15 @@ def _as_option(read_as: ReadAs, order: str, unit: str, angles: Angles) -> str:
         fault, unit = "orientations look like angles, not like rotation vectors", "rad"
     is_about_body = not angles.is_proper or angles.places == (0, 1, 2)
     name = angles.axes.upper() if is_about_body else angles.axes[::-1]
-    text = f"{fault}: read them by {read_as.command(euler=f'{name}:{unit}' if unit else name)}"
+    option = f"{name}:{unit}" if unit else name
+    text = f"{fault}: read them by {read_as.command(euler=option)}"
     if angles.is_by_axis:
         return text
-    role = {place: axis for axis, place in zip(*angles, strict=True)}
-    return f"{text}, with the columns of rx, ry and rz as {', '.join(f'r{role[i]}' for i in range(3))}"
+    roles = [f"r{axis}" for _, axis in sorted(zip(angles.places, angles.axes, strict=True))]
+    if read_as.turn:
+        columns = dict(zip(roles, read_as.turn, strict=True))
+        return f"{fault}: read them by {read_as.command(euler=option, columns=columns)}"
+    return f"{text}, with the columns of rx, ry and rz as {', '.join(roles)}"
 
 
 def _by_axes() -> Iterator[Reading]:

@@ -41,14 +41,14 @@ class ReadAs(NamedTuple):
         that body, and are right.
     table : meaning of the columns of their table.
     path : of the table; empty for one in memory.
-    quaternion : names of the columns taken as qx, qy, qz and qw, if others can be given instead.
+    turn : names of the columns of quaternions or angles, in the order of their roles, if others can be given.
     has_angles : whether the names of columns say that rotations are angles.
     """
 
     frame_moves: bool = False
     table: TableReading = AS_NAMED
     path: str = ""
-    quaternion: tuple[str, ...] = ()
+    turn: tuple[str, ...] = ()
     has_angles: bool = False
 
     def command(self, **stated: Any) -> str:

@@ -17,8 +17,17 @@ LEAST_OF_POSE: Final = 6
 _DOCUMENT: Final = 2**26
 """Longest JSON document (characters), as it is in memory as a whole."""
 _BEGIN_DOCUMENT: Final = re.compile(r"\s*(?:\{|\[\s*(?:$|[\[{]))")
-loads: Final = partial(json.loads, parse_float=str, parse_int=str, parse_constant=str)
-"""JSON, with numbers and NaN as text."""
+_loads: Final = partial(json.loads, parse_float=str, parse_int=str, parse_constant=str)
+
+
+def loads(text: str) -> Any:
+    """The content of JSON, or of a dictionary as Python prints it; numbers and NaN are text."""
+    try:
+        return _loads(text)
+    except ValueError:
+        if '"' in text:
+            raise
+        return _loads(re.sub("None|True|False", "null", text.replace("'", '"')))
 
 
 def flattened(entry: Mapping[str, Any]) -> dict[str, str]:
@@ -64,7 +73,7 @@ def is_document(lines: Sequence[str]) -> bool:
     if not second or not first.lstrip().startswith("{"):
         return _BEGIN_DOCUMENT.match(first) is not None
     try:
-        json.loads(first)
+        loads(first)
     except (ValueError, RecursionError):
         return True
     return False
@@ -83,7 +92,7 @@ def entries_in(file: IO[str]) -> list[Any]:
     except (ValueError, RecursionError) as error:
         raise UnreadableRecording(f"it begins like JSON, but is none: {error}") from error
     if isinstance(content, dict):
-        content = next(filter(None, (entries(content) for entries in _FORMS)), [])
+        content = _entries_of(content)
     if content == []:
         raise UnreadableRecording(
             "it is JSON without entries in a list, or lists of one length by name: write these alone, as by "
@@ -93,14 +102,20 @@ def entries_in(file: IO[str]) -> list[Any]:
 
 
 _Document = Mapping[str, Any]
+_DIGITS: Final = re.compile(r"\d+")
 
 
 def _by_time(document: _Document) -> list[Any]:
-    """The entry, or the objects, of each time or number of a frame."""
-    if not all(are_numbers([name]) or stamp_of_date(name) for name in document):
-        return []
-    key = "frame" if all(n.isdigit() and len(n) < DIGITS_OF_STAMP for n in document) else "time"
-    parts = ((name, value if _has_objects(value) else [value]) for name, value in document.items())
+    """The entry, or the objects, of each time, number of a frame, or file with such a number."""
+    names = [*document]
+    if not all(are_numbers([name]) or stamp_of_date(name) for name in names):
+        names = [digits for name in names for digits in _DIGITS.findall(name)]
+        forms = {_DIGITS.sub("", name) for name in document}
+        if len(forms) > 1 or not 1 < len(document) == len(names) == len({*names}):
+            return []
+    key = "frame" if all(n.isdigit() and len(n) < DIGITS_OF_STAMP for n in names) else "time"
+    values = zip(names, document.values(), strict=True)
+    parts = ((name, value if _has_objects(value) else [value]) for name, value in values)
     return [{key: name, **_named(entry)} for name, value in parts for entry in value]
 
 
@@ -117,7 +132,7 @@ def _by_column_and_row(document: _Document) -> list[Any]:
 def _under_names(document: _Document) -> list[Any]:
     """The rows in a list, below the names of their columns in another, and beside the index of pandas."""
     lists = _lists(document)
-    names = next((value for value in lists.values() if all(isinstance(name, str) for name in value)), [])
+    names = next((value for value in lists.values() if all(map(_is_name, value))), [])
     tables = [v for v in lists.values() if v and isinstance(v[0], list) and len(v[0]) == len(names)]
     if len(tables) != 1 or not names:
         return []
@@ -156,8 +171,20 @@ _FORMS: Final[Sequence[Callable[[_Document], list[Any]]]] = (
 """Forms of documents that are an object; each function returns the entries, none of another form."""
 
 
+def _entries_of(document: _Document) -> list[Any]:
+    """The entries of an object, or of the first part whose entries may be poses."""
+    if found := next(filter(None, (entries(document) for entries in _FORMS)), []):
+        return found
+    inside = map(_entries_of, (part for part in document.values() if isinstance(part, dict)))
+    return next((part for part in inside if part and _may_be_pose([*rows_of(part[0])[0].values()])), [])
+
+
 def _lists(document: _Document) -> dict[str, list[Any]]:
     return {name: value for name, value in document.items() if isinstance(value, list)}
+
+
+def _is_name(value: Any) -> bool:
+    return isinstance(value, str) and not are_numbers([value])
 
 
 def _has_objects(value: Any) -> bool:

@@ -40,6 +40,14 @@ _BAGS: Final = (b"SQLite format 3\0", b"#ROSBAG V")
 """First bytes of ``.db3`` and ``.bag`` files."""
 
 
+_FOLDERS: Final = {
+    ".txt": ("a matrix", "numpy.loadtxt(one)", "numpy.save('poses.npy', {})"),
+    ".npy": ("a matrix", "numpy.load(one)", "numpy.save('poses.npy', {})"),
+    ".json": ("a pose", "json.load(open(one))", "json.dump({}, open('poses.json', 'w'))"),
+}
+"""Endings of files of a pose each: what they have, and code that reads one and saves all in a file."""
+
+
 def parts_of(path: str) -> list[str]:
     """The files of a recording in order: ``path`` itself, or the parts in a rosbag2 folder. The
     ``metadata.yaml`` of a folder stands for the folder.
@@ -61,9 +69,12 @@ def parts_of(path: str) -> list[str]:
     if not names:
         packed = next((name for name in entries if re.search(r"\.(mcap|db3)\.\w+$", name.lower())), None)
         advice = "" if packed is None else f"; decompress {packed} first"
-        if any(name.lower().endswith(".txt") for name in entries):
-            read = f"[numpy.loadtxt(one) for one in sorted(glob.glob({os.path.join(path, '*.txt')!r}))]"
-            advice = f"; if each .txt has a matrix, numpy.save('poses.npy', {read}) makes a file that is read"
+        for ending, (what, read, save) in _FOLDERS.items():
+            if any(name.lower().endswith(ending) for name in entries):
+                by_number = "key=lambda one: (len(one), one)"
+                files = f"sorted(glob.glob({os.path.join(path, f'*{ending}')!r}), {by_number})"
+                code = save.format(f"[{read} for one in {files}]")
+                advice = f"; if each {ending} has {what}, {code} makes a file that is read"
         raise UnreadableRecording(f"{path}: this folder holds no .mcap or .db3 file{advice}")
     preferred = {n: f"{n[:-4]}.mcap" if n.lower().endswith(".db3") else _plain(n) for n in names}
     return [os.path.join(path, n) for n in names if preferred[n] == n or preferred[n] not in names]

@@ -4,6 +4,7 @@ import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cache
 from itertools import chain, groupby
 from typing import Any, Final
 
@@ -197,7 +198,7 @@ class TableLayout:
     rest : index of a column with the fraction of the second, in units of ``rest_ns``.
     has_own_unit : whether the format itself defines the unit of its times.
     names : names of the values in JSON lines, or in cells with several values, whose columns are ``heads``.
-    quaternion : names of the columns of the only body's quaternion, if users can state other columns.
+    turn : names of the columns of the only body's quaternion or angles, if users can state other columns.
     has_angles : whether the names of columns say that rotations are angles.
     note : one line on what is not read, or empty.
     body : index of the column with the name of the body of each row; None if all are of one.
@@ -216,7 +217,7 @@ class TableLayout:
     has_own_unit: bool = False
     names: tuple[str, ...] = ()
     heads: tuple[str, ...] = ()
-    quaternion: tuple[str, ...] = ()
+    turn: tuple[str, ...] = ()
     has_angles: bool = False
     note: str = ""
     body: int | None = None
@@ -343,18 +344,26 @@ FRAME: Final = re.compile(r"(?:.*[./ ])?(?:frame|frame_?(?:number|no|nr|index|id
 _CLOCKS: Final = frozenset({"", "unix", "utc", "epoch", "posix"})
 """Texts in brackets after a time that leave its unit open."""
 _BODY: Final = r"(.*?)[._/: -]*"
-_AFTER: Final = re.compile(r"(?:(?P<turn>q)|[pt]?)(?P<axis>(?(turn)[xyzw]|[xyz]))[._/: -]+(?P<body>.+)")
-"""A role before the name of the body, as in ``qx_world_device``."""
+_AFTER: Final = re.compile(
+    r"(?:(?P<turn>q)|[pt]?)(?P<axis>(?(turn)[xyzw]|[xyz]))(?:[._/: -]+|(?=\d+$))(?P<body>.+)"
+)
+"""A role before the name or number of the body, as in ``qx_world_device`` and ``qx1``."""
 _FRAMED: Final = re.compile(r"(?:(?P<turn>q)|t)_(?P<body>\w+)_(?P<axis>[wxyz])")
 """The frames of a transform between the parts of a role, as in ``t_wo_x`` and ``q_wo_x``."""
 _NO_POSE: Final = re.compile(
     r"(?:.*[._/: -])?(?:std|stdev|sd|sigma|var|cov|err|error|vel|dot|acc|ref|cmd|des)"
 )
 """Names after roles of deviations, derivatives and commanded poses."""
+_RATE: Final = re.compile(r"(?:.*[._/: -])?(?:(?:lin|ang|free)?(?:acc|vel|gyr|mag)[a-z]*|[avw])")
+"""Names of vectors that are no positions, though their columns end with x, y and z."""
 _MARK_RUN: Final = re.compile(r"([._/: -])[._/: -]+")
 _OF_ROTATION: Final = r"(?<![a-z])(?:(?:rotation|orientation|rot|ori)[._/: -]*)?"
 """Begins names such as ``rotation_euler_x``."""
-_TURNS: Final = {"roll": "x", "pitch": "y", "elevation": "y", "yaw": "z", "heading": "z", "azimuth": "z"}
+_TURNS: Final = {
+    **dict.fromkeys(("roll", "bank"), "x"),
+    **dict.fromkeys(("pitch", "elevation"), "y"),
+    **dict.fromkeys(("yaw", "heading", "azimuth"), "z"),
+}
 _AXES: Final = {"i": "x", "j": "y", "k": "z", "r": "w", "real": "w", **_TURNS}
 _ROLES: Final[Sequence[tuple[re.Pattern[str], str]]] = tuple(
     (re.compile(_BODY + pattern), role)
@@ -374,7 +383,7 @@ _ROLES: Final[Sequence[tuple[re.Pattern[str], str]]] = tuple(
         (rf"{_OF_ROTATION}({'|'.join(_TURNS)})", "r{0}"),
         (
             rf"{_OF_ROTATION}(?:r|rot|rotat(?:e|ion)|euler|(?:euler_?)?angles?|theta|rotvec|rvec|axis_?angle|(?:rot_?)?axis|o)"
-            r"[._/: -]*([xyz])",
+            r"[._/: -]*([xyzw])",
             "r{0}",
         ),
         (r"(?<![a-z])(?:rot_?)?(?:angle|theta)", ANGLE),
@@ -408,9 +417,10 @@ POSE_ROLES: Final = (*POSITION, *QUATERNION)
 
 class Columns:
     """The columns of a table: names as written, ``plain`` names in lower case without units, and the
-    units."""
+    units; ``rows`` gives the first ones."""
 
-    def __init__(self, names: Sequence[str], units: Sequence[str] = ()) -> None:
+    def __init__(self, names: Sequence[str], units: Sequence[str] = (), rows: Rows = tuple) -> None:
+        self._rows = cache(rows)
         self.names = [name.strip()[: 4 * LONGEST_CELL] for name in names]
         whole = (_LEVELS.sub(lambda mark: "." * (len(mark[0]) > 2), name) for name in self.names)
         self.plain = [_CAMEL.sub("_", name.lstrip("#").strip().rstrip(".")).lower() for name in whole]
@@ -464,6 +474,9 @@ class Columns:
             if place not in stated.values():
                 for body, role in _roles(name, reading.matrix == "columns"):
                     by_body.setdefault(body, {}).setdefault(role, place)
+        for roles in by_body.values():
+            if roles.keys() >= {*ANGLES, "rw"} and not roles.keys() & {*QUATERNION}:
+                roles |= {f"q{role[1]}": roles.pop(role) for role in (*ANGLES, "rw")}
         if not stated.keys() & {*POSE_ROLES}:
             self._add_with_frames(by_body)
         times = {role: stated.pop(role) for role in (TIME, REST) if role in stated}
@@ -481,7 +494,8 @@ class Columns:
             shared = sum(bool(body) and name.startswith(body) for name in names)
             return shared * (by_body[body].keys() >= {*POSITION}), not body, len(by_body[body])
 
-        return max(by_body, key=rank, default="")
+        bodies = (body for body in by_body if rank(body)[0] or not _RATE.fullmatch(body))
+        return max(bodies, key=rank, default="")
 
     def _add_with_frames(self, by_body: dict[str, dict[str, int]]) -> None:
         """Add the columns with frames in their names: after the parts if no body has a position so far
@@ -516,10 +530,16 @@ class Columns:
         patterns = (FRAME, _TIME, _ELAPSED) if reading.has_frame_numbers else (_TIME, _ELAPSED)
         for pattern in patterns:
             matches = [(match, i) for i, match in enumerate(map(pattern.fullmatch, self.plain)) if match]
-            if matches:
-                match, place = min(matches, key=lambda part: " " in part[0][0])  # not ``wait time``
+            if matches:  # not ``wait time``, nor whole seconds beside a finer time
+                match, place = min(matches, key=lambda part: (" " in part[0][0], self._is_coarse(part[1])))
                 return place, self._rest(match[1]) if pattern is _ELAPSED else None
         return (-1 if reading.has_frame_numbers else None), None
+
+    def _is_coarse(self, place: int) -> bool:
+        """Whether most of the first times in a column are those before them, and in others they are not."""
+        times = [i for i, plain in enumerate(self.plain) if _TIME.fullmatch(plain)]
+        counts = {i: len({row[i] for row in self._rows() if len(row) > i}) for i in times[1:] and times}
+        return 2 * counts.get(place, 0) < max(counts.values(), default=0)
 
     def _rest(self, prefix: str | None) -> int | None:
         """Index of the column with the fraction of seconds whose name has this prefix: the finest one. As
@@ -563,16 +583,14 @@ def layout(columns: Columns, reading: TableReading) -> TableLayout:
     if time is None or not bodies:
         best = max(by_body.values(), key=len, default=())
         raise _lacking(columns, reading, time is not None, POSE_ROLES if bodies else best)
-    quaternion = tuple(columns.names[place] for place in bodies[0].columns[3:])
-    has_angles = are_named_angles(quaternion)
-    if len(bodies) > 1 or bodies[0].kind != "quaternion" or not all(map(CAN_BE_GIVEN, quaternion)):
-        quaternion = ()
+    turn = tuple(columns.names[place] for place in bodies[0].columns[3:])
+    has_angles = are_named_angles(turn)
+    is_named = bodies[0].kind in ("quaternion", "euler") and all(map(CAN_BE_GIVEN, turn))
+    turn = turn if is_named and len(bodies) == 1 else ()
     time_ns = 1e9 if rest is not None else time_ns
     named_rest = _REST.fullmatch(columns.plain[rest]) if rest is not None else None
     rest_ns = 1.0 if named_rest is None else _REST_NS[named_rest[2]]
-    return TableLayout(
-        time, time_ns, bodies, rest=rest, rest_ns=rest_ns, quaternion=quaternion, has_angles=has_angles
-    )
+    return TableLayout(time, time_ns, bodies, rest=rest, rest_ns=rest_ns, turn=turn, has_angles=has_angles)
 
 
 def are_named_angles(names: Sequence[str]) -> bool:

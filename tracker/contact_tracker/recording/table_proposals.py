@@ -7,14 +7,27 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import cache
-from itertools import chain, islice, product
+from itertools import chain, islice, product, takewhile
+from operator import eq
 from typing import Any, Final
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from contact_tracker.arrays import Array
 from contact_tracker.config.quantities import ANGLE_UNITS
-from contact_tracker.config.table_reading import POSITION, QUATERNION, REST, TIME, TableReading, reading_of
+from contact_tracker.config.table_reading import (
+    ANGLES,
+    AS_NAMED,
+    GROUPS,
+    MATRIX,
+    POSITION,
+    QUATERNION,
+    REST,
+    TIME,
+    TableReading,
+    reading_of,
+)
 from contact_tracker.errors import ChoiceError, UnreadableRecording
 from contact_tracker.motion.pose_validation import NORM_TOLERANCE
 from contact_tracker.recording.table_bodies import with_body
@@ -57,37 +70,39 @@ _COMMANDED: Final = re.compile(
     r"|plan(?:ned)?)(?![a-z])"
 )
 """Names of poses that a robot was to have, which are proposed after those that it had."""
-_MOST_GROUPS: Final = 12
-"""Largest number of groups of numbered columns that are tried, alone and in pairs."""
+_MOST_GROUPS: Final = 40
+"""Largest number of groups of numbered columns that are tried, alone and in pairs, and of prefixes."""
+_NO_POSES: Final = re.compile(r"(?i:joint|vel|acc|force|torque|wrench|gripper|cov|action)")
+"""Groups of columns that are no poses, whatever their values."""
 _OF_JOINTS: Final = re.compile("position|velocity|effort")
 """Groups of columns beside those of efforts, as in JointState."""
 _FEW_STEPS: Final = 2
 """Number of steps in which columns of other things than a time also rise."""
 _A_RATE: Final = "100Hz"
-_ORDERS: Final = "Orders are those of scipy: xyz about fixed axes, XYZ about the body's; deg or rad"
+_ORDERS: Final = (
+    "Orders are those of scipy: xyz about fixed axes, XYZ about the body's; deg or rad; rx, ry, rz (or "
+    "rotation) are the columns of the angles about x, y, z"
+)
 _UNIT_NORM: Final = 0.002
 """Largest deviation of a quaternion's norm from 1, and of a matrix from a rotation, in rounded values."""
 FIRST_ROWS: Final = 64
 """Number of first rows whose values may be looked at."""
 _AXIS_ANGLE: Final = "an axis and an angle (in degrees if the name ends with _deg)"
-_OPENSIM: Final = re.compile(r".*_o[xyz]\b", re.IGNORECASE)
+_NAMED_ORDERS: Final = {
+    re.compile(r".*_o[xyz]\b", re.IGNORECASE): "XYZ",  # OpenSim
+    re.compile(r".*euler_?angles", re.IGNORECASE): "zxy",  # Unity
+}
+"""Orders of angles by the names of their columns."""
 KNOWN: Final[Sequence[tuple[str, tuple[str, ...], TableReading]]] = (
     (
         "UR's RTDE",
         ("actual_tcp_pose[0]", "actual_tcp_pose[5]"),
         reading_of("position=actual_TCP_pose[0:3],rotation=actual_TCP_pose[3:6]", rotation_vector=True),
     ),
-    ("libfranka", ("o_t_ee[0]", "o_t_ee[15]"), reading_of("matrix=O_T_EE", matrix="columns")),
     ("Qualisys", ("x", "rot[0]", "rot[8]"), reading_of("matrix=Rot", matrix="columns", unit="mm")),
     ("PX4", ("timestamp_sample", "position[2]", "q[3]"), reading_of("position=position,wxyz=q")),
     ("PX4", ("timestamp_sample", "x", "q[3]"), reading_of("wxyz=q")),
-    ("NDI", ("tx", "q0", "qx"), reading_of(unit="mm")),
     ("NDI", ("frame", "state", "tx", "rz"), reading_of(unit="mm", euler="xyz:deg")),
-    (
-        "BOP",
-        ("frame", "cam_r_m2c[8]", "cam_t_m2c[2]"),
-        reading_of("position=cam_t_m2c,matrix=cam_R_m2c", matrix="rows", unit="mm"),
-    ),
     (
         "BOP, at 30 frames a second",
         ("im_id", "r[8]", "t[2]"),
@@ -102,16 +117,16 @@ KNOWN: Final[Sequence[tuple[str, tuple[str, ...], TableReading]]] = (
     (_AXIS_ANGLE, ("ax", "ay", "az", "angle"), reading_of("rx=ax,ry=ay,rz=az", rotation_vector=True)),
     (_AXIS_ANGLE, ("ux", "uy", "uz", "theta"), reading_of("rx=ux,ry=uy,rz=uz", rotation_vector=True)),
     ("a position and a quaternion", ("x", "x[1]", "w"), reading_of("qx=x[1],qy=y[1],qz=z[1],qw=w")),
-    ("a quaternion", ("rx", "ry", "rz", "rw"), reading_of("qx=rx,qy=ry,qz=rz,qw=rw")),
-    ("ZED", ("tx", "ox", "oy", "oz", "ow"), reading_of("qx=ox,qy=oy,qz=oz,qw=ow")),
     ("ABB", ("x", "q1", "q2", "q3", "q4"), reading_of("qw=Q1,qx=Q2,qy=Q3,qz=Q4", unit="mm")),
     ("ABB's EGM", ("x", "u0", "u1", "u2", "u3"), reading_of("qw=u0,qx=u1,qy=u2,qz=u3", unit="mm")),
     ("quaternions with the real part first", ("q0", "q3"), reading_of("qw=q0,qx=q1,qy=q2,qz=q3")),
     ("matrices by row and column", ("r11", "r33"), reading_of(matrix="rows")),
 )
 """Known systems: name; names of columns by which the system is recognised (``_plainly``); the reading."""
-_SIZES: Final = (3, 4, 6, 7)
-"""Numbers of columns in groups that may be a position, a quaternion, or both; larger groups may be more."""
+_NO_PLACE: Final = re.compile(
+    r"(?:[adfgmsvw]|.*(?:vel|acc|gyr|mag|force|torque|std|err|scale|size)[a-z]*)[._/: -]*[xyz]"
+)
+"""Names of vectors that are no positions, and no rotations beside these."""
 _TURNING: Final = re.compile("rot|rvec|axis|rpy|euler|angle|orient|rodrigues", re.IGNORECASE)
 """Names of groups of three columns that are a rotation."""
 
@@ -131,7 +146,7 @@ def layout_of_names(
     """
     if len(names) > MOST_COLUMNS:
         raise UnreadableRecording(f"its {len(names)} columns are too many: needed are {NEEDED}")
-    columns = Columns(names, units)
+    columns = Columns(names, units, rows)
     try:
         return with_body(layout(columns, reading), columns, rows)
     except UnreadableRecording as error:
@@ -162,6 +177,11 @@ def _plainly(name: str) -> str:
     return re.sub(r"[\[_.](\d+)\]?$", r"[\1]", name.lower())
 
 
+def _shared(name: str, other: str) -> int:
+    """The length of the beginning that two names share."""
+    return len([*takewhile(bool, map(eq, name, other))])
+
+
 def _is_commanded(name: str) -> bool:
     return _COMMANDED.search(name) is not None
 
@@ -172,7 +192,7 @@ def _clock(values: Array, taken: Collection[int]) -> tuple[int | None, bool]:
     frames = None
     for place in range(values.shape[1]):
         steps = np.diff(values[np.isfinite(values[:, place]), place])
-        if place not in taken and steps[_FEW_STEPS:].size and steps.any() and (steps >= 0.0).all():
+        if place not in taken and steps[_FEW_STEPS:].any() and (steps >= 0.0).all():
             if not (steps == 1.0).all():
                 return place, False
             frames = place if frames is None else frames
@@ -182,12 +202,12 @@ def _clock(values: Array, taken: Collection[int]) -> tuple[int | None, bool]:
 @np.errstate(over="ignore", invalid="ignore")
 def may_be_trajectory(rows: Sequence[Sequence[str]]) -> bool:
     """Whether rows of eight values may be of a time and a pose: their last four values have mostly the same
-    norm, as scaled quaternions have and angles that change have not; and the pose is not before the time."""
+    norm, as scaled quaternions have and angles that change have not; and no other ones are a quaternion."""
     table = np.array([numbers(row) for row in rows if len(row) == 8]).reshape(-1, 8)
     ends = _present(table[:, -4:])
     if not len(ends):
         return True
-    if _begin_of_pose(table) == 0:
+    if _begin_of_quaternion(table) not in (None, 4):
         return False
     norms = np.linalg.norm(ends, axis=1)
     rounding = 1.0 if (ends == np.rint(ends)).all() else 0.0  # for four integers, half a unit each
@@ -195,18 +215,53 @@ def may_be_trajectory(rows: Sequence[Sequence[str]]) -> bool:
     return bool(2 * np.count_nonzero(is_near) >= len(norms))
 
 
-def _begin_of_pose(rows: Array) -> int | None:
-    """The first column of rows (N, k) at which a position and a unit quaternion may begin, preferably one at
-    which they change; None without one."""
+def _begin_of_quaternion(rows: Array) -> int | None:
+    """The first column of rows (N, k) at which a unit quaternion may begin that has a position before or
+    after it, preferably one that changes; None without one."""
     constant = None
-    for begin in range(rows.shape[1] - len(POSE_ROLES) + 1):
-        poses = _present(rows[:, begin : begin + len(POSE_ROLES)])
-        norms = np.linalg.norm(poses[:, 3:], axis=1)
-        if len(poses) and (np.abs(norms - 1.0) < _UNIT_NORM).all():
-            if (poses != poses[0]).any():
+    for begin in range(rows.shape[1] - len(QUATERNION) + 1):
+        quats = rows[:, begin : begin + len(QUATERNION)]
+        if _are_unit(quats) and (begin >= 3 or begin + len(POSE_ROLES) <= rows.shape[1]):
+            if (_present(quats) != _present(quats)[0]).any():
                 return begin
             constant = begin if constant is None else constant
     return constant
+
+
+def _are_unit(quats: Array) -> bool:
+    """Whether values (N, 4) are unit quaternions where they are not lost."""
+    norms = np.linalg.norm(_present(quats), axis=1)
+    return len(norms) > 0 and bool((np.abs(norms - 1.0) < _UNIT_NORM).all())
+
+
+def _pose_in(values: Array) -> tuple[int, dict[str, int], str | None] | None:
+    """Where neighbouring columns of rows (N, k) are a pose by their values: the first of them, the number of
+    columns by role in order, and the order of matrices; None if none are."""
+    count = values.shape[1]
+    for roles in ({"matrix": 16}, {"matrix": 12}, {"position": 3, "matrix": 9}, {"matrix": 9, "position": 3}):
+        before = 3 if next(iter(roles)) == "position" else 0
+        for begin in range(count - sum(roles.values()) + 1):
+            matrices = values[:, begin + before : begin + before + roles["matrix"]]
+            if (order := _order_of_matrices(matrices)) is not None:
+                return begin, roles, order
+    turn = _begin_of_quaternion(values)
+    if turn is None:
+        return None
+    place, steps = turn - 3, np.diff(values[:, 0])
+    if place >= 3 and _are_angles_of(values[:, place:turn], values[:, turn : turn + 4]):
+        return place - 3, {"position": 3, "": 3, "quaternion": 4}, None
+    is_of_time = place == 0 and steps.size and 0 < steps.max() <= 2 * np.median(steps) and steps.min() > 0
+    if place < 0 or (is_of_time and turn + len(POSE_ROLES) <= count):
+        return turn, {"quaternion": 4, "position": 3}, None
+    return place, {"position": 3, "quaternion": 4}, None
+
+
+def _are_angles_of(angles: Array, quats: Array) -> bool:
+    """Whether values (N, 3) are roll, pitch and yaw of quaternions (N, 4)."""
+    is_there = np.isfinite(np.c_[angles, quats]).all(axis=1) & quats.any(axis=1)
+    expected = Rotation.from_quat(quats[is_there]).as_euler("xyz")
+    units = (1.0, 180.0 / np.pi)
+    return any(np.allclose(angles[is_there], unit * expected, atol=1e-3 * unit) for unit in units)
 
 
 def _present(rows: Array) -> Array:
@@ -305,9 +360,8 @@ class _Proposal:
         ]
         return {number: place for number, place in group.items() if kept and kept[0] <= number <= kept[-1]}
 
-    def commands(self, readings: Sequence[TableReading], is_square: bool = False) -> str:
-        """The commands of readings, and alternatives: for a group of four values, with the real part first;
-        for a matrix that ``is_square``, along columns. Then what the user has to replace in them."""
+    def commands(self, readings: Sequence[TableReading]) -> str:
+        """The commands of readings, and of other ways of rotations; then what the user has to replace."""
         texts, about = list[str](), dict[str, None]()
         for reading in readings:
             if reading.has_frame_numbers and not self._stated.has_frame_numbers:
@@ -319,38 +373,51 @@ class _Proposal:
                 if table.time >= 0 and not (table.time_ns or table.rest is not None):
                     unit = unit_of_dates(self._values([table.time])[:, 0])
                     reading = reading.with_(reading_of(time_unit=unit))
-            columns, text = dict(reading.columns), reading.command(self._path)
-            if is_square:
-                along_columns = replace(reading, matrix="columns").command(self._path)
-                text += f" or, if it goes along columns, {along_columns}"
-            elif (group := columns.pop("quaternion", None)) is not None:
-                real_first = replace(reading, columns=(*columns.items(), ("wxyz", group))).command(self._path)
-                is_named = "wxyz" in group.lower()
-                text = real_first if is_named else f"{text} or, with the real part first, {real_first}"
-            parts = [str(columns.get(role, "")) for role in ("qw", *QUATERNION[:3])]
-            if all(name[-1:].isdigit() for name in parts):
-                last = replace(reading, columns=()).with_(
-                    reading_of({**columns, **dict(zip(QUATERNION, parts, strict=True))})
-                )
-                text += f" or, with the real part last, {last.command(self._path)}"
-            texts.append(text)
+            how, other = self._other_way(reading)
+            is_named = "wxyz" in dict(reading.columns).get("quaternion", "").lower()
+            texts.append((other if is_named else reading).command(self._path))
+            if how and not is_named:
+                texts[-1] += f" or, {how}, {other.command(self._path)}"
         orders = f". {_ORDERS}" if any(reading.euler for reading in readings) else ""
         return f"{' or '.join(texts)}{', with ' * bool(about)}{' and '.join(about)}{orders}"
+
+    def _other_way(self, reading: TableReading) -> tuple[str, TableReading]:
+        """Where names do not say it, the way in words, and the reading, of matrices along columns, or of
+        quaternions with the real part at the other end."""
+        columns = dict(reading.columns)
+        if reading.matrix is not None and "matrix" in columns:
+            is_square = len(self._columns.places(columns["matrix"], True)) == 9
+            return "if it goes along columns" * is_square, replace(reading, matrix="columns")
+        if reading.matrix is not None:
+            swapped = {f"r{role[2]}{role[1]}" if role in MATRIX else role: columns[role] for role in columns}
+            how = "if it goes along columns" * ("r11" in columns)
+            return how, replace(reading, columns=tuple(swapped.items()))
+        if (group := columns.pop("quaternion", None)) is not None:
+            columns["wxyz"] = group
+            return "with the real part first", replace(reading, columns=tuple(columns.items()))
+        stated = [columns[role] for role in QUATERNION if role in columns]
+        parts = sorted(stated, key=lambda name: self._columns.places(name, False))
+        if len(parts) < len(QUATERNION) or parts[0][-1:].lower() == "w" or parts[-1][-1:].lower() == "w":
+            return "", reading
+        is_first = parts[0] == columns["qw"]
+        columns |= zip(QUATERNION if is_first else GROUPS["wxyz"], parts, strict=True)
+        how = f"with the real part {'last' if is_first else 'first'}"
+        return how, replace(reading, columns=tuple(columns.items()))
 
     @np.errstate(over="ignore", invalid="ignore")  # numbers may be of any size
     def text(self) -> str | None:
         """The meaning with its commands; None if nothing fits."""
-        for meaning, candidate, is_square in self._candidates():
+        for meaning, candidate in self._candidates():
             fault = _fault(self._columns, candidate)
             if fault is None:
-                return f"{meaning} read them by {self.commands([candidate], is_square)}"
+                return f"{meaning} read them by {self.commands([candidate])}"
             if (text := self._of_rotation(fault, candidate)) is not None:
                 return text
         return None
 
-    def _candidates(self) -> Iterator[tuple[str, TableReading, bool]]:
-        """The meaning in words, the reading, and whether it has a square matrix: of known systems, of the
-        columns as they are named, and of groups of numbered columns, alone and in pairs."""
+    def _candidates(self) -> Iterator[tuple[str, TableReading]]:
+        """The meaning in words, and the reading: of known systems, of the columns as they are named, of
+        groups of numbered columns, and of columns after a position."""
         columns = self._columns
         written = {_plainly(name): name for name in reversed(columns.names)}
         known = {*written, *map(_plainly, columns.plain)}
@@ -368,8 +435,10 @@ class _Proposal:
                 spelled = tuple((role, written.get(_plainly(name), name)) for role, name in roles)
                 candidate = replace(meaning, columns=spelled).with_(self._reading)
                 for way in self._with_units(candidate):
-                    yield f"if its columns are those of {system},", way, False
-        yield f"{self._about_time}:", self._reading, False
+                    yield f"if its columns are those of {system},", way
+        as_named = (f"{self._about_time}:", self._reading)
+        if is_known := _fault(columns, self._reading) is None:
+            yield as_named
         matches = [pattern.fullmatch(name) for name in columns.names for pattern in (NUMBERED, BY_ROW)]
         bases = [match[1] for match in matches if match is not None and CAN_BE_GIVEN(match[1])]
         sizes = Counter(match[1] for match in map(BY_ROW.fullmatch, columns.names) if match is not None)
@@ -379,27 +448,43 @@ class _Proposal:
             """Whether a group is no row of a matrix, not of joints, and no name that occurs twice."""
             row = NUMBERED.fullmatch(base)
             is_row = row is not None and sizes[row[1]] in MATRIX_SHAPES
-            return not is_row and _OF_JOINTS.sub("", base) not in of_joints and base not in columns.names
+            is_other = _NO_POSES.search(base) or _OF_JOINTS.sub("", base) in of_joints
+            return not is_row and not is_other and base not in columns.names
 
         apart = filter(is_apart, dict.fromkeys(sorted(bases, key=_is_commanded)))
-        counted = ((base, len(self._group(base))) for base in islice(apart, _MOST_GROUPS))
-        parts = [(base, size) for base, size in counted if size in _SIZES or size > len(POSE_ROLES)]
-        pairs = (
-            [a, b]
-            for a, b in product(parts, parts)
-            if (a[1] < b[1] or (a[1] == b[1] == 3 and a != b)) and not a[0].startswith(f"{b[0]}[")
-        )
-        for groups in chain(([part] for part in parts), pairs):
-            candidate = self._reading
-            for base, size in groups:
-                is_turn = len(groups) > 1 and size == 3 and _TURNING.search(base) is not None
-                meaning = reading_of({"rotation": base}) if is_turn else self._meant(base)
-                has_time = any(role == TIME for role, _ in meaning.columns)
-                candidate = meaning.with_(self._stated if has_time else candidate)
-            is_square = candidate.matrix is not None and 9 in [
-                len(columns.places(name, True)) for role, name in candidate.columns if role == "matrix"
-            ]
-            yield "if its columns are meant so,", candidate, is_square
+        meant = ((base, *self._meant(base)) for base in islice(apart, _MOST_GROUPS))
+        parts = [(base, way, shows) for base, way, shows in meant if way is not None]
+        places = [(base, way) for base, way, _ in parts if [*dict(way.columns)] == ["position"]]
+        for shows in (True, False):
+            alone = [(base, way) for base, way, is_shown in parts if is_shown == shows]
+            pairs = list[tuple[TableReading, TableReading]]()
+            for base, way in alone:
+                near = sorted(places, key=lambda place: -_shared(place[0], base))
+                pairs += [(way, place) for _, place in near if way.columns != place.columns]
+            for way, at in chain(((way, AS_NAMED) for _, way in alone), pairs):
+                has_time = any(role == TIME for role, _ in way.columns)
+                stated = self._stated if has_time else self._reading
+                yield "if its columns are meant so,", way.with_(at.with_(stated))
+            if shows and not is_known:
+                yield as_named
+        yield from self._after_position()
+
+    def _after_position(self) -> Iterator[tuple[str, TableReading]]:
+        """The candidates of the columns after a named position whose own names say nothing: of matrices or
+        quaternions by their values, else of three numbers."""
+        columns, by_body = self._columns, self._columns.find(self._stated).values()
+        after = next((roles["z"] + 1 for roles in by_body if roles.keys() >= {*POSITION}), len(columns.names))
+        has_w = any(re.fullmatch(r"(?:.*[._/: -])?w", plain) for plain in columns.plain)
+        is_told = has_w or any({*QUATERNION} & {*roles} for roles in by_body)
+        for roles, how in ((MATRIX, {"matrix": "rows"}), (QUATERNION, {}), (ANGLES, {})):
+            names, plain = (part[after : after + len(roles)] for part in (columns.names, columns.plain))
+            if is_told or len(names) < len(roles) or any(map(_NO_PLACE.fullmatch, plain[:3])):
+                continue
+            values = self._values(range(after, after + len(roles)))
+            is_turn = _order_of_matrices(values) if roles is MATRIX else _are_unit(values)
+            if is_turn or (roles is ANGLES and np.isfinite(values).any()):
+                stated = reading_of(dict(zip(roles, names, strict=True)), **how).with_(self._reading)
+                yield "if its columns are meant so,", stated
 
     def _with_units(self, known: TableReading) -> list[TableReading]:
         """The reading of a known system, and without its units, which comes first if positions would be near
@@ -412,10 +497,12 @@ class _Proposal:
             ways = ways[::-1] if is_near and not self._stated.unit else ways
         return ways
 
-    def _meant(self, base: str) -> TableReading:
-        """The reading of numbered columns by their first values: of a matrix, or of a position with a unit
-        quaternion, as in KITTI and TUM, and of the time beside them; else by their number."""
+    def _meant(self, base: str) -> tuple[TableReading | None, bool]:
+        """The reading of numbered columns, and whether their first values show it: a rotation, with the
+        position and the time beside it; else that of their number, or None if it is none of a pose."""
         group, whole = self._group(base), len(self._columns.numbered(base))
+        if not group:
+            return None, False
         values, count, first = self._values(list(group.values())), len(group), min(group)
 
         def meaning(begin: int, how: Mapping[str, Any], **sizes: int) -> TableReading:
@@ -424,6 +511,7 @@ class _Proposal:
             for role, size in sizes.items():
                 start, at = first + at, at + size
                 columns[role] = base if size == whole else f"{base}[{start}:{start + size}]"
+            columns.pop("", None)
             if not self._lacks_time or whole == at - begin:
                 return reading_of(columns, **how)
             clock, is_frame = _clock(values, range(begin, at))
@@ -435,21 +523,23 @@ class _Proposal:
             how = {**how, "time_unit": _A_RATE} if is_frame and times and len(values) > 1 else how
             return reading_of({**dict(zip((TIME, REST), times, strict=False)), **columns}, **how)
 
-        for before, size in ((0, 16), (0, 12), *([(0, 9)] if count == 9 else []), (3, 9)):
-            for begin in range(count - before - size + 1):
-                place = begin + before
-                if (order := _order_of_matrices(values[:, place : place + size])) is not None:
-                    position = {"position": before} if before else {}
-                    return meaning(begin, {"matrix": order}, **position, matrix=size)
-        begin_of_pose = _begin_of_pose(values) if count >= len(POSE_ROLES) else None
-        if begin_of_pose is not None or (count == len(POSE_ROLES) and not len(_present(values))):
-            return meaning(begin_of_pose or 0, {}, position=3, quaternion=4)
-        is_nameless = base == UNNAMED
-        if count in (16, 12, 9) and not is_nameless:
-            return meaning(0, {"matrix": "rows"}, matrix=count)
-        if count in (6, 7) and (len(_present(values)) or not is_nameless):
-            return meaning(count - 6 if is_nameless else 0, {}, position=3, rotation=3)
-        return meaning(0, {}, quaternion=4) if count == 4 else reading_of({"position": base})
+        if (found := _pose_in(values)) is not None:
+            begin, sizes, order = found
+            return meaning(begin, {} if order is None else {"matrix": order}, **sizes), True
+        if count == 9 and _order_of_matrices(values) is not None:
+            return meaning(0, {"matrix": "rows"}, matrix=9), True
+        is_nameless, is_lost = base == UNNAMED, not len(_present(values))
+        if count == 4 and (is_lost or _are_unit(values)):
+            return meaning(0, {}, quaternion=4), not is_lost
+        if count == 3:
+            return meaning(0, {}, **{"rotation" if _TURNING.search(base) else "position": 3}), False
+        if count == len(POSE_ROLES) and is_lost:
+            return meaning(0, {}, position=3, quaternion=4), False
+        if count in MATRIX_SHAPES and is_lost and not is_nameless:
+            return meaning(0, {"matrix": "rows"}, matrix=count), False
+        if count in (6, 7) and not (is_lost and is_nameless):
+            return meaning(count - 6 if is_nameless else 0, {}, position=3, rotation=3), False
+        return None, False
 
     def _of_rotation(self, fault: Exception, reading: TableReading) -> str | None:
         """The probable meaning of the three numbers of a rotation that a reading leaves open, with the
@@ -459,11 +549,24 @@ class _Proposal:
         description, ways = self._three_numbers(str(fault).split(", "), reading)
         candidates = [reading.with_(way) for way in ways]
         if candidates := [candidate for candidate in candidates if not _fault(self._columns, candidate)]:
-            return f"its rotations are {fault}, {description}: read them by {self.commands(candidates)}"
+            first = self._with_rotation_first(reading)
+            also = f"; or, if the rotation comes first, by {self.commands([first])}" if first else ""
+            return f"its rotations are {fault}, {description}: read them by {self.commands(candidates)}{also}"
         if description:
             return None
         unit = f"write its unit into the names, as in '{str(fault).partition(', ')[0]} [deg]'"
         return f"its rotation vector {fault} is longer than a turn in radians: {unit}"
+
+    def _with_rotation_first(self, reading: TableReading) -> TableReading | None:
+        """The reading of six columns without names as a rotation vector before a position, if one may be."""
+        columns = dict(reading.columns)
+        place, turn = columns.get("position", ""), columns.get("rotation", "")
+        if not (place.startswith(f"{UNNAMED}[") and turn) or are_no_radians(
+            self._values(self._columns.places(place, True))
+        ):
+            return None
+        columns |= {"position": turn, "rotation": place}
+        return replace(reading, columns=tuple(columns.items())).with_(reading_of(rotation_vector=True))
 
     def _three_numbers(self, names: Sequence[str], reading: TableReading) -> tuple[str, list[TableReading]]:
         """The possible meaning, in words, and the readings of a rotation in three columns, by their names and
@@ -477,12 +580,13 @@ class _Proposal:
             if is_far:
                 return "", []
             return "a rotation vector", [reading_of(rotation_vector=True)]
-        order = reading.euler or ("XYZ" if any(map(_OPENSIM.match, names)) else "xyz")
+        named = (order for pattern, order in _NAMED_ORDERS.items() if all(map(pattern.match, names)))
+        order = reading.euler or next(named, "xyz")
         units = units[:1] or (["deg"] if is_far else ["deg", "rad"])
         angles = [reading_of(euler=f"{order}:{unit}") for unit in units]
         if reading.euler:
             return f"angles in the order {order} without their unit", angles
-        if are_named_angles(names) or order == "XYZ" or is_far:
+        if are_named_angles(names) or order != "xyz" or is_far:
             return "three angles", angles
         vector = reading_of(rotation_vector=True)
         description = "three numbers, angles or a rotation vector"

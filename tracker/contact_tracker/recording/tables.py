@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.config.table_reading import AS_NAMED, TableReading
+from contact_tracker.config.table_reading import AS_NAMED, TableReading, reading_of
 from contact_tracker.errors import ChoiceError, UnreadableRecording, printable
 from contact_tracker.motion.poses import Poses, ReadAs
 from contact_tracker.recording.bytestream import (
@@ -37,7 +37,7 @@ from contact_tracker.recording.table_layouts import (
 )
 from contact_tracker.recording.table_times import NEVER, TableTimes
 from contact_tracker.recording.table_units import doubt_angles, doubt_degrees, largest_deg
-from contact_tracker.recording.text_tables import TextTable
+from contact_tracker.recording.text_tables import TUM, TextTable
 
 if TYPE_CHECKING:
     from contact_tracker.recording.binary_tables import ArrayTable, ParquetTable
@@ -70,10 +70,6 @@ _DTRACK: Final = (
     "makes a file of body 0, read by contact-tracker segment body.txt --time-unit s --unit mm "
     "--matrix columns --columns 'time=c0,position=c[1:4],matrix=c[7:16]'"
 )
-_ECHO: Final = (
-    "it is what topic echo or tf_echo prints: record a bag, or print it by ros2 topic echo --csv, or by "
-    "rostopic echo -p"
-)
 _OTHERS: Final = {
     b"\xd0\xcf\x11\xe0": _EXCEL,
     b"fr ": _DTRACK,
@@ -96,8 +92,10 @@ _OTHERS: Final = {
     + FROM_ARRAYS,
     b"# Bundle file": "it is a file of Bundler, which has the world in the frames of cameras, without times: "
     "invert the matrices [R | t] of the cameras; " + FROM_ARRAYS,
-    b"header:": _ECHO,
-    b"At time ": _ECHO,
+    b"header:|transforms:": "it is YAML, as topic echo prints: json.dump([one for one in "
+    "yaml.safe_load_all(open({name!r})) if one], open('poses.json', 'w')) makes a file that is read; or "
+    "record a bag, or print by ros2 topic echo --csv or rostopic echo -p",
+    b"At time ": "it is what tf_echo prints, rounded: record /tf in a bag",
     b"- [^{]": "it is YAML: json.dump(yaml.safe_load(open({name!r})), open('poses.json', 'w')) makes a file "
     "that is read",
     b"PathFileType": "it is TRC, which has markers, not bodies: export bodies (6D) as text; or find the "
@@ -167,7 +165,8 @@ def read_table(
     layout, topic = table.layout, os.path.basename(path)
     if layout.note:
         notes.assume(layout.note)
-    read_as = ReadAs(False, reading, path, layout.quaternion, layout.has_angles)
+    stated = reading_of(TUM).with_(reading) if layout.kind == "TUM" else reading
+    read_as = ReadAs(False, stated, path, layout.turn, layout.has_angles)
     sources = tuple(PoseSource(topic, layout.kind, "", body.name, None, read_as) for body in layout.bodies)
     is_read = is_wanted(Channel(topic, ROWS, layout.kind, "", b""))
     times, count, lost, why, doubt = TableTimes(path, layout, reading, notes.assume), 0, 0, "", ""

@@ -99,15 +99,25 @@ _ROUNDED_S: Final = 0.00051
 _ORDER: Final = re.compile(r"([xyz]{3})", re.IGNORECASE)
 _ABOUT: Final = re.compile(r"Global Angle\s*(?:\(([^)]*)\))?\s*")
 _TUM: Final = tuple(range(1, 8))
+TUM: Final = f"time={UNNAMED}0,position={UNNAMED}[1:4]"
+_TURN_OF_TUM: Final = tuple(f"{UNNAMED}{place}" for place in range(4, 8))
+"""Names of the columns of a trajectory, for commands with other quaternions."""
 _MARKS: Final = (";", "\t", "|", ",")
 """Separators of values; a comma may also be the decimal point."""
 _SEPARATOR_LINE: Final = re.compile(r'"?sep=(.)"?\s*', re.IGNORECASE)
 _GROUP: Final = re.compile(r"(?:(?<=^)|(?<=[,;\t|])) *(\w*[(\[{][^()\[\]{}]*[)\]}])(?= *(?:[,;\t|\r\n]|$))")
 """A cell with several values in brackets, which the separator of cells may separate as well."""
+_WHOLE: Final = re.compile(r"\s*\w*[(\[]([^()\[\]{}]*)[)\]][\s,;]*")
+"""A row in brackets, as a tuple of Python."""
+_OPEN_CELL: Final = re.compile(r'(?:^|[,;\t])"[^"\[(]{0,20}[\[(][^"]*$')
+_LINES_OF_CELLS: Final = 32
+"""Largest number of lines of a row whose cells have matrices in quotes."""
+_TYPED: Final = re.compile(r"np\.\w+\(([^()]*)\)")
+"""A number with its type, as in ``np.float64(0.1)``."""
 _BRACKETS: Final = re.compile(r"[()\[\]{}]")
 _CALL: Final = re.compile(r"[A-Za-z]\w*(?=[(\[])")
 """The name before values in brackets, as in ``p[0.1, 0.2, 0.3, 0, 0, 0]`` of UR."""
-_BETWEEN: Final = re.compile(r"\s*;\s*|,\s+|\s+")
+_BETWEEN: Final = re.compile(r"\s*;\s*|\s*,\s+|\s+")
 _QUALISYS: Final = "NO_OF_FRAMES"
 _OF_MATRIX: Final = re.compile(r"Rot\[([0-8])\]")
 _NUMBER: Final = re.compile(
@@ -189,7 +199,15 @@ class TextTable:
 
 
 def _lines(file: IO[str]) -> Iterator[str]:
-    return iter(lambda: file.readline(_LINE), "")
+    """The lines; a cell of lists in quotes may go on in the next ones, and numbers of numpy are without their
+    type."""
+    for line in iter(lambda: file.readline(_LINE), ""):
+        if '"' in line and _OPEN_CELL.search(line):
+            for more in takewhile(bool, (file.readline(_LINE) for _ in range(_LINES_OF_CELLS))):
+                line = f"{line.rstrip()} {more}"
+                if line.count('"') % 2 == 0:
+                    break
+        yield _TYPED.sub(r"\1", line) if "np." in line else line
 
 
 def _head(lines: Iterator[str]) -> list[str]:
@@ -219,7 +237,8 @@ def _is_cut(before: Sequence[str], last: Sequence[str]) -> bool:
 def _cells_of(line: str, separator: str | None) -> list[str]:
     """The values in a line, possibly with blanks around them; an open quote is part of the last value."""
     if separator is not None and '"' not in line and ("(" in line or "[" in line or "{" in line):
-        line = _GROUP.sub(r'"\1"', line)
+        whole = _WHOLE.fullmatch(line)
+        line = _GROUP.sub(r'"\1"', line) if whole is None else whole[1]
     if separator is None or '"' not in line:
         return line.split(separator)
     try:
@@ -260,6 +279,8 @@ def _values_in(cell: str) -> Any:
     blanks; the text of any other cell."""
     text = _CALL.sub("", cell.strip(BLANKS))
     if text[:1] not in ("(", "[", "{"):
+        if len(pairs := _PAIR.findall(text)) > 2:  # X=1 Y=2 Z=3
+            return dict(pairs)
         parts = text.split()
         return parts if len(parts) > 2 and all(are_numbers([part]) for part in parts) else cell
     inner = _BRACKETS.sub(" ", text).strip()
@@ -502,7 +523,7 @@ def _layout_of_rows(
             of_values = _separator(following[0])
             separator = of_values if of_values and of_values in lines[i] else separator
         line = lines[i].lstrip("#%/; ") if i in comments else lines[i]
-        names = [name.strip(BLANKS) for name in _cells_of(line, separator)]
+        names = [name.strip(f",{BLANKS}") for name in _cells_of(line, separator)]
         if i in comments and len(names) != len(_cells_of(following[0], separator)):
             continue
         if _are_values(names) or any(not isinstance(_values_in(name), str) for name in names):
@@ -514,43 +535,77 @@ def _layout_of_rows(
         text_rows = takewhile(lambda line: not re.search(r"\d", line), following[bool(units) :])
         head_rows = bool(units) + len(list(text_rows))
         skip, values = [i, *after][head_rows] + 1, following[head_rows:]
-        named, times = list[str](), Counter[str]()
-        for name in (name or f"{UNNAMED}{place}" for place, name in enumerate(names)):
-            named.append(f"{name}.{times[name]}" if times[name] else name)  # x, x.1, as by pandas
-            times[name] += 1
-        try:
-            if _has_groups(values[:1], len(named), separator):
-                fields = [row for line in values for row in _fields_in(line, named, separator)]
-                layout = replace(_layout_of_fields(fields, reading, path), heads=tuple(named))
-            else:
-                cells_of = partial(_table_of, values, separator)
-                layout = layout_of_names(named, reading, path, units, cells_of)
-        except (UnreadableRecording, ChoiceError) as error:
-            count = -1 if i in comments else len(names)
-            errors.setdefault((isinstance(error, ProposedReading), count), error)
+        if separator is None and values and len(values[0].split()) == len(names) + 1:
+            names = ["", *names]  # of the rows, as R writes them
+        heads = [names, *_table_of(following[bool(units) : head_rows], separator)]
+        is_stacked = i not in comments and len(heads) > 1 and {*map(len, heads)} == {len(names)}
+        for named in map(_numbered, [_stacked(heads), names] if is_stacked else [names]):
+            try:
+                if _has_groups(values[:1], len(named), separator):
+                    fields = [row for line in values for row in _fields_in(line, named, separator)]
+                    layout = replace(_layout_of_fields(fields, reading, path), heads=tuple(named))
+                else:
+                    cells_of = partial(_table_of, values, separator)
+                    layout = layout_of_names(named, reading, path, units, cells_of)
+                break
+            except (UnreadableRecording, ChoiceError) as error:
+                count = -1 if i in comments else len(names)
+                errors.setdefault((isinstance(error, ProposedReading), count), error)
+        else:
             continue
         if values and not layout.heads:
             _check_widths(values, layout, separator, len(names))
         elif not values and len(lines) < FIRST_ROWS:
             raise UnreadableRecording("it has a header but no rows")
         return replace(layout, separator=separator, skip=skip)
+    begin = next((k for k, i in enumerate(rows) if _are_values(_cells_of(lines[i], _separator(lines[i])))), 0)
+    width = len(_cells_of(lines[rows[begin]], _separator(lines[rows[begin]])))
+    if begin and not any(is_proposed or abs(count - width) < 2 for is_proposed, count in errors):
+        return _layout_without_names(lines, rows[begin:], reading, path)  # below other text
     if errors and max(errors)[1] >= 0:
         if not max(errors)[0] and not any(map(_may_be_row, lines)):
             raise UnreadableRecording("it is text without rows of numbers, not a table of poses")
         raise errors[max(errors)]
-    separator = _separator(lines[rows[0]])
-    table = [[value.strip(BLANKS) for value in _cells_of(lines[i], separator)] for i in rows]
-    values = table[0]
-    if not errors:
-        _refuse_blocks(table, os.path.basename(path))
-    is_tum = separator is None and len(values) == 1 + len(_TUM) and may_be_trajectory(table)
-    if is_tum and not (reading.kind or reading.columns):
-        body = Body("", _TUM, LENGTHS_M[reading.unit or "m"])
-        return TableLayout(0, reading.time_ns, (body,), "TUM", None, rows[0])
     try:
-        return replace(layout_without_names(table, reading, path), separator=separator, skip=rows[0])
+        return _layout_without_names(lines, rows, reading, path)
     except UnreadableRecording as error:
         raise next(iter(errors.values()), error) from None
+
+
+def _layout_without_names(
+    lines: Sequence[str], rows: Sequence[int], reading: TableReading, path: str
+) -> TableLayout:
+    """The layout of the lines with these numbers, by their values."""
+    separator = _separator(lines[rows[0]])
+    table = [[value.strip(BLANKS) for value in _cells_of(lines[i], separator)] for i in rows]
+    if [cell for cell in table[0] if cell] == [str(i) for i in range(len(table[0]) - (not table[0][0]))]:
+        rows, table = rows[1:], table[1:]  # numbers of columns, as by pandas
+    _refuse_blocks(table, os.path.basename(path))
+    is_tum = separator is None and len(table[0]) == 1 + len(_TUM) and may_be_trajectory(table)
+    if is_tum and not (reading.kind or reading.columns):
+        body = Body("", _TUM, LENGTHS_M[reading.unit or "m"])
+        return TableLayout(0, reading.time_ns, (body,), "TUM", None, rows[0], turn=_TURN_OF_TUM)
+    width = Counter(map(len, table)).most_common(1)[0][0]
+    table = [row for row in table if len(row) == width]
+    return replace(layout_without_names(table, reading, path), separator=separator, skip=rows[0])
+
+
+def _numbered(names: Sequence[str]) -> list[str]:
+    """Names of columns of which each occurs once: ``x`` and ``x.1``, as by pandas, and ``c0`` without one."""
+    named, times = list[str](), Counter[str]()
+    for name in (name or f"{UNNAMED}{place}" for place, name in enumerate(names)):
+        named.append(f"{name}.{times[name]}" if times[name] else name)
+        times[name] += 1
+    return named
+
+
+def _stacked(heads: Sequence[Sequence[str]]) -> list[str]:
+    """Names of columns that are in several rows; blanks are of cells that are merged, but in the last row."""
+    filled = [[*row] for row in heads]
+    for row in filled[:-1]:
+        for place in range(2, len(row)):
+            row[place] = row[place] or row[place - 1]
+    return [".".join(filter(None, cells)) for cells in zip(*filled, strict=True)]
 
 
 def _may_be_row(line: str) -> bool:
