@@ -181,11 +181,11 @@ def freedom_of(label: Contact, window: Window, onset: int) -> Freedom:
 
 
 def freedom_by_moves(label: Contact, window: Window, onset: int, tick_s: float) -> Freedom:
-    """As ``freedom_of``, but in one direction also if each move of an object in contact, of two or more
-    between rests, turns it about one axis, as in tilting it on one edge and then on another one: these may be
-    different hinges, which no single contact has to explain."""
+    """As ``freedom_of``, but f-f has one direction also if each of its moves, two or more between rests,
+    turns the object about one axis, as in tilting it on one edge and then on another one: these may be
+    different hinges, which no single contact has to explain. Other contacts leave as much freedom as four."""
     freedom = freedom_of(label, window, onset)
-    if freedom.underused or freedom.is_unknown or label is Contact.FREE:
+    if label is not Contact.FF or freedom.underused or freedom.is_unknown:
         return freedom
     moves = moves_in(window.since(onset), tick_s)
     is_hinged = len(moves) > 1 and all(map(turns_about_one_axis, moves))
