@@ -23,7 +23,7 @@ from contact_tracker.recording import write_recording
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Segment
 from contact_tracker.tracking.filter_bank import map_findings, map_use
-from contact_tracker.tracking.map_passes import with_offsets
+from contact_tracker.tracking.located_faces import with_offsets
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker_lab.simulate import Simulated
 from mcap_logs import smooth_poses
@@ -153,6 +153,21 @@ def test_a_rest_on_known_faces_has_their_offsets() -> None:
     assert with_place(world, *others).has_open_offset == (True, True)
 
 
+def test_a_contact_keeps_its_face_when_it_changes() -> None:
+    """f-f fits the table and a shelf: it is on the one on which the object is then tilted."""
+    shelf = MapElement("f", TABLE.direction, TABLE.place_m + 0.2)
+    for first, last in ((TABLE, shelf), (shelf, TABLE)):
+        slides = [(BOTTOM, first), (BOTTOM, last), (BOTTOM, first)]
+        sightings = [seen(Contact.FF, pair, 100 * n, unknown=()) for n, pair in enumerate(slides)]
+        sightings.append(seen(Contact.VF, (CORNER, last), 120))
+        sightings.append(seen(Contact.VF, (CORNER, TABLE if last is shelf else shelf), 400))
+        pairs = GrowingMap.learn(sightings, REACH_M, share=0.5).pairs
+        assert pairs[100][1] == pairs[120][1]
+        assert pairs[0] == pairs[200]
+        assert {*pairs[0]} & {*pairs[100]} == {pairs[0][0]}
+        assert pairs[0][1] == pairs[400][1]
+
+
 @pytest.mark.parametrize(
     ("is_free_between", "unobserved", "others", "is_known"),
     [
@@ -173,12 +188,12 @@ def test_face_on_face_has_the_offsets_that_other_contacts_show(
     world = world.insert(replace(seen(Contact.FF, (BOTTOM, TABLE), 0, rng=rng), stamp_ns=100))
     for number, face in enumerate(others, start=1):
         contact, pair = (Contact.VF, (CORNER, face)) if face is TABLE else (Contact.FV, (face, CORNER))
-        at = seen(contact, pair, 100 * number, rng=rng)
+        first = 100 * number if is_free_between else 20 * number  # a sighting has 20 ticks
+        at = seen(contact, pair, first, rng=rng)
         world = world.insert(replace(at, onset_ns=200 * number, stamp_ns=200 * number + 100))
     point, shifts = OBSERVED.object, tuple(Unobserved("shifts_along", way) for way in unobserved)
     touching = ContactGeometry(replace(point, unobserved=shifts), OBSERVED.environment)
     after = [Segment(200 * n, 200 * n + 100, Contact.VF, 0.9, touching) for n in range(1, 1 + len(others))]
-    after.append(Segment(110, 190, Contact.FREE if is_free_between else Contact.VF, 0.9, None))
     plane = {"normal": TABLE.direction.tolist(), "offset_m": float(TABLE.place_m[0]), "name": "table"}
     shelf = plane | {"offset_m": 0.5, "name": "shelf"}
     pair = with_place(world, *after, known_map=map_from({"environment": {"plane": [plane, shelf]}}))

@@ -126,6 +126,10 @@ class Sighting:
         is_same_kind = self.estimate.contact is later.estimate.contact
         return is_same_kind and later.first < self.end and self.first < later.end
 
+    def is_beside(self, other: "Sighting") -> bool:
+        """Whether one contact changes to the other, without free motion between."""
+        return abs(self.first - other.end) <= 1 or abs(other.first - self.end) <= 1
+
     @property
     def due_ns(self) -> int:
         """Time from which the contact, if it lasts, is estimated again."""

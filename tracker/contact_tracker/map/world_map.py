@@ -87,11 +87,17 @@ class GrowingMap:
         reach_m: float,
         contacts: int = 0,
         prior: LearnedElements = NOTHING_LEARNED,
+        share: float = 0.0,
     ) -> "GrowingMap":
-        """The map of all sightings of a recording: associate greedily, then reconsider each."""
+        """The map of all sightings of a recording: associate greedily, then reconsider each. With probability
+        ``share``, a contact keeps an element of the one from which, or to which, it changes."""
         by_information = sorted(sightings, key=lambda s: -s.gain(reach_m))[:MOST_SIGHTINGS]
-        mapper = _Mapper(cls(reach_m, contacts=contacts).with_prior(prior))
-        for sighting in by_information:
+        mapper = _Mapper(cls(reach_m, contacts=contacts).with_prior(prior), share)
+
+        def fits_parallel_faces(sighting: Sighting) -> bool:
+            return sighting.has_one_height and not any(map(sighting.is_beside, by_information))
+
+        for sighting in sorted(by_information, key=fits_parallel_faces):  # these last
             mapper.insert(sighting)
         for _ in range(MOST_ROUNDS):
             partition = mapper.partition()
@@ -214,8 +220,11 @@ class GrowingMap:
     @property
     def touches(self) -> tuple[Touch, ...]:
         """When which elements touched."""
-        shown = ((seen.onset_ns, seen.stamp_ns, self.pairs[seen.first]) for seen in self.sightings)
-        return tuple(sorted([*shown, *self.recognised]))
+        return tuple(sorted([*map(self.touch, self.sightings), *self.recognised]))
+
+    def touch(self, sighting: Sighting) -> Touch:
+        """The elements that touched in a sighting of the map."""
+        return sighting.onset_ns, sighting.stamp_ns, self.pairs[sighting.first]
 
     def with_recognised(self, decided: Iterable[Sighting]) -> "GrowingMap":
         """The map with contacts that it has decided, each with the most probable pair of its elements."""
@@ -340,8 +349,8 @@ class GrowingMap:
 class _Mapper:
     """Changes to a map: which elements its sightings touched, and where these are."""
 
-    def __init__(self, start: GrowingMap) -> None:
-        self._start = start
+    def __init__(self, start: GrowingMap, share: float = 0.0) -> None:
+        self._start, self._share = start, share
         self._sightings = {sighting.first: sighting for sighting in start.sightings}
         self._pairs, self._elements = dict(start.pairs), {**start.prior.elements, **start.elements}
 
@@ -375,6 +384,7 @@ class _Mapper:
         choices, log_weight = weigh_pairs(sighting, view, self._start.reach_m)
         covered = [key is not None and self._is_covered(sighting, key) for key, _ in choices[1]]
         log_weight[0, covered] = -np.inf  # the first choice is a new element
+        log_weight += np.add.outer(*(self._kept(sighting, side) for side in choices))
         best = np.unravel_index(log_weight.argmax(), log_weight.shape)
         keys = [side[int(row)][0] for side, row in zip(choices, best, strict=True)]
         pair = [
@@ -389,6 +399,22 @@ class _Mapper:
         self._pairs[sighting.first] = named[0], named[1]
         if not all(is_new):
             self.solve(1)
+
+    def _kept(self, sighting: Sighting, choices: Sequence[tuple[Key | None, float]]) -> Array:
+        """Change of the log probabilities (K,) of one side's choices, as a contact that changes may keep its
+        element."""
+        beside = {
+            key
+            for first, pair in self._pairs.items()
+            if self._sightings[first].is_beside(sighting)
+            for key in pair
+        }
+        is_kept = np.array([key in beside for key, _ in choices])
+        if not is_kept.any():
+            return np.zeros(len(choices))
+        log_p = np.array([log_p for _, log_p in choices])
+        kept = np.where(is_kept, self._share / is_kept.sum() / np.exp(log_p), 0.0)
+        return np.asarray(np.log(kept + 1.0 - self._share))
 
     def _is_covered(self, sighting: Sighting, face: Key) -> bool:
         """Whether a face of the object that has touched this ``face`` of the environment is parallel to it in

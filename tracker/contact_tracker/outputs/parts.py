@@ -39,6 +39,7 @@ from contact_tracker.outputs.outcome import Outcome
 from contact_tracker.outputs.scene import UNKNOWN_EXTENT, Drawing, Extent, Mesh, Upward, draw, poses_within
 from contact_tracker.outputs.text import joint_name
 from contact_tracker.tracking.belief import Segment
+from contact_tracker.tracking.located_faces import located
 
 SIDES: Final = ("object", "surroundings")
 MOST_POSES: Final = 40
@@ -212,6 +213,7 @@ class KnownParts:
         elements, directions = learned.known, {key: e.direction for key, e in learned.elements.items()}
         places = {key: [points_m] for key, points_m in learned.extents.items()}
         sides = {key: {float(np.sign(way @ directions[key]))} for key, way in learned.outward.items()}
+        shown = located(self._segments, world)
         for touch in _touches_of(world, elements):
             points = _touched_points(touch, poses, extent)
             free_sides = _free_sides(touch, poses, points, world.touches)
@@ -228,7 +230,7 @@ class KnownParts:
             outward={
                 key: sum(signs) * directions[key]
                 for key, signs in sides.items()
-                if abs(sum(signs)) == 1.0  # shown, and not contradicted
+                if abs(sum(signs)) == 1.0 and key in shown  # and not contradicted
             },
         )
 

@@ -3,37 +3,31 @@
 A contact may touch elements of other contacts, at little cost, or new ones, at a price.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
-from itertools import chain, pairwise
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.arrays import Array
-from contact_tracker.geometry.elements import ContactGeometry, Element, Plane, numbers
+from contact_tracker.geometry.elements import Plane
 from contact_tracker.geometry.lifted_pose import R
-from contact_tracker.hypotheses.births import name_listed
 from contact_tracker.map.association import log_prior_of_new
-from contact_tracker.map.elements import Key, best_known_place, covariance_of, plane_covariance
-from contact_tracker.map.map import EMPTY_MAP, Map
-from contact_tracker.map.world_map import GrowingMap, Touch
+from contact_tracker.map.world_map import GrowingMap
 from contact_tracker.motion.tick_averaging import Tick
 from contact_tracker.states import STATES, Contact, united
 from contact_tracker.tracking import ambiguity
 from contact_tracker.tracking.belief import Segment
 from contact_tracker.tracking.contact_filter import ContactFilter
+from contact_tracker.tracking.located_faces import with_offsets
 from contact_tracker.tracking.offline_smoother import PassRecord, Segmenter, pieces
 from contact_tracker.tracking.rest_sightings import sightings_at_rest
 from contact_tracker.tracking.segment_fit import without_short_gaps
 from contact_tracker.tracking.segmentation import Segmentation
 from contact_tracker.tracking.transition_model import FREE
 
-KNOWN_M: Final = 0.02
-"""Largest standard deviation (m) of an offset that is reported. It is 0.4 to 5 mm on everyday handling if
-other contacts touch the same faces, and that of the prior, 300 mm, if f-f alone does."""
 MOST_PASSES: Final = 2
 """Most passes after the first."""
 DECISIVE_NATS: Final = 35.0
@@ -98,7 +92,9 @@ def _better_pass(first: PassRecord, executor: Executor | None) -> Segmentation |
     lead = 0.0 if first.at_rest else DECISIVE_NATS  # what rests show together is sure already
     best_evidence = first.log_evidence + log_prior_of_new(len(first.contacts)) + lead
     for _ in range(MOST_PASSES):
-        world = GrowingMap.learn(previous.all_sightings, start.reach_m, len(first.contacts), start.prior)
+        share = first.state.model.geometry.revisit_prior
+        seen, contacts = previous.all_sightings, len(first.contacts)
+        world = GrowingMap.learn(seen, start.reach_m, contacts, start.prior, share)
         latest = PassRecord()
         latest.at_rest = first.at_rest
         result = _pass(first, world, latest, executor)
@@ -230,79 +226,3 @@ def _with_open(
 
 def _labels(segmentation: Segmentation) -> list[tuple[str, int]]:
     return [(segment.contact.value, segment.start_ns) for segment in segmentation.segments]
-
-
-def with_offsets(piece: Segmentation, world: GrowingMap | None, known_map: Map = EMPTY_MAP) -> Segmentation:
-    """The piece with the offsets of faces on faces, where contacts show them (``_located``), and the names in
-    ``known_map`` of faces at these places. A name by direction alone (``name_listed``) gives way."""
-    if world is None:
-        return piece
-    touching = list(_touching(piece.segments, world))
-    located, changed = _located(piece, world, touching), dict[bytes, ContactGeometry]()
-    for geometry, (*_, keys) in touching:
-        if geometry.has_open_offset[0] and located.keys() >= {*keys}:
-            faces = [located[key] for key in keys]
-            body, environment = map(_with_offset, (geometry.object, geometry.environment), faces)
-            if body is not None and environment is not None:
-                changed[_key(geometry)] = name_listed(ContactGeometry(body, environment), known_map, False)
-
-    def change(geometry: ContactGeometry) -> ContactGeometry:
-        return changed.get(_key(geometry), geometry)
-
-    return piece.with_elements(change)
-
-
-def _touching(segments: Iterable[Segment], world: GrowingMap) -> Iterator[tuple[ContactGeometry, Touch]]:
-    """The elements of the segments in which a map's elements touched, and when and which these are."""
-    for segment in segments:
-        middle_ns = (segment.start_ns + segment.end_ns) // 2
-        touches = [touch for touch in world.touches if touch[0] <= middle_ns <= touch[1]]
-        if segment.geometry is not None and touches:
-            yield segment.geometry, touches[0]
-
-
-def _located(
-    piece: Segmentation, world: GrowingMap, touching: Iterable[tuple[ContactGeometry, Touch]]
-) -> dict[Key, Element]:
-    """The elements of a map whose places contacts show.
-
-    The motion of a face on a face fits all parallel faces, so the map may take one for another, as it may
-    where a direction of another contact is unobserved. The elements are those of the map if other contacts
-    show the places of both, or if the contact changes, without free motion between, from or to one that shows
-    the place of one of them, as in tilting onto an edge. A map of another recording shows the faces of which
-    it has the side.
-    """
-    shown = {
-        touch
-        for geometry, touch in touching
-        if not (geometry.has_open_offset[0] or geometry.object.unobserved or geometry.environment.unobserved)
-    }
-    located = {*world.prior.outward, *chain.from_iterable(keys for *_, keys in shown)}
-    free = [segment for segment in piece.segments if segment.contact is Contact.FREE]
-    for before, after in pairwise(world.touches):
-        is_free_between = any(s.start_ns < after[0] and s.end_ns > before[1] for s in free)
-        if {before, after} & shown and {*before[2]} & {*after[2]} and not is_free_between:
-            located |= {*before[2], *after[2]}
-    return {key: element for key, element in world.known.items() if key in located}
-
-
-def _with_offset(estimate: Element, face: Element) -> Plane | None:
-    """A face with the estimated normal and the offset of the known ``face``; None if that is not known.
-
-    The offset is taken at the place at which it does not depend on the error of the normal.
-    """
-    if not isinstance(estimate, Plane) or not isinstance(face, Plane):
-        return None
-    sense = 1.0 if estimate.normal @ face.normal >= 0.0 else -1.0
-    covariance = covariance_of(face)
-    place = best_known_place(covariance)
-    offset_m = estimate.normal @ place + sense * (face.offset_m - face.normal @ place)
-    variance = float(covariance[3, 3] - covariance[:3, 3] @ place)
-    if variance > KNOWN_M**2:
-        return None
-    own = plane_covariance(covariance_of(estimate)[:3, :3], place, variance)
-    return replace(estimate, offset_m=float(offset_m), covariance=own, name=None)
-
-
-def _key(geometry: ContactGeometry) -> bytes:
-    return numbers(geometry.object).tobytes() + numbers(geometry.environment).tobytes()

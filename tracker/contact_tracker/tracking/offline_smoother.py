@@ -184,7 +184,8 @@ class PassRecord:
         start = self.state.map
         if self.is_full:
             return start
-        world = GrowingMap.learn(self.best.all_sightings, start.reach_m, prior=start.prior)
+        share = self.state.model.geometry.revisit_prior
+        world = GrowingMap.learn(self.best.all_sightings, start.reach_m, prior=start.prior, share=share)
         world = replace(world, origins=start.origins, prior_is_dropped=start.prior_is_dropped)
         return world.with_recognised(self.best.on_map)
 
