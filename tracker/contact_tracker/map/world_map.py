@@ -94,10 +94,10 @@ class GrowingMap:
         by_information = sorted(sightings, key=lambda s: -s.gain(reach_m))[:MOST_SIGHTINGS]
         mapper = _Mapper(cls(reach_m, contacts=contacts).with_prior(prior), share)
 
-        def fits_parallel_faces(sighting: Sighting) -> bool:
-            return sighting.has_one_height and not any(map(sighting.is_beside, by_information))
+        def fits_parallel_faces(sighting: Sighting) -> tuple[bool, bool]:
+            return sighting.has_one_height, not any(map(sighting.is_beside, by_information))
 
-        for sighting in sorted(by_information, key=fits_parallel_faces):  # these last
+        for sighting in sorted(by_information, key=fits_parallel_faces):  # f-f last, at first beside others
             mapper.insert(sighting)
         for _ in range(MOST_ROUNDS):
             partition = mapper.partition()

@@ -5,7 +5,7 @@ edge, or a vertex. If the touching element is extended, as a face on a face, thi
 object.
 """
 
-from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final, NamedTuple, Self
 
@@ -196,11 +196,21 @@ class KnownParts:
             for key, points in zip(touch.keys, _touched_points(touch, poses, extent), strict=True):
                 places.setdefault(key, []).append(points)
                 spans.setdefault(key, []).append((touch.start_ns, touch.end_ns))
-        parts = []
+        parts, places_known = [], self._places_known(world)
         for key, (side, name, element) in elements.items():
+            if _is_open(element) or (
+                key in touched and isinstance(element, Plane) and key not in places_known
+            ):
+                name = f"{name} (place not known)"
             touched_m = places.get(key) or [_region(element, about[side], extent)]
             parts.append(_element_part(side, name, element, touched_m, extent, sorted(spans.get(key, ()))))
         return (*self.bodies, *parts, *_joint_parts(self._segments, poses, extent))
+
+    def _places_known(self, world: GrowingMap | None) -> Collection[Hashable]:
+        """The learned elements whose places contacts show; of a stream, all."""
+        if world is None:
+            return ()
+        return located(self._segments, world) if self._segments else world.elements
 
     def learned(self, world: GrowingMap | None) -> LearnedElements:
         """The elements that contacts have touched, for another recording, with the touched regions and, where
@@ -213,7 +223,7 @@ class KnownParts:
         elements, directions = learned.known, {key: e.direction for key, e in learned.elements.items()}
         places = {key: [points_m] for key, points_m in learned.extents.items()}
         sides = {key: {float(np.sign(way @ directions[key]))} for key, way in learned.outward.items()}
-        shown = located(self._segments, world)
+        shown = self._places_known(world)
         for touch in _touches_of(world, elements):
             points = _touched_points(touch, poses, extent)
             free_sides = _free_sides(touch, poses, points, world.touches)
@@ -435,8 +445,6 @@ def _element_part(
 ) -> Part:
     """The part of an element about the points, (N, 3) each, at which it was touched during ``spans``."""
     places, margin_m = np.concatenate(touched), _MARGIN * extent.radius_m
-    if _is_open(element):
-        name = f"{name} (place not known)"
     match element:
         case Plane(normal):
             basis = scene.across(normal)
