@@ -85,7 +85,6 @@ def segment(
     progress: Callable[[int], None] | None = None,
     known_map: Map = EMPTY_MAP,
     executor: Executor | None = None,
-    watch: Callable[[FilteredTick], None] | None = None,
 ) -> Segmentation:
     """Segment a whole recording.
 
@@ -95,14 +94,13 @@ def segment(
     progress : called at intervals with the number of poses read so far.
     known_map : elements of the object and its surroundings that are known before.
     executor : processes that fit elements to segments while reading goes on; by default this process does.
-    watch : called with each tick of the forward pass.
 
     Returns
     -------
     Segmentation with the Viterbi path, the smoothed posterior and the online beliefs.
     """
     start, ticks = ContactFilter.start(model, known_map=known_map), ticks_of(batches(poses), model, progress)
-    return Segmentation.join(list(pieces(ticks, start, Segmenter(executor), Detail.GEOMETRY, watch)))
+    return Segmentation.join(list(pieces(ticks, start, Segmenter(executor), Detail.GEOMETRY)))
 
 
 def pieces(
@@ -110,7 +108,6 @@ def pieces(
     filter_: ContactFilter,
     segmenter: "Segmenter",
     online: Detail = Detail.WEIGHTS,
-    watch: Callable[[FilteredTick], None] | None = None,
 ) -> Iterator[Segmentation]:
     """The segmentation of a recording piece by piece and in bounded memory.
 
@@ -120,8 +117,6 @@ def pieces(
     """
     for filtered in forward(ticks, filter_, online):
         segmenter.note(filtered, online >= Detail.SHARED)
-        if watch is not None:
-            watch(filtered)
         if segmenter.due:
             yield segmenter.conclude()
     yield segmenter.finish()
