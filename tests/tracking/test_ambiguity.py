@@ -192,8 +192,9 @@ def test_tilts_on_several_edges_are_no_motion_of_one_contact(move):
         shifts_m = angle[:, None] * np.repeat(np.eye(3), len(rises), axis=0)
     window = ticks(rotation, shifts_m)
     assert used_directions(window) == 3
-    assert not ambiguity.freedom_of(Contact.FF, window, 0).one_direction
-    assert ambiguity.freedom_by_moves(Contact.FF, window, 0, 0.1).one_direction == (move == "tilts")
+    freedom = ambiguity.freedom_of(Contact.FF, window, 0)
+    assert not freedom.one_direction
+    assert ambiguity.freedom_by_moves(freedom, window, 0.1).one_direction == (move == "tilts")
 
 
 def rivals(**nats):

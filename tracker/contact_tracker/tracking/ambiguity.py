@@ -180,14 +180,13 @@ def freedom_of(label: Contact, window: Window, onset: int) -> Freedom:
     return Freedom(is_underused, in_one_direction, moved_ticks, is_programmed=is_programmed)
 
 
-def freedom_by_moves(label: Contact, window: Window, onset: int, tick_s: float) -> Freedom:
-    """As ``freedom_of``, but f-f has one direction also if each of its moves, two or more between rests,
-    turns the object about one axis, as in tilting it on one edge and then on another one: these may be
-    different hinges, which no single contact has to explain. Other contacts leave as much freedom as four."""
-    freedom = freedom_of(label, window, onset)
-    if label is not Contact.FF or freedom.underused or freedom.is_unknown:
+def freedom_by_moves(freedom: Freedom, window: Window, tick_s: float) -> Freedom:
+    """The freedom of f-f, in one direction also if each of its moves, two or more between rests, turns the
+    object about one axis, as in tilting it on one edge and then on another one: these may be different
+    hinges, which no single contact has to explain. Other contacts leave as much freedom as four hinges."""
+    if freedom.underused or freedom.is_unknown:
         return freedom
-    moves = moves_in(window.since(onset), tick_s)
+    moves = moves_in(window, tick_s)
     is_hinged = len(moves) > 1 and all(map(turns_about_one_axis, moves))
     return freedom._replace(one_direction=freedom.one_direction or is_hinged)
 

@@ -49,7 +49,9 @@ def beside_indistinguishable(state: FilterState, belief: Belief) -> Belief:
     label = belief.contact
     onset = state.onset_of(label)
     rivals = ambiguity.competing_evidence(state.banks, label, onset, state.ticks - 1)
-    freedom = ambiguity.freedom_by_moves(label, state.window, onset, state.model.tick_s)
+    freedom = ambiguity.freedom_of(label, state.window, onset)
+    if label is Contact.FF:
+        freedom = ambiguity.freedom_by_moves(freedom, state.window.since(onset), state.model.tick_s)
     alternatives = ambiguity.indistinguishable(label, rivals, freedom)
     before = state.belief
     if freedom.is_unknown and before is not None and before.contact is label:

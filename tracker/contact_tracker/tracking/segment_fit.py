@@ -158,7 +158,9 @@ def _rivals(
     """The evidence of the fits of all contacts to a window, and the freedom that its motion uses."""
     evidence = np.array([*(fit.log_likelihood.max(initial=-np.inf) for fit in fits), 0.0])
     rms = np.array([*(fit.rms.min(initial=np.inf) for fit in fits), 1.0])
-    freedom = ambiguity.freedom_by_moves(label, window, int(window.index[0]), tick_s)
+    freedom = ambiguity.freedom_of(label, window, int(window.index[0]))
+    if label is Contact.FF:
+        freedom = ambiguity.freedom_by_moves(freedom, window, tick_s)
     return CompetingEvidence(evidence, rms), freedom
 
 
