@@ -3,19 +3,13 @@
 import ast
 import re
 import textwrap
-from collections import Counter
-from cProfile import Profile
 from pathlib import Path
 from statistics import median
-from types import CodeType
 
 import pytest
 
-from contact_tracker.config.loading import load_model
 from contact_tracker.hypotheses import compiled
-from contact_tracker.motion.pose_validation import PoseGate
-from contact_tracker.tracker import Tracker
-from short_recordings import shipped
+from trace_tick import traced_ticks
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "tracker" / "contact_tracker"
@@ -68,26 +62,10 @@ def test_the_readme_shows_the_loop_and_where_its_parts_are() -> None:
     assert calls - {"replace"} == named
 
 
-def called_files(profile: Profile) -> list[str]:
-    """The package's file of each call of its functions; the code of built-in ones is text."""
-    calls = Counter[str]()
-    for code, count, *_ in profile.getstats():
-        if isinstance(code, CodeType) and Path(code.co_filename).is_relative_to(PACKAGE):
-            calls[code.co_filename] += count
-    return list(calls.elements())
-
-
 @pytest.mark.long
 @pytest.mark.skipif(not compiled.in_use(), reason="counts the calls around the kernels")
 def test_one_tick_takes_few_calls() -> None:
-    """From the pose that closes a tick to its belief, once one filter is left."""
-    tracker, gate, traces = Tracker.start(load_model()), PoseGate(), list[list[str]]()
-    for number, pose in enumerate(shipped("paper_experiment")[:4400]):
-        with Profile(builtins=False) as profile:
-            beliefs = tracker.update(gate.arrive(pose))
-        if beliefs and number >= 4000:
-            assert tracker.is_decided
-            traces.append(called_files(profile))
+    traces = traced_ticks(ROOT / "recordings" / "paper_experiment.mcap")
     assert len(traces) == 20
-    assert median(map(len, traces)) <= MOST_CALLS
-    assert median(len(set(files)) for files in traces) <= MOST_FILES
+    assert median(one.calls.total() for one in traces) <= MOST_CALLS
+    assert median(len(one.files) for one in traces) <= MOST_FILES

@@ -64,14 +64,15 @@ def test_it_is_not_found_where_one_is_touched_or_nothing_is_sure(segments):
 
 
 def test_a_face_on_a_face_does_not_show_the_place():
-    """Of unknown offset, the object's face is on any parallel one."""
+    """The object's face is on any parallel one; where its offset is known, other contacts have shown it."""
     covariance = np.eye(4) * 1e-6
     up = np.array([0.0, 0.0, 1.0])
-    flat = ContactGeometry(Plane(up, 0.0, covariance), Plane(up, 0.5, covariance, name="plane 1"))
-    resting = Segment(0, 10**9, Contact.FF, 1.0, flat)
-    assert not found(TABLE, resting)
-    (one,) = found(TABLE, resting, on(0.34))
-    assert "160 mm" in one.text
+    for offset_m in (0.0, 0.1):
+        flat = ContactGeometry(Plane(up, offset_m, covariance), Plane(up, 0.5, covariance, name="plane 1"))
+        resting = Segment(0, 10**9, Contact.FF, 1.0, flat)
+        assert not found(TABLE, resting)
+        (one,) = found(TABLE, resting, on(0.34))
+        assert "160 mm" in one.text
 
 
 def flat_on(name, normal=(0.0, 0.0, 1.0)):

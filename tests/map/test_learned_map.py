@@ -153,6 +153,22 @@ def test_a_rest_on_known_faces_has_their_offsets() -> None:
     assert with_place(world, *others).has_open_offset == (True, True)
 
 
+@pytest.mark.parametrize("sigma_position_m", [1e-3, 1e-2])
+def test_places_are_as_uncertain_as_what_was_known_is_wrong(sigma_position_m: float) -> None:
+    """A table that is listed 4 mm too high, which is as it may be if it is given to 1 cm."""
+    rng, sigma = np.random.default_rng(7), {"sigma_position_m": sigma_position_m, "sigma_rotation_deg": 0.1}
+    plane = {"normal": TABLE.direction.tolist(), "offset_m": float(TABLE.place_m[0]) + 0.004, **sigma}
+    table = map_from({"environment": {"plane": [plane]}})
+    world = GrowingMap(REACH_M).with_prior(table.prior).at_origins(Origins.zero())
+    world = world.insert(replace(seen(Contact.FF, (BOTTOM, TABLE), 0, rng=rng), stamp_ns=100))
+    for number in range(1, 5):
+        at = seen(Contact.VF, (CORNER, TABLE), 20 * number, 1e-4, rng=rng)
+        world = world.insert(replace(at, onset_ns=200 * number, stamp_ns=200 * number + 100))
+    pair = with_place(world, Segment(200, 300, Contact.VF, 0.9, OBSERVED), known_map=table)
+    sd_m = np.sqrt(pair.environment.covariance[3, 3])
+    assert sd_m == pytest.approx(0.004, abs=5e-4) if sigma_position_m < 0.004 else sd_m < 2e-4
+
+
 @pytest.mark.parametrize(("first", "face"), [(320, "shelf"), (420, "table")])
 def test_a_contact_keeps_its_face_when_it_changes(first: int, face: str) -> None:
     """f-f fits the table, which is touched more often, as well as a shelf: it is on the shelf if that was

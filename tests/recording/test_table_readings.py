@@ -403,6 +403,20 @@ PROPOSALS: dict[str, tuple[str, Lines, str]] = {
 }
 
 
+@pytest.mark.parametrize("above", ["quaternions are w x y z", "timestamp position orientation", "time [ms]"])
+def test_text_that_may_be_of_columns_is_not_passed_over(tmp_path: Path, above: str) -> None:
+    path = write(tmp_path / "a.txt", ["Take 5", above], by(" ", rows(T, P, REAL_FIRST)))
+    with pytest.raises(UnreadableRecording):
+        open_log(str(path))
+
+
+def test_a_unit_above_a_trajectory_is_stated_by_the_proposed_command(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.txt", ["units: mm"], by(" ", rows(T, P_MM, Q)))
+    with pytest.raises(UnreadableRecording, match="--unit mm"):
+        open_log(str(path))
+    assert_read(path, "--unit", "mm")
+
+
 @pytest.mark.parametrize("word", ["inches", "feet", "decimetres"])
 def test_lengths_without_a_command_are_refused(tmp_path: Path, word: str) -> None:
     path = write(tmp_path / "a.csv", [f"# positions in {word}", f"t,{NAMES}"], rows(T, POSE))

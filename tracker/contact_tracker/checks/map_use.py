@@ -215,8 +215,9 @@ class MapUse(Check):
             if geometry is None:
                 continue
             object_named, world_named = (name is not None for name in geometry.names)
-            # a face of unknown offset fits any parallel face
-            shows_place = world_named and not geometry.has_open_offset[0]
+            # a face of the object fits any parallel face, and is named by other contacts
+            is_flat = isinstance(geometry.object, Plane) and isinstance(geometry.environment, Plane)
+            shows_place = world_named and not (is_flat and not object_named)
             known = known[0] or object_named, known[1] or shows_place
             if part.probability < LEAST:
                 continue

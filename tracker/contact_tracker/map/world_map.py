@@ -23,6 +23,7 @@ from contact_tracker.map.association import (
 from contact_tracker.map.elements import (
     NOTHING_LEARNED,
     PARALLEL,
+    TURNS,
     Key,
     LearnedElements,
     MapElement,
@@ -133,6 +134,17 @@ class GrowingMap:
     def known(self) -> dict[Key, Element]:
         """All elements with their covariances, in the coordinates of the world and the body."""
         return self._in_users_frames(self._learned(self.whole.slots, self.pairs)).known
+
+    @property
+    def prior_error_m(self) -> float:
+        """How far contacts move an element from where the prior has it, beyond its standard deviation; the
+        largest of all."""
+        variance, slots, excess = self.prior.covariance().diagonal(), self.prior.slots, [0.0]
+        for key, before in self.prior.elements.items():
+            rows = slice(slots[key].start + TURNS[before.kind], slots[key].stop)
+            moved_m = before.change_to(self.elements[key])[TURNS[before.kind] :]
+            excess.append(float(moved_m @ moved_m - variance[rows].sum()))
+        return float(np.sqrt(max(excess)))
 
     def _in_users_frames(self, learned: LearnedElements) -> LearnedElements:
         return learned if self.origins is None else learned.shifted(self.origins)

@@ -107,6 +107,8 @@ _MARKS: Final = (";", "\t", "|", ",")
 _SEPARATOR_LINE: Final = re.compile(r'"?sep=(.)"?\s*', re.IGNORECASE)
 _GROUP: Final = re.compile(r"(?:(?<=^)|(?<=[,;\t|])) *(\w*[(\[{][^()\[\]{}]*[)\]}])(?= *(?:[,;\t|\r\n]|$))")
 """A cell with several values in brackets, which the separator of cells may separate as well."""
+_OF_COLUMNS: Final = re.compile(r"time|stamp|pos|trans|rot|orient|quat|euler|w *x *y *z", re.IGNORECASE)
+"""Text above rows that may say what their columns are."""
 _WHOLE: Final = re.compile(r"\s*\w*[(\[]([^()\[\]{}]*)[)\]][\s,;]*")
 """A row in brackets, as a tuple of Python."""
 _OPEN_CELL: Final = re.compile(r'(?:^|[,;\t])"[^"\[(]{0,20}[\[(][^"]*$')
@@ -322,7 +324,7 @@ def _check_unit(head: Sequence[str], layout: TableLayout, reading: TableReading,
         if _COMMENT.match(line) or (is_above and not is_head):
             about.append(line[:_SENTENCE])
     stated = _LENGTH.search("\n".join(about))
-    if stated is None or all(body.has_unit for body in layout.bodies):
+    if stated is None or reading.unit or all(body.has_unit for body in layout.bodies):
         return
     factor = LENGTHS_M.get(stated[1].lower())
     unit = next((unit for unit in LENGTHS if LENGTHS[unit] == factor), None)
@@ -560,7 +562,8 @@ def _layout_of_rows(
         return replace(layout, separator=separator, skip=skip)
     begin = next((k for k, i in enumerate(rows) if _are_values(_cells_of(lines[i], _separator(lines[i])))), 0)
     width = len(_cells_of(lines[rows[begin]], _separator(lines[rows[begin]])))
-    if begin and not any(is_proposed or abs(count - width) < 2 for is_proposed, count in errors):
+    is_named = any(is_proposed or abs(count - width) < 2 for is_proposed, count in errors)
+    if begin and not is_named and not any(_OF_COLUMNS.search(lines[i]) for i in rows[:begin]):
         return _layout_without_names(lines, rows[begin:], reading, path)  # below other text
     if errors and max(errors)[1] >= 0:
         if not max(errors)[0] and not any(map(_may_be_row, lines)):

@@ -27,12 +27,12 @@ def with_offsets(piece: Segmentation, world: GrowingMap | None, known_map: Map =
     ``known_map`` of faces at these places. A name by direction alone (``name_listed``) gives way."""
     if world is None:
         return piece
-    keys_located, changed = located(piece.segments, world), dict[bytes, ContactGeometry]()
-    elements = {key: element for key, element in world.known.items() if key in keys_located}
+    shown, elements, error_m = located(piece.segments, world), world.known, world.prior_error_m
+    changed = dict[bytes, ContactGeometry]()
     for geometry, (*_, keys) in _touching(piece.segments, world):
-        if geometry.has_open_offset[0] and elements.keys() >= {*keys}:
-            faces = [elements[key] for key in keys]
-            body, environment = map(_with_offset, (geometry.object, geometry.environment), faces)
+        if geometry.has_open_offset[0] and shown >= {*keys}:
+            own, faces = (geometry.object, geometry.environment), [elements[key] for key in keys]
+            body, environment = (_with_offset(*pair, error_m) for pair in zip(own, faces, strict=True))
             if body is not None and environment is not None:
                 changed[_key(geometry)] = name_listed(ContactGeometry(body, environment), known_map, False)
 
@@ -74,10 +74,11 @@ def _shows_places(geometry: ContactGeometry) -> bool:
     return not (are_faces or body.unobserved or world.unobserved)
 
 
-def _with_offset(estimate: Element, face: Element) -> Plane | None:
+def _with_offset(estimate: Element, face: Element, error_m: float) -> Plane | None:
     """A face with the estimated normal and the offset of the known ``face``; None if that is not known.
 
-    The offset is taken at the place at which it does not depend on the error of the normal.
+    The offset is taken at the place at which it does not depend on the error of the normal. Where elements
+    that were known before turn out to be wrong by ``error_m``, it is that uncertain.
     """
     if not isinstance(estimate, Plane) or not isinstance(face, Plane):
         return None
@@ -85,7 +86,7 @@ def _with_offset(estimate: Element, face: Element) -> Plane | None:
     covariance = covariance_of(face)
     place = best_known_place(covariance)
     offset_m = estimate.normal @ place + sense * (face.offset_m - face.normal @ place)
-    variance = float(covariance[3, 3] - covariance[:3, 3] @ place)
+    variance = max(float(covariance[3, 3] - covariance[:3, 3] @ place), error_m**2)
     if variance > KNOWN_M**2:
         return None
     own = plane_covariance(covariance_of(estimate)[:3, :3], place, variance)

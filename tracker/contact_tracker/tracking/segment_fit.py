@@ -215,8 +215,8 @@ def _contact_fit(segment: SegmentTicks, window: Window, fits: Sequence[Bank]) ->
     if ambiguity.may_be_free(label, geometry, window):
         inseparable = united(inseparable, (Contact.FREE,))
     tolerance = _tolerance(contact, fitted.x, window) if any(extra_variance) else None
-    parts = share, formation, (), estimate, False, tolerance
-    return SegmentFit(label, geometry, inseparable, np.zeros(1), *parts)
+    parts = label, geometry, inseparable, np.zeros(1), share, formation
+    return SegmentFit(*parts, estimate=estimate, tolerance=tolerance)
 
 
 def fit_on_map(
