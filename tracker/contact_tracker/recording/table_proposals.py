@@ -70,7 +70,7 @@ _COMMANDED: Final = re.compile(
     r"|plan(?:ned)?)(?![a-z])"
 )
 """Names of poses that a robot was to have, which are proposed after those that it had."""
-_MOST_GROUPS: Final = 40
+_MOST_GROUPS: Final = 12
 """Largest number of groups of numbered columns that are tried, alone and in pairs, and of prefixes."""
 _NO_POSES: Final = re.compile(r"(?i:joint|vel|acc|force|torque|wrench|gripper|cov|action)")
 """Groups of columns that are no poses, whatever their values."""
