@@ -242,12 +242,13 @@ def test_what_evidence_and_freedom_do_not_separate_is_indistinguishable(label, n
 
 
 @pytest.mark.parametrize(("sigma_m", "is_open"), [(3e-5, True), (SIGMA_M, False)])
-def test_a_machine_may_be_programmed_to_keep_one_constraint_in_the_air(sigma_m, is_open):
+def test_a_machine_may_be_programmed_to_keep_few_constraints_or_not_to_tilt_in_the_air(sigma_m, is_open):
     """Poses without noise (but for the models' least) are those of a machine."""
     rotation, position = kinds_of_motion()["all"][1:]
     window = ticks(rotation, position, variance=(sigma_m**2, SIGMA_RAD**2))
-    evidence = {"vf": 50.0, "ef": 50.0}
-    assert (Contact.FREE in indistinguishable(Contact.VF, rivals(**evidence), window, older=False)) == is_open
+    evidence = {"ff": 50.0, "vf": 50.0, "ef": 50.0}
+    for label in Contact.FF, Contact.VF:
+        assert (Contact.FREE in indistinguishable(label, rivals(**evidence), window, older=False)) == is_open
     assert Contact.FREE not in indistinguishable(Contact.EF, rivals(**evidence), window, older=False)
 
 

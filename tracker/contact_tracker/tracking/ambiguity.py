@@ -147,13 +147,16 @@ def motion_since(window: Window, onset: int) -> tuple[int, float]:
     return calls.motion_since(calls.ticks_of(window), onset)
 
 
+_PROGRAMMED: Final = (Contact.FF, Contact.VF, Contact.FV)
+"""Contacts whose constraints a machine may keep in the air: it carries parts without tilting them."""
 LEAST_NOISE_M: Final = 3e-5
 """Noise of a tick of poses without any, by the least floor of the models."""
 
 
 def are_exact(window: Window) -> bool:
     """Whether the poses of the ticks are exact, as those of a machine, which moves points on lines and in
-    planes. Those of low-passed motion capture are not: the evidence shows more noise of their ticks."""
+    planes, and turns objects about one axis. Those of low-passed motion capture are not: the evidence shows
+    more noise of their ticks."""
     assert window.frames is not None
     used = window.frames > 0.0
     variance = (window.variance[used, 0] - LEAST_NOISE_M**2) * window.frames[used]
@@ -172,7 +175,7 @@ def freedom_of(label: Contact, window: Window, onset: int) -> Freedom:
     one direction."""
     used, moved_ticks = motion_since(window, onset)
     is_short = moved_ticks < LEAST_MOTION_TICKS
-    is_programmed = label.codimension == 1 and are_exact(window)
+    is_programmed = label in _PROGRAMMED and are_exact(window)
     if is_short and onset < window.index[0]:
         return Freedom(False, False, moved_ticks, is_unknown=True, is_programmed=is_programmed)
     in_one_direction = used == 1 and not (label is Contact.FREE and is_short)
