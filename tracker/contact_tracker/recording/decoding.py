@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import redirect_stderr, suppress
 from functools import lru_cache, partial
 from io import StringIO
-from itertools import chain, islice, repeat
+from itertools import chain, islice
 from operator import attrgetter
 from types import MappingProxyType, SimpleNamespace
 from typing import Any, Final, NamedTuple
@@ -356,13 +356,13 @@ class MessageDecoder:
         return chain.from_iterable(self.groups(items))
 
     def groups(self, items: Iterable[Item]) -> Iterator[Sequence[LoggedPose | None]]:
-        """The same poses, grouped by message or row."""
+        """The same poses, grouped by message."""
         ways = dict[Channel, tuple[str | None, _KnownLayout | None]]()
         channel: Channel | None = None
         for item in items:
             if isinstance(item, Rows):
-                for row in zip(*item.poses, strict=True):
-                    yield list(zip(item.sources, row, repeat(row[0].stamp_ns), strict=False))
+                for source, pose in zip(item.sources, item.poses, strict=True):
+                    yield ((source, pose, pose.stamp_ns),)
             elif isinstance(item, RawMessage):
                 if item.channel is not channel:  # hashing takes longer than reading a pose
                     channel = item.channel

@@ -1,6 +1,6 @@
 """Items of recordings: messages, poses in columns, attachments and metadata; and sources of poses."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from heapq import heappop, heappush
 from itertools import count
@@ -72,10 +72,10 @@ class RawMessage(NamedTuple):
 
 
 class Rows(NamedTuple):
-    """Poses in columns, equally many of each source, row by row; their stamps are their log times."""
+    """Poses in columns with the source of each, row by row; their stamps are their log times."""
 
-    sources: tuple[PoseSource, ...]
-    poses: tuple[Poses, ...]
+    sources: Sequence[PoseSource]
+    poses: Poses
 
 
 Item = RawMessage | Rows | Attachment | Metadata

@@ -514,9 +514,8 @@ def summarise(path: str, table: TableReading = AS_NAMED) -> RecordingSummary:
                     attachments.append(name)
                 case RawMessage(channel, _, _):
                     topics[channel.topic, channel.type, channel.encoding] += 1
-                case Rows(rows_of, poses):
-                    for source, source_poses in zip(rows_of, poses, strict=True):
-                        topics[source.topic, source.type, ROWS] += len(source_poses)
+                case Rows([source, *_], poses):
+                    topics[source.topic, source.type, ROWS] += len(poses)
             yield item
 
     reading = Reading(path, lambda channel: True, table=table)
