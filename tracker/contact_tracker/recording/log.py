@@ -300,10 +300,10 @@ def open_log(
     count_late = count_late or follow is not None
     sources = {} if follow else peek(path, selection, table.field)
     all_sources = dict(sources)
-    head: list[Sequence[LoggedPose | None]] = []
+    head = list[LoggedPose | None]()
     while True:
         fitting = [s for s in sources if selection.takes(s) and (frame is None or s.is_named(frame))]
-        logged = chain.from_iterable(chain(head, groups))
+        logged = chain(head, chain.from_iterable(groups))
         if fitting and relative_to is None:
             source = only_one(path, fitting, composition_hint(fitting))
             source = replace(source, messages=selection.counts.get(source.topic))
@@ -324,9 +324,9 @@ def open_log(
             return PoseLog(source, reading, composed, prefix, None, count_late, composer)
         following = take_prefix(groups)
         head = [*head, *following] if is_chain else following
-        if not following or sum(map(len, head)) > _MOST_HEAD:
+        if not following or len(head) > _MOST_HEAD:
             raise _explain(path, frame, set(all_sources), selection, reading.notes.damage)
-        sources = poses_by_source(chain.from_iterable(following))
+        sources = poses_by_source(following)
         all_sources = {**sources, **all_sources}
 
 
@@ -340,7 +340,7 @@ def list_sources(path: str, table: TableReading = AS_NAMED) -> list[PoseSource]:
         return []
     if not sources:
         reading = Reading(path, selection, table=table)
-        sources = poses_by_source(chain.from_iterable(take_prefix(reading.decoder.groups(reading))))
+        sources = poses_by_source(take_prefix(reading.decoder.groups(reading)))
     return [replace(source, messages=selection.counts.get(source.topic)) for source in sorted(sources)]
 
 

@@ -267,15 +267,14 @@ def _peek_channels(part: str, summary: Summary, missing: Mapping[int, Channel]) 
     return [message for prefix in prefixes.values() for message in prefix]
 
 
-def take_prefix(groups: Iterator[Sequence[LoggedPose | None]]) -> list[Sequence[LoggedPose | None]]:
+def take_prefix(groups: Iterator[Sequence[LoggedPose | None]]) -> list[LoggedPose | None]:
     """The poses of the next messages or rows, up to one second of log time, or many; empty at the end."""
-    prefix, times_ns, count = list[Sequence[LoggedPose | None]](), list[int](), 0
-    for group in groups:
-        prefix.append(group)
-        count += len(group)
+    prefix, times_ns = list[LoggedPose | None](), list[int]()
+    for count, group in enumerate(groups, 1):
+        prefix += group
         times_ns += [entry[2] for entry in group[:1] if entry is not None]
         is_long = bool(times_ns) and times_ns[-1] - times_ns[0] >= PREFIX_NS
-        if is_long or len(prefix) >= PREFIX_MESSAGES or count >= ROWS_AT_ONCE:
+        if prefix and (is_long or count >= PREFIX_MESSAGES or len(prefix) >= ROWS_AT_ONCE):
             break
     return prefix
 

@@ -177,15 +177,6 @@ def _plainly(name: str) -> str:
     return re.sub(r"[\[_.](\d+)\]?$", r"[\1]", name.lower())
 
 
-def _shared(name: str, other: str) -> int:
-    """The length of the beginning that two names share."""
-    return len([*takewhile(bool, map(eq, name, other))])
-
-
-def _is_commanded(name: str) -> bool:
-    return _COMMANDED.search(name) is not None
-
-
 def _clock(values: Array, taken: Collection[int]) -> tuple[int | None, bool]:
     """The column of the first rows (N, k), outside of ``taken`` ones, that may be the time, as it rises: if
     there are several, the first that does not rise by ones, as numbers of frames do; and whether it does."""
@@ -308,28 +299,24 @@ class _Proposal:
         """The name of the column that seems to be the time, if any, and its description."""
         columns, has_frames = self._columns, any(map(FRAME.fullmatch, self._columns.plain))
         likes = [name for name in columns.names if _LIKE_TIME.match(name) and CAN_BE_GIVEN(name)]
-        rising = chain(filter(self._rises, likes[:FIRST_ROWS]), self._dates())
+        rising = chain(filter(self._rises, likes[:FIRST_ROWS]), filter(self._has_dates, columns.names))
         like = next(rising, next(iter(likes if not has_frames else ()), None))
-        if like is not None:
-            return like, f"if {self._shown(like)} is the time"
-        if has_frames:
+        if like is None and has_frames:
             return None, "its times are numbers of frames"
-        taken = {place for places in columns.find(self._stated).values() for place in places.values()}
-        numbered = {
-            i: match[1] for i, name in enumerate(columns.names) if (match := NUMBERED.fullmatch(name))
-        }
-        sizes = Counter([*numbered.values(), *columns.names])  # single ones may be an index, or an array
-        for place, name in enumerate(columns.names):
-            if (place in numbered and sizes[numbered[place]] > 1) or not CAN_BE_GIVEN(name):
-                taken.add(place)
-        width = min([len(columns.names), *map(len, self._rows())])
-        clock, is_frame = _clock(self._values(range(width)), taken)
-        if clock is None or is_frame:
-            return None, "it has no times"
-        return columns.names[clock], f"if {self._shown(columns.names[clock])} is the time"
-
-    def _shown(self, name: str) -> str:
-        return "its first column, which has no name," if name == f"{UNNAMED}0" else name
+        if like is None:
+            taken = {place for places in columns.find(self._stated).values() for place in places.values()}
+            bases = [match and match[1] for match in map(NUMBERED.fullmatch, columns.names)]
+            sizes = Counter([*bases, *columns.names])  # single ones may be an index, or an array
+            for place, (base, name) in enumerate(zip(bases, columns.names, strict=True)):
+                if (base is not None and sizes[base] > 1) or not CAN_BE_GIVEN(name):
+                    taken.add(place)
+            width = min([len(columns.names), *map(len, self._rows())])
+            clock, is_frame = _clock(self._values(range(width)), taken)
+            if clock is None or is_frame:
+                return None, "it has no times"
+            like = columns.names[clock]
+        shown = "its first column, which has no name," if like == f"{UNNAMED}0" else like
+        return like, f"if {shown} is the time"
 
     def _values(self, places: Sequence[int]) -> Array:
         """The numbers (N, k) of the first rows in columns."""
@@ -345,20 +332,17 @@ class _Proposal:
         place = self._columns.names.index(name)
         return _clock(self._values([place]), ())[0] is not None
 
-    def _dates(self) -> list[str]:
-        """The name of the first column of dates or times of a day that change, if there is one."""
-        columns = ((name, self._cells(place)) for place, name in enumerate(self._columns.names))
-        changing = ((name, cells) for name, cells in columns if len({*cells}) > 1 or len(cells) == 1)
-        return [name for name, cells in changing if stamp_of_date(cells[0]) is not None][:1]
+    def _has_dates(self, name: str) -> bool:
+        """Whether a column is of dates or times of a day that change."""
+        cells = self._cells(self._columns.names.index(name))
+        return (len({*cells}) > 1 or len(cells) == 1) and stamp_of_date(cells[0]) is not None
 
     def _group(self, base: str) -> dict[int, int]:
         """Indices of a group of numbered columns by their number, without those of text at its ends."""
         group = self._columns.numbered(base)
         cells = {number: self._cells(place) for number, place in group.items()}
-        kept = [
-            number for number in group if not cells[number] or any(are_numbers([c]) for c in cells[number])
-        ]
-        return {number: place for number, place in group.items() if kept and kept[0] <= number <= kept[-1]}
+        kept = [n for n in group if not cells[n] or any(are_numbers([cell]) for cell in cells[n])]
+        return {n: place for n, place in group.items() if kept and kept[0] <= n <= kept[-1]}
 
     def commands(self, readings: Sequence[TableReading]) -> str:
         """The commands of readings, and of other ways of rotations; then what the user has to replace."""
@@ -426,9 +410,8 @@ class _Proposal:
         suffixed = islice(filter(None, map(_SUFFIX.fullmatch, lower)), _MOST_GROUPS)
         affixes = ["", ""], *([match[0], ""] for match in prefixed), *(["", match[1]] for match in suffixed)
         unique = dict.fromkeys(map(tuple, affixes))
-        for (system, names, meaning), (prefix, suffix) in product(
-            KNOWN, sorted(unique, key=lambda affix: _is_commanded("".join(affix)))
-        ):
+        ordered = sorted(unique, key=lambda affix: _COMMANDED.search("".join(affix)) is not None)
+        for (system, names, meaning), (prefix, suffix) in product(KNOWN, ordered):
             if known.issuperset(_plainly(prefix + name + suffix) for name in names):
                 place = tuple(zip(POSITION, POSITION, strict=True)) if suffix and names[0] == "x" else ()
                 roles = ((role, prefix + name + suffix) for role, name in (*place, *meaning.columns))
@@ -451,7 +434,9 @@ class _Proposal:
             is_other = _NO_POSES.search(base) or _OF_JOINTS.sub("", base) in of_joints
             return not is_row and not is_other and base not in columns.names
 
-        apart = filter(is_apart, dict.fromkeys(sorted(bases, key=_is_commanded)))
+        apart = filter(
+            is_apart, dict.fromkeys(sorted(bases, key=lambda base: _COMMANDED.search(base) is not None))
+        )
         meant = ((base, *self._meant(base)) for base in islice(apart, _MOST_GROUPS))
         parts = [(base, way, shows) for base, way, shows in meant if way is not None]
         places = [(base, way) for base, way, _ in parts if [*dict(way.columns)] == ["position"]]
@@ -459,7 +444,7 @@ class _Proposal:
             alone = [(base, way) for base, way, is_shown in parts if is_shown == shows]
             pairs = list[tuple[TableReading, TableReading]]()
             for base, way in alone:
-                near = sorted(places, key=lambda place: -_shared(place[0], base))
+                near = sorted(places, key=lambda place: -sum(takewhile(bool, map(eq, place[0], base))))
                 pairs += [(way, place) for _, place in near if way.columns != place.columns]
             for way, at in chain(((way, AS_NAMED) for _, way in alone), pairs):
                 has_time = any(role == TIME for role, _ in way.columns)

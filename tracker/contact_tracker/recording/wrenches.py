@@ -3,7 +3,6 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from heapq import merge
-from itertools import chain
 from typing import Final
 
 import numpy as np
@@ -150,7 +149,7 @@ def _about_body(
     groups, read_ahead = reading.decoder.groups(reading), dict[PoseSource, list[Logged]]()
     steps, in_object, is_in_tree = tuple[Step, ...](), False, False
     while not steps and (following := take_prefix(groups)):
-        read_ahead = {**poses_by_source(chain.from_iterable(following)), **read_ahead}
+        read_ahead = {**poses_by_source(following), **read_ahead}
         steps, in_object, is_in_tree = _chain(read_ahead, frame_id, source)
     if not steps:
         if body or is_in_tree:
