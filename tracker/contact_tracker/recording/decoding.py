@@ -252,8 +252,8 @@ _HEAD, _SIZE, _POSE = ({o: struct.Struct(o + kinds) for o in "<>"} for kinds in 
 class _KnownLayout:
     """Reads the poses of one channel at their offsets in the layout of its type."""
 
-    def __init__(self, channel: Channel) -> None:
-        self._channel, self._layout = channel, _LAYOUTS[canonical(channel.type)]
+    def __init__(self, channel: Channel, source: Callable[[str, str], PoseSource]) -> None:
+        self._named_source, self._layout = source, _LAYOUTS[canonical(channel.type)]
         self._source = lru_cache(_MOST_SOURCES)(self._source_of)
 
     def read(self, data: bytes, log_time_ns: int) -> list[LoggedPose] | None:
@@ -293,7 +293,7 @@ class _KnownLayout:
         frame, child = (*names, "")[:2]
         if self._layout[3] and not child:
             raise KeyError("a body among others that has no name gets a number")
-        return PoseSource(self._channel.topic, self._channel.type, frame, child)
+        return self._named_source(frame, child)
 
 
 class Undecodable(Exception):
@@ -307,7 +307,7 @@ class _Decoder(NamedTuple):
 
     decode: Callable[[bytes], Any] | None
     is_known: bool = False
-    why: str | None = None
+    why: str = ""
     bytes_per_record: int = BYTES_PER_RECORD
 
 
@@ -318,14 +318,9 @@ class MessageDecoder:
     ----------
     budget : budget of the recording; messages that exceed it are not decoded.
     field : path to the poses, in messages that have these fields.
-
-    Attributes
-    ----------
-    assumed : by topic and type, why the known definition is used, in words.
     """
 
     def __init__(self, budget: WorkBudget, field: str | None = None) -> None:
-        self.assumed: dict[tuple[str, str], str] = {}
         self._budget, self._field = budget, field
         self._decoders: dict[tuple[str, str, str, bytes], _Decoder] = {}
 
@@ -386,8 +381,10 @@ class MessageDecoder:
             observed = list(filter(None, poses_at(path, decoded)))
         except (AttributeError, IndexError, TypeError, ValueError, OverflowError, RuntimeError) as error:
             raise Undecodable(f"{channel.topic}: {error}") from error
-        name = channel.topic, channel.type
-        return [(PoseSource(*name, frame, child), pose, log_time_ns) for frame, child, pose in observed]
+        return [(self._source(channel, frame, child), pose, log_time_ns) for frame, child, pose in observed]
+
+    def _source(self, channel: Channel, frame: str, child: str) -> PoseSource:
+        return PoseSource(channel.topic, channel.type, frame, child, assumed=self._decoder(channel).why)
 
     def _way(self, channel: Channel) -> tuple[str | None, _KnownLayout | None]:
         """The path to the poses in a channel's messages, if they have any; their layout, if it is known."""
@@ -396,7 +393,7 @@ class MessageDecoder:
             return None, None
         has_layout = self._decoder(channel).is_known and canonical(channel.type) in _LAYOUTS
         path = pose_field(channel, self._field if has_field else None)
-        return path, _KnownLayout(channel) if has_layout else None
+        return path, _KnownLayout(channel, partial(self._source, channel)) if has_layout else None
 
     def _decoder(self, channel: Channel) -> _Decoder:
         key = channel.encoding, channel.type, channel.schema_encoding, channel.schema
@@ -410,8 +407,6 @@ class MessageDecoder:
             if decoder.decode is None:
                 decoder = _Decoder(None) if definition is None else _cdr(definition)._replace(why=decoder.why)
             self._decoders[key] = decoder
-        if (why := self._decoders[key].why) is not None:
-            self.assumed[channel.topic, channel.type] = why
         return self._decoders[key]
 
     def _spend(self, message: RawMessage, records: float) -> None:
@@ -424,9 +419,9 @@ class MessageDecoder:
                 raise Undecodable(f"{message.channel.topic}: {error}") from error
 
 
-def assumption_text(count: int, type_name: str, why: str) -> str:
+def assumption_text(count: int, source: PoseSource) -> str:
     """One line on the definition that was assumed for ``count`` poses."""
-    return f"{count} poses are read by the known definition of {type_name}: {why}"
+    return f"{count} poses are read by the known definition of {source.type}: {source.assumed}"
 
 
 def may_have_poses(channel: Channel, field: str | None = None) -> bool:
@@ -454,7 +449,7 @@ def _decoder_of(channel: Channel) -> _Decoder:
         match channel.encoding:
             case "cdr":
                 definition = parse_definition(channel.schema.decode(errors="replace"), channel.type)
-                lacks = None if definition.is_complete else "its definition in the file lacks parts"
+                lacks = "" if definition.is_complete else "its definition in the file lacks parts"
                 return _cdr(definition)._replace(why=lacks)
             case "ros1":
                 definition = parse_definition(channel.schema.decode(), channel.type)
@@ -474,4 +469,4 @@ def _cdr(definition: Definition) -> _Decoder:
         decode = DecoderFactory().decoder_for("cdr", schema)
     reference = known_definition(definition.type)
     is_known = reference is not None and reference.fields == definition.fields
-    return _Decoder(decode, is_known, None, definition.bytes_per_record)
+    return _Decoder(decode, is_known, bytes_per_record=definition.bytes_per_record)

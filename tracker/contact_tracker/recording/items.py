@@ -40,7 +40,13 @@ class Channel:
 
 @dataclass(frozen=True, order=True)
 class PoseSource:
-    """One stream of poses; ``messages`` is the number of messages on its topic, if the index has it."""
+    """One stream of poses.
+
+    Parameters
+    ----------
+    messages : number of messages on its topic, if the index has it.
+    assumed : why the known definition of the type is used instead of that in the file, in words; else empty.
+    """
 
     topic: str
     type: str
@@ -48,6 +54,7 @@ class PoseSource:
     child_frame_id: str
     messages: int | None = field(default=None, compare=False)
     read_as: ReadAs = field(default=AS_GIVEN, compare=False)
+    assumed: str = field(default="", compare=False)
 
     @property
     def frames(self) -> str:

@@ -99,7 +99,6 @@ class PoseLog:
         self._start_ns, self._end_ns = 0, _FOREVER_NS
         self._read_ns: int | None = None  # time of the last pose, since the first one
         self._reading, self._composer, self._logged = reading, composer, logged
-        self._assumed = reading.decoder.assumed if composer is None else {}
         self._frame, self._count_late = frame, count_late
         self._arrivals = self._arrive()
 
@@ -133,12 +132,9 @@ class PoseLog:
     def remarks(self) -> tuple[str, ...]:
         """One line each: the known definition of a type replaced that of the file, or the time unit is a
         guess; many poses are out of order (not for a log that was carried on); a folder's clock was reset."""
-        counts, why = self.counts, self._assumed.get((self.source.topic, self.source.type))
-        why = self._composer.why if self._composer is not None else why
-        count = counts.get("known_definition", 0)
-        assumed = (
-            assumption_text(count, self.source.type, why) if count and why else self._reading.notes.assumption
-        )
+        counts, assumed = self.counts, self._reading.notes.assumption
+        if self.source.assumed and (count := counts.get("known_definition", 0)):
+            assumed = assumption_text(count, self.source)
         doubts = (remark_on_excursions(counts),) if self._is_resumed else remarks_on(counts, self.taken)
         is_reset = counts.get("clock_reset") and self._reading.is_folder
         return tuple(filter(None, (assumed, *doubts, _SEVERAL if is_reset else None)))
@@ -241,7 +237,7 @@ class PoseLog:
             else:
                 self._taken += 1
                 if self._taken > self._skipped:
-                    if self._assumed and (self.source.topic, self.source.type) in self._assumed:
+                    if self.source.assumed:
                         self._counts["known_definition"] += 1
                     yield entry[1:]
 
@@ -319,7 +315,7 @@ def open_log(
             steps, source = composition
             at_once = 1 if follow is not None or path == STDIN else BATCH
             learned = {} if reading.is_table else all_sources
-            composer = Composer(steps, source, reading.decoder.assumed, at_once, learned)
+            composer = Composer(steps, source, at_once, learned)
             prefix, composed = all_sources[steps[last_moving(steps)].source], composer.compose(logged)
             return PoseLog(source, reading, composed, prefix, None, count_late, composer)
         following = take_prefix(groups)
@@ -519,12 +515,12 @@ def summarise(path: str, table: TableReading = AS_NAMED) -> RecordingSummary:
             yield item
 
     reading = Reading(path, lambda channel: True, table=table)
-    logged, assumed = reading.decoder.poses(noted(reading)), reading.decoder.assumed
-    sources, undecodable, more_sources = _summaries(logged, assumed, reading.is_table)
+    logged = reading.decoder.poses(noted(reading))
+    sources, undecodable, more_sources = _summaries(logged, reading.is_table)
     assumptions = [
-        f"{summary.source.topic}: {assumption_text(summary.observed, summary.source.type, why)}"
+        f"{summary.source.topic}: {assumption_text(summary.observed, summary.source)}"
         for summary in sources
-        if (why := assumed.get((summary.source.topic, summary.source.type))) is not None
+        if summary.source.assumed
     ]
     assumptions += filter(None, [reading.notes.assumption])
     about = topics, metadata, tuple(attachments), undecodable, reading.notes.damage
@@ -533,7 +529,7 @@ def summarise(path: str, table: TableReading = AS_NAMED) -> RecordingSummary:
 
 def summarise_log(log: PoseLog) -> SourceSummary:
     """Summary of the poses that a log selects, which may be composed; reads it to its end."""
-    sources, _, _ = _summaries(log._logged, log._assumed, log.is_stamped)
+    sources, _, _ = _summaries(log._logged, log.is_stamped)
     (summary,) = (candidate for candidate in sources if candidate.source == log.source)
     summary.source = log.source
     summary.counts += Counter(log.counts)
@@ -541,7 +537,7 @@ def summarise_log(log: PoseLog) -> SourceSummary:
 
 
 def _summaries(
-    logged: Iterable[LoggedPose | None], assumed: Mapping[tuple[str, str], str], is_stamped: bool
+    logged: Iterable[LoggedPose | None], is_stamped: bool
 ) -> tuple[tuple[SourceSummary, ...], int, bool]:
     """The summary of each source, the number of undecodable messages, and whether there are more sources."""
     tallies, undecodable, more_sources = dict[PoseSource, SourceSummary](), 0, False
@@ -562,6 +558,6 @@ def _summaries(
             tally = tallies[source] = SourceSummary(source, is_stamped, has_room)
         tally.add(pose, log_time_ns)
     for source, tally in tallies.items():
-        if (source.topic, source.type) in assumed:
+        if source.assumed:
             tally.counts["known_definition"] += tally.observed
     return tuple(tallies[source].finish() for source in sorted(tallies)), undecodable, more_sources

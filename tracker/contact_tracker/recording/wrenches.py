@@ -163,8 +163,7 @@ def _about_body(
         return wrenches, f"in the frame {frame_id}, which no transform names: taken as the object's", 0
     wrench, topics = PoseSource("", _WRENCH, "", _WRENCH), {step.source.topic for step in steps}
     reading = Reading(path, lambda channel: channel.topic in topics and is_readable(channel))
-    all_steps, assumed = (*steps, Step(wrench, False)), reading.decoder.assumed
-    composer = Composer(all_steps, wrench, assumed, BATCH, read_ahead)
+    composer = Composer((*steps, Step(wrench, False)), wrench, BATCH, read_ahead)
     origin, order = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)), logged_ns.argsort(kind="stable")
     times_ns = zip(wrenches.stamp_ns[order].tolist(), logged_ns[order].tolist(), strict=True)
     stamped = ((wrench, Pose(stamp_ns, *origin), log_time_ns) for stamp_ns, log_time_ns in times_ns)
