@@ -16,6 +16,7 @@ library decodes its messages.
 import json
 import re
 import struct
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import redirect_stderr, suppress
 from functools import lru_cache, partial
@@ -318,9 +319,14 @@ class MessageDecoder:
     ----------
     budget : budget of the recording; messages that exceed it are not decoded.
     field : path to the poses, in messages that have these fields.
+
+    Attributes
+    ----------
+    counts : number of messages of pose types that could not be decoded, as ``undecodable``.
     """
 
     def __init__(self, budget: WorkBudget, field: str | None = None) -> None:
+        self.counts = Counter[str]()
         self._budget, self._field = budget, field
         self._decoders: dict[tuple[str, str, str, bytes], _Decoder] = {}
 
@@ -346,11 +352,11 @@ class MessageDecoder:
                 raise
             raise Undecodable(f"{channel.topic}: {error}") from error
 
-    def poses(self, items: Iterable[Item]) -> Iterator[LoggedPose | None]:
-        """The poses in messages of pose types, and in rows; None for each message that cannot be decoded."""
+    def poses(self, items: Iterable[Item]) -> Iterator[LoggedPose]:
+        """The poses in messages of pose types, and in rows; messages that cannot be decoded are counted."""
         return chain.from_iterable(self.groups(items))
 
-    def groups(self, items: Iterable[Item]) -> Iterator[Sequence[LoggedPose | None]]:
+    def groups(self, items: Iterable[Item]) -> Iterator[Sequence[LoggedPose]]:
         """The same poses, grouped by message."""
         ways = dict[Channel, tuple[str | None, _KnownLayout | None]]()
         channel: Channel | None = None
@@ -372,7 +378,8 @@ class MessageDecoder:
                     self._spend(item, SHARE_OF_RECORD * (len(poses) - 1))
                     yield poses
                 except Undecodable:
-                    yield (None,)
+                    self.counts["undecodable"] += 1
+                    yield ()
 
     def _observe(self, message: RawMessage, path: str) -> list[LoggedPose]:
         """The poses at a path in a message, by the library's decoder."""

@@ -81,7 +81,7 @@ class PoseLog:
         self,
         source: PoseSource,
         reading: Reading,
-        logged: Iterator[LoggedPose | None],
+        logged: Iterator[LoggedPose],
         prefix: Sequence[Logged],
         frame: str | None = None,
         count_late: bool = False,
@@ -92,7 +92,7 @@ class PoseLog:
         self.late_sources: tuple[PoseSource, ...] = ()
         self.stamping = Stamping.by(prefix)
         self.is_stamped = reading.is_table or composer is not None
-        self._counts: Counter[str] = Counter()
+        self._counts = reading.decoder.counts
         self.gate, self._is_resumed = PoseGate(self._counts), False
         self._taken = self._skipped = 0
         self.origin_ns = self.first_ns = self.last_ns = self.valid = 0
@@ -172,7 +172,9 @@ class PoseLog:
         ``taken`` poses went through ``gate`` with ``stamping``; in the same log they are skipped. ``span`` is
         ``origin_ns``, ``first_ns``, ``last_ns`` and ``valid``.
         """
+        gate.counts.update(self._counts)
         self.gate, self._counts = gate, gate.counts
+        self._reading.decoder.counts = gate.counts
         self.origin_ns, self.first_ns, self.last_ns, self.valid = span
         self._is_resumed = True
         if is_same_log:
@@ -228,18 +230,16 @@ class PoseLog:
         return slice(begin, end), end < count
 
     def _own(self) -> Iterator[Logged]:
-        """The poses of the source after the skipped ones; other entries are counted."""
-        for entry in self._logged:
-            if entry is None:
-                self._counts["undecodable"] += 1
-            elif entry[0] != self.source:
-                self._note_other(entry[0])
-            else:
-                self._taken += 1
-                if self._taken > self._skipped:
-                    if self.source.assumed:
-                        self._counts["known_definition"] += 1
-                    yield entry[1:]
+        """The poses of the source after the skipped ones; those of others are counted."""
+        for source, pose, log_time_ns in self._logged:
+            if source != self.source:
+                self._note_other(source)
+                continue
+            self._taken += 1
+            if self._taken > self._skipped:
+                if self.source.assumed:
+                    self._counts["known_definition"] += 1
+                yield pose, log_time_ns
 
     def _note_other(self, source: PoseSource) -> None:
         """Note a pose of another matching source, or of the same body in another parent frame."""
@@ -296,7 +296,7 @@ def open_log(
     count_late = count_late or follow is not None
     sources = {} if follow else peek(path, selection, table.field)
     all_sources = dict(sources)
-    head = list[LoggedPose | None]()
+    head = list[LoggedPose]()
     while True:
         fitting = [s for s in sources if selection.takes(s) and (frame is None or s.is_named(frame))]
         logged = chain(head, chain.from_iterable(groups))
@@ -516,40 +516,36 @@ def summarise(path: str, table: TableReading = AS_NAMED) -> RecordingSummary:
 
     reading = Reading(path, lambda channel: True, table=table)
     logged = reading.decoder.poses(noted(reading))
-    sources, undecodable, more_sources = _summaries(logged, reading.is_table)
+    sources, more_sources = _summaries(logged, reading.is_table)
     assumptions = [
         f"{summary.source.topic}: {assumption_text(summary.observed, summary.source)}"
         for summary in sources
         if summary.source.assumed
     ]
     assumptions += filter(None, [reading.notes.assumption])
+    undecodable = reading.decoder.counts["undecodable"]
     about = topics, metadata, tuple(attachments), undecodable, reading.notes.damage
     return RecordingSummary(sources, *about, more_sources, tuple(assumptions))
 
 
 def summarise_log(log: PoseLog) -> SourceSummary:
     """Summary of the poses that a log selects, which may be composed; reads it to its end."""
-    sources, _, _ = _summaries(log._logged, log.is_stamped)
+    sources, _ = _summaries(log._logged, log.is_stamped)
     (summary,) = (candidate for candidate in sources if candidate.source == log.source)
     summary.source = log.source
     summary.counts += Counter(log.counts)
+    del summary.counts["undecodable"]  # of all messages
     return summary
 
 
-def _summaries(
-    logged: Iterable[LoggedPose | None], is_stamped: bool
-) -> tuple[tuple[SourceSummary, ...], int, bool]:
-    """The summary of each source, the number of undecodable messages, and whether there are more sources."""
-    tallies, undecodable, more_sources = dict[PoseSource, SourceSummary](), 0, False
+def _summaries(logged: Iterable[LoggedPose], is_stamped: bool) -> tuple[tuple[SourceSummary, ...], bool]:
+    """The summary of each source, and whether there are more sources."""
+    tallies, more_sources = dict[PoseSource, SourceSummary](), False
 
     def has_room() -> bool:
         return sum(len(tally.beginning) for tally in tallies.values()) < KEPT_POSES
 
-    for entry in logged:
-        if entry is None:
-            undecodable += 1
-            continue
-        source, pose, log_time_ns = entry
+    for source, pose, log_time_ns in logged:
         tally = tallies.get(source)
         if tally is None:
             if len(tallies) >= SOURCES_KEPT:
@@ -560,4 +556,4 @@ def _summaries(
     for source, tally in tallies.items():
         if source.assumed:
             tally.counts["known_definition"] += tally.observed
-    return tuple(tallies[source].finish() for source in sorted(tallies)), undecodable, more_sources
+    return tuple(tallies[source].finish() for source in sorted(tallies)), more_sources

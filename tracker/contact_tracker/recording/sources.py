@@ -267,24 +267,22 @@ def _peek_channels(part: str, summary: Summary, missing: Mapping[int, Channel]) 
     return [message for prefix in prefixes.values() for message in prefix]
 
 
-def take_prefix(groups: Iterator[Sequence[LoggedPose | None]]) -> list[LoggedPose | None]:
+def take_prefix(groups: Iterator[Sequence[LoggedPose]]) -> list[LoggedPose]:
     """The poses of the next messages or rows, up to one second of log time, or many; empty at the end."""
-    prefix, times_ns = list[LoggedPose | None](), list[int]()
+    prefix = list[LoggedPose]()
     for count, group in enumerate(groups, 1):
         prefix += group
-        times_ns += [entry[2] for entry in group[:1] if entry is not None]
-        is_long = bool(times_ns) and times_ns[-1] - times_ns[0] >= PREFIX_NS
-        if prefix and (is_long or count >= PREFIX_MESSAGES or len(prefix) >= ROWS_AT_ONCE):
+        is_long = count >= PREFIX_MESSAGES or len(prefix) >= ROWS_AT_ONCE
+        if prefix and (is_long or prefix[-1][2] - prefix[0][2] >= PREFIX_NS):
             break
     return prefix
 
 
-def poses_by_source(logged: Iterable[LoggedPose | None]) -> dict[PoseSource, list[Logged]]:
-    """The poses by source; messages that could not be decoded are skipped."""
+def poses_by_source(logged: Iterable[LoggedPose]) -> dict[PoseSource, list[Logged]]:
+    """The poses by source."""
     poses: dict[PoseSource, list[Logged]] = {}
-    for entry in logged:
-        if entry is not None:
-            poses.setdefault(entry[0], []).append(entry[1:])
+    for source, pose, log_time_ns in logged:
+        poses.setdefault(source, []).append((pose, log_time_ns))
     return poses
 
 

@@ -254,14 +254,10 @@ class Composer:
             elif of in self._tracks and len(logged) > 1:
                 self._stampings[of] = Stamping.by(logged)
 
-    def compose(self, logged: Iterable[LoggedPose | None]) -> Iterator[LoggedPose | None]:
-        """The composed poses; other poses are dropped, and None is passed on."""
+    def compose(self, logged: Iterable[LoggedPose]) -> Iterator[LoggedPose]:
+        """The composed poses; other poses are dropped."""
         body = self._steps[self._body].source
-        for entry in logged:
-            if entry is None:
-                yield None
-                continue
-            source, pose, log_time_ns = entry
+        for source, pose, log_time_ns in logged:
             if source in self._tracks:
                 counts = self.counts if source == body else Counter[str]()
                 pose = self._stampings.get(source, _ZERO_IS_UNSET).stamped(pose, log_time_ns, counts)
