@@ -294,7 +294,7 @@ def open_log(
     reading = Reading(path, selection, follow, table)
     groups = reading.decoder.groups(reading)
     count_late = count_late or follow is not None
-    sources = {} if follow else peek(path, selection, table.field)
+    sources = {} if follow else peek(path, selection)
     all_sources = dict(sources)
     head = list[LoggedPose]()
     while True:
@@ -331,7 +331,7 @@ def list_sources(path: str, table: TableReading = AS_NAMED) -> list[PoseSource]:
     UnreadableRecording if there is no such file, or it is no recording."""
     selection = ChannelFilter(None, table)
     try:
-        sources = peek(path, selection, table.field)
+        sources = peek(path, selection)
     except NoPoses:
         return []
     if not sources:

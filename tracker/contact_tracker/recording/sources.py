@@ -149,7 +149,7 @@ class ChannelFilter:
         with_transforms: bool = False,
         relative_to: str | None = None,
     ) -> None:
-        self._topic, self._table, self._field = topic, table, table.field
+        self._topic, self._table, self.field = topic, table, table.field
         self._with_transforms, self.relative_to = with_transforms, relative_to
         self.seen: dict[tuple[str, str, str], Channel] = {}
         self.counts = Counter[str]()
@@ -166,7 +166,7 @@ class ChannelFilter:
         )
 
     def _has_poses(self, channel: Channel) -> bool:
-        return may_have_poses(channel, self._field) and self._is_asked(channel)
+        return may_have_poses(channel, self.field) and self._is_asked(channel)
 
     def _is_asked(self, channel: Channel) -> bool:
         if self._topic is None:
@@ -181,7 +181,7 @@ class ChannelFilter:
         """The error that lists what the recording has instead of the selected poses."""
         seen = list(self.seen.values())
         requested = [c for c in seen if self._topic is not None and self._is_asked(c)]
-        poses = [c for c in seen if may_have_poses(c, self._field)]
+        poses = [c for c in seen if may_have_poses(c, self.field)]
         alike = [c for c in seen if not may_have_poses(c) and _POSE_LIKE.search(c.type)]
         alike = alike or [c for c in seen if not is_readable(c)]
         fields = _fields_in(path, requested or seen, self._table)
@@ -215,9 +215,9 @@ def may_be_step(channel: Channel, relative_to: str | None) -> bool:
     return canonical(channel.type) in TRANSFORM_TYPES or channel.topic == relative_to
 
 
-def peek(path: str, selection: ChannelFilter, field: str | None = None) -> dict[PoseSource, list[Logged]]:
+def peek(path: str, selection: ChannelFilter) -> dict[PoseSource, list[Logged]]:
     """The sources on the wanted channels of an index, with the poses in the prefix of each; reads only the
-    chunks that have its first messages. ``field`` is the path to poses in messages of other types.
+    chunks that have its first messages.
 
     Raises NoPoses or ChoiceError if the indexes list all channels, and none is wanted, or none of the topic.
     """
@@ -238,7 +238,7 @@ def peek(path: str, selection: ChannelFilter, field: str | None = None) -> dict[
     if indexed and not any(selection(channel) for channel in list(selection.seen.values())):
         raise selection.nothing_found(path)
     budget = WorkBudget(sum(os.path.getsize(part) for part in parts_of(path) if is_regular(part)))
-    return poses_by_source(MessageDecoder(budget, field).poses(messages))
+    return poses_by_source(MessageDecoder(budget, selection.field).poses(messages))
 
 
 def _peek_channels(part: str, summary: Summary, missing: Mapping[int, Channel]) -> list[RawMessage]:
