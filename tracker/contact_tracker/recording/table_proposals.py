@@ -175,6 +175,10 @@ def _plainly(name: str) -> str:
     return re.sub(r"[\[_.](\d+)\]?$", r"[\1]", name.lower())
 
 
+def _is_commanded(name: str) -> bool:
+    return _COMMANDED.search(name) is not None
+
+
 def _clock(values: Array, taken: Collection[int]) -> tuple[int | None, bool]:
     """The column of the first rows (N, k), outside of ``taken`` ones, that may be the time, as it rises: if
     there are several, the first that does not rise by ones, as numbers of frames do; and whether it does."""
@@ -398,9 +402,8 @@ class _Proposal:
         lower = [*map(str.lower, columns.names)]
         prefixed = islice(filter(None, map(_PREFIX.match, sorted({*lower, *columns.plain}))), _MOST_GROUPS)
         suffixed = islice(filter(None, map(_SUFFIX.fullmatch, lower)), _MOST_GROUPS)
-        affixes = ["", ""], *([match[0], ""] for match in prefixed), *(["", match[1]] for match in suffixed)
-        unique = dict.fromkeys(map(tuple, affixes))
-        ordered = sorted(unique, key=lambda affix: _COMMANDED.search("".join(affix)) is not None)
+        affixes = ("", ""), *((match[0], "") for match in prefixed), *(("", match[1]) for match in suffixed)
+        ordered = sorted(dict.fromkeys(affixes), key=lambda affix: _is_commanded("".join(affix)))
         for (system, names, meaning), (prefix, suffix) in product(KNOWN, ordered):
             if known.issuperset(_plainly(prefix + name + suffix) for name in names):
                 place = tuple(zip(POSITION, POSITION, strict=True)) if suffix and names[0] == "x" else ()
@@ -424,9 +427,7 @@ class _Proposal:
             is_other = _NO_POSES.search(base) or _OF_JOINTS.sub("", base) in of_joints
             return not is_row and not is_other and base not in columns.names
 
-        apart = filter(
-            is_apart, dict.fromkeys(sorted(bases, key=lambda base: _COMMANDED.search(base) is not None))
-        )
+        apart = filter(is_apart, dict.fromkeys(sorted(bases, key=_is_commanded)))
         meant = ((base, *self._meant(base)) for base in islice(apart, _MOST_GROUPS))
         parts = [(base, way, shows) for base, way, shows in meant if way is not None]
         places = [(base, way) for base, way, _ in parts if [*dict(way.columns)] == ["position"]]
