@@ -100,6 +100,7 @@ class PoseLog:
         self._read_ns: int | None = None  # time of the last pose, since the first one
         self._reading, self._composer, self._logged = reading, composer, logged
         self._frame, self._count_late = frame, count_late
+        self._assumed: PoseSource | None = None  # of the poses that are read by a known definition
         self._arrivals = self._arrive()
 
     @property
@@ -133,8 +134,8 @@ class PoseLog:
         """One line each: the known definition of a type replaced that of the file, or the time unit is a
         guess; many poses are out of order (not for a log that was carried on); a folder's clock was reset."""
         counts, assumed = self.counts, self._reading.notes.assumption
-        if self.source.assumed and (count := counts.get("known_definition", 0)):
-            assumed = assumption_text(count, self.source)
+        if self._assumed is not None:
+            assumed = assumption_text(counts["known_definition"], self._assumed)
         doubts = (remark_on_excursions(counts),) if self._is_resumed else remarks_on(counts, self.taken)
         is_reset = counts.get("clock_reset") and self._reading.is_folder
         return tuple(filter(None, (assumed, *doubts, _SEVERAL if is_reset else None)))
@@ -237,7 +238,8 @@ class PoseLog:
                 continue
             self._taken += 1
             if self._taken > self._skipped:
-                if self.source.assumed:
+                if source.assumed:
+                    self._assumed = source
                     self._counts["known_definition"] += 1
                 yield pose, log_time_ns
 
