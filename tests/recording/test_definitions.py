@@ -123,6 +123,14 @@ def test_definitions_equal_those_of_rosbags(kind: str) -> None:
     assert known is None or known.fields == definition.fields
 
 
+def test_known_types_need_no_definition_in_others() -> None:
+    definition = parse_definition("geometry_msgs/PoseStamped pose\n", "lab_msgs/msg/Tracked")
+    known = known_definition("geometry_msgs/msg/PoseStamped")
+    assert known is not None
+    assert {**definition.fields, **known.fields} == definition.fields
+    assert not definition.is_complete
+
+
 # --- ROS 1 as rosbags writes it ----------------------------------------------------------------------------
 
 

@@ -58,6 +58,16 @@ def test_a_chain_up_and_down_the_tree(tmp_path: Path) -> None:
     assert_is(result, AT_NS, np.linalg.inv(tool.at(AT_NS)) @ FLANGE.at(AT_NS) @ OBJECT.at(AT_NS))
 
 
+def test_composed_poses_of_a_type_without_definition_are_counted(tmp_path: Path) -> None:
+    topics = [
+        replace(topic, schema=b"") for topic in by_name(frame.topic for frame in (FLANGE, MOUNT, OBJECT))
+    ]
+    log = open_log(str(write_log(tmp_path / "a.mcap", topics)), frame="world->object")
+    assert len(Poses.collect(log)) == len(AT_NS)
+    assert log.counts == {"known_definition": len(AT_NS)}
+    assert log.remarks[0].startswith(f"{len(AT_NS)} poses are read by the known definition of {TF}: the file")
+
+
 def test_relative_to_a_frame(tmp_path: Path) -> None:
     """A PoseStamped in the camera's frame is transformed to the world."""
     path = write(tmp_path / "a.mcap", FLANGE, MOUNT, further=(poses_topic(POSES, frame="camera"),))

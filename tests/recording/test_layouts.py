@@ -68,7 +68,9 @@ def as_bits(source, pose):
 
 def shown(decoder, message):
     """The poses of a decoder; None where the message cannot be decoded."""
-    return [entry and as_bits(*entry[:2]) for entry in decoder.poses([message])]
+    decoder.counts.clear()
+    result = [as_bits(*entry[:2]) for entry in decoder.poses([message])]
+    return result + [None] * decoder.counts["undecodable"]
 
 
 @each_type

@@ -56,7 +56,8 @@ class TableReading:
     columns : names of columns by role, one of ``ROLES`` or ``GROUPS``; columns without names are
         ``c0``, ``c1``, ... ``state[3:7]`` are values 3 to 6 of a list, or of columns ``state_0``, ...
     field : path to the poses in messages, as ``tracked.pose`` or ``detections[0].pose``; ``.`` for the
-        message itself. A table has none.
+        message itself. The numbers of an array there have the names of columns, ``data[0]``, ... A table has
+        none.
     given : the words of the user's command without the options of this reading, or ``PYTHON`` and the
         arguments in Python, for proposed commands and calls; empty without them.
 

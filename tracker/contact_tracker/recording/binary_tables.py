@@ -20,6 +20,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import partial
+from io import BytesIO
 from itertools import chain, compress, islice, starmap
 from typing import IO, Any, Final
 
@@ -192,8 +193,6 @@ _WHOLE: Final = (0, 6)
 _VALUES_PER_ROW: Final = 7
 """Number of values in lists that count as a row, as of a pose."""
 _BYTES_PER_ROW: Final = 8 * _VALUES_PER_ROW
-_Struct = Mapping[int, Any]
-"""The fields of a Thrift struct by number."""
 
 
 class _Parquet(ParquetFile):  # type: ignore[misc]
@@ -313,7 +312,8 @@ def _pages(file: IO[bytes], column: ColumnChunkMetaData) -> Iterator[tuple[int, 
         raise ValueError("a page is outside of the file")
     while at < end:
         file.seek(at)
-        page, size = _thrift_struct(file.read(min(_PAGE_HEADER, end - at)), 0)
+        header = BytesIO(file.read(min(_PAGE_HEADER, end - at)))
+        page, size = _thrift_struct(header), header.tell()
         plain, packed = page[2], page[3]
         of_data = page.get(5) or page.get(8) or {}
         values += of_data.get(1, 0)
@@ -330,38 +330,37 @@ def _pages(file: IO[bytes], column: ColumnChunkMetaData) -> Iterator[tuple[int, 
         raise ValueError("a page is longer than its column")
 
 
-def _thrift_struct(data: bytes, at: int) -> tuple[_Struct, int]:
-    """The struct at an offset, and the offset after it; raises LookupError, ValueError or RecursionError."""
+def _thrift_struct(data: IO[bytes]) -> dict[int, Any]:
+    """The integers and structs of the next struct, by the numbers of its fields; raises LookupError,
+    ValueError or RecursionError."""
     fields, number = dict[int, Any](), 0
-    while head := data[at]:
-        number, kind, at = number + (head >> 4), head & 15, at + 1
-        if not head >> 4:
-            number, at = _varint(data, at)
-            number >>= 1
-        value: Any = kind == 1
-        if kind == 3:
-            value, at = data[at], at + 1
-        elif kind in (4, 5, 6):
-            value, at = _varint(data, at)
-            value = (value >> 1) ^ -(value & 1)
-        elif kind == 8:
-            size, at = _varint(data, at)
-            value, at = None, at + size
-        elif kind == 12:
-            value, at = _thrift_struct(data, at)
-        elif kind not in (1, 2):
-            raise ValueError(f"a field of the kind {kind}")
-        fields[number] = value
-    return fields, at + 1
+    while head := data.read(1)[0]:
+        step, kind = divmod(head, 16)
+        number = number + step if step else _varint(data) >> 1
+        match kind:
+            case 1 | 2:  # a truth value
+                pass
+            case 3:
+                data.read(1)
+            case 4 | 5 | 6:
+                value = _varint(data)
+                fields[number] = (value >> 1) ^ -(value & 1)
+            case 8:
+                data.seek(_varint(data), os.SEEK_CUR)
+            case 12:
+                fields[number] = _thrift_struct(data)
+            case _:
+                raise ValueError(f"a field of the kind {kind}")
+    return fields
 
 
-def _varint(data: bytes, at: int) -> tuple[int, int]:
+def _varint(data: IO[bytes]) -> int:
     """A number of 7 bits in each byte."""
     number = shift = 0
-    while data[at] > 127:
-        number |= (data[at] & 127) << shift
-        at, shift = at + 1, shift + 7
-    return number | data[at] << shift, at + 1
+    while (byte := data.read(1)[0]) > 127:
+        number |= (byte & 127) << shift
+        shift += 7
+    return number | byte << shift
 
 
 class ArrayTable:

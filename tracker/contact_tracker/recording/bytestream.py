@@ -114,12 +114,9 @@ class Notes:
 
 
 ZSTD_MAGIC: Final = b"\x28\xb5\x2f\xfd"
-TABLE_ENDINGS: Final = tuple(
-    f".{end}"
-    for end in (
-        *("csv", "tsv", "txt", "tum", "dat", "jsonl", "json", "parquet", "pq", "feather", "arrow"),
-        *("npy", "npz", "mat", "h5", "hdf5", "c3d"),
-    )
+TABLE_ENDINGS: Final = (
+    *(".csv", ".tsv", ".txt", ".tum", ".dat", ".jsonl", ".json", ".parquet", ".pq", ".feather", ".arrow"),
+    *(".npy", ".npz", ".mat", ".h5", ".hdf5", ".c3d"),
 )
 """Usual suffixes of tables; text files with other suffixes may be tables as well."""
 WHAT_IS_READ: Final = (

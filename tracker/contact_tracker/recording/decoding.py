@@ -3,10 +3,10 @@ messages.
 
 A path, of a known type or stated by the user (``--field``), is names of fields with dots between,
 as in ``detections.results[0]``; a list without an index stands for all its elements. It leads to a position
-and a rotation, or to a part with these in a field ``pose`` or ``transform``. Stamp, frame and name of the
-body are those of the innermost part of the message that has one. If several bodies have no name, their number
-is the child frame: ``0`` is the first pose of a PoseArray. The stamp of a type without one is zero, like an
-unset stamp.
+and a rotation, to a part with these in a field ``pose`` or ``transform``, or, if the user states it, to an
+array of numbers. Stamp, frame and name of the body are those of the innermost part of the message that has
+one. If several bodies have no name, their number is the child frame: ``0`` is the first pose of a PoseArray.
+The stamp of a type without one is zero, like an unset stamp.
 
 Poses of the usual types in CDR are read at their offsets, which follow from the known definition of the type
 and the lengths of the names, several times faster than by field. If a file defines a type differently, the
@@ -16,11 +16,12 @@ library decodes its messages.
 import json
 import re
 import struct
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import redirect_stderr, suppress
 from functools import lru_cache, partial
 from io import StringIO
-from itertools import chain, islice, repeat
+from itertools import chain, islice
 from operator import attrgetter
 from types import MappingProxyType, SimpleNamespace
 from typing import Any, Final, NamedTuple
@@ -28,8 +29,10 @@ from typing import Any, Final, NamedTuple
 from mcap.records import Schema
 from mcap_ros2.decoder import DecoderFactory
 
-from contact_tracker.errors import MissingExtra, module_of_extra
-from contact_tracker.motion.poses import Pose
+from contact_tracker.config.table_reading import AS_NAMED, NO_TABLE, TableReading
+from contact_tracker.errors import ChoiceError, MissingExtra, module_of_extra
+from contact_tracker.motion.poses import AS_GIVEN, Pose
+from contact_tracker.recording.array_poses import ArrayPoses
 from contact_tracker.recording.bytestream import (
     BYTES_PER_RECORD,
     FROM_ARRAYS,
@@ -93,6 +96,13 @@ POSE_TYPES: Final[Mapping[str, str]] = MappingProxyType(
     }
 )
 """The path to the poses in each known type."""
+_REALS: Final = ("float64", "float32")
+_LENGTHS: Final = (16, 12, 7, 0, 6)
+"""Numbers of elements of arrays that may be poses: matrices, positions with quaternions, of any number, and
+positions with angles."""
+_ARRAY: Final = rf"(?:{'|'.join(_REALS)})\[[^\]]*\]\s+"
+_LONGEST_ARRAY: Final = 200
+"""Most numbers of an array that may be a pose."""
 _MOST_FIELDS: Final = 500
 """Largest number of fields of a definition that are searched for poses."""
 
@@ -102,26 +112,34 @@ def pose_field(channel: Channel, field: str | None = None) -> str | None:
     ``field`` are looked up in the text of the definition."""
     if field is None:
         return POSE_TYPES.get(canonical(channel.type))
-    names = [*re.findall(r"[A-Za-z_]\w*", field), "(position|translation)"]
+    names = re.findall(r"[A-Za-z_]\w*", field)
+    names.append(f"(position|translation{''.join(f'|{_ARRAY}{name}' for name in names[-1:])})")
     has_names = all(re.search(rf"\b{name}\b".encode(), channel.schema) for name in names)
     return field if has_names or channel.encoding == "json" else None
 
 
-def fields_with_poses(channel: Channel) -> list[str]:
-    """Paths of poses in the messages of a channel of ROS, by their definition."""
+def fields_with_poses(channel: Channel) -> tuple[list[str], list[str]]:
+    """Paths of poses, and of arrays of numbers that may be poses, in the messages of a channel of ROS, by
+    their definition; matrices first."""
     try:
         definition = parse_definition(channel.schema.decode(errors="replace"), channel.type)
     except (ValueError, KeyError):
-        return []
-    paths, waiting = list[str](), [("", definition.type)]
+        return [], []
+    paths, arrays, waiting = list[str](), list[tuple[int, str]](), [("", definition.type)]
     for path, kind in waiting:  # which grows
         fields = definition.fields.get(kind, ())
         names = {field.name for field in fields}
         if any(names.issuperset(parts) for parts in _PARTS.items()):
             paths.append(path or ".")
         elif len(waiting) < _MOST_FIELDS:
-            waiting += [(f"{path}.{field.name}".lstrip("."), field.type) for field in fields]
-    return paths
+            inner = [(f"{path}.{field.name}".lstrip("."), field) for field in fields]
+            waiting += [(place, field.type) for place, field in inner]
+            arrays += [
+                (_LENGTHS.index(field.length), place)
+                for place, field in inner
+                if field.type in _REALS and field.length in _LENGTHS
+            ]
+    return paths, [place for _, place in sorted(arrays, key=lambda array: array[0])]
 
 
 def poses_at(path: str, message: Any) -> Iterator[tuple[str, str, Pose] | None]:
@@ -140,14 +158,22 @@ def poses_at(path: str, message: Any) -> Iterator[tuple[str, str, Pose] | None]:
         place = next((name for name in _PARTS if hasattr(pose, name)), "position")
         px, py, pz = map(float, _XYZ(getattr(pose, place)))
         x, y, z, w = map(float, _XYZW(getattr(pose, _PARTS[place])))
-        stamp_ns = next(filter(None, map(_stamp_ns, _nearest(inside, _STAMPS))), 0)
-        frame = next(filter(None, _nearest(inside, _FRAMES)), "")
-        if not isinstance(frame, str):
-            raise TypeError("the name of a frame is no text")
+        stamp_ns, frame = _stamp(inside), _frame(inside)
         child = _child(inside, number)
         child = f"{child}#{number}" if (frame, child, stamp_ns) in seen else child  # a second cup
         seen.add((frame, child, stamp_ns))
         yield frame, child, Pose(stamp_ns, (px, py, pz), (x, y, z, w))
+
+
+def array_at(path: str, message: Any) -> tuple[tuple[Any, ...], Sequence[float]] | None:
+    """The array of numbers at a path in a decoded message, and the parts around it; None if that is none."""
+    *steps, (name, index) = re.findall(r"(\w+)(?:\[(\d+)\])?", path) or [("", "")]
+    for inside, _ in islice(_reached((message,), steps, ""), 1):
+        values: Any = getattr(inside[-1], name, None) if inside and not index else None
+        is_list = hasattr(values, "__len__") and not isinstance(values, str | bytes)
+        if is_list and 0 < len(values) <= _LONGEST_ARRAY and isinstance(values[0], int | float):
+            return inside, values
+    return None
 
 
 def _reached(
@@ -171,6 +197,18 @@ def _reached(
         yield from _reached((*inside, value[int(index)]), rest, number)
     else:
         yield (), ""
+
+
+def _stamp(inside: tuple[Any, ...]) -> int:
+    """The stamp (ns) of the innermost part that has one; zero without."""
+    return next(filter(None, map(_stamp_ns, _nearest(inside, _STAMPS))), 0)
+
+
+def _frame(inside: tuple[Any, ...]) -> str:
+    frame = next(filter(None, _nearest(inside, _FRAMES)), "")
+    if not isinstance(frame, str):
+        raise TypeError("the name of a frame is no text")
+    return frame
 
 
 def _nearest(inside: tuple[Any, ...], names: tuple[str, ...]) -> Iterator[Any]:
@@ -252,8 +290,8 @@ _HEAD, _SIZE, _POSE = ({o: struct.Struct(o + kinds) for o in "<>"} for kinds in 
 class _KnownLayout:
     """Reads the poses of one channel at their offsets in the layout of its type."""
 
-    def __init__(self, channel: Channel) -> None:
-        self._channel, self._layout = channel, _LAYOUTS[canonical(channel.type)]
+    def __init__(self, channel: Channel, source: Callable[[str, str], PoseSource]) -> None:
+        self._named_source, self._layout = source, _LAYOUTS[canonical(channel.type)]
         self._source = lru_cache(_MOST_SOURCES)(self._source_of)
 
     def read(self, data: bytes, log_time_ns: int) -> list[LoggedPose] | None:
@@ -293,7 +331,7 @@ class _KnownLayout:
         frame, child = (*names, "")[:2]
         if self._layout[3] and not child:
             raise KeyError("a body among others that has no name gets a number")
-        return PoseSource(self._channel.topic, self._channel.type, frame, child)
+        return self._named_source(frame, child)
 
 
 class Undecodable(Exception):
@@ -307,7 +345,7 @@ class _Decoder(NamedTuple):
 
     decode: Callable[[bytes], Any] | None
     is_known: bool = False
-    why: str | None = None
+    why: str = ""
     bytes_per_record: int = BYTES_PER_RECORD
 
 
@@ -317,16 +355,18 @@ class MessageDecoder:
     Parameters
     ----------
     budget : budget of the recording; messages that exceed it are not decoded.
-    field : path to the poses, in messages that have these fields.
+    reading : path to the poses, in messages that have these fields, and the meaning of the numbers there.
+    path : of the recording, for commands in messages.
 
     Attributes
     ----------
-    assumed : by topic and type, why the known definition is used, in words.
+    counts : number of messages of pose types that could not be decoded, as ``undecodable``.
     """
 
-    def __init__(self, budget: WorkBudget, field: str | None = None) -> None:
-        self.assumed: dict[tuple[str, str], str] = {}
-        self._budget, self._field = budget, field
+    def __init__(self, budget: WorkBudget, reading: TableReading = AS_NAMED, path: str = "") -> None:
+        self.counts = Counter[str]()
+        self._budget, self._reading, self._field, self._path = budget, reading, reading.field, path
+        self._arrays = dict[Channel, ArrayPoses]()
         self._decoders: dict[tuple[str, str, str, bytes], _Decoder] = {}
 
     def decode(self, message: RawMessage) -> Any:
@@ -351,18 +391,18 @@ class MessageDecoder:
                 raise
             raise Undecodable(f"{channel.topic}: {error}") from error
 
-    def poses(self, items: Iterable[Item]) -> Iterator[LoggedPose | None]:
-        """The poses in messages of pose types, and in rows; None for each message that cannot be decoded."""
+    def poses(self, items: Iterable[Item]) -> Iterator[LoggedPose]:
+        """The poses in messages of pose types, and in rows; messages that cannot be decoded are counted."""
         return chain.from_iterable(self.groups(items))
 
-    def groups(self, items: Iterable[Item]) -> Iterator[Sequence[LoggedPose | None]]:
-        """The same poses, grouped by message or row."""
+    def groups(self, items: Iterable[Item]) -> Iterator[Sequence[LoggedPose]]:
+        """The same poses, grouped by message."""
         ways = dict[Channel, tuple[str | None, _KnownLayout | None]]()
         channel: Channel | None = None
         for item in items:
             if isinstance(item, Rows):
-                for row in zip(*item.poses, strict=True):
-                    yield list(zip(item.sources, row, repeat(row[0].stamp_ns), strict=False))
+                for source, pose in zip(item.sources, item.poses, strict=True):
+                    yield ((source, pose, pose.stamp_ns),)
             elif isinstance(item, RawMessage):
                 if item.channel is not channel:  # hashing takes longer than reading a pose
                     channel = item.channel
@@ -377,17 +417,34 @@ class MessageDecoder:
                     self._spend(item, SHARE_OF_RECORD * (len(poses) - 1))
                     yield poses
                 except Undecodable:
-                    yield (None,)
+                    self.counts["undecodable"] += 1
+                    yield ()
 
     def _observe(self, message: RawMessage, path: str) -> list[LoggedPose]:
         """The poses at a path in a message, by the library's decoder."""
         decoded, (channel, log_time_ns, _) = self.decode(message), message
         try:
-            observed = list(filter(None, poses_at(path, decoded)))
+            if path == self._field and (array := array_at(path, decoded)) is not None:
+                observed = [self._array_pose(channel, *array)]
+            else:
+                observed = list(filter(None, poses_at(path, decoded)))
+                if self._reading.is_of_table:
+                    raise ChoiceError(f"{self._path}: {NO_TABLE}")
         except (AttributeError, IndexError, TypeError, ValueError, OverflowError, RuntimeError) as error:
             raise Undecodable(f"{channel.topic}: {error}") from error
-        name = channel.topic, channel.type
-        return [(PoseSource(*name, frame, child), pose, log_time_ns) for frame, child, pose in observed]
+        return [(self._source(channel, frame, child), pose, log_time_ns) for frame, child, pose in observed]
+
+    def _array_pose(
+        self, channel: Channel, inside: tuple[Any, ...], values: Sequence[float]
+    ) -> tuple[str, str, Pose]:
+        if channel not in self._arrays:
+            self._arrays[channel] = ArrayPoses(self._reading, self._path)
+        return _frame(inside), _child(inside, ""), self._arrays[channel].read(_stamp(inside), values)
+
+    def _source(self, channel: Channel, frame: str, child: str) -> PoseSource:
+        read_as = self._arrays[channel].read_as if channel in self._arrays else AS_GIVEN
+        why = self._decoder(channel).why
+        return PoseSource(channel.topic, channel.type, frame, child, read_as=read_as, assumed=why)
 
     def _way(self, channel: Channel) -> tuple[str | None, _KnownLayout | None]:
         """The path to the poses in a channel's messages, if they have any; their layout, if it is known."""
@@ -396,7 +453,7 @@ class MessageDecoder:
             return None, None
         has_layout = self._decoder(channel).is_known and canonical(channel.type) in _LAYOUTS
         path = pose_field(channel, self._field if has_field else None)
-        return path, _KnownLayout(channel) if has_layout else None
+        return path, _KnownLayout(channel, partial(self._source, channel)) if has_layout else None
 
     def _decoder(self, channel: Channel) -> _Decoder:
         key = channel.encoding, channel.type, channel.schema_encoding, channel.schema
@@ -410,8 +467,6 @@ class MessageDecoder:
             if decoder.decode is None:
                 decoder = _Decoder(None) if definition is None else _cdr(definition)._replace(why=decoder.why)
             self._decoders[key] = decoder
-        if (why := self._decoders[key].why) is not None:
-            self.assumed[channel.topic, channel.type] = why
         return self._decoders[key]
 
     def _spend(self, message: RawMessage, records: float) -> None:
@@ -424,9 +479,9 @@ class MessageDecoder:
                 raise Undecodable(f"{message.channel.topic}: {error}") from error
 
 
-def assumption_text(count: int, type_name: str, why: str) -> str:
+def assumption_text(count: int, source: PoseSource) -> str:
     """One line on the definition that was assumed for ``count`` poses."""
-    return f"{count} poses are read by the known definition of {type_name}: {why}"
+    return f"{count} poses are read by the known definition of {source.type}: {source.assumed}"
 
 
 def may_have_poses(channel: Channel, field: str | None = None) -> bool:
@@ -454,7 +509,7 @@ def _decoder_of(channel: Channel) -> _Decoder:
         match channel.encoding:
             case "cdr":
                 definition = parse_definition(channel.schema.decode(errors="replace"), channel.type)
-                lacks = None if definition.is_complete else "its definition in the file lacks parts"
+                lacks = "" if definition.is_complete else "its definition in the file lacks parts"
                 return _cdr(definition)._replace(why=lacks)
             case "ros1":
                 definition = parse_definition(channel.schema.decode(), channel.type)
@@ -474,4 +529,4 @@ def _cdr(definition: Definition) -> _Decoder:
         decode = DecoderFactory().decoder_for("cdr", schema)
     reference = known_definition(definition.type)
     is_known = reference is not None and reference.fields == definition.fields
-    return _Decoder(decode, is_known, None, definition.bytes_per_record)
+    return _Decoder(decode, is_known, bytes_per_record=definition.bytes_per_record)

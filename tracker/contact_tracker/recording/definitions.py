@@ -45,7 +45,7 @@ PRIMITIVES: Final[Mapping[str, int]] = {
 """Types without fields, and the least sizes of their values (bytes)."""
 _LENGTH: Final = struct.Struct("<I")
 _HEADER: Final = "std_msgs/Header header\n"
-_PARTS: Final = {
+_KNOWN: Final = {
     "std_msgs/Header": "builtin_interfaces/Time stamp\nstring frame_id\n",
     "builtin_interfaces/Time": "int32 sec\nuint32 nanosec\n",
     "builtin_interfaces/Duration": "int32 sec\nuint32 nanosec\n",
@@ -60,10 +60,6 @@ _PARTS: Final = {
     "geometry_msgs/TwistWithCovariance": "geometry_msgs/Twist twist\nfloat64[36] covariance\n",
     "geometry_msgs/Wrench": "geometry_msgs/Vector3 force\ngeometry_msgs/Vector3 torque\n",
     "motion_capture_tracking_interfaces/NamedPose": "string name\ngeometry_msgs/Pose pose\n",
-}
-"""Definitions of known types that are parts of others, as in ROS 2."""
-_MESSAGES: Final = {
-    **_PARTS,
     "std_msgs/String": "string data\n",
     "geometry_msgs/PoseStamped": f"{_HEADER}geometry_msgs/Pose pose\n",
     "geometry_msgs/PoseWithCovarianceStamped": f"{_HEADER}geometry_msgs/PoseWithCovariance pose\n",
@@ -75,7 +71,7 @@ _MESSAGES: Final = {
     "motion_capture_tracking_interfaces/NamedPoseArray": f"{_HEADER}"
     "motion_capture_tracking_interfaces/NamedPose[] poses\n",
 }
-"""Definitions of all known types."""
+"""Definitions of known types, as in ROS 2."""
 
 
 def canonical(type_name: str) -> str:
@@ -137,7 +133,7 @@ def parse_definition(text: str, type_name: str) -> Definition:
             return written
         name = _short(written)
         names = [name] if "/" in name else [f"{package}/{name}", last_names.get(name, ""), f"std_msgs/{name}"]
-        full_name = next((name for name in names if name in bodies or name in _PARTS), None)
+        full_name = next((name for name in names if name in bodies or name in _KNOWN), None)
         if full_name is None:
             raise ValueError(f"the type {written} is not defined")
         return full_name
@@ -147,7 +143,7 @@ def parse_definition(text: str, type_name: str) -> Definition:
         if name in fields:
             continue
         is_complete &= name in bodies or name.startswith("builtin_interfaces/")  # which ROS 2 leaves out
-        body = bodies[name] if name in bodies else _PARTS[name].splitlines()
+        body = bodies[name] if name in bodies else _KNOWN[name].splitlines()
         package = name.rpartition("/")[0]
         written = filter(None, map(_field, body))
         fields[name] = [field._replace(type=resolved(field.type, package)) for field in written]
@@ -171,7 +167,7 @@ def parse_definition(text: str, type_name: str) -> Definition:
 @cache
 def known_definition(type_name: str) -> Definition | None:
     """The known definition of a type of ROS 2; None for other types."""
-    body = _MESSAGES.get(_short(canonical(type_name)))
+    body = _KNOWN.get(_short(canonical(type_name)))
     return None if body is None else parse_definition(body, type_name)
 
 

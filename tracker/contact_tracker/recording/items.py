@@ -1,6 +1,6 @@
 """Items of recordings: messages, poses in columns, attachments and metadata; and sources of poses."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from heapq import heappop, heappush
 from itertools import count
@@ -40,7 +40,13 @@ class Channel:
 
 @dataclass(frozen=True, order=True)
 class PoseSource:
-    """One stream of poses; ``messages`` is the number of messages on its topic, if the index has it."""
+    """One stream of poses.
+
+    Parameters
+    ----------
+    messages : number of messages on its topic, if the index has it.
+    assumed : why the known definition of the type is used instead of that in the file, in words; else empty.
+    """
 
     topic: str
     type: str
@@ -48,6 +54,7 @@ class PoseSource:
     child_frame_id: str
     messages: int | None = field(default=None, compare=False)
     read_as: ReadAs = field(default=AS_GIVEN, compare=False)
+    assumed: str = field(default="", compare=False)
 
     @property
     def frames(self) -> str:
@@ -72,10 +79,10 @@ class RawMessage(NamedTuple):
 
 
 class Rows(NamedTuple):
-    """Poses in columns, equally many of each source, row by row; their stamps are their log times."""
+    """Poses in columns with the source of each, row by row; their stamps are their log times."""
 
-    sources: tuple[PoseSource, ...]
-    poses: tuple[Poses, ...]
+    sources: Sequence[PoseSource]
+    poses: Poses
 
 
 Item = RawMessage | Rows | Attachment | Metadata

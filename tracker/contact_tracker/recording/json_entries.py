@@ -58,11 +58,7 @@ def rows_of(entry: Any) -> list[dict[str, str]]:
         shared = flattened({key: value for key, value in entry.items() if key != keys[0]})
         own = [flattened({keys[0]: part}) for part in parts]
         is_bounded = len(own) * len(shared) <= MOST_SHARED
-        if (
-            is_bounded
-            and not _may_be_pose([*shared.values()])
-            and all(_may_be_pose([*p.values()]) for p in own)
-        ):
+        if is_bounded and not _may_be_pose(shared) and all(map(_may_be_pose, own)):
             return [{**shared, **part} for part in own]
     return [flattened(entry)]
 
@@ -115,8 +111,11 @@ def _by_time(document: _Document) -> list[Any]:
             return []
     key = "frame" if all(n.isdigit() and len(n) < DIGITS_OF_STAMP for n in names) else "time"
     values = zip(names, document.values(), strict=True)
-    parts = ((name, value if _has_objects(value) else [value]) for name, value in values)
-    return [{key: name, **_named(entry)} for name, value in parts for entry in value]
+    return [
+        {key: name, **_named(entry)}
+        for name, value in values
+        for entry in (value if _has_objects(value) else [value])
+    ]
 
 
 def _by_column_and_row(document: _Document) -> list[Any]:
@@ -176,7 +175,7 @@ def _entries_of(document: _Document) -> list[Any]:
     if found := next(filter(None, (entries(document) for entries in _FORMS)), []):
         return found
     inside = map(_entries_of, (part for part in document.values() if isinstance(part, dict)))
-    return next((part for part in inside if part and _may_be_pose([*rows_of(part[0])[0].values()])), [])
+    return next((part for part in inside if part and _may_be_pose(rows_of(part[0])[0])), [])
 
 
 def _lists(document: _Document) -> dict[str, list[Any]]:
@@ -191,9 +190,9 @@ def _has_objects(value: Any) -> bool:
     return isinstance(value, list) and bool(value) and isinstance(value[0], dict)
 
 
-def _may_be_pose(values: Sequence[str]) -> bool:
-    are_of_pose = islice((value for value in values if are_numbers([value])), LEAST_OF_POSE)
-    return len([*are_of_pose]) == LEAST_OF_POSE
+def _may_be_pose(row: Mapping[str, str]) -> bool:
+    of_pose = islice((value for value in row.values() if are_numbers([value])), LEAST_OF_POSE)
+    return len([*of_pose]) == LEAST_OF_POSE
 
 
 def _named(entry: Any) -> dict[str, Any]:

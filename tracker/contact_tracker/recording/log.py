@@ -81,7 +81,7 @@ class PoseLog:
         self,
         source: PoseSource,
         reading: Reading,
-        logged: Iterator[LoggedPose | None],
+        logged: Iterator[LoggedPose],
         prefix: Sequence[Logged],
         frame: str | None = None,
         count_late: bool = False,
@@ -92,15 +92,15 @@ class PoseLog:
         self.late_sources: tuple[PoseSource, ...] = ()
         self.stamping = Stamping.by(prefix)
         self.is_stamped = reading.is_table or composer is not None
-        self._counts: Counter[str] = Counter()
+        self._counts = reading.decoder.counts
         self.gate, self._is_resumed = PoseGate(self._counts), False
         self._taken = self._skipped = 0
         self.origin_ns = self.first_ns = self.last_ns = self.valid = 0
         self._start_ns, self._end_ns = 0, _FOREVER_NS
         self._read_ns: int | None = None  # time of the last pose, since the first one
         self._reading, self._composer, self._logged = reading, composer, logged
-        self._assumed = reading.decoder.assumed if composer is None else {}
         self._frame, self._count_late = frame, count_late
+        self._assumed: PoseSource | None = None  # of the poses that are read by a known definition
         self._arrivals = self._arrive()
 
     @property
@@ -133,12 +133,9 @@ class PoseLog:
     def remarks(self) -> tuple[str, ...]:
         """One line each: the known definition of a type replaced that of the file, or the time unit is a
         guess; many poses are out of order (not for a log that was carried on); a folder's clock was reset."""
-        counts, why = self.counts, self._assumed.get((self.source.topic, self.source.type))
-        why = self._composer.why if self._composer is not None else why
-        count = counts.get("known_definition", 0)
-        assumed = (
-            assumption_text(count, self.source.type, why) if count and why else self._reading.notes.assumption
-        )
+        counts, assumed = self.counts, self._reading.notes.assumption
+        if self._assumed is not None:
+            assumed = assumption_text(counts["known_definition"], self._assumed)
         doubts = (remark_on_excursions(counts),) if self._is_resumed else remarks_on(counts, self.taken)
         is_reset = counts.get("clock_reset") and self._reading.is_folder
         return tuple(filter(None, (assumed, *doubts, _SEVERAL if is_reset else None)))
@@ -176,7 +173,9 @@ class PoseLog:
         ``taken`` poses went through ``gate`` with ``stamping``; in the same log they are skipped. ``span`` is
         ``origin_ns``, ``first_ns``, ``last_ns`` and ``valid``.
         """
+        gate.counts.update(self._counts)
         self.gate, self._counts = gate, gate.counts
+        self._reading.decoder.counts = gate.counts
         self.origin_ns, self.first_ns, self.last_ns, self.valid = span
         self._is_resumed = True
         if is_same_log:
@@ -232,18 +231,17 @@ class PoseLog:
         return slice(begin, end), end < count
 
     def _own(self) -> Iterator[Logged]:
-        """The poses of the source after the skipped ones; other entries are counted."""
-        for entry in self._logged:
-            if entry is None:
-                self._counts["undecodable"] += 1
-            elif entry[0] != self.source:
-                self._note_other(entry[0])
-            else:
-                self._taken += 1
-                if self._taken > self._skipped:
-                    if self._assumed and (self.source.topic, self.source.type) in self._assumed:
-                        self._counts["known_definition"] += 1
-                    yield entry[1:]
+        """The poses of the source after the skipped ones; those of others are counted."""
+        for source, pose, log_time_ns in self._logged:
+            if source != self.source:
+                self._note_other(source)
+                continue
+            self._taken += 1
+            if self._taken > self._skipped:
+                if source.assumed:
+                    self._assumed = source
+                    self._counts["known_definition"] += 1
+                yield pose, log_time_ns
 
     def _note_other(self, source: PoseSource) -> None:
         """Note a pose of another matching source, or of the same body in another parent frame."""
@@ -298,12 +296,12 @@ def open_log(
     reading = Reading(path, selection, follow, table)
     groups = reading.decoder.groups(reading)
     count_late = count_late or follow is not None
-    sources = {} if follow else peek(path, selection, table.field)
+    sources = {} if follow else peek(path, selection)
     all_sources = dict(sources)
-    head: list[Sequence[LoggedPose | None]] = []
+    head = list[LoggedPose]()
     while True:
         fitting = [s for s in sources if selection.takes(s) and (frame is None or s.is_named(frame))]
-        logged = chain.from_iterable(chain(head, groups))
+        logged = chain(head, chain.from_iterable(groups))
         if fitting and relative_to is None:
             source = only_one(path, fitting, composition_hint(fitting))
             source = replace(source, messages=selection.counts.get(source.topic))
@@ -319,14 +317,14 @@ def open_log(
             steps, source = composition
             at_once = 1 if follow is not None or path == STDIN else BATCH
             learned = {} if reading.is_table else all_sources
-            composer = Composer(steps, source, reading.decoder.assumed, at_once, learned)
+            composer = Composer(steps, source, at_once, learned)
             prefix, composed = all_sources[steps[last_moving(steps)].source], composer.compose(logged)
             return PoseLog(source, reading, composed, prefix, None, count_late, composer)
         following = take_prefix(groups)
         head = [*head, *following] if is_chain else following
-        if not following or sum(map(len, head)) > _MOST_HEAD:
+        if not following or len(head) > _MOST_HEAD:
             raise _explain(path, frame, set(all_sources), selection, reading.notes.damage)
-        sources = poses_by_source(chain.from_iterable(following))
+        sources = poses_by_source(following)
         all_sources = {**sources, **all_sources}
 
 
@@ -335,12 +333,12 @@ def list_sources(path: str, table: TableReading = AS_NAMED) -> list[PoseSource]:
     UnreadableRecording if there is no such file, or it is no recording."""
     selection = ChannelFilter(None, table)
     try:
-        sources = peek(path, selection, table.field)
+        sources = peek(path, selection)
     except NoPoses:
         return []
     if not sources:
         reading = Reading(path, selection, table=table)
-        sources = poses_by_source(chain.from_iterable(take_prefix(reading.decoder.groups(reading))))
+        sources = poses_by_source(take_prefix(reading.decoder.groups(reading)))
     return [replace(source, messages=selection.counts.get(source.topic)) for source in sorted(sources)]
 
 
@@ -514,47 +512,42 @@ def summarise(path: str, table: TableReading = AS_NAMED) -> RecordingSummary:
                     attachments.append(name)
                 case RawMessage(channel, _, _):
                     topics[channel.topic, channel.type, channel.encoding] += 1
-                case Rows(rows_of, poses):
-                    for source, source_poses in zip(rows_of, poses, strict=True):
-                        topics[source.topic, source.type, ROWS] += len(source_poses)
+                case Rows([source, *_], poses):
+                    topics[source.topic, source.type, ROWS] += len(poses)
             yield item
 
     reading = Reading(path, lambda channel: True, table=table)
-    logged, assumed = reading.decoder.poses(noted(reading)), reading.decoder.assumed
-    sources, undecodable, more_sources = _summaries(logged, assumed, reading.is_table)
+    logged = reading.decoder.poses(noted(reading))
+    sources, more_sources = _summaries(logged, reading.is_table)
     assumptions = [
-        f"{summary.source.topic}: {assumption_text(summary.observed, summary.source.type, why)}"
+        f"{summary.source.topic}: {assumption_text(summary.observed, summary.source)}"
         for summary in sources
-        if (why := assumed.get((summary.source.topic, summary.source.type))) is not None
+        if summary.source.assumed
     ]
     assumptions += filter(None, [reading.notes.assumption])
+    undecodable = reading.decoder.counts["undecodable"]
     about = topics, metadata, tuple(attachments), undecodable, reading.notes.damage
     return RecordingSummary(sources, *about, more_sources, tuple(assumptions))
 
 
 def summarise_log(log: PoseLog) -> SourceSummary:
     """Summary of the poses that a log selects, which may be composed; reads it to its end."""
-    sources, _, _ = _summaries(log._logged, log._assumed, log.is_stamped)
+    sources, _ = _summaries(log._logged, log.is_stamped)
     (summary,) = (candidate for candidate in sources if candidate.source == log.source)
     summary.source = log.source
     summary.counts += Counter(log.counts)
+    del summary.counts["undecodable"]  # of all messages
     return summary
 
 
-def _summaries(
-    logged: Iterable[LoggedPose | None], assumed: Mapping[tuple[str, str], str], is_stamped: bool
-) -> tuple[tuple[SourceSummary, ...], int, bool]:
-    """The summary of each source, the number of undecodable messages, and whether there are more sources."""
-    tallies, undecodable, more_sources = dict[PoseSource, SourceSummary](), 0, False
+def _summaries(logged: Iterable[LoggedPose], is_stamped: bool) -> tuple[tuple[SourceSummary, ...], bool]:
+    """The summary of each source, and whether there are more sources."""
+    tallies, more_sources = dict[PoseSource, SourceSummary](), False
 
     def has_room() -> bool:
         return sum(len(tally.beginning) for tally in tallies.values()) < KEPT_POSES
 
-    for entry in logged:
-        if entry is None:
-            undecodable += 1
-            continue
-        source, pose, log_time_ns = entry
+    for source, pose, log_time_ns in logged:
         tally = tallies.get(source)
         if tally is None:
             if len(tallies) >= SOURCES_KEPT:
@@ -563,6 +556,6 @@ def _summaries(
             tally = tallies[source] = SourceSummary(source, is_stamped, has_room)
         tally.add(pose, log_time_ns)
     for source, tally in tallies.items():
-        if (source.topic, source.type) in assumed:
+        if source.assumed:
             tally.counts["known_definition"] += tally.observed
-    return tuple(tallies[source].finish() for source in sorted(tallies)), undecodable, more_sources
+    return tuple(tallies[source].finish() for source in sorted(tallies)), more_sources

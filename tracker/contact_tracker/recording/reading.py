@@ -169,7 +169,7 @@ class Reading:
             _refuse_unrelated(path, parts_of(path))
         self.is_table = is_table_file(path)
         is_empty = os.path.isfile(path) and not os.path.getsize(path)
-        if table.is_of_table and not self.is_table and not is_empty:
+        if table.is_of_table and table.field is None and not self.is_table and not is_empty:
             raise ChoiceError(f"{_shown(path)}: {NO_TABLE}")
         if table.field is not None and self.is_table:
             raise ChoiceError(
@@ -177,7 +177,7 @@ class Reading:
             )
         self.path, self._wanted, self._follow, self._table_reading = path, is_wanted, follow, table
         self.notes = Notes()
-        self.decoder = MessageDecoder(self.notes.budget, table.field)
+        self.decoder = MessageDecoder(self.notes.budget, table, path)
 
     @property
     def is_folder(self) -> bool:

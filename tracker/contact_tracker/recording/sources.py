@@ -149,7 +149,7 @@ class ChannelFilter:
         with_transforms: bool = False,
         relative_to: str | None = None,
     ) -> None:
-        self._topic, self._table, self._field = topic, table, table.field
+        self._topic, self.table = topic, table
         self._with_transforms, self.relative_to = with_transforms, relative_to
         self.seen: dict[tuple[str, str, str], Channel] = {}
         self.counts = Counter[str]()
@@ -166,7 +166,7 @@ class ChannelFilter:
         )
 
     def _has_poses(self, channel: Channel) -> bool:
-        return may_have_poses(channel, self._field) and self._is_asked(channel)
+        return may_have_poses(channel, self.table.field) and self._is_asked(channel)
 
     def _is_asked(self, channel: Channel) -> bool:
         if self._topic is None:
@@ -181,10 +181,10 @@ class ChannelFilter:
         """The error that lists what the recording has instead of the selected poses."""
         seen = list(self.seen.values())
         requested = [c for c in seen if self._topic is not None and self._is_asked(c)]
-        poses = [c for c in seen if may_have_poses(c, self._field)]
+        poses = [c for c in seen if may_have_poses(c, self.table.field)]
         alike = [c for c in seen if not may_have_poses(c) and _POSE_LIKE.search(c.type)]
         alike = alike or [c for c in seen if not is_readable(c)]
-        fields = _fields_in(path, requested or seen, self._table)
+        fields = _fields_in(path, requested or seen, self.table)
         fault: type[NoPoses | ChoiceError] = NoPoses
         if any(map(self, requested)):
             text = _UNDECODED.format(requested[0].topic[:_TEXT_SHOWN])
@@ -215,9 +215,9 @@ def may_be_step(channel: Channel, relative_to: str | None) -> bool:
     return canonical(channel.type) in TRANSFORM_TYPES or channel.topic == relative_to
 
 
-def peek(path: str, selection: ChannelFilter, field: str | None = None) -> dict[PoseSource, list[Logged]]:
+def peek(path: str, selection: ChannelFilter) -> dict[PoseSource, list[Logged]]:
     """The sources on the wanted channels of an index, with the poses in the prefix of each; reads only the
-    chunks that have its first messages. ``field`` is the path to poses in messages of other types.
+    chunks that have its first messages.
 
     Raises NoPoses or ChoiceError if the indexes list all channels, and none is wanted, or none of the topic.
     """
@@ -238,7 +238,7 @@ def peek(path: str, selection: ChannelFilter, field: str | None = None) -> dict[
     if indexed and not any(selection(channel) for channel in list(selection.seen.values())):
         raise selection.nothing_found(path)
     budget = WorkBudget(sum(os.path.getsize(part) for part in parts_of(path) if is_regular(part)))
-    return poses_by_source(MessageDecoder(budget, field).poses(messages))
+    return poses_by_source(MessageDecoder(budget, selection.table, path).poses(messages))
 
 
 def _peek_channels(part: str, summary: Summary, missing: Mapping[int, Channel]) -> list[RawMessage]:
@@ -267,25 +267,22 @@ def _peek_channels(part: str, summary: Summary, missing: Mapping[int, Channel]) 
     return [message for prefix in prefixes.values() for message in prefix]
 
 
-def take_prefix(groups: Iterator[Sequence[LoggedPose | None]]) -> list[Sequence[LoggedPose | None]]:
+def take_prefix(groups: Iterator[Sequence[LoggedPose]]) -> list[LoggedPose]:
     """The poses of the next messages or rows, up to one second of log time, or many; empty at the end."""
-    prefix, times_ns, count = list[Sequence[LoggedPose | None]](), list[int](), 0
-    for group in groups:
-        prefix.append(group)
-        count += len(group)
-        times_ns += [entry[2] for entry in group[:1] if entry is not None]
-        is_long = bool(times_ns) and times_ns[-1] - times_ns[0] >= PREFIX_NS
-        if is_long or len(prefix) >= PREFIX_MESSAGES or count >= ROWS_AT_ONCE:
+    prefix = list[LoggedPose]()
+    for count, group in enumerate(groups, 1):
+        prefix += group
+        is_long = count >= PREFIX_MESSAGES or len(prefix) >= ROWS_AT_ONCE
+        if prefix and (is_long or prefix[-1][2] - prefix[0][2] >= PREFIX_NS):
             break
     return prefix
 
 
-def poses_by_source(logged: Iterable[LoggedPose | None]) -> dict[PoseSource, list[Logged]]:
-    """The poses by source; messages that could not be decoded are skipped."""
+def poses_by_source(logged: Iterable[LoggedPose]) -> dict[PoseSource, list[Logged]]:
+    """The poses by source."""
     poses: dict[PoseSource, list[Logged]] = {}
-    for entry in logged:
-        if entry is not None:
-            poses.setdefault(entry[0], []).append(entry[1:])
+    for source, pose, log_time_ns in logged:
+        poses.setdefault(source, []).append((pose, log_time_ns))
     return poses
 
 
@@ -319,17 +316,21 @@ def _fields_in(path: str, channels: Iterable[Channel], table: TableReading) -> s
     """The fields with poses in messages of unknown types, or without the stated field, with the command that
     reads them; empty if there are none."""
     stated = table.field
-    unknown = (channel for channel in channels if stated or not may_have_poses(channel))
-    fields = [(channel, field) for channel in unknown for field in fields_with_poses(channel)]
-    if not fields or stated in [field for _, field in fields]:
+    unknown = [channel for channel in channels if stated or not may_have_poses(channel)]
+    found = [(channel, *fields_with_poses(channel)) for channel in unknown]
+    fields = [(channel, field) for channel, poses, _ in found for field in poses]
+    arrays = [(channel, field) for channel, _, array in found for field in array]
+    if not (fields or arrays) or stated in [field for _, field in fields + arrays]:
         return ""
-    channel, field = fields[0]
+    channel, field = (fields or arrays)[0]
     command = replace(table, field=field).command(path, "--topic", channel.topic)
-    further = [f"{field} of {c.topic}" for c, field in fields[1:]]
+    further = [f"{field} of {c.topic}" for c, field in (fields or arrays)[1:]]
     hint = f"; others are in {_listing(further)}" if further else ""
     lacks = "" if stated is None else f"no messages have poses in the field {stated}; "
-    place = f"{channel.topic} ({channel.type})"[:_TEXT_SHOWN]
-    return f"{lacks}the messages of {place} have poses in the field {field}: read them by {command}{hint}"
+    lacks += f"the messages of {channel.topic} ({channel.type})"[:_TEXT_SHOWN]
+    if fields:
+        return f"{lacks} have poses in the field {field}: read them by {command}{hint}"
+    return f"{lacks} have numbers in {field}: if these are poses, read them by {command}{hint}"
 
 
 def _reasons(channels: Sequence[Channel]) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.arrays import Array
-from contact_tracker.recording.table_layouts import BLANKS, Columns, Rows, TableLayout, numbers
+from contact_tracker.recording.table_layouts import BLANKS, Columns, TableLayout, numbers
 
 _BODIES: Final = "body|obj|object|tracker|device|marker|tag|hand|sensor|controller|track|target|child_frame"
 OF_BODY: Final = re.compile(rf"(?:.*[._ ])?(?:u?id|name|{_BODIES})")
@@ -25,10 +25,10 @@ _MISSING: Final = ("", "nan", "NaN", "None", "null")
 """Cells without a name."""
 
 
-def with_body(layout: TableLayout, columns: Columns, rows: Rows) -> TableLayout:
+def with_body(layout: TableLayout, columns: Columns) -> TableLayout:
     """The layout with the column of the names of bodies, if the first rows are of several ones, or of one of
     which others may follow."""
-    read, first_rows, constant = layout.places, rows() if len(layout.bodies) == 1 else (), list[int]()
+    read, first_rows, constant = layout.places, columns.rows() if len(layout.bodies) == 1 else (), list[int]()
     others = [(i, name) for i, name in enumerate(columns.plain) if i not in read]
     for place, name in others if first_rows else ():
         first = [row for row in first_rows if len(row) > max(place, *read)]

@@ -28,7 +28,7 @@ from contact_tracker.errors import ChoiceError, UnreadableRecording
 from contact_tracker.geometry.linalg import from_rotation_vectors
 from contact_tracker.suggestions import suggestion
 
-Rows = Callable[[], Sequence[Sequence[str]]]
+FirstRows = Callable[[], Sequence[Sequence[str]]]
 """Gives the first rows of a table."""
 _PLAUSIBLE: Final = 0.1
 """Largest deviation from 1 of a rotation's determinant and of an axis's length."""
@@ -417,10 +417,10 @@ POSE_ROLES: Final = (*POSITION, *QUATERNION)
 
 class Columns:
     """The columns of a table: names as written, ``plain`` names in lower case without units, and the
-    units; ``rows`` gives the first ones."""
+    units; ``rows`` gives the first rows."""
 
-    def __init__(self, names: Sequence[str], units: Sequence[str] = (), rows: Rows = tuple) -> None:
-        self._rows = cache(rows)
+    def __init__(self, names: Sequence[str], units: Sequence[str] = (), rows: FirstRows = tuple) -> None:
+        self.rows = cache(rows)
         self.names = [name.strip()[: 4 * LONGEST_CELL] for name in names]
         whole = (_LEVELS.sub(lambda mark: "." * (len(mark[0]) > 2), name) for name in self.names)
         self.plain = [_CAMEL.sub("_", name.lstrip("#").strip().rstrip(".")).lower() for name in whole]
@@ -429,6 +429,15 @@ class Columns:
             if (unit := _UNIT.search(plain)) is not None:
                 self.plain[place] = plain[: unit.start()]
                 self.units[place] = next(filter(None, unit.groups()), "").strip() or self.units[place]
+
+    def values(self, places: Sequence[int]) -> Array:
+        """The numbers (N, k) of the first rows in columns."""
+        rows = (row for row in self.rows() if len(row) > max(places, default=0))
+        return np.array([numbers([row[i] for i in places]) for row in rows]).reshape(-1, len(places))
+
+    def cells(self, place: int) -> list[str]:
+        """The cells of the first rows in a column, without blank ones."""
+        return [row[place] for row in self.rows() if len(row) > place and row[place].strip(BLANKS)]
 
     def numbered(self, base: str) -> dict[int, int]:
         """Indices of the columns ``base[0]``, ``base_1``, ... by their number, and of ``base[0][0]``, ... row
@@ -538,7 +547,7 @@ class Columns:
     def _is_coarse(self, place: int) -> bool:
         """Whether most of the first times in a column are those before them, and in others they are not."""
         times = [i for i, plain in enumerate(self.plain) if _TIME.fullmatch(plain)]
-        counts = {i: len({row[i] for row in self._rows() if len(row) > i}) for i in times[1:] and times}
+        counts = {i: len({row[i] for row in self.rows() if len(row) > i}) for i in times[1:] and times}
         return 2 * counts.get(place, 0) < max(counts.values(), default=0)
 
     def _rest(self, prefix: str | None) -> int | None:

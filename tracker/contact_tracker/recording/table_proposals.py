@@ -6,7 +6,6 @@ from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from functools import cache
 from itertools import chain, islice, product, takewhile
 from operator import eq
 from typing import Any, Final
@@ -32,7 +31,6 @@ from contact_tracker.errors import ChoiceError, UnreadableRecording
 from contact_tracker.motion.pose_validation import NORM_TOLERANCE
 from contact_tracker.recording.table_bodies import with_body
 from contact_tracker.recording.table_layouts import (
-    BLANKS,
     BY_ROW,
     CAN_BE_GIVEN,
     DIGITS_OF_STAMP,
@@ -45,9 +43,9 @@ from contact_tracker.recording.table_layouts import (
     POSE_ROLES,
     UNNAMED,
     Columns,
+    FirstRows,
     OpenReading,
     ProposedReading,
-    Rows,
     TableLayout,
     are_named_angles,
     are_numbers,
@@ -136,7 +134,7 @@ def layout_of_names(
     reading: TableReading,
     path: str = "FILE",
     units: Sequence[str] = (),
-    rows: Rows = tuple,
+    rows: FirstRows = tuple,
 ) -> TableLayout:
     """The layout of a table with named columns; ``units`` may be those of a separate row. The first ``rows``
     decide which units may be proposed.
@@ -148,9 +146,9 @@ def layout_of_names(
         raise UnreadableRecording(f"its {len(names)} columns are too many: needed are {NEEDED}")
     columns = Columns(names, units, rows)
     try:
-        return with_body(layout(columns, reading), columns, rows)
+        return with_body(layout(columns, reading), columns)
     except UnreadableRecording as error:
-        proposal = _Proposal(columns, reading, path, rows).text()
+        proposal = _Proposal(columns, reading, path).text()
         if proposal is not None:
             raise ProposedReading(proposal) from error
         if isinstance(error, OpenReading):
@@ -165,7 +163,7 @@ def layout_without_names(rows: Sequence[Sequence[str]], reading: TableReading, p
     if reading.columns:
         return layout_of_names(names, reading, path, rows=lambda: rows)
     fault = f"its {len(names)} columns have no names"
-    if (text := _Proposal(Columns(names), reading, path, lambda: rows).text()) is not None:
+    if (text := _Proposal(Columns(names, rows=lambda: rows), reading, path).text()) is not None:
         text = text.replace("its columns are", "they are", 1).replace("its rotations", "if its rotations", 1)
         raise ProposedReading(f"{fault}: {text}")
     how = f"say which they are, by number from 0 on, as in --columns time={UNNAMED}0,x={UNNAMED}1"
@@ -175,11 +173,6 @@ def layout_without_names(rows: Sequence[Sequence[str]], reading: TableReading, p
 def _plainly(name: str) -> str:
     """A name in lower case, with the number of an element as in ``q[3]`` for ``q_3`` and ``q.3``."""
     return re.sub(r"[\[_.](\d+)\]?$", r"[\1]", name.lower())
-
-
-def _shared(name: str, other: str) -> int:
-    """The length of the beginning that two names share."""
-    return len([*takewhile(bool, map(eq, name, other))])
 
 
 def _is_commanded(name: str) -> bool:
@@ -292,11 +285,10 @@ class _Proposal:
     ----------
     reading : what the user states; a time is added if no column is named as one.
     path : of the table, for the commands.
-    rows : gives the first rows.
     """
 
-    def __init__(self, columns: Columns, reading: TableReading, path: str, rows: Rows) -> None:
-        self._columns, self._path, self._rows, self._stated = columns, path, cache(rows), reading
+    def __init__(self, columns: Columns, reading: TableReading, path: str) -> None:
+        self._columns, self._path, self._stated = columns, path, reading
         self._reading, self._about_time, self._lacks_time = reading, "", False
         if columns.time(reading, columns.find(reading)[TIME])[0] is None:
             clock, self._about_time = self._time()
@@ -308,57 +300,41 @@ class _Proposal:
         """The name of the column that seems to be the time, if any, and its description."""
         columns, has_frames = self._columns, any(map(FRAME.fullmatch, self._columns.plain))
         likes = [name for name in columns.names if _LIKE_TIME.match(name) and CAN_BE_GIVEN(name)]
-        rising = chain(filter(self._rises, likes[:FIRST_ROWS]), self._dates())
+        rising = chain(filter(self._rises, likes[:FIRST_ROWS]), filter(self._has_dates, columns.names))
         like = next(rising, next(iter(likes if not has_frames else ()), None))
-        if like is not None:
-            return like, f"if {self._shown(like)} is the time"
-        if has_frames:
+        if like is None and has_frames:
             return None, "its times are numbers of frames"
-        taken = {place for places in columns.find(self._stated).values() for place in places.values()}
-        numbered = {
-            i: match[1] for i, name in enumerate(columns.names) if (match := NUMBERED.fullmatch(name))
-        }
-        sizes = Counter([*numbered.values(), *columns.names])  # single ones may be an index, or an array
-        for place, name in enumerate(columns.names):
-            if (place in numbered and sizes[numbered[place]] > 1) or not CAN_BE_GIVEN(name):
-                taken.add(place)
-        width = min([len(columns.names), *map(len, self._rows())])
-        clock, is_frame = _clock(self._values(range(width)), taken)
-        if clock is None or is_frame:
-            return None, "it has no times"
-        return columns.names[clock], f"if {self._shown(columns.names[clock])} is the time"
-
-    def _shown(self, name: str) -> str:
-        return "its first column, which has no name," if name == f"{UNNAMED}0" else name
-
-    def _values(self, places: Sequence[int]) -> Array:
-        """The numbers (N, k) of the first rows in columns."""
-        rows = (row for row in self._rows() if len(row) > max(places, default=0))
-        return np.array([numbers([row[i] for i in places]) for row in rows]).reshape(-1, len(places))
-
-    def _cells(self, place: int) -> list[str]:
-        """The cells of the first rows in a column, without blank ones."""
-        return [row[place] for row in self._rows() if len(row) > place and row[place].strip(BLANKS)]
+        if like is None:
+            taken = {place for places in columns.find(self._stated).values() for place in places.values()}
+            bases = [match and match[1] for match in map(NUMBERED.fullmatch, columns.names)]
+            sizes = Counter([*bases, *columns.names])  # single ones may be an index, or an array
+            for place, (base, name) in enumerate(zip(bases, columns.names, strict=True)):
+                if (base is not None and sizes[base] > 1) or not CAN_BE_GIVEN(name):
+                    taken.add(place)
+            width = min([len(columns.names), *map(len, self._columns.rows())])
+            clock, is_frame = _clock(self._columns.values(range(width)), taken)
+            if clock is None or is_frame:
+                return None, "it has no times"
+            like = columns.names[clock]
+        shown = "its first column, which has no name," if like == f"{UNNAMED}0" else like
+        return like, f"if {shown} is the time"
 
     def _rises(self, name: str) -> bool:
         """Whether the first values of a column rise as times do."""
         place = self._columns.names.index(name)
-        return _clock(self._values([place]), ())[0] is not None
+        return _clock(self._columns.values([place]), ())[0] is not None
 
-    def _dates(self) -> list[str]:
-        """The name of the first column of dates or times of a day that change, if there is one."""
-        columns = ((name, self._cells(place)) for place, name in enumerate(self._columns.names))
-        changing = ((name, cells) for name, cells in columns if len({*cells}) > 1 or len(cells) == 1)
-        return [name for name, cells in changing if stamp_of_date(cells[0]) is not None][:1]
+    def _has_dates(self, name: str) -> bool:
+        """Whether a column is of dates or times of a day that change."""
+        cells = self._columns.cells(self._columns.names.index(name))
+        return (len({*cells}) > 1 or len(cells) == 1) and stamp_of_date(cells[0]) is not None
 
     def _group(self, base: str) -> dict[int, int]:
         """Indices of a group of numbered columns by their number, without those of text at its ends."""
         group = self._columns.numbered(base)
-        cells = {number: self._cells(place) for number, place in group.items()}
-        kept = [
-            number for number in group if not cells[number] or any(are_numbers([c]) for c in cells[number])
-        ]
-        return {number: place for number, place in group.items() if kept and kept[0] <= number <= kept[-1]}
+        cells = {number: self._columns.cells(place) for number, place in group.items()}
+        kept = [n for n in group if not cells[n] or any(are_numbers([cell]) for cell in cells[n])]
+        return {n: place for n, place in group.items() if kept and kept[0] <= n <= kept[-1]}
 
     def commands(self, readings: Sequence[TableReading]) -> str:
         """The commands of readings, and of other ways of rotations; then what the user has to replace."""
@@ -368,10 +344,12 @@ class _Proposal:
                 about[f"the rate of your poses instead of {reading.time_unit}"] = None
             with suppress(UnreadableRecording, ChoiceError):
                 table = layout(self._columns, reading)
-                reading, of_unit = in_unit(reading, table.bodies[0], self._values(table.bodies[0].columns))
+                reading, of_unit = in_unit(
+                    reading, table.bodies[0], self._columns.values(table.bodies[0].columns)
+                )
                 about |= {of_unit: None} if of_unit else {}
                 if table.time >= 0 and not (table.time_ns or table.rest is not None):
-                    unit = unit_of_dates(self._values([table.time])[:, 0])
+                    unit = unit_of_dates(self._columns.values([table.time])[:, 0])
                     reading = reading.with_(reading_of(time_unit=unit))
             how, other = self._other_way(reading)
             is_named = "wxyz" in dict(reading.columns).get("quaternion", "").lower()
@@ -424,11 +402,9 @@ class _Proposal:
         lower = [*map(str.lower, columns.names)]
         prefixed = islice(filter(None, map(_PREFIX.match, sorted({*lower, *columns.plain}))), _MOST_GROUPS)
         suffixed = islice(filter(None, map(_SUFFIX.fullmatch, lower)), _MOST_GROUPS)
-        affixes = ["", ""], *([match[0], ""] for match in prefixed), *(["", match[1]] for match in suffixed)
-        unique = dict.fromkeys(map(tuple, affixes))
-        for (system, names, meaning), (prefix, suffix) in product(
-            KNOWN, sorted(unique, key=lambda affix: _is_commanded("".join(affix)))
-        ):
+        affixes = ("", ""), *((match[0], "") for match in prefixed), *(("", match[1]) for match in suffixed)
+        ordered = sorted(dict.fromkeys(affixes), key=lambda affix: _is_commanded("".join(affix)))
+        for (system, names, meaning), (prefix, suffix) in product(KNOWN, ordered):
             if known.issuperset(_plainly(prefix + name + suffix) for name in names):
                 place = tuple(zip(POSITION, POSITION, strict=True)) if suffix and names[0] == "x" else ()
                 roles = ((role, prefix + name + suffix) for role, name in (*place, *meaning.columns))
@@ -459,7 +435,7 @@ class _Proposal:
             alone = [(base, way) for base, way, is_shown in parts if is_shown == shows]
             pairs = list[tuple[TableReading, TableReading]]()
             for base, way in alone:
-                near = sorted(places, key=lambda place: -_shared(place[0], base))
+                near = sorted(places, key=lambda place: -sum(takewhile(bool, map(eq, place[0], base))))
                 pairs += [(way, place) for _, place in near if way.columns != place.columns]
             for way, at in chain(((way, AS_NAMED) for _, way in alone), pairs):
                 has_time = any(role == TIME for role, _ in way.columns)
@@ -480,7 +456,7 @@ class _Proposal:
             names, plain = (part[after : after + len(roles)] for part in (columns.names, columns.plain))
             if is_told or len(names) < len(roles) or any(map(_NO_PLACE.fullmatch, plain[:3])):
                 continue
-            values = self._values(range(after, after + len(roles)))
+            values = self._columns.values(range(after, after + len(roles)))
             is_turn = _order_of_matrices(values) if roles is MATRIX else _are_unit(values)
             if is_turn or (roles is ANGLES and np.isfinite(values).any()):
                 stated = reading_of(dict(zip(roles, names, strict=True)), **how).with_(self._reading)
@@ -493,7 +469,7 @@ class _Proposal:
         ways = [known, replace(known, unit=self._stated.unit, euler=self._stated.euler or order)]
         with suppress(UnreadableRecording, ChoiceError):
             position = layout(self._columns, known).bodies[0].columns[:3]
-            is_near = 0.0 < reach_of(self._values(position)) <= FARTHEST_M and known.unit != "cm"
+            is_near = 0.0 < reach_of(self._columns.values(position)) <= FARTHEST_M and known.unit != "cm"
             ways = ways[::-1] if is_near and not self._stated.unit else ways
         return ways
 
@@ -503,7 +479,7 @@ class _Proposal:
         group, whole = self._group(base), len(self._columns.numbered(base))
         if not group:
             return None, False
-        values, count, first = self._values(list(group.values())), len(group), min(group)
+        values, count, first = self._columns.values(list(group.values())), len(group), min(group)
 
         def meaning(begin: int, how: Mapping[str, Any], **sizes: int) -> TableReading:
             """The reading of roles of these sizes, which begin at ``begin``."""
@@ -517,7 +493,7 @@ class _Proposal:
             clock, is_frame = _clock(values, range(begin, at))
             clock = begin - 1 if len(values) == 1 and begin else clock
             times = [] if clock is None else [self._columns.names[list(group.values())[clock]]]
-            texts = self._rows()[0][: begin and 2]
+            texts = self._columns.rows()[0][: begin and 2]
             if "".join(texts).isdigit() and len(texts[0]) == DIGITS_OF_STAMP > len(texts[1]):
                 times, is_frame = [f"{UNNAMED}0", f"{UNNAMED}1"], False
             how = {**how, "time_unit": _A_RATE} if is_frame and times and len(values) > 1 else how
@@ -562,7 +538,7 @@ class _Proposal:
         columns = dict(reading.columns)
         place, turn = columns.get("position", ""), columns.get("rotation", "")
         if not (place.startswith(f"{UNNAMED}[") and turn) or are_no_radians(
-            self._values(self._columns.places(place, True))
+            self._columns.values(self._columns.places(place, True))
         ):
             return None
         columns |= {"position": turn, "rotation": place}
@@ -574,7 +550,7 @@ class _Proposal:
         columns = self._columns
         places = [i for i, name in enumerate(columns.names) if name in names]
         units = [unit for i in places if (unit := ANGLE_UNITS.get(columns.units[i], ""))]
-        values = self._values(places)
+        values = self._columns.values(places)
         is_far = not units and are_no_radians(values)
         if not reading.euler and any(map(NAMED_VECTOR.search, names)):
             if is_far:

@@ -190,13 +190,15 @@ def read_table(
                 raise UnreadableRecording(doubt_of_batch)
             notes.assume(doubt := doubt_of_batch)  # unwrapped angles grow with time: a stream goes on
         largest = np.fmax.reduce([largest, *(largest_deg(rows, body) for rows, body in values)])
-        poses = (body.poses(rows) for rows, body in values)
-        by_body = tuple(Poses(stamps, rows[:, :3], rows[:, 3:])[good] for rows in poses)
+        by_row = np.stack([body.poses(rows) for rows, body in values], axis=1)[good].reshape(-1, 7)
+        poses = Poses(stamps[good].repeat(len(values)), by_row[:, :3], by_row[:, 3:])
         if layout.body is None:
-            yield Rows(sources, by_body)
+            yield Rows(sources * int(good.sum()), poses)
         else:
             texts = [str(text).strip(BLANKS) for text in compress(columns[layout.body], good)]
-            yield from _of_bodies(sources[0], bodies.names(texts, by_body[0].stamp_ns), by_body[0])
+            names = bodies.names(texts, poses.stamp_ns)
+            named = {name: replace(sources[0], child_frame_id=name) for name in names}
+            yield Rows([named[name] for name in names], poses)
     if lost:
         notes.report(f"{lost} {'row has' if lost == 1 else 'rows have'} {why}")
     if doubt := doubt_degrees(largest, reading, path):
@@ -224,18 +226,6 @@ class _Bodies:
         names = [*[self._first] * count, *texts[count:]]
         self._first = None if begins.any() else self._first
         return names
-
-
-def _of_bodies(source: PoseSource, names: Sequence[str], poses: Poses) -> Iterator[Rows]:
-    """The poses whose bodies have these ``names``, of the source with this name: all at once where the bodies
-    follow each other always in the same order, else one by one."""
-    sources = {name: replace(source, child_frame_id=name) for name in names}
-    count = len(sources)
-    if [*sources] * (len(names) // max(count, 1)) == [*names]:
-        yield Rows(tuple(sources.values()), tuple(poses[i::count] for i in range(count)))
-        return
-    for i, name in enumerate(names):
-        yield Rows((sources[name],), (poses[i : i + 1],))
 
 
 def _opened(path: str, reading: TableReading, budget: WorkBudget) -> "TextTable | ArrayTable | ParquetTable":

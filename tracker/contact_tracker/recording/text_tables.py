@@ -146,7 +146,7 @@ class TextTable:
         if self._is_document:
             with self._opened() as file:
                 rows = list(islice(chain.from_iterable(map(rows_of, entries_in(file))), FIRST_ROWS))
-            layout = replace(_layout_of_fields(rows, reading, path), kind="JSON")
+            layout = _layout_of_fields(rows, reading, path, kind="JSON")
         else:
             layout = _layout_of(head, reading, path)
         _check_unit(head, layout, reading, path)
@@ -441,7 +441,7 @@ def _qualisys_layout(lines: Sequence[str], reading: TableReading, path: str) -> 
         raise UnreadableRecording(f"it has markers ({markers}), not bodies: export 6D data from QTM")
     head = next((i for i, line in enumerate(lines) if "Rot[0]" in line), None)
     if head is None or any(role not in (TIME, REST) for role, _ in reading.columns):
-        return _layout_of_rows(lines, reading, path, reading_of(unit=_QUALISYS_WAY.unit))
+        return _layout_of_rows(lines, reading_of(unit=_QUALISYS_WAY.unit).with_(reading), path)
     reading = reading if reading.matrix is None else replace(reading, matrix="rows")  # as renamed below
     bodies, body, named = map("_".join, map(str.split, about.get("BODY_NAMES", []))), "", list[str]()
     for cell in _table_of([lines[head]], "\t")[0]:
@@ -455,7 +455,8 @@ def _qualisys_layout(lines: Sequence[str], reading: TableReading, path: str) -> 
     if not ("Time" in named or reading.time_unit or reading.columns):
         with suppress(ValueError):
             way = way.with_(reading_of(rate=plain_number("".join(about.get("FREQUENCY", ())))))
-    return replace(_layout_of_rows(renamed, reading, path, way), has_own_unit=way is not _QUALISYS_WAY)
+    layout = _layout_of_rows(renamed, way.with_(reading), path)
+    return replace(layout, has_own_unit=way is not _QUALISYS_WAY)
 
 
 def _short(name: str) -> str:
@@ -490,23 +491,21 @@ def _json_layout(lines: Sequence[str], reading: TableReading, path: str) -> Tabl
                 raise UnreadableRecording(
                     "its first line is no JSON object: one a line is read, as jq -c '.[]' writes an array"
                 ) from None
-    return replace(_layout_of_fields(rows[:FIRST_ROWS], reading, path), kind="JSON")
+    return _layout_of_fields(rows[:FIRST_ROWS], reading, path, kind="JSON")
 
 
-def _layout_of_fields(rows: Sequence[Mapping[str, str]], reading: TableReading, path: str) -> TableLayout:
-    """The layout of rows of named values, by all names in these first rows."""
+def _layout_of_fields(
+    rows: Sequence[Mapping[str, str]], reading: TableReading, path: str, **form: Any
+) -> TableLayout:
+    """The layout of rows of named values, by all names in these first rows, with ``form`` of the file."""
     names = list(dict.fromkeys(chain.from_iterable(rows)))
     cells = [[row.get(name, "") for name in names] for row in rows if row]
-    return replace(layout_of_names(names, reading, path, rows=lambda: cells), names=tuple(names))
+    return replace(layout_of_names(names, reading, path, rows=lambda: cells), names=tuple(names), **form)
 
 
-def _layout_of_rows(
-    lines: Sequence[str], reading: TableReading, path: str, usual: TableReading | None = None
-) -> TableLayout:
+def _layout_of_rows(lines: Sequence[str], reading: TableReading, path: str) -> TableLayout:
     """The layout by the first line with names of columns of poses, which may be a comment, else by the first
-    row of numbers; ``usual`` is how a known format is read, unless the user's ``reading`` states it."""
-    if usual is not None:
-        reading = (usual if reading.kind is None else replace(usual, matrix=None)).with_(reading)
+    row of numbers."""
     first = next((line for line in lines if line.strip()), "")
     stated = _SEPARATOR_LINE.fullmatch(first)
     rows = [i for i, line in enumerate(lines) if line.strip() and not _COMMENT.match(line)]
@@ -545,7 +544,7 @@ def _layout_of_rows(
             try:
                 if _has_groups(values[:1], len(named), separator):
                     fields = [row for line in values for row in _fields_in(line, named, separator)]
-                    layout = replace(_layout_of_fields(fields, reading, path), heads=tuple(named))
+                    layout = _layout_of_fields(fields, reading, path, heads=tuple(named))
                 else:
                     cells_of = partial(_table_of, values, separator)
                     layout = layout_of_names(named, reading, path, units, cells_of)
@@ -675,8 +674,7 @@ def _check_widths(rows: Sequence[str], layout: TableLayout, separator: str | Non
         )
 
 
-_Layout = Callable[[Sequence[str], TableReading, str], TableLayout]
-_FORMATS: Final[Sequence[tuple[Callable[[str], bool], _Layout]]] = (
+_FORMATS: Final[Sequence[tuple[Callable[[str], bool], Callable[..., TableLayout]]]] = (
     (lambda line: line.lstrip('\ufeff"').lower().startswith("format version"), _motive_layout),
     (lambda line: line.strip(f",;{BLANKS}").lower() in (*_SECTIONS, *_OTHER_SECTIONS), _vicon_layout),
     (lambda line: bool(_JSON.match(line)) or _has_names(line), _json_layout),

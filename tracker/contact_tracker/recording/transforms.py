@@ -135,7 +135,8 @@ def find_chain(
             return None
     last = steps[last_moving(steps)].source
     frame_moves = any(step.inverted and not is_static(step.source) for step in steps)
-    return steps, PoseSource(last.topic, last.type, parent, child, read_as=ReadAs(frame_moves))
+    assumed = next(filter(None, (step.source.assumed for step in steps)), "")
+    return steps, PoseSource(last.topic, last.type, parent, child, None, ReadAs(frame_moves), assumed)
 
 
 def chain_relative(
@@ -223,29 +224,25 @@ class Composer:
     ----------
     steps : the chain, from the wanted frame to the body; the last one that moves gives the stamps.
     source : name of the composed poses.
-    assumed : as in ``MessageDecoder``.
     at_once : number of poses composed together; 1 for a live stream.
     read_ahead : first poses by source, which decide the stamping and have the static transforms.
 
     Attributes
     ----------
-    counts : ``no_parent``, ``parent_gap`` and ``bad_parent`` (docs/conventions.md), ``log_time_as_stamp``,
-        and ``known_definition`` as in ``PoseLog``.
-    why : why the known definition of a type was used, in words.
+    counts : ``no_parent``, ``parent_gap`` and ``bad_parent`` (docs/conventions.md), and
+        ``log_time_as_stamp`` as in ``PoseLog``.
     """
 
     def __init__(
         self,
         steps: Sequence[Step],
         source: PoseSource,
-        assumed: Mapping[tuple[str, str], str],
         at_once: int,
         read_ahead: Mapping[PoseSource, list[Logged]],
     ) -> None:
         self.counts: Counter[str] = Counter()
-        self.why: str | None = None
         self._steps, self._body, self._source = steps, last_moving(steps), source
-        self._assumed, self._at_once = assumed, at_once
+        self._at_once = at_once
         self._tracks = {step.source: _Track(self.counts, is_static(step.source)) for step in steps}
         self._parents = [self._tracks[s.source] for i, s in enumerate(steps) if i != self._body]
         self._waiting: deque[Logged] = deque()
@@ -257,14 +254,10 @@ class Composer:
             elif of in self._tracks and len(logged) > 1:
                 self._stampings[of] = Stamping.by(logged)
 
-    def compose(self, logged: Iterable[LoggedPose | None]) -> Iterator[LoggedPose | None]:
-        """The composed poses; other poses are dropped, and None is passed on."""
+    def compose(self, logged: Iterable[LoggedPose]) -> Iterator[LoggedPose]:
+        """The composed poses; other poses are dropped."""
         body = self._steps[self._body].source
-        for entry in logged:
-            if entry is None:
-                yield None
-                continue
-            source, pose, log_time_ns = entry
+        for source, pose, log_time_ns in logged:
             if source in self._tracks:
                 counts = self.counts if source == body else Counter[str]()
                 pose = self._stampings.get(source, _ZERO_IS_UNSET).stamped(pose, log_time_ns, counts)
@@ -272,9 +265,6 @@ class Composer:
                     self._waiting.append((pose, log_time_ns))
                 else:
                     self._tracks[source].add(pose)
-                if (why := self._assumed.get((source.topic, source.type))) is not None:
-                    self.why = why
-                    self.counts["known_definition"] += 1
             yield from self._ready(log_time_ns)
         yield from self._emit(len(self._waiting))
 

@@ -1,9 +1,8 @@
 """Wrenches on the object from messages of geometry_msgs/msg/WrenchStamped."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from heapq import merge
-from itertools import chain
 from typing import Final
 
 import numpy as np
@@ -11,7 +10,7 @@ from numpy.typing import NDArray
 
 from contact_tracker.errors import ChoiceError, InputError
 from contact_tracker.motion.poses import BATCH, Pose, Poses
-from contact_tracker.recording.decoding import LoggedPose, Undecodable, is_readable
+from contact_tracker.recording.decoding import Undecodable, is_readable
 from contact_tracker.recording.definitions import canonical
 from contact_tracker.recording.items import Channel, PoseSource, RawMessage
 from contact_tracker.recording.reading import Reading
@@ -150,7 +149,7 @@ def _about_body(
     groups, read_ahead = reading.decoder.groups(reading), dict[PoseSource, list[Logged]]()
     steps, in_object, is_in_tree = tuple[Step, ...](), False, False
     while not steps and (following := take_prefix(groups)):
-        read_ahead = {**poses_by_source(chain.from_iterable(following)), **read_ahead}
+        read_ahead = {**poses_by_source(following), **read_ahead}
         steps, in_object, is_in_tree = _chain(read_ahead, frame_id, source)
     if not steps:
         if body or is_in_tree:
@@ -164,14 +163,12 @@ def _about_body(
         return wrenches, f"in the frame {frame_id}, which no transform names: taken as the object's", 0
     wrench, topics = PoseSource("", _WRENCH, "", _WRENCH), {step.source.topic for step in steps}
     reading = Reading(path, lambda channel: channel.topic in topics and is_readable(channel))
-    all_steps, assumed = (*steps, Step(wrench, False)), reading.decoder.assumed
-    composer = Composer(all_steps, wrench, assumed, BATCH, read_ahead)
+    composer = Composer((*steps, Step(wrench, False)), wrench, BATCH, read_ahead)
     origin, order = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)), logged_ns.argsort(kind="stable")
     times_ns = zip(wrenches.stamp_ns[order].tolist(), logged_ns[order].tolist(), strict=True)
     stamped = ((wrench, Pose(stamp_ns, *origin), log_time_ns) for stamp_ns, log_time_ns in times_ns)
-    transforms = filter(None, reading.decoder.poses(reading))
-    merged: Iterator[LoggedPose] = merge(stamped, transforms, key=lambda logged: logged[2])
-    frame_poses = Poses.collect(logged[1] for logged in composer.compose(merged) if logged is not None)
+    merged = merge(stamped, reading.decoder.poses(reading), key=lambda logged: logged[2])
+    frame_poses = Poses.collect(pose for _, pose, _ in composer.compose(merged))
     frame_poses = frame_poses[frame_poses.stamp_ns.argsort(kind="stable")]  # by stamp, not by log time
     start, names = body if in_object else parent, ", ".join(sorted(topics))
     if not len(frame_poses):

@@ -2,6 +2,7 @@
 
 import struct
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import cache
 from heapq import merge
 from pathlib import Path
 from typing import Final
@@ -98,6 +99,7 @@ def _channel(writer: Writer, topic: str, kind: str) -> int:
     return writer.register_channel(topic, "cdr", writer.register_schema(kind, "ros2msg", _schema(kind)))
 
 
+@cache
 def _schema(kind: str) -> bytes:
     definition = known_definition(kind)
     assert definition is not None
@@ -150,10 +152,10 @@ def _messages(items: Iterable[Item], writer: Writer) -> Iterator[RawMessage]:
             case RawMessage():
                 yield item
             case Rows(sources, poses):
-                for source, source_poses in zip(sources, poses, strict=True):
+                for source, pose in zip(sources, poses, strict=True):
                     name = f"{source.topic}/{source.child_frame_id}".rstrip("/")
                     channel = Channel(name, "cdr", POSE_TYPE, "ros2msg", _schema(POSE_TYPE))
-                    yield from (RawMessage(channel, pose.stamp_ns, _pose_cdr(pose)) for pose in source_poses)
+                    yield RawMessage(channel, pose.stamp_ns, _pose_cdr(pose))
             case Attachment():
                 times = item.create_time, item.log_time
                 writer.add_attachment(*times, item.name, item.media_type, item.data)
