@@ -34,6 +34,7 @@ from contact_tracker.tracking.state import scales_of
 from contact_tracker_lab.simulate import Scenario, simulate
 from contact_tracker_lab.simulate.scenarios import Phase
 from short_recordings import MODEL
+from smooth_motion import least_jerk
 
 SCALES = scales_of(MODEL)
 SIGMA_M, SIGMA_RAD = 1e-4, 1e-3
@@ -368,8 +369,7 @@ def test_precise_knowledge_does_not_hide_other_unobserved_directions(seed, digit
 def test_a_smooth_carry_is_no_contact_with_something_new(seed, lag_s):
     """A new vertex and a new plane can be chosen so that they agree with it: that is not their evidence."""
     rng, count, still = np.random.default_rng(seed), 150, 150
-    s = np.linspace(0.0, 1.0, count)
-    s = np.concatenate([np.zeros(still), 10 * s**3 - 15 * s**4 + 6 * s**5])[:, None]
+    s = least_jerk((np.arange(still + count) - still) / (count - 1))[:, None]
     end_m, axis = np.array([*rng.normal(scale=0.3, size=2), 0.0]), rng.normal(size=3)
     position_m = s * end_m + 0.6 * s * (1.0 - s) * [0.0, 0.0, 1.0]
     position_m[still:] += np.cumsum(rng.normal(scale=1e-4, size=(count, 3)), axis=0)
