@@ -170,7 +170,7 @@ def test_info_says_that_the_part_it_reads_is_too_short(tmp_path: Path, capsys: A
 
 def test_few_poses_in_a_tick_are_counted_by_their_stamps(tmp_path: Path, capsys: Any) -> None:
     """The rate falls from 30 to 10 Hz, too little for longer ticks."""
-    fast, slow = smooth_poses(60, 30.0), smooth_poses(60, 10.0)
+    fast, slow = smooth_poses(45, 30.0), smooth_poses(30, 10.0)
     late = Poses(
         fast.stamp_ns[-1] + 10**8 + slow.stamp_ns - slow.stamp_ns[0], slow.position_m, slow.quat_xyzw
     )

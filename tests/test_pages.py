@@ -11,7 +11,7 @@ import pytest
 import trimesh
 
 from contact_tracker.motion.poses import Poses
-from contact_tracker.recording import open_log, read_truth, write_recording
+from contact_tracker.recording import read_truth, write_recording
 from contact_tracker_lab.simulate import Scenario, Simulated, named_scenario, simulate
 from page_steps import FENCED, ROOT, assert_shown, carried_out, loosely, steps
 from short_recordings import shipped
@@ -31,6 +31,16 @@ RUN_HERE = {
     "tutorial_first_segmentation.md",
     "tutorial_map.md",
 }
+PARTS_S: dict[str, dict[str, float]] = {
+    "assembly.md": {"mug_first_take": 9.0, "mug_second_take": 9.0, "all_states": 60.0},
+    "beliefs.md": {"paper_experiment": 30.0},
+    "contact_motion.md": {"all_states": 17.0},
+    "live_robot.md": {"paper_experiment": 10.5, "robot_1khz": 4.5},
+    "models.md": {"robot_1khz": 60.0, "vision_30hz": 60.0},  # which learns from all: two of them
+    "motion_capture.md": {"paper_experiment": 28.0},
+    "tutorial_map.md": {"mug_first_take": 9.0, "mug_second_take": 9.0},
+}
+"""The first seconds of recordings on which pages run that need no more to show what they show."""
 RUN_IN_TEST_DOCS = {"python.md", "batch.md"}
 SET_UP = {"index.md", "formats.md"}  # how to install, which .ci/run does
 LONG = {"paper.md", "reliability.md"}  # run on fewer recordings below, and by .ci/run
@@ -56,12 +66,8 @@ def test_every_page_with_the_command_says_how_it_is_found() -> None:
 @pytest.mark.long
 @pytest.mark.parametrize("name", sorted(RUN_HERE))
 def test_a_page_runs_as_it_is_written(name: str, tmp_path: Path) -> None:
-    if name == "tutorial_map.md":  # on the first seconds of its takes
-        write_beginnings(tmp_path / "recordings", "mug_first_take.mcap", "mug_second_take.mcap")
-    elif name == "models.md":  # which learns from all recordings: two of them
-        (tmp_path / "recordings").mkdir()
-        for recording in ("robot_1khz.mcap", "vision_30hz.mcap"):
-            (tmp_path / "recordings" / recording).symlink_to(ROOT / "recordings" / recording)
+    if name in PARTS_S:
+        write_beginnings(tmp_path / "recordings", PARTS_S[name])
     else:
         (tmp_path / "recordings").symlink_to(ROOT / "recordings")
     (tmp_path / "models").symlink_to(ROOT / "models")
@@ -85,14 +91,14 @@ def write_samples(name: str, folder: Path) -> None:
         trimesh.creation.box((100.0, 100.0, 100.0)).export(folder / "part.stl")
 
 
-def write_beginnings(folder: Path, *names: str) -> None:
-    """The first 9 s of recordings of the repository."""
+def write_beginnings(folder: Path, seconds: dict[str, float]) -> None:
+    """The first seconds of recordings of the repository, with their truth."""
     folder.mkdir()
-    for name in names:
-        path = str(ROOT / "recordings" / name)
-        poses = Poses.collect(open_log(path))
-        first = poses[: int(poses.stamp_ns.searchsorted(poses.stamp_ns[0] + 9_000_000_000))]
-        write_recording(str(folder / name), first, read_truth(path), {})
+    for name, most_s in seconds.items():
+        poses = shipped(name)
+        first = poses[: int(poses.stamp_ns.searchsorted(poses.stamp_ns[0] + most_s * 1e9))]
+        truth = read_truth(str(ROOT / "recordings" / f"{name}.mcap"))
+        write_recording(str(folder / f"{name}.mcap"), first, truth, {})
 
 
 def recorded(seconds: float) -> Poses:

@@ -14,7 +14,7 @@ from itertools import islice
 from pathlib import Path
 from statistics import median
 from types import CodeType
-from typing import Final, NamedTuple
+from typing import Final
 
 import contact_tracker
 from contact_tracker.cli.terminal import show
@@ -28,23 +28,13 @@ TICKS: Final = 20
 PACKAGE: Final = Path(contact_tracker.__file__).parent
 
 
-class Trace(NamedTuple):
-    """``calls`` by the file and function called, from the pose that closes a tick to its belief."""
+Trace = Counter[tuple[str, str]]
+"""Calls by the file and function called, from the pose that closes a tick to its belief."""
 
-    calls: Counter[tuple[str, str]]
 
-    @property
-    def files(self) -> set[str]:
-        return {file for file, _ in self.calls}
-
-    @property
-    def packages(self) -> set[str]:
-        return {file.split("/")[0] for file in self.files}
-
-    @property
-    def by_file(self) -> Counter[str]:
-        """Calls by file."""
-        return Counter(file for file, _ in self.calls.elements())
+def by_file(trace: Trace) -> Counter[str]:
+    """Calls by file."""
+    return Counter(file for file, _ in trace.elements())
 
 
 def traced_ticks(log: Path) -> list[Trace]:
@@ -63,12 +53,12 @@ def _traces(log: Path) -> Iterator[Trace]:
         with Profile(builtins=False) as profile:
             beliefs = tracker.update(gate.arrive(pose))
         if beliefs:
-            yield Trace(_calls(profile))
+            yield _calls(profile)
 
 
-def _calls(profile: Profile) -> Counter[tuple[str, str]]:
+def _calls(profile: Profile) -> Trace:
     """Calls of the package's functions; the code of built-in ones is text."""
-    calls = Counter[tuple[str, str]]()
+    calls = Trace()
     for code, count, *_ in profile.getstats():
         if isinstance(code, CodeType) and (path := Path(code.co_filename)).is_relative_to(PACKAGE):
             calls[path.relative_to(PACKAGE).as_posix(), code.co_qualname] += count
@@ -80,16 +70,15 @@ def main() -> int:
         raise SystemExit("usage: python tests/benchmarks/trace_tick.py LOG")
     traces = traced_ticks(Path(sys.argv[1]))
     figures = {
-        "files": [len(one.files) for one in traces],
-        "packages": [len(one.packages) for one in traces],
-        "functions": [len(one.calls) for one in traces],
-        "calls": [one.calls.total() for one in traces],
+        "files": [len(by_file(one)) for one in traces],
+        "packages": [len({file.split("/")[0] for file in by_file(one)}) for one in traces],
+        "functions": [len(one) for one in traces],
+        "calls": [one.total() for one in traces],
     }
     for name, counts in figures.items():
         show(f"{name:10} median {median(counts):5.0f}  least {min(counts):5}  most {max(counts):5}")
-    usual = min(traces, key=lambda one: one.calls.total())
     show("calls by file, in the tick with the fewest:")
-    for file, count in usual.by_file.most_common():
+    for file, count in by_file(min(traces, key=Trace.total)).most_common():
         show(f"{count:5}  {file}")
     return 0
 

@@ -150,12 +150,12 @@ def test_a_further_contact_is_reported_online_while_it_holds() -> None:
 @needs_kernels
 def test_a_saved_stream_resumes_with_its_formation(tmp_path) -> None:
     poses = made("vertex_and_vertex").poses
-    state, beliefs = as_values.advance(as_values.start(load_model()), poses[:2000])
+    state, beliefs = as_values.advance(as_values.start(load_model()), poses[:1600])
     assert beliefs[-1].further
     save(tmp_path / "state", state)
     restored = load(tmp_path / "state")
-    _, rest = as_values.advance(state, poses[2000:2400])
-    _, again = as_values.advance(restored, poses[2000:2400])
+    _, rest = as_values.advance(state, poses[1600:1800])
+    _, again = as_values.advance(restored, poses[1600:1800])
     assert list(map(json_line, again)) == list(map(json_line, rest))
     assert any(belief.further for belief in rest)
 

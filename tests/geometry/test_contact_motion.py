@@ -53,18 +53,22 @@ def measured(
     rng = np.random.default_rng(seed)
     turned = Rotation.from_rotvec(noise * SIGMA_RAD * rng.normal(size=(TICKS, 3))) * rotation
     place = position_m + noise * SIGMA_M * rng.normal(size=(TICKS, 3))
-    variance = np.tile([SIGMA_M**2, SIGMA_RAD**2], (TICKS, 1))
+    variance = noise**2 * np.tile([SIGMA_M**2, SIGMA_RAD**2], (TICKS, 1))
     stamps = np.arange(TICKS, dtype=np.int64) * 10**8
     motion = contact_motion(geometry, stamps, TIME_S, turned.as_quat(), place, variance)
     assert motion is not None
     return motion
 
 
-def moving(contact: str, way: str, seed: int = 0) -> ContactMotion:
+def motion_of(contact: str, way: str) -> tuple[Rotation, Array]:
+    """Poses without noise."""
     velocity, axis = WAYS[way]
     angle = np.outer(TURN * TIME_S, np.zeros(3) if axis is None else axis)
-    rotation, position_m = poses(contact, np.outer(TIME_S, velocity), Rotation.from_rotvec(angle))
-    return measured(GEOMETRY[contact], rotation, position_m, seed)
+    return poses(contact, np.outer(TIME_S, velocity), Rotation.from_rotvec(angle))
+
+
+def moving(contact: str, way: str, seed: int = 0) -> ContactMotion:
+    return measured(GEOMETRY[contact], *motion_of(contact, way), seed)
 
 
 @pytest.mark.parametrize("way", WAYS)
@@ -104,17 +108,8 @@ def test_noise_alone_is_no_motion(contact: str, way: str) -> None:
 
 def test_slow_motion_is_found_where_the_noise_allows_it() -> None:
     """No speed is tuned: the same slip is significant at a tenth of the noise, not at ten times."""
-    slip = np.outer(np.sin(0.5 * TIME_S), [5e-4, 0.0, 0.0])
-    rotation, position_m = poses("v-f", slip, STILL * START.inv())
-    stamps = np.arange(TICKS, dtype=np.int64)
-    kinds = []
-    for noise in (0.1, 10.0):
-        rng = np.random.default_rng(1)
-        place = position_m + noise * SIGMA_M * rng.normal(size=(TICKS, 3))
-        turned = Rotation.from_rotvec(noise * SIGMA_RAD * rng.normal(size=(TICKS, 3))) * rotation
-        variance = np.tile(np.square([noise * SIGMA_M, noise * SIGMA_RAD]), (TICKS, 1))
-        motion = contact_motion(GEOMETRY["v-f"], stamps, TIME_S, turned.as_quat(), place, variance)
-        kinds.append(motion.kinds)
+    exact = poses("v-f", np.outer(np.sin(0.5 * TIME_S), [5e-4, 0.0, 0.0]), STILL * START.inv())
+    kinds = [measured(GEOMETRY["v-f"], *exact, noise=noise).kinds for noise in (0.1, 10.0)]
     assert kinds == [("slides",), ("rests",)]
 
 
@@ -132,14 +127,8 @@ def test_sticking_between_slips_is_told_from_turning_round() -> None:
 def test_the_result_does_not_depend_on_the_frames(contact: str, way: str, seed: int) -> None:
     """The world may be anywhere, and the body's axes any; the origin of the body is the tracked point."""
     rng = np.random.default_rng(seed)
-    turn, shift_m, axes = (
-        Rotation.random(random_state=rng),
-        rng.normal(size=3),
-        Rotation.random(random_state=rng),
-    )
-    velocity, axis = WAYS[way]
-    angle = np.outer(TURN * TIME_S, np.zeros(3) if axis is None else axis)
-    rotation, position_m = poses(contact, np.outer(TIME_S, velocity), Rotation.from_rotvec(angle))
+    turn, axes = Rotation.random(random_state=rng), Rotation.random(random_state=rng)
+    shift_m, (rotation, position_m) = rng.normal(size=3), motion_of(contact, way)
     noisy = Rotation.from_rotvec(SIGMA_RAD * rng.normal(size=(TICKS, 3))) * rotation
     place = position_m + SIGMA_M * rng.normal(size=(TICKS, 3))
     variance, stamps = np.tile([SIGMA_M**2, SIGMA_RAD**2], (TICKS, 1)), np.arange(TICKS, dtype=np.int64)

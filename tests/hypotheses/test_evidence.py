@@ -11,13 +11,12 @@ from scipy.spatial.transform import Rotation
 from scipy.special import logsumexp
 from scipy.stats import norm
 
-from contact_motions import touching, x_of
+from contact_motions import every_cost, touching, x_of
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.geometry.lifted_pose import lift
 from contact_tracker.hypotheses import evidence, gauss_newton
 from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.motion.window import Window
-from cost_of_geometry import every_cost
 
 each_model = pytest.mark.parametrize("model", CONTACT_MODELS, ids=lambda model: model.contact.value)
 SCALES = EvidenceParameters(

@@ -4,13 +4,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from contact_motions import elements_of, touching
+from contact_motions import elements_of, every_cost, touching
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.geometry import lifted_pose
 from contact_tracker.hypotheses.gauss_newton import Prior, minimise
 from contact_tracker.paper import direct, matrix, minimise_slsqp, motion
 from contact_tracker.states import Contact
-from cost_of_geometry import every_cost
 
 each_model = pytest.mark.parametrize("model", CONTACT_MODELS, ids=lambda model: model.contact.value)
 ANGLES_WEIGHTED = (Contact.EF, Contact.FE)  # by 1 + |q|^2 in the paper; its f-f has a free offset besides

@@ -13,8 +13,8 @@ from contact_motions import touching
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.geometry.elements import Origins
 from contact_tracker.geometry.lifted_pose import lift
-from contact_tracker.hypotheses import gauss_newton
-from contact_tracker.hypotheses.bank import blank
+from contact_tracker.hypotheses import compiled, gauss_newton
+from contact_tracker.hypotheses.bank import blank, entries
 from contact_tracker.hypotheses.bank_update import fit_window
 from contact_tracker.hypotheses.births import propose_births, weigh_births
 from contact_tracker.hypotheses.evidence import EvidenceParameters, weak_prior
@@ -32,8 +32,7 @@ from pose_filter import after
 from short_recordings import FACE_TO_EDGE, MODEL, recorded
 
 compiled_kernels = pytest.importorskip("contact_tracker.hypotheses.compiled.kernels")
-kernels = pytest.importorskip("kernel_parts")
-both = kernels.both
+calls = pytest.importorskip("contact_tracker.hypotheses.compiled.calls")
 each_model = pytest.mark.parametrize("model", CONTACT_MODELS, ids=lambda model: model.contact.value)
 seeds = st.integers(0, 2**32 - 1)
 COUNT = 12
@@ -42,6 +41,34 @@ EXTRA_VARIANCE = ((0.0, 0.0), (1e-8, 0.0), (0.0, 1e-6), (0.0, 0.0), (1e-8, 1e-6)
 SCALES = EvidenceParameters(
     REACH_M, body_radius_m=0.1, prior_predictive_share=0.3, likelihood_exponent=0.6, tick_s=0.1
 )
+
+
+def both(function, *args, **options):
+    """The results of a function in numpy and compiled."""
+    results = []
+    for in_use in (False, True):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(compiled, "in_use", lambda now=in_use: now)
+            results.append(function(*args, **options))
+    return results
+
+
+def kernel_minimise(model, moments, row_weight, prior, anchors, x, iterations):
+    """As ``gauss_newton.minimise``."""
+    bank = blank(model, len(moments)).replace_columns(row_weight=row_weight)
+    bank = bank.replace_onset_columns(second_moment=moments)
+    part = *parts_of(bank, model), prior.precision, prior.information, prior.constant, anchors
+    x, cost, upper, converged = compiled_kernels.parts.minimise(*part, iterations, x)
+    return gauss_newton.Fit(x, cost, upper[..., entries(model.family.PARAMETERS)], x, converged)
+
+
+def kernel_prune(bank, model, now, best, margin):
+    """As ``global_search.prune``: rows, words, words of the onsets, log total weight, residual, best row."""
+    return compiled_kernels.parts.keep_best(*parts_of(bank, model), now, best, margin)
+
+
+def parts_of(bank, model):
+    return calls.model_of(model, 1.0), bank.words, bank.onsets.words
 
 
 def problem(model, rng):
@@ -82,7 +109,7 @@ def ill_conditioned(kind, rng, family, moments, weight, prior, anchors, x):
 
 
 def both_fits(model, given_, steps):
-    return gauss_newton.minimise(model.family, *given_, steps), kernels.minimise(model, *given_, steps)
+    return gauss_newton.minimise(model.family, *given_, steps), kernel_minimise(model, *given_, steps)
 
 
 def assert_same_fits(numpy, kernel, rel):
@@ -118,7 +145,7 @@ def test_ill_conditioned_fits_agree(model, kind, seed):
 @each_model
 def test_nan_stays_in_its_row(model):
     given_ = list(problem(model, np.random.default_rng(4)))
-    whole = kernels.minimise(model, *given_, 3)
+    whole = kernel_minimise(model, *given_, 3)
     given_[0] = given_[0].copy()
     given_[0][5] = np.nan
     given_[-1] = given_[-1].copy()
@@ -199,7 +226,7 @@ def test_pruning_agrees(seed, margin, model):
     onsets = blank(model, now + 1).onsets.replace_columns(effective_ticks=rng.integers(0, 40, now + 1))
     bank = replace(bank, onsets=onsets)
     numpy = prune(bank, model, now, -2.5, margin)
-    rows, words, onset_words, log_weight, residual_, best_row = kernels.prune(bank, model, now, -2.5, margin)
+    rows, words, onset_words, log_weight, residual_, best_row = kernel_prune(bank, model, now, -2.5, margin)
     np.testing.assert_array_equal(words, numpy.words)
     np.testing.assert_array_equal(onset_words, numpy.onsets.words)
     assert set(numpy.onsets.onset) == set(numpy.onset)
@@ -281,15 +308,15 @@ def assert_same_columns(numpy, kernel, names, rel):
 def test_kernels_refuse_unknown_arguments():
     model = CONTACT_MODELS[0]
     with pytest.raises(ValueError, match="not a table of this contact"):
-        kernels.prune(blank(CONTACT_MODELS[-1], 2), model, 1, 0.0, 10.0)
+        kernel_prune(blank(CONTACT_MODELS[-1], 2), model, 1, 0.0, 10.0)
     for onset in ([1, 2], [-3, 1]):
         bank = blank(model, 2).replace_columns(onset=onset)
         with pytest.raises(ValueError, match="without its onset"):
-            kernels.prune(bank, model, 1, 0.0, 10.0)
+            kernel_prune(bank, model, 1, 0.0, 10.0)
         with pytest.raises(ValueError, match="without its onset"):
             prune(bank, model, 1, 0.0, 10.0)
     with pytest.raises(ValueError, match="not in order"):
-        kernels.prune(blank(model, 2).replace_columns(onset=[1, 0]), model, 1, 0.0, 10.0)
+        kernel_prune(blank(model, 2).replace_columns(onset=[1, 0]), model, 1, 0.0, 10.0)
     sizes, tables = (1, 2, 3, 4), ((9, {}), (7, {}))
     arrays = [], [], 3, 0, 3, np.zeros((1, 2, 1))
     with pytest.raises(ValueError, match="no family of this form"):

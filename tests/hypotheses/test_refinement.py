@@ -38,6 +38,12 @@ def found(contact):
     return [fit_simulated(contact, NOISES["mocap"]._replace(seconds=6.0), seed) for seed in range(SEEDS)]
 
 
+def normalised(contact, noise, seeds=SEEDS):
+    """Squared deviations of elements per degree of freedom, in simulated intervals."""
+    deviations = [d for seed in range(seeds) for d in fit_simulated(contact, noise, seed).deviation]
+    return sum(d.squared for d in deviations) / sum(d.freedom for d in deviations)
+
+
 @each_side
 @each_contact
 def test_errors_reach_the_bound_and_covariances_are_consistent_with_them(contact, side):
@@ -52,9 +58,7 @@ def test_errors_reach_the_bound_and_covariances_are_consistent_with_them(contact
 
 def test_covariances_follow_the_residuals_where_the_model_expects_worse():
     """For a robot the model's floors are six times the noise of a tick, but absent in the data."""
-    noise = NOISES["robot"]._replace(seconds=3.0)
-    deviations = [d for seed in range(3) for d in fit_simulated(Contact.EF, noise, seed).deviation]
-    assert 0.4 < np.mean([d.squared / d.freedom for d in deviations]) < 2.5
+    assert 0.4 < normalised(Contact.EF, NOISES["robot"]._replace(seconds=3.0)) < 2.5
 
 
 @pytest.mark.long
@@ -64,15 +68,10 @@ def test_covariances_include_correlated_errors(contact, monkeypatch):
     that resemble geometry cannot be separated; but with independent errors in each tick the covariance would
     be too small."""
     gives = NOISES["robot"]._replace(rate_hz=200.0, seconds=5.0, compliance_m=30e-6, correlation_s=0.5)
-
-    def normalised():
-        deviations = [d for seed in range(SEEDS) for d in fit_simulated(contact, gives, seed).deviation]
-        return sum(d.squared for d in deviations) / sum(d.freedom for d in deviations)
-
-    known = normalised()
+    known = normalised(contact, gives)
     monkeypatch.setattr("contact_tracker.hypotheses.refinement.MOST_CORRELATION", 0.0)
     assert 0.5 < known < 2.5
-    assert known < 0.6 * normalised()
+    assert known < 0.6 * normalised(contact, gives)
 
 
 @pytest.mark.long
@@ -80,8 +79,7 @@ def test_covariances_include_correlated_errors(contact, monkeypatch):
 def test_covariances_are_consistent_where_the_model_knows_that_errors_wander(contact):
     """Errors of 0.5 mm and 0.15 deg that last for 2 s. A covariance that is far too large fails as well."""
     wanders = NOISES["mocap"]._replace(wander_m=0.5e-3, wander_deg=0.15)
-    deviations = [d for seed in range(SEEDS) for d in fit_simulated(contact, wanders, seed).deviation]
-    assert 0.4 < sum(d.squared for d in deviations) / sum(d.freedom for d in deviations) < 2.5
+    assert 0.4 < normalised(contact, wanders) < 2.5
 
 
 def test_frames_of_the_previous_contact_do_not_bias_the_geometry():
@@ -163,16 +161,12 @@ def covariances(poses, contact, model):
 
 
 def test_covariances_are_consistent_with_errors_that_depend_on_the_pose(monkeypatch):
-    def normalised():
-        deviations = [d for seed in range(2) for d in fit_simulated(Contact.EF, BENT, seed).deviation]
-        return sum(d.squared for d in deviations) / sum(d.freedom for d in deviations)
-
-    assert 0.3 < normalised() < 3.0
+    assert 0.3 < normalised(Contact.EF, BENT, seeds=2) < 3.0
     # without them the same errors are many deviations away
     monkeypatch.setattr(
         "contact_tracker.hypotheses.observability.systematic_covariance", lambda *_, **__: np.zeros(())
     )
-    assert normalised() > 4.0
+    assert normalised(Contact.EF, BENT, seeds=2) > 4.0
 
 
 @pytest.mark.parametrize("contact", [Contact.VF, Contact.FV], ids=str)

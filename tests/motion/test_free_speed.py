@@ -22,6 +22,7 @@ from contact_tracker.motion.poses import Poses
 from contact_tracker.recording import open_log, read_truth
 from contact_tracker.states import Contact
 from contact_tracker.tracker import Tracker
+from smooth_motion import with_noise
 
 LOG_SPEEDS = st.floats(-10.0, 4.0)
 STRETCH = st.lists(LOG_SPEEDS, min_size=1, max_size=30)
@@ -78,9 +79,7 @@ def strokes(tip_m):
     turn = Rotation.from_euler("zyx", np.column_stack([yaw, pitch, 0.1 * np.sin(0.6 * rate * time_s + 2.0)]))
     across = 0.1 * np.sin(0.37 * rate * time_s)
     place_m = np.column_stack([0.2 * np.sin(rate * time_s), across, np.zeros_like(time_s)])
-    noisy = turn * Rotation.from_rotvec(rng.normal(size=(len(time_s), 3)) * 2e-3)
-    position_m = place_m - turn.apply(tip_m) + rng.normal(size=place_m.shape) * 3e-4
-    return Poses((time_s * 1e9).astype(np.int64), position_m, noisy.as_quat())
+    return with_noise(rng, time_s, place_m - turn.apply(tip_m), turn, 3e-4, 2e-3)
 
 
 def test_a_vertex_that_wipes_as_fast_as_objects_are_carried_stays_a_vertex_on_a_face():

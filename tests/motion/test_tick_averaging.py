@@ -17,7 +17,7 @@ from contact_tracker.motion.free_motion import NO_EXCESS
 from contact_tracker.motion.losses import counts_text
 from contact_tracker.motion.poses import Outliers, Poses
 from contact_tracker.motion.tick_averaging import TickGrid, tick_variances, with_excess
-from smooth_motion import START_NS, exact_transfers, moving
+from smooth_motion import START_NS, exact_transfers, least_jerk, moving
 
 MODEL = load_model()
 TICK_NS = MODEL.tick_ns
@@ -242,8 +242,7 @@ def test_ticks_of_a_pose_that_got_stuck_are_empty():
 @pytest.mark.parametrize("rate_hz", [30.0, 125.0, 500.0])
 def test_a_robot_that_stops_rests(rate_hz):
     time_s = np.arange(0.0, 4.0, 1.0 / rate_hz)
-    way = np.clip((time_s - 1.0) / 1.5, 0.0, 1.0)
-    place_m = np.outer(0.3 * way**3 * (10.0 - 15.0 * way + 6.0 * way**2), [1.0, 0.5, 0.2])
+    place_m = np.outer(0.3 * least_jerk((time_s - 1.0) / 1.5), [1.0, 0.5, 0.2])
     turn = Rotation.from_rotvec(place_m * [1.0, -2.0, 1.0]).as_quat()
     stopped = Poses(START_NS + np.rint(time_s * 1e9).astype(np.int64), place_m, turn)
     assert all(tick.count for tick in averaged(stopped)[1:])

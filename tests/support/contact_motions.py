@@ -1,4 +1,5 @@
-"""Exact motions in contact, from geometry only: the reference of incidence."""
+"""Exact motions in contact, from geometry only, and the cost of geometries written out: references of
+incidence and of fits."""
 
 from typing import NamedTuple
 
@@ -123,3 +124,12 @@ def x_of(contact, obj, environment):
             return np.concatenate([first[:3], second])
         case _:
             return np.concatenate([first[:3], point_of(first), second[:3], point_of(second)])
+
+
+def every_cost(family, moments, row_weight, prior, x):
+    """Cost (N, B) in nats of each of N geometries x (N, S) on each of B windows."""
+    c = family.rows(x)
+    squares = np.einsum("nkc,bcd,nkd->nkb", c, moments, c)
+    squares[:, -1] /= family.scale_sq(x[:, None], moments[None])
+    pull = 0.5 * np.einsum("ns,bst,nt->nb", x, prior.precision, x) - x @ prior.information.T + prior.constant
+    return 0.5 * np.einsum("nkb,bk->nb", squares, row_weight) + pull

@@ -1,5 +1,5 @@
-"""A whole recording at once: its ticks as one window, the hypotheses of a forward pass, and their Viterbi
-path and smoothing, which ``hmm`` does tick by tick."""
+"""A whole recording at once: the hypotheses of a forward pass, and their smoothing, which ``hmm`` does tick
+by tick."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -32,38 +32,6 @@ def _by_state(values: Array, state: Ints, states: int) -> Array:
     table = np.full((states, len(values)), -np.inf)
     table[state, np.arange(len(values))] = values
     return log_sum_exp(table)
-
-
-def viterbi(trellis: Trellis, log_initial: Array, log_transition: Array) -> list[tuple[int, int, int]]:
-    """Most probable path as segments (hypothesis, onset, end) in order, covering all ticks.
-
-    ``log_initial`` (N,); ``log_transition`` (T, N, N) by boundary; the first is not used.
-    """
-    states, ticks = len(log_initial), len(trellis.alive)
-    best_ended = np.full((ticks + 1, states), -np.inf)
-    leaver = np.full((ticks + 1, states), -1, np.int64)
-    entry = np.full(len(trellis.state), -np.inf)
-    origin = np.full(len(trellis.state), -1, np.int64)
-    for b, (alive, likelihood) in enumerate(zip(trellis.alive, trellis.log_likelihood, strict=True), start=1):
-        fresh = alive[trellis.onset[alive] == b - 1]
-        if b == 1:
-            entry[fresh] = log_initial[trellis.state[fresh]]
-        else:
-            into = best_ended[b - 1][:, None] + log_transition[b - 1][:, trellis.state[fresh]]
-            origin[fresh] = np.argmax(into, axis=0)
-            entry[fresh] = np.max(into, axis=0)
-        for number, score in zip(alive.tolist(), entry[alive] + likelihood, strict=True):
-            state = trellis.state[number]
-            if score > best_ended[b, state]:
-                best_ended[b, state], leaver[b, state] = score, number
-    if not np.isfinite(best_ended[ticks]).any():
-        raise ValueError("no path covers all ticks")
-    path, b, state = [], ticks, int(np.argmax(best_ended[ticks]))
-    while b > 0:
-        hypothesis = int(leaver[b, state])
-        path.append((hypothesis, int(trellis.onset[hypothesis]), b))
-        b, state = int(trellis.onset[hypothesis]), int(origin[hypothesis])
-    return path[::-1]
 
 
 def smooth(trellis: Trellis, log_initial: Array, log_transition: Array) -> tuple[Array, float]:

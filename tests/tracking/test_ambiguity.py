@@ -34,6 +34,7 @@ from contact_tracker.tracking.state import scales_of
 from contact_tracker_lab.simulate import Scenario, simulate
 from contact_tracker_lab.simulate.scenarios import Phase
 from short_recordings import MODEL
+from smooth_motion import least_jerk, with_noise
 
 SCALES = scales_of(MODEL)
 SIGMA_M, SIGMA_RAD = 1e-4, 1e-3
@@ -369,8 +370,7 @@ def test_precise_knowledge_does_not_hide_other_unobserved_directions(seed, digit
 def test_a_smooth_carry_is_no_contact_with_something_new(seed, lag_s):
     """A new vertex and a new plane can be chosen so that they agree with it: that is not their evidence."""
     rng, count, still = np.random.default_rng(seed), 150, 150
-    s = np.linspace(0.0, 1.0, count)
-    s = np.concatenate([np.zeros(still), 10 * s**3 - 15 * s**4 + 6 * s**5])[:, None]
+    s = least_jerk((np.arange(still + count) - still) / (count - 1))[:, None]
     end_m, axis = np.array([*rng.normal(scale=0.3, size=2), 0.0]), rng.normal(size=3)
     position_m = s * end_m + 0.6 * s * (1.0 - s) * [0.0, 0.0, 1.0]
     position_m[still:] += np.cumsum(rng.normal(scale=1e-4, size=(count, 3)), axis=0)
@@ -399,9 +399,7 @@ def test_a_contact_that_has_shown_itself_stays_when_its_motion_is_older_than_the
     calming = np.clip((10.0 - time_s) / 2.0, 0.0, 1.0)[:, None]
     turn = Rotation.from_rotvec(waves_of([0.4, 0.4, 0.5], [0.31, 0.23, 0.17]) * calming)
     position_m = waves_of([0.1, 0.1, 0.0], [0.13, 0.19, 0.0]) - turn.apply([0.02, 0.05, -0.1])
-    noise = Rotation.from_rotvec(rng.normal(scale=1.5e-3, size=(len(time_s), 3)))
-    position_m += rng.normal(scale=3e-4, size=position_m.shape)
-    poses = Poses((time_s * 1e9).astype(np.int64), position_m, (noise * turn).as_quat())
+    poses = with_noise(rng, time_s, position_m, turn, 3e-4, 1.5e-3)
     online = ContactFilter.start(model)
     beliefs = [online.update(tick) for tick in ticks_of([poses], model)]
     established = next(

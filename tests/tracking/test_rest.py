@@ -161,9 +161,8 @@ def test_a_quick_change_between_two_rests_is_where_it_is(tip_s: float) -> None:
     turn = Rotation.from_euler("ZY", np.column_stack([yaw, tilt]))
     edge_m = np.column_stack([0.2 * np.sin(0.8 * slid_s), 0.15 * np.sin(1.3 * slid_s), 0.0 * time_s])
     edge_m[:, :2] += 0.05 * np.column_stack([np.sin(1.2 * rocked_s), np.sin(0.7 * rocked_s)])
-    position_m = edge_m - turn.apply([0.1, 0.0, -0.05]) + 1e-4 * rng.normal(size=edge_m.shape)
-    quat_xyzw = (turn * Rotation.from_rotvec(1e-3 * rng.normal(size=edge_m.shape))).as_quat()
-    segments = segment(Poses(np.round(time_s * 1e9).astype(np.int64), position_m, quat_xyzw), MODEL).segments
+    poses = with_noise(rng, time_s, edge_m - turn.apply([0.1, 0.0, -0.05]), turn, 1e-4, 1e-3)
+    segments = segment(poses, MODEL).segments
     on_edge = next(one for one in segments if one.contact is Contact.EF)
     assert on_edge.start_ns * 1e-9 == pytest.approx(9.1, abs=0.4), segments
 

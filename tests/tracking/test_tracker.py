@@ -20,7 +20,7 @@ from contact_tracker_lab.simulate import Scenario, simulate
 from contact_tracker_lab.simulate.scenarios import Phase
 from pose_filter import PoseFilter, forward
 from short_recordings import EDGE_TO_EDGES, FACE_TO_EDGE, MODEL, age_s, recorded, segmented, true_contacts
-from smooth_motion import moving
+from smooth_motion import moving, with_noise
 
 KINDS = {"f": Plane, "e": Line, "v": Point}
 IDENTIFIABLE_S = {"f-f": 1.2, "e-f": 1.5, "f-e": 1.5, "e-e": 3.0}
@@ -179,9 +179,7 @@ def tilted_and_put_down() -> Poses:
     yaw, tilt = 0.6 * np.sin(1.1 * slid_s), 0.7 * np.sin(np.pi * share) ** 2
     turn = Rotation.from_euler("ZX", np.column_stack([yaw, -tilt]))
     edge_m = np.column_stack([0.2 * np.sin(0.8 * slid_s), 0.15 * np.sin(1.3 * slid_s), 0.0 * time_s])
-    position_m = edge_m - turn.apply([0.0, -0.04, -0.03]) + 3e-4 * rng.normal(size=edge_m.shape)
-    quat_xyzw = (turn * Rotation.from_rotvec(2e-3 * rng.normal(size=edge_m.shape))).as_quat()
-    return Poses(np.round(time_s * 1e9).astype(np.int64), position_m, quat_xyzw)
+    return with_noise(rng, time_s, edge_m - turn.apply([0.0, -0.04, -0.03]), turn, 3e-4, 2e-3)
 
 
 def test_a_box_that_was_tilted_surely_stands_on_its_table_only() -> None:

@@ -107,7 +107,7 @@ def test_a_viewer_that_does_not_answer_is_ended(waits, tmp_path, monkeypatch, fr
         return None
 
     monkeypatch.setattr(sinks, "answers", listens_to_nothing)
-    monkeypatch.setattr(sinks, "_START_S", 60.0 if waits else 3.0)
+    monkeypatch.setattr(sinks, "_START_S", 60.0 if waits else 1.0)
     with pytest.raises(KeyboardInterrupt if waits else ViewerError):
         sinks.start(free_port, ())
     with pytest.raises(ProcessLookupError):

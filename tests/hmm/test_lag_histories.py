@@ -1,63 +1,11 @@
-"""Smoothing, Viterbi and lag histories against enumeration of all paths."""
+"""Lag histories of hypotheses against enumeration of all paths of the chain, and sums of logarithms."""
 
 from itertools import product
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from contact_tracker import hmm
-from trellis_cases import Case
-from whole_trellis import Trellis, smooth, viterbi
-
-seeds = st.integers(0, 2**32 - 1)
-many = settings(max_examples=25, deadline=None)
-
-
-@many
-@given(seed=seeds, scale=st.sampled_from([1.0, 1e4]))
-def test_posterior_evidence_and_path_are_those_of_all_paths(seed, scale):
-    """Also where one path has nearly all the weight."""
-    case = Case(seed)
-    case.value *= scale
-    paths = case.paths()
-    posterior, log_evidence = smooth(case.trellis, *case.model)
-    weights = np.array([weight for weight, _ in paths])
-    assert log_evidence == pytest.approx(np.logaddexp.reduce(weights), rel=1e-12, abs=1e-9)
-    expected = np.zeros((case.ticks, case.states))
-    for share, (_, segments) in zip(np.exp(weights - log_evidence), paths, strict=True):
-        for h, onset, end in segments:
-            expected[onset:end, case.state[h]] += share
-    np.testing.assert_allclose(posterior, expected, atol=1e-9)
-    np.testing.assert_allclose(posterior.sum(axis=1), 1.0)
-    weight, segments = max(paths)
-    assert np.isfinite(weight)
-    assert viterbi(case.trellis, *case.model) == segments
-
-
-def test_weights_of_a_long_recording_neither_overflow_nor_underflow():
-    case = Case(3, sizes=((3, 6),))
-    unshifted, _ = smooth(case.trellis, *case.model)
-    case.value -= 1e9 * (np.arange(case.ticks + 1) - case.onset[:, None])
-    posterior, log_evidence = smooth(case.trellis, *case.model)
-    assert np.isfinite(log_evidence)
-    np.testing.assert_allclose(posterior.sum(axis=1), 1.0, rtol=1e-12)
-    np.testing.assert_allclose(posterior, unshifted, atol=1e-5)
-
-
-def test_hypotheses_absent_at_their_onset_have_no_origin():
-    """The first hypothesis has the highest likelihood, but first appears a tick after its onset."""
-    trellis = Trellis(
-        np.array([0, 1, 1]),
-        np.array([0, 0, 1]),
-        [np.array([1]), np.array([0, 1, 2])],
-        [np.zeros(1), np.array([50.0, 0.0, 0.0])],
-    )
-    even = np.log(np.full((2, 2, 2), 0.5))
-    assert all(h for h, *_ in viterbi(trellis, even[0, 0], even))
-    posterior, _ = smooth(trellis, even[0, 0], even)
-    np.testing.assert_allclose(posterior, [[0.0, 1.0]] * 2)
 
 
 def test_log_sum_exp_of_impossible_states_is_minus_infinity():
@@ -65,7 +13,6 @@ def test_log_sum_exp_of_impossible_states_is_minus_infinity():
     np.testing.assert_allclose(hmm.log_sum_exp(table), [-np.inf, 1000.0 + np.log(2.0), -1000.0])
 
 
-# --- fixed lag: lag histories of hypotheses against enumeration of all paths of the chain ---
 TICKS, STATES, LAG = 6, 3, 3
 Array = np.ndarray
 
