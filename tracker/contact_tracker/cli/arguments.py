@@ -2,7 +2,7 @@
 
 import argparse
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, Final, TypeVar
@@ -21,6 +21,14 @@ PLACE: Final = "{}"
 LOGS_HELP: Final = "recordings, or folders to search for MCAP files and ROS bags"
 _MOST: Final = 1e9
 """Largest number of an argument, such as seconds (about 30 years); larger ones are mistakes."""
+
+
+def recording(text: str) -> str:
+    """The type of a recording; saved results are refused."""
+    if text.lower().endswith(".contacts"):
+        by_python = f"contact_tracker.Result.load({text!r}).save('FILE.png')"
+        raise UsageError(f"{text} is a saved result: compare reads it, and in Python {by_python}")
+    return text
 
 
 def add_recording(parser: argparse.ArgumentParser, has_interval: bool = True) -> None:
@@ -88,12 +96,12 @@ def set_table(args: argparse.Namespace, words: Sequence[str], parser: argparse.A
     rate, columns = getattr(args, "frame_rate", None), args.columns and ",".join(args.columns)
     if args.time_unit == FRAMES and rate is None:
         raise ValueError("--time-unit frames needs the rate of the frames: --time-unit 120Hz")
-    command = () if command_of(parser) == "batch" else (command_of(parser), *_without_reading(words, parser))
+    command = command_of(parser), *without(words, _READING, parser)
     args.table = reading_of(columns, rate, given=command, **{name: getattr(args, name) for name in _OF_TABLE})
 
 
-def _without_reading(words: Sequence[str], parser: argparse.ArgumentParser) -> Iterator[str]:
-    """The words of a command without the options about the meaning of columns and fields."""
+def without(words: Sequence[str], options: Collection[str], parser: argparse.ArgumentParser) -> Iterator[str]:
+    """The words of a command without these ``options``, by the names of their values, and their values."""
     actions = {name: action for action in parser._actions for name in action.option_strings}
     remaining = iter(words)
     for word in remaining:
@@ -101,7 +109,7 @@ def _without_reading(words: Sequence[str], parser: argparse.ArgumentParser) -> I
         if word == "--":
             yield word
             yield from remaining
-        elif option not in actions or actions[option].dest not in _READING:
+        elif option not in actions or actions[option].dest not in options:
             yield word
         elif not equals and actions[option].nargs != 0:
             next(remaining, None)
