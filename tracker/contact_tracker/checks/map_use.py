@@ -173,8 +173,8 @@ LEAST_DEG: Final = 0.05
 _NAMED: Final = 3
 BESIDE_M: Final = 0.1
 BESIDE_RAD: Final = 0.2
-"""Within these a touched face is taken for a given one that was measured wrongly: errors are seldom larger, and
-other surfaces seldom nearer."""
+"""Within these a touched face is taken for a given one that was measured wrongly: errors are seldom larger,
+and other surfaces seldom nearer."""
 
 
 @dataclass(frozen=True, eq=False)
