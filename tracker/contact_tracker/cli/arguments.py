@@ -13,6 +13,7 @@ from contact_tracker.config.table_reading import FRAMES, TIME_UNIT_HELP, reading
 from contact_tracker.errors import UsageError
 from contact_tracker.files import why_not_writable
 from contact_tracker.states import states_from
+from contact_tracker.suggestions import suggestion
 
 T = TypeVar("T")
 LOG_HELP: Final = "an MCAP file, a ROS bag, a table of poses, a folder of parts, or - for stdin"
@@ -229,7 +230,8 @@ def output_file(*suffixes: str) -> Callable[[str], Path | None]:
             *others, last = (suffix for suffix in suffixes if suffix != "-")
             named = f"{', '.join(others)} or {last}" if others else last
             by_view = f"; contact-tracker view LOG --save {text} writes it" * (path.suffix.lower() == ".rrd")
-            raise UsageError(f"cannot write {text}: its name must end in {named}{by_view}")
+            remedy = by_view or suggestion(path.suffix.lower(), suffixes)
+            raise UsageError(f"cannot write {text}: its name must end in {named}{remedy}")
         if (refusal := why_not_writable(path)) is not None:
             raise UsageError(f"cannot write {text}: {refusal}")
         return path
