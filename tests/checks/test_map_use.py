@@ -63,6 +63,29 @@ def test_it_is_not_found_where_one_is_touched_or_nothing_is_sure(segments):
     assert not found({"up": {"direction": [0, 0, 1]}}, *segments)
 
 
+LEVELS = {"environment": {"plane": [{"normal": [0, 0, 1], "offset_m": offset} for offset in (0.5, 0.8)]}}
+
+
+@pytest.mark.parametrize(
+    ("segments", "differences"),
+    [
+        ([on(0.84)], ["plane 2 of the surroundings, and a face that is touched differs from it by 40 mm:"]),
+        ([on(0.84), on(0.87)], ["by 40 mm:"]),
+        ([on(0.8, normal=(-0.14, 0.0, 0.99))], ["by 8 deg:"]),
+        ([on(-0.84, normal=(0.0, 0.0, -1.0))], ["by 40 mm:"]),
+        ([on(0.802)], []),  # within the deviations of both
+        ([on(1.0)], []),  # another level
+        ([on(0.84), on(0.8, "plane 2")], []),
+    ],
+)
+def test_a_face_beside_a_listed_one_that_no_contact_confirms_is_named(segments, differences):
+    """Where contacts confirm another listed face."""
+    findings = found(LEVELS, on(0.5, "plane 1"), *segments)
+    for finding, text in zip(findings, differences, strict=True):
+        assert text in finding.text
+        assert not finding.doubts_labels
+
+
 def test_a_face_on_a_face_does_not_show_the_place():
     """The object's face is on any parallel one; where its offset is known, other contacts have shown it."""
     covariance = np.eye(4) * 1e-6

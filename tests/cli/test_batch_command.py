@@ -1,6 +1,8 @@
 """``contact-tracker batch``: killed, interrupted, on a cluster."""
 
 import os
+import re
+import shlex
 import signal
 import subprocess
 import sys
@@ -9,12 +11,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
 import pytest
 from pyarrow import parquet
 
 from batches import BROKEN, contents, write_broken, write_recordings
 from command_line import ENVIRONMENT, PIPE, Done, started
 from command_line import run as command
+from pose_tables import TURN, P, T
 
 PROC = Path("/proc")
 
@@ -52,6 +56,23 @@ def test_kinds_of_warnings_are_named(tmp_path: Path) -> None:
     done = batch(table, tmp_path / "b.csv", "-o", tmp_path / "out")
     assert "warnings: 2 of the new ones have some: " in done.stderr
     assert "have no unit and are taken as milliseconds, with steps of ... (2)" in done.stderr
+
+
+def test_the_command_that_is_proposed_for_a_table_adds_it_to_the_dataset(tmp_path: Path) -> None:
+    degrees = np.column_stack([T, 1e3 * P, TURN.as_euler("xyz", degrees=True)])
+    for name in "ab":
+        np.savetxt(tmp_path / f"{name}.csv", degrees, "%.9f", ",", header="t,x,y,z,rx,ry,rz", comments="")
+    words = "a.csv", "b.csv", "--ticks", "-o", "out", "--processes", 1
+    done = command("batch", *words, cwd=tmp_path)
+    assert done.returncode == 3
+    proposed = re.findall(r"contact-tracker (batch .*?), with your unit", done.stderr)
+    assert len(proposed) == 2
+    for line in proposed:
+        assert "--ticks" in line
+        assert "--processes" not in line
+        done = command(*shlex.split(line), cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+    assert parquet.read_table(tmp_path / "out" / "summary.parquet")["exit_code"].to_pylist() == [0, 0]
 
 
 @contextmanager

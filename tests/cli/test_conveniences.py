@@ -133,5 +133,6 @@ def test_the_table_of_outputs_has_all_of_them() -> None:
         suffixes = {suffix for name, suffix, _ in rows if name == command}
         wrong = run(command, "x", "-o", "x.none").stderr
         assert suffixes == set(re.findall(r"(\.\w+)(?=,| or|$)", wrong.partition("must end in ")[2].strip()))
+    assert run("segment", "x", "-o", "x.json").stderr.endswith("; did you mean .jsonl?\n")
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
     assert {extra for *_, extra in rows if extra} <= extras.keys()

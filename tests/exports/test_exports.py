@@ -434,7 +434,7 @@ def test_a_users_labels_are_shown_above_those_that_are_found(result, tmp_path) -
     labels = tmp_path / "labels.csv"
     labels.write_text(f"start,end,contact\n0,{result.trajectory.duration_s:.2f},touch\n")
     *_, axes = result.plot(labels=labels, meanings={"touch": "any"}).axes
-    assert {"truth", "touch"} <= {text.get_text() for text in axes.texts}
+    assert {"truth", "found", "touch"} <= {text.get_text() for text in axes.texts}
 
 
 def test_outputs_of_a_trajectory_without_recording_have_its_known_data(poses, tmp_path) -> None:

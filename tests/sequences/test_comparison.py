@@ -2,6 +2,8 @@
 
 import csv
 import json
+import re
+import shlex
 from dataclasses import replace
 
 import numpy as np
@@ -20,6 +22,9 @@ from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.segmentation import BELIEF, Beliefs
 from contact_tracker_lab.simulate import simulate
 from contact_tracker_lab.simulate.scenarios import Phase, Scenario
+from mcap_logs import poses_topic, smooth_poses, write_log
+from pose_tables import NAMES as COLUMNS
+from pose_tables import POSE, TURN, P, T
 
 NAMES = ("e-f", "v-f", "e-f", "f-f")
 UP_M = 0.02
@@ -260,6 +265,56 @@ def test_the_command(first, simulated, tmp_path, monkeypatch) -> None:
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines()[-1] == "4 same: no step is known to differ"
     assert (tmp_path / "steps.svg").stat().st_size > 1000
+
+
+def test_saved_results_are_compared(first, simulated, tmp_path) -> None:
+    first.save(tmp_path / "a.contacts")
+    first.save(tmp_path / "b.contacts")
+    done = run("compare", "a.contacts", "b.contacts", "-q", "-o", "steps.csv", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == f"{contact_tracker.compare(first, first)}\n"
+    done = run("compare", "a.contacts", "b.contacts", "--start", 5, cwd=tmp_path)
+    assert done.returncode == 2
+    assert "give options of poses to segment" in done.stderr
+    write_recording(str(tmp_path / "c.mcap"), simulated.poses, None, {})
+    for command in ("segment", "live", "view", "info", "evaluate", "batch", "calibrate"):
+        assert "a.contacts is a saved result" in run(command, "a.contacts", cwd=tmp_path).stderr
+    done = run("compare", "a.contacts", "c.mcap", cwd=tmp_path)
+    assert done.stdout.splitlines()[-1] == "4 same: no step is known to differ", done.stderr
+
+
+def proposed(done):
+    """The arguments of the commands that an error names."""
+    pattern = r"contact-tracker ((?:segment|compare) .*?)(?=; then|, with|\. Orders|\n)"
+    return [shlex.split(line) for line in re.findall(pattern, done.stderr)]
+
+
+@pytest.mark.parametrize("options", [[], ["--unit", "mm", "--euler", "xyz:deg", "--tolerance", 0.5]])
+@pytest.mark.parametrize("names", ["ab", "ba"])
+def test_takes_that_need_different_options_are_compared_by_the_commands_of_the_error(
+    tmp_path, names, options
+) -> None:
+    rows = {"t,x,y,z,rx,ry,rz": [1e3 * P, TURN.as_euler("xyz", degrees=True)], f"t,{COLUMNS}": [POSE]}
+    for name, (header, columns) in zip("ab", rows.items(), strict=True):
+        table = np.column_stack([T, *columns])
+        np.savetxt(tmp_path / f"{name}.csv", table, "%.9f", ",", header=header, comments="")
+    done = run("compare", *(f"{name}.csv" for name in names), *options, "--duration", 1, cwd=tmp_path)
+    assert done.returncode == 2
+    segment, compare = proposed(done)
+    assert "--tolerance" not in segment
+    assert run(*segment, cwd=tmp_path).returncode == 0
+    assert run(*compare, cwd=tmp_path).returncode == 0
+
+
+def test_takes_with_different_topics_are_compared_by_the_commands_of_the_error(tmp_path) -> None:
+    for name in "ab":
+        topics = [poses_topic(smooth_poses(100, seed=seed), f"/{name}{seed}") for seed in range(2)]
+        write_log(tmp_path / f"{name}.mcap", topics[: 2 if name == "a" else 1])
+    assert "choose by --topic" in run("compare", "a.mcap", "b.mcap", cwd=tmp_path).stderr
+    done = run("compare", "a.mcap", "b.mcap", "--topic", "/a1", cwd=tmp_path)
+    segment, compare = proposed(done)
+    assert run(*segment, cwd=tmp_path).returncode == 0
+    assert run(*compare, cwd=tmp_path).returncode == 0
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,8 @@ from contact_tracker.outputs.parts import known_parts
 from contact_tracker.outputs.text import table
 from contact_tracker.saved_state import Kind, classes_in, content_of, load
 
+SUFFIX: Final = ".contacts"
+"""Ending of their names."""
 RESULT: Final = Kind("contact-tracker result", classes_in(Outcome), outlives_version=True)
 
 

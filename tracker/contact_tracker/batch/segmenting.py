@@ -6,7 +6,7 @@ import os
 import traceback
 from collections.abc import Iterable
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path, PurePosixPath
 from typing import Any, Final, NamedTuple
@@ -76,7 +76,8 @@ class Settings:
     Parameters
     ----------
     topic, frame, relative_to : selection of poses, as in ``recording.open_log``.
-    table : what the columns of tables are, as in ``recording.open_log``.
+    table : what the columns of tables are, as in ``recording.open_log``; the words of the command in it are
+        without recordings.
     with_ticks : whether to write the beliefs of all ticks, too.
     wrench : topic of measured wrenches, which decide between contacts that motion cannot distinguish.
     """
@@ -250,8 +251,9 @@ def _segmented(name: str, settings: Settings, folder: Path) -> Row:
 
 
 def _open(path: str, settings: Settings) -> PoseLog:
-    frame, relative_to = settings.frame, settings.relative_to
-    return open_log(path, settings.topic, frame, relative_to=relative_to, table=settings.table)
+    frame, relative_to, given = settings.frame, settings.relative_to, settings.table.given
+    table = replace(settings.table, given=given and (*given, path))  # a proposed command has this file alone
+    return open_log(path, settings.topic, frame, relative_to=relative_to, table=table)
 
 
 def require_no_link(folder: Path, name: str) -> None:

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
-from math import asin, cos, degrees, inf, pi, sqrt
+from math import asin, copysign, cos, degrees, inf, pi, sqrt
 from operator import itemgetter
 from typing import Final, NamedTuple
 
@@ -171,6 +171,10 @@ LEAST_M: Final = 5e-5
 LEAST_DEG: Final = 0.05
 """Smaller movements are not reported."""
 _NAMED: Final = 3
+BESIDE_M: Final = 0.1
+BESIDE_RAD: Final = 0.2
+"""Within these a touched face is taken for a given one that was measured wrongly: errors are seldom larger,
+and other surfaces seldom nearer."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,12 +188,17 @@ class MapUse(Check):
     nearest : least distance (m) of a touched face from a parallel named face, and the name of that face.
     moved : largest number of standard deviations by which a contact moves its named elements together, and
         the difference of each by name.
+    shown : names of the surroundings' elements whose place contacts confirm.
+    beside : the named faces that are nearest to a touched face without a name and differ from it by more
+        than noise, with the least difference.
     """
 
     unknown: tuple[bool, bool] = (False, False)
     known: tuple[bool, bool] = (False, False)
     nearest: tuple[float, str] = (inf, "")
     moved: tuple[float, tuple[tuple[str, Difference], ...]] = (0.0, ())
+    shown: tuple[str, ...] = ()
+    beside: tuple[tuple[str, Difference], ...] = ()
 
     @property
     def confirmed(self) -> tuple[bool, bool]:
@@ -207,6 +216,7 @@ class MapUse(Check):
         if not map.listed_object and not map.listed_environment:
             return self
         unknown, known, nearest, moved = self.unknown, self.known, self.nearest, self.moved
+        shown, beside = {*self.shown}, dict(self.beside)
         parts: Iterator[Segment | FurtherContact] = chain.from_iterable(
             (segment, *segment.further) for segment in segments
         )
@@ -219,13 +229,17 @@ class MapUse(Check):
             is_flat = isinstance(geometry.object, Plane) and isinstance(geometry.environment, Plane)
             shows_place = world_named and not (is_flat and not object_named)
             known = known[0] or object_named, known[1] or shows_place
+            if shows_place:
+                shown.add(str(geometry.environment.name))
             if part.probability < LEAST:
                 continue
             moved = max(moved, _moved(map, geometry), key=itemgetter(0))
             if len(part.inseparable) < len(STATES) - 1:
                 unknown = unknown[0] or not object_named, unknown[1] or not world_named
                 nearest = min(nearest, _nearest(map, geometry))
-        return MapUse(unknown, known, nearest, moved)
+                for name, apart in _beside(map, geometry):
+                    beside[name] = min(apart, beside.get(name, apart), key=itemgetter(2))
+        return MapUse(unknown, known, nearest, moved, tuple(sorted(shown)), tuple(beside.items()))
 
     def findings(self, stream: Stream, earlier: Sequence[Finding]) -> list[Finding]:
         """Elements that are moved far, and sides on which contacts touch no named element, unless an earlier
@@ -240,6 +254,10 @@ class MapUse(Check):
         for side, listed in enumerate((stream.map.listed_object, stream.map.listed_environment)):
             if listed and self.unknown[side] and not self.confirmed[side]:
                 texts.append(self._untouched_text(side, listed))
+        for name, apart in self.beside if self.confirmed[1] else ():
+            if name not in self.shown:
+                off = f"a face that is touched differs from it by {_size(apart)}"
+                texts.append(f"no contact confirms {name} of the surroundings, and {off}: {CHECK}")
         return [Finding("knowledge", text, False) for text in texts]
 
     def _untouched_text(self, side: int, listed: Sequence[NamedElement]) -> str:
@@ -266,6 +284,26 @@ def _nearest(map: Map, geometry: ContactGeometry) -> tuple[float, str]:
         if isinstance(plane, Plane) and abs(face.normal @ plane.normal) >= cos(NEAR_RAD)
     )
     return min(distances_m, default=(inf, ""))
+
+
+def _beside(map: Map, geometry: ContactGeometry) -> Iterator[tuple[str, Difference]]:
+    """The named face that is nearest to a touched face without a name, with their difference, if that is more
+    than noise, but no more than a wrong measurement."""
+    face = geometry.environment
+    if not isinstance(face, Plane) or face.name is not None or geometry.has_open_offset[1]:
+        return
+    planes = ((named.name, named.element) for named in map.listed_environment if not named.is_covered)
+    faces = (
+        (name, plane, float(face.normal @ plane.normal)) for name, plane in planes if isinstance(plane, Plane)
+    )
+    apart = (
+        (name, difference(face, replace(plane, normal=sense * plane.normal, offset_m=sense * plane.offset_m)))
+        for name, plane, along in faces
+        if abs(along) >= cos(BESIDE_RAD) and (sense := copysign(1.0, along))
+    )
+    name, by = min(apart, default=("", Difference(0.0, inf, inf)), key=lambda one: one[1].distance_m)
+    if by.sigmas > SIGNIFICANT and by.distance_m <= BESIDE_M:
+        yield name, by
 
 
 def _moved(map: Map, geometry: ContactGeometry) -> tuple[float, tuple[tuple[str, Difference], ...]]:

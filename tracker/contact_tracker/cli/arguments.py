@@ -2,7 +2,7 @@
 
 import argparse
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, Final, TypeVar
@@ -13,6 +13,7 @@ from contact_tracker.config.table_reading import FRAMES, TIME_UNIT_HELP, reading
 from contact_tracker.errors import UsageError
 from contact_tracker.files import why_not_writable
 from contact_tracker.states import states_from
+from contact_tracker.suggestions import suggestion
 
 T = TypeVar("T")
 LOG_HELP: Final = "an MCAP file, a ROS bag, a table of poses, a folder of parts, or - for stdin"
@@ -21,6 +22,14 @@ PLACE: Final = "{}"
 LOGS_HELP: Final = "recordings, or folders to search for MCAP files and ROS bags"
 _MOST: Final = 1e9
 """Largest number of an argument, such as seconds (about 30 years); larger ones are mistakes."""
+
+
+def recording(text: str) -> str:
+    """The type of a recording; saved results are refused."""
+    if text.lower().endswith(".contacts"):
+        by_python = f"contact_tracker.Result.load({text!r}).save('FILE.png')"
+        raise UsageError(f"{text} is a saved result: compare reads it, and in Python {by_python}")
+    return text
 
 
 def add_recording(parser: argparse.ArgumentParser, has_interval: bool = True) -> None:
@@ -88,12 +97,12 @@ def set_table(args: argparse.Namespace, words: Sequence[str], parser: argparse.A
     rate, columns = getattr(args, "frame_rate", None), args.columns and ",".join(args.columns)
     if args.time_unit == FRAMES and rate is None:
         raise ValueError("--time-unit frames needs the rate of the frames: --time-unit 120Hz")
-    command = () if command_of(parser) == "batch" else (command_of(parser), *_without_reading(words, parser))
+    command = command_of(parser), *without(words, _READING, parser)
     args.table = reading_of(columns, rate, given=command, **{name: getattr(args, name) for name in _OF_TABLE})
 
 
-def _without_reading(words: Sequence[str], parser: argparse.ArgumentParser) -> Iterator[str]:
-    """The words of a command without the options about the meaning of columns and fields."""
+def without(words: Sequence[str], options: Collection[str], parser: argparse.ArgumentParser) -> Iterator[str]:
+    """The words of a command without these ``options``, by the names of their values, and their values."""
     actions = {name: action for action in parser._actions for name in action.option_strings}
     remaining = iter(words)
     for word in remaining:
@@ -101,7 +110,7 @@ def _without_reading(words: Sequence[str], parser: argparse.ArgumentParser) -> I
         if word == "--":
             yield word
             yield from remaining
-        elif option not in actions or actions[option].dest not in _READING:
+        elif option not in actions or actions[option].dest not in options:
             yield word
         elif not equals and actions[option].nargs != 0:
             next(remaining, None)
@@ -221,7 +230,8 @@ def output_file(*suffixes: str) -> Callable[[str], Path | None]:
             *others, last = (suffix for suffix in suffixes if suffix != "-")
             named = f"{', '.join(others)} or {last}" if others else last
             by_view = f"; contact-tracker view LOG --save {text} writes it" * (path.suffix.lower() == ".rrd")
-            raise UsageError(f"cannot write {text}: its name must end in {named}{by_view}")
+            remedy = by_view or suggestion(path.suffix.lower(), suffixes)
+            raise UsageError(f"cannot write {text}: its name must end in {named}{remedy}")
         if (refusal := why_not_writable(path)) is not None:
             raise UsageError(f"cannot write {text}: {refusal}")
         return path

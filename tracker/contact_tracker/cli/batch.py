@@ -4,6 +4,7 @@ import argparse
 import os
 import sys
 from contextlib import AbstractContextManager
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -12,6 +13,7 @@ from contact_tracker.batch.finding import find, missing_among, pattern_beside, t
 from contact_tracker.batch.lerobot import LeRobot
 from contact_tracker.batch.segmenting import Settings
 from contact_tracker.cli import inputs
+from contact_tracker.cli.arguments import without
 from contact_tracker.cli.terminal import progress, say, take_over_warnings, warn
 from contact_tracker.errors import DAMAGED, DONE, UnreadableRecording, UsageError, extra
 from contact_tracker.exports.formats import check_output
@@ -36,6 +38,9 @@ def run(args: argparse.Namespace) -> int:
     if any(os.path.isfile(os.path.join(log, "meta", "info.json")) for log in args.logs):
         return _annotate(args)
 
+    words = without(args.table.given[1:], ("output", "processes", "scheduler"), args.parsers[0])
+    options = (word for word in words if word not in args.logs)
+    table = replace(args.table, given=("batch", "-o", str(args.output), *options))
     settings = Settings(
         inputs.load_model(args),
         inputs.load_map(args),
@@ -43,7 +48,7 @@ def run(args: argparse.Namespace) -> int:
         args.frame,
         args.relative_to,
         args.ticks,
-        args.table,
+        table,
         args.wrench,
     )
     recordings = list(find(_names(args.logs)))

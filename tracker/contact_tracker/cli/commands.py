@@ -28,7 +28,7 @@ class Command(NamedTuple):
 
 
 def _configure_live(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("log", metavar="LOG", help=arguments.LOG_HELP)
+    parser.add_argument("log", metavar="LOG", type=arguments.recording, help=arguments.LOG_HELP)
     arguments.add_recording(parser)
     parser.add_argument("--json", action="store_true", help="one JSON object per tick instead")
     parser.add_argument(
@@ -62,7 +62,7 @@ def _configure_live(parser: argparse.ArgumentParser) -> None:
 
 
 def _configure_segment(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("logs", metavar="LOG", nargs="+", help=arguments.LOG_HELP)
+    parser.add_argument("logs", metavar="LOG", type=arguments.recording, nargs="+", help=arguments.LOG_HELP)
     arguments.add_recording(parser)
     text = "every source of poses in turn, instead of the one that is chosen"
     parser.add_argument("--all", action="store_true", help=text)
@@ -85,9 +85,8 @@ def _configure_segment(parser: argparse.ArgumentParser) -> None:
 
 
 def _configure_compare(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "log", metavar="A", help="the take to compare with: a file of poses, or a folder of parts"
-    )
+    text = "the take to compare with: a file of poses, a folder of parts, or FILE.contacts of segment -o"
+    parser.add_argument("log", metavar="A", help=text)
     parser.add_argument("second", metavar="B", help="the other take")
     arguments.add_recording(parser)
     text = "share of its longer duration by which a step may differ (default: 0.25)"
@@ -99,7 +98,7 @@ def _configure_compare(parser: argparse.ArgumentParser) -> None:
 
 def _configure_batch(parser: argparse.ArgumentParser) -> None:
     text = "recordings, folders to search for MCAP files and ROS bags, or - for names on stdin, one a line"
-    parser.add_argument("logs", nargs="+", metavar="LOG", help=text)
+    parser.add_argument("logs", nargs="+", metavar="LOG", type=arguments.recording, help=text)
     parser.add_argument(
         "-o", "--output", type=Path, required=True, metavar="DATASET", help="the folder of the dataset"
     )
@@ -114,7 +113,7 @@ def _configure_batch(parser: argparse.ArgumentParser) -> None:
 
 
 def _configure_view(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("logs", nargs="+", metavar="LOG", help=arguments.LOG_HELP)
+    parser.add_argument("logs", nargs="+", metavar="LOG", type=arguments.recording, help=arguments.LOG_HELP)
     arguments.add_recording(parser)
     views = parser.add_mutually_exclusive_group()
     text = "write FILE.rrd, which rerun opens later, instead of opening the viewer"
@@ -125,7 +124,7 @@ def _configure_view(parser: argparse.ArgumentParser) -> None:
 
 
 def _configure_info(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("log", metavar="LOG", help=arguments.LOG_HELP)
+    parser.add_argument("log", metavar="LOG", type=arguments.recording, help=arguments.LOG_HELP)
     arguments.add_source(
         parser,
         "the sources on this topic only",

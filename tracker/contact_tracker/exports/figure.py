@@ -151,7 +151,7 @@ def draw_on(axes: Axes, outcome: Outcome) -> None:
                 bar: dict[str, Any] = {"facecolor": shade, "edgecolor": "grey", "linewidth": 0.5}
                 axes.broken_barh([(start_s, duration_s)], (_TRUTH[0], _TRUTH[1] - _TRUTH[0]), **bar)
                 _write_in_bar(axes, start_s, duration_s, _TRUTH, (name,), "none")
-        for name, ribbon in (("truth", _TRUTH), ("labels", _RIBBON)):
+        for name, ribbon in (("truth", _TRUTH), ("found", _RIBBON)):
             style: dict[str, Any] = {"ha": "right", "va": "center", "fontsize": NAME_SIZE}
             axes.text(-0.01, 0.5 * sum(ribbon), name, transform=axes.get_yaxis_transform(), **style)
     handles, _ = axes.get_legend_handles_labels()

@@ -32,7 +32,7 @@ WIDTH: Final = 108
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("logs", nargs="+", metavar="LOG", help=arguments.LOGS_HELP)
+    parser.add_argument("logs", nargs="+", metavar="LOG", type=arguments.recording, help=arguments.LOGS_HELP)
     arguments.add_source(parser)
     arguments.add_known(parser)
     arguments.add_output(parser, (".toml",), "write FILE.toml, whole or not at all", required=True)

@@ -22,7 +22,7 @@ EXAMPLE: Final = "contact-tracker evaluate recordings/"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("logs", nargs="+", metavar="LOG", help=arguments.LOGS_HELP)
+    parser.add_argument("logs", nargs="+", metavar="LOG", type=arguments.recording, help=arguments.LOGS_HELP)
     arguments.add_recording(parser, has_interval=False)
     arguments.add_wrench(parser)
     arguments.add_labels(parser, "your own labels of one LOG")
