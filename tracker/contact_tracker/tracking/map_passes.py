@@ -90,11 +90,11 @@ def _better_pass(first: PassRecord, executor: Executor | None) -> Segmentation |
     if not first.sightings:
         first.at_rest = sightings_at_rest(first.ticks, first.state.model, start.reach_m)
     lead = 0.0 if first.at_rest else DECISIVE_NATS  # what rests show together is sure already
-    best_evidence = first.log_evidence + log_prior_of_new(len(first.contacts)) + lead
+    best_evidence = first.log_evidence + log_prior_of_new(first.contacts) + lead
     for _ in range(MOST_PASSES):
         share = first.state.model.geometry.revisit_prior
-        seen, contacts = previous.all_sightings, len(first.contacts)
-        world = GrowingMap.learn(seen, start.reach_m, contacts, start.prior, share)
+        seen = previous.all_sightings
+        world = GrowingMap.learn(seen, start.reach_m, first.contacts, start.prior, share)
         latest = PassRecord()
         latest.at_rest = first.at_rest
         result = _pass(first, world, latest, executor)
