@@ -6,13 +6,13 @@ import pytest
 from contact_tracker.geometry.elements import Origins, Plane
 from contact_tracker.map.map import EMPTY_MAP, Accuracy, Map, NamedElement, known_to
 from contact_tracker.motion.pose_validation import gate
+from contact_tracker.motion.window import window_of
 from contact_tracker.states import CONTACTS, Contact
 from contact_tracker.tracking import segment_fit
 from contact_tracker.tracking.ambiguity import most_beside
 from contact_tracker.tracking.offline_smoother import segment
 from contact_tracker.tracking.segment_fit import SegmentTicks, fit_segment
 from contact_tracker.wrenches.contact_evidence import WindowEvidence
-from contact_tracker_lab.calibration.transitions import window_of
 from pose_filter import forward
 from restricted_motions import MOTIONS, poses_of, tilted_mug
 from short_recordings import MODEL, needs_kernels
