@@ -22,7 +22,7 @@ FREE = Contact.FREE.column
 
 @needs_kernels
 def test_a_rolling_disc_is_not_surely_free():
-    """The rim is hard to find in most pieces of the motion; one found in a piece is used in others."""
+    """Its rim is hard to find in most pieces of the motion."""
     poses = gate(poses_of(MOTIONS["disc of 0.1 m that rolls on a face"], np.random.default_rng(1), 12.0))
     segmentation = segment(poses, MODEL)
     assert np.mean(segmentation.beliefs.probability[20:, FREE] > 0.9) < 0.15
