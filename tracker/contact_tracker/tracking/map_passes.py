@@ -1,4 +1,4 @@
-"""Passes over a recording with the map of the pass before, until it is settled (docs/theory.md, T46).
+"""Passes over a recording with the map of the pass before, while these explain more (docs/theory.md, T46).
 
 A contact may touch elements of other contacts, at little cost, or new ones, at a price.
 """
@@ -103,11 +103,8 @@ def _better_pass(first: PassRecord, executor: Executor | None) -> Segmentation |
         evidence = latest.log_evidence + _evidence_at_rest(latest, result) - world.complexity
         if evidence <= best_evidence:
             break
-        is_settled = best is not None and _labels(best) == _labels(result)
         best, best_evidence, previous = result, evidence, latest
         first.best = latest
-        if is_settled:
-            break
     return best
 
 
@@ -222,7 +219,3 @@ def _with_open(
         segments.append(segment)
     beliefs = replace(segmentation.beliefs, rows=rows)
     return replace(segmentation, segments=tuple(segments), beliefs=beliefs)
-
-
-def _labels(segmentation: Segmentation) -> list[tuple[str, int]]:
-    return [(segment.contact.value, segment.start_ns) for segment in segmentation.segments]

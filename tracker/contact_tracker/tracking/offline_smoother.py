@@ -154,7 +154,6 @@ class PassRecord:
     def __init__(self, keeps_ticks: bool = True) -> None:
         self.keeps_ticks = keeps_ticks
         self.ticks: list[Tick] = []
-        self._count = 0
         self.contacts = 0
         self.sightings: list[Sighting] = []
         self.on_map: list[Sighting] = []
@@ -203,13 +202,12 @@ class PassRecord:
     def note(self, state: FilterState, tick: Tick) -> None:
         """Append a tick, after which the filter has this ``state``."""
         self.state = state
-        self.is_full = self._count == MOST_TICKS
+        self.is_full = len(self._exposure) == MOST_TICKS
         if self.is_full:
             self.ticks.clear()
             self.sightings.clear()
             self.on_map.clear()
             return
-        self._count += 1
         self._exposure.append(state.hazard_exposure)
         if self.keeps_ticks:
             self.ticks.append(tick)
