@@ -401,7 +401,8 @@ class Segmenter:
         """Fit the segments whose posterior is decided, to some ticks after them, in which a rest may go on;
         free motion at the end may continue unless ``final``."""
         margin = 2 * rest_ticks(self._state.model.tick_s)
-        ticks, posterior = np.concatenate(self._ticks), np.concatenate(self._posterior)
+        ticks, self._ticks = np.concatenate(self._ticks), []
+        posterior, self._posterior = np.concatenate(self._posterior), []
         decided = len(posterior) - (0 if final else margin)
         while self._path and self._path[0][2] - self._first <= decided:
             state, _, end = self._path[0]
