@@ -17,11 +17,11 @@ from contact_tracker.hypotheses.bank_update import fit_window
 from contact_tracker.hypotheses.observability import fitted_contact
 from contact_tracker.hypotheses.refinement import refine
 from contact_tracker.motion.poses import Poses, batches
+from contact_tracker.motion.window import window_of
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Segment
 from contact_tracker.tracking.contact_filter import ticks_of
 from contact_tracker.tracking.state import scales_of
-from contact_tracker_lab.calibration.transitions import window_of
 from contact_tracker_lab.evaluation.bound import cramer_rao, errors
 from contact_tracker_lab.evaluation.geometry_errors import Deviation, geometry_errors
 from contact_tracker_lab.simulate import Scenario, simulate

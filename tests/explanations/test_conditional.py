@@ -9,12 +9,11 @@ from hypothesis import strategies as st
 
 from contact_motions import touching, x_of
 from contact_tracker.arrays import Array
-from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.explanations.conditional_contact import (
     AT_FIRST,
     ConditionalMotion,
     ExplainedTicks,
-    coefficients,
+    KnownContact,
     count_constraints,
     most_probable,
 )
@@ -42,7 +41,7 @@ def kept(contact: Contact, seed: int) -> tuple[Window, Array]:
 def test_constraints_are_counted_once(contact: Contact, seed: int) -> None:
     window, x = kept(contact, seed)
     motion = ConditionalMotion.of(ExplainedTicks(window, SCALES))
-    c = coefficients(CONTACT_MODELS[contact.column], x)
+    c = KnownContact(contact, x).c
     assert count_constraints(motion.moved, [c]) == contact.codimension
     assert count_constraints(motion.moved, [c, c]) == contact.codimension
 

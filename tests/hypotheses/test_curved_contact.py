@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from contact_tracker.explanations.curved_contact import fit_curved
+from contact_tracker.explanations import curved_contact
 from contact_tracker.geometry import lifted_pose
 from contact_tracker.motion.window import Window
 from contact_tracker.tracking.state import scales_of
@@ -28,7 +28,7 @@ def window_of(name, seed, seconds=6.0):
 
 
 def curved_evidence(window, touched=()):
-    return fit_curved(window, SCALES, touched=touched).log_evidence
+    return curved_contact.curved_evidence(window, SCALES, touched)
 
 
 @pytest.mark.parametrize("name", [name for name in MOTIONS if "sphere" in name or "cylinder" in name])

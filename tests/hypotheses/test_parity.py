@@ -25,10 +25,10 @@ from contact_tracker.map.pairs import Frame
 from contact_tracker.motion.poses import batches
 from contact_tracker.motion.window import Window
 from contact_tracker.states import STATES, Contact
-from contact_tracker.tracking import ambiguity, contact_filter
+from contact_tracker.tracking import ambiguity
 from contact_tracker.tracking.belief import Detail
 from contact_tracker.tracking.contact_filter import ContactFilter, ticks_of
-from pose_filter import after
+from pose_filter import after, filtered
 from short_recordings import FACE_TO_EDGE, MODEL, recorded
 
 compiled_kernels = pytest.importorskip("contact_tracker.hypotheses.compiled.kernels")
@@ -178,7 +178,7 @@ def tracked_ticks(name="nothing known"):
     """A recording, tick by tick."""
     one = FILTERS[name]()
     ticks = ticks_of(batches(recorded(FACE_TO_EDGE).poses[:700]), one.state.model)
-    return list(contact_filter.forward(ticks, one, Detail.GEOMETRY))
+    return list(filtered(ticks, one, Detail.GEOMETRY))
 
 
 def states():

@@ -1,15 +1,39 @@
 """One contact filter with ticks of its own, fed pose by pose, without any choice of the noise."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
 
+import numpy as np
+
+from contact_tracker.arrays import Ints
 from contact_tracker.config.parameters import Model
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.motion.poses import Pose, Poses, batches
 from contact_tracker.motion.tick_averaging import Tick, TickGrid
-from contact_tracker.tracking import contact_filter
 from contact_tracker.tracking.belief import Belief, Detail
-from contact_tracker.tracking.contact_filter import ContactFilter, FilteredTick, ticks_of
+from contact_tracker.tracking.contact_filter import ContactFilter, ticks_of
 from contact_tracker.tracking.state import FilterState
+
+
+class FilteredTick(NamedTuple):
+    """One tick of a pass: the ``state`` after it, the ``tick``, and the ``belief``."""
+
+    state: FilterState
+    tick: Tick
+    belief: Belief
+
+    @property
+    def numbers(self) -> Ints:
+        """Numbers (A,) that identify the active hypotheses in the whole recording."""
+        numbers = [bank.number for bank in self.state.banks]
+        return np.append(np.concatenate(numbers), self.state.next_hypothesis_id - 1)
+
+
+def filtered(ticks: Iterable[Tick], one: ContactFilter, detail: Detail) -> Iterator[FilteredTick]:
+    """The ticks by one filter."""
+    for tick in ticks:
+        belief = one.update(tick, detail)
+        yield FilteredTick(one.state, tick, belief)
 
 
 def forward(
@@ -17,7 +41,7 @@ def forward(
 ) -> Iterator[FilteredTick]:
     """The ticks of a recording by one filter."""
     one = ContactFilter.start(model, known_map=known_map)
-    return contact_filter.forward(ticks_of(batches(poses), model), one, detail)
+    return filtered(ticks_of(batches(poses), model), one, detail)
 
 
 def after(state: FilterState, tick: Tick) -> tuple[FilterState, Belief]:

@@ -10,8 +10,8 @@ import numpy as np
 from contact_tracker.arrays import Array, Ints
 from contact_tracker.hmm import birth_log_weights, log_sum_exp
 from contact_tracker.hypotheses.bank_update import LiveHypotheses
-from contact_tracker.tracking.contact_filter import FilteredTick
 from contact_tracker.tracking.transition_model import FREE
+from pose_filter import FilteredTick
 
 
 class Trellis(NamedTuple):

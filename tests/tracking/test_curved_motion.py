@@ -6,13 +6,13 @@ import pytest
 from contact_tracker.geometry.elements import Origins, Plane
 from contact_tracker.map.map import EMPTY_MAP, Accuracy, Map, NamedElement, known_to
 from contact_tracker.motion.pose_validation import gate
+from contact_tracker.motion.window import window_of
 from contact_tracker.states import CONTACTS, Contact
 from contact_tracker.tracking import segment_fit
 from contact_tracker.tracking.ambiguity import most_beside
 from contact_tracker.tracking.offline_smoother import segment
 from contact_tracker.tracking.segment_fit import SegmentTicks, fit_segment
 from contact_tracker.wrenches.contact_evidence import WindowEvidence
-from contact_tracker_lab.calibration.transitions import window_of
 from pose_filter import forward
 from restricted_motions import MOTIONS, poses_of, tilted_mug
 from short_recordings import MODEL, needs_kernels
@@ -22,7 +22,7 @@ FREE = Contact.FREE.column
 
 @needs_kernels
 def test_a_rolling_disc_is_not_surely_free():
-    """The rim is hard to find in most pieces of the motion; one found in a piece is used in others."""
+    """Its rim is hard to find in most pieces of the motion."""
     poses = gate(poses_of(MOTIONS["disc of 0.1 m that rolls on a face"], np.random.default_rng(1), 12.0))
     segmentation = segment(poses, MODEL)
     assert np.mean(segmentation.beliefs.probability[20:, FREE] > 0.9) < 0.15

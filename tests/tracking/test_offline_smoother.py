@@ -13,15 +13,14 @@ from contact_tracker.exports.formats import json_line
 from contact_tracker.geometry.elements import ContactGeometry, Line, Origins, Point, Unobserved
 from contact_tracker.map.map import EMPTY_MAP
 from contact_tracker.motion.poses import NO_OUTLIERS, Poses, batches
-from contact_tracker.motion.window import Window
+from contact_tracker.motion.window import Window, window_of
 from contact_tracker.states import Contact
-from contact_tracker.tracking.contact_filter import ContactFilter, FilteredTick, ticks_of
+from contact_tracker.tracking.contact_filter import ContactFilter, ticks_of
 from contact_tracker.tracking.offline_smoother import Segmenter, pieces
 from contact_tracker.tracking.segment_fit import SegmentTicks, fit_segment
 from contact_tracker.tracking.segmentation import Beliefs, Segmentation
 from contact_tracker.tracking.transition_model import tick_transitions
-from contact_tracker_lab.calibration.transitions import window_of
-from pose_filter import forward
+from pose_filter import FilteredTick, forward
 from short_recordings import EDGE_TO_EDGES, FACE_TO_EDGE, MODEL, recorded, segmented, true_contacts
 
 each_recording = pytest.mark.parametrize("contacts", [FACE_TO_EDGE, EDGE_TO_EDGES])
@@ -98,7 +97,7 @@ def pieces_of(poses):
 def in_pieces(executor=None, times=1):
     segmenter, found, most = Segmenter(executor), [], 0
     for seen in again_and_again(times):
-        segmenter.note(seen)
+        segmenter.note(*seen)
         if segmenter.due:
             found.append(segmenter.conclude())
             most = max(most, segmenter.open_ticks)

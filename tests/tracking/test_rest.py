@@ -13,11 +13,10 @@ from contact_tracker.motion.tick_averaging import EMPTY_PER_TICK, EMPTY_TICKS, T
 from contact_tracker.motion.window import rest_ticks
 from contact_tracker.states import Contact
 from contact_tracker.tracking.belief import Detail
-from contact_tracker.tracking.contact_filter import FilteredTick
 from contact_tracker.tracking.offline_smoother import segment
 from contact_tracker.tracking.transition_model import REST_EXPOSURE
+from pose_filter import FilteredTick, forward
 from pose_filter import after as after_tick
-from pose_filter import forward
 from short_recordings import FACE_TO_EDGE, recorded
 from smooth_motion import least_jerk, with_noise
 

@@ -111,7 +111,7 @@ class OfflineTracker:
         segmenter = Segmenter(self._executor, self._wrenches, self._record)
         parts = pieces(ticks, filter_, segmenter, detail)  # filter, smooth, decode, fit each segment
         if self._record is not None and self._has_passes:
-            parts = with_map(parts, self._record, self._executor)  # passes until the map stays the same
+            parts = with_map(parts, self._record, self._executor)  # passes while they explain more
         yield from self._checked(parts, early)
 
     @property

@@ -52,13 +52,8 @@ class KnownContact:
 
     @cached_property
     def c(self) -> Array:
-        """Coefficients (K, 25) of its constraints."""
-        return coefficients(self.model, self.x)
-
-
-def coefficients(model: ContactModel, x: Array) -> Array:
-    """Coefficients (..., K, 25) of a contact's residuals in terms of the whole lifted pose, at x (..., S)."""
-    return np.asarray(model.family.rows(x) @ _every(model))
+        """Coefficients (K, 25) of its constraints in terms of the whole lifted pose."""
+        return np.asarray(self.model.family.rows(self.x) @ _every(self.model))
 
 
 @cache

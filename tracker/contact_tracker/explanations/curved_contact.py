@@ -149,30 +149,8 @@ SURFACE_M: Final = 1e-4
 """Standard deviation of surfaces from their ideal shape, and of the mean of a tick from its arc."""
 
 
-class CurvedFit(NamedTuple):
-    """A ``contact`` with elements ``x`` (p,), relative to ``origin_m`` (3,) in the world, and its log
-    evidence against free motion (nats)."""
-
-    log_evidence: float
-    contact: CurvedContact
-    x: Array
-    origin_m: Array
-
-    def about(self, origin_m: Array) -> Array:
-        """The elements relative to another origin in the world."""
-        world = slice(0, 3) if self.contact.of_inverse else slice(3, 6)
-        x = self.x.copy()
-        x[world] += self.origin_m - origin_m
-        return x
-
-
-def fit_curved(
-    window: Window,
-    scales: EvidenceParameters,
-    earlier: CurvedFit | None = None,
-    touched: Sequence[FaceNormals] = (),
-) -> CurvedFit:
-    """The best curved contact; or ``earlier``, from other motion, refitted from its elements.
+def curved_evidence(window: Window, scales: EvidenceParameters, touched: Sequence[FaceNormals] = ()) -> float:
+    """Log evidence (nats) of the best curved contact against free motion.
 
     A round object is often tilted on the rim of a face on which it stands, so rims of ``touched`` faces are
     tried, too: random starts seldom find a rim.
@@ -183,19 +161,14 @@ def fit_curved(
     """
     rows = np.linspace(0, len(window) - 1, min(len(window), MOST_TICKS)).astype(int)
     excess = np.maximum(window.innovation_excess, window.travel)[rows]
-    zeta, variance, fits = window.zeta[rows], window.variance[rows], list[CurvedFit]()
-    origin_m = zeta[:, T].mean(axis=0)
-    tried: list[tuple[CurvedContact, Array | None]]
-    if earlier is not None:
-        tried = [(earlier.contact, earlier.about(origin_m)[None])]
-    else:
-        tried = [(contact, None) for contact in CURVED_CONTACTS]
-        tried += [(rim, _rim_of_faces(rim, zeta, touched, scales.reach_m)) for rim in RIMS if touched]
+    zeta, variance, best_evidence = window.zeta[rows], window.variance[rows], -np.inf
+    tried: list[tuple[CurvedContact, Array | None]] = [(contact, None) for contact in CURVED_CONTACTS]
+    tried += [(rim, _rim_of_faces(rim, zeta, touched, scales.reach_m)) for rim in RIMS if touched]
     for contact, start in tried:
         deviation = np.full(contact.size, scales.reach_m)
         for number in contact.directions:
             deviation[number : number + 3] = 1.0
-        problem = _Problem.of(contact, zeta, variance, deviation**-2.0)
+        problem = _Problem(contact, *_in_frames(contact, zeta), variance, deviation**-2.0)
         if start is None:
             start = deviation * _draws(contact.size)
             rotation, position, noise = problem.rotation[::2], problem.position[::2], problem.variance[::2]
@@ -206,10 +179,8 @@ def fit_curved(
         else:
             x = start
         x, _ = problem.minimised(x, start)
-        evidence = problem.evidence(x, excess, scales)
-        first = int(evidence.argmax())
-        fits.append(CurvedFit(float(evidence[first]), contact, x[first], origin_m))
-    return max(fits, key=lambda fit: fit.log_evidence)
+        best_evidence = max(best_evidence, float(problem.evidence(x, excess, scales).max()))
+    return best_evidence
 
 
 def _rim_of_faces(
@@ -257,11 +228,6 @@ class _Problem(NamedTuple):
     position: Array
     variance: Array
     information: Array
-
-    @classmethod
-    def of(cls, contact: CurvedContact, zeta: Array, variance: Array, information: Array) -> "_Problem":
-        """The fit to ticks with lifted poses ``zeta`` (N, 25)."""
-        return cls(contact, *_in_frames(contact, zeta), variance, information)
 
     def minimised(self, x: Array, centre: Array) -> tuple[Array, Array]:
         """x (S, p) after Levenberg-Marquardt steps, with the prior mean ``centre`` (S, p), and its cost

@@ -176,8 +176,10 @@ class ContactSearch(NamedTuple):
         if rows.first == rows.end:  # the ticks have left the window
             return None
         kind, *kinds = self.kinds
-        elements = search_span(motion, CONTACT_MODELS[kind.column], rows)
-        fitted = self.fitted if elements is None else (*self.fitted, elements)
+        part, fitted = motion.cut(*rows), self.fitted
+        elements = KnownContact(kind, search(CONTACT_MODELS[kind.column], part))
+        if np.sqrt(part.evidence(elements.c).chi_sq.mean()) < MAX_RMS:
+            fitted = (*fitted, elements)
         if kinds or self.best is not None:
             return self._replace(kinds=tuple(kinds), fitted=fitted)
         return _search_rivals(motion, fitted, lasts)
@@ -276,13 +278,6 @@ def _most_promising(motion: ConditionalMotion, spans: Iterable[Run]) -> tuple[Ru
         if gain > most and max(ratios.values()) > least:
             most, best = gain, (span, [model for model, ratio in ratios.items() if ratio > least])
     return best
-
-
-def search_span(motion: ConditionalMotion, model: ContactModel, span: Run) -> KnownContact | None:
-    """The best elements of ``model`` in one span; None if they do not fit it."""
-    part = motion.cut(*span)
-    elements = KnownContact(model.contact, search(model, part))
-    return elements if np.sqrt(part.evidence(elements.c).chi_sq.mean()) < MAX_RMS else None
 
 
 def elements_complexity(

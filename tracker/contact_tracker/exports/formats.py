@@ -18,7 +18,7 @@ from contact_tracker.files import accept_any, whole_file
 if TYPE_CHECKING:
     from contact_tracker.exports.columns import Rows
     from contact_tracker.outputs.outcome import Outcome
-    from contact_tracker.tracking.belief import Belief, Segment, SegmentPart
+    from contact_tracker.tracking.belief import Belief, Segment
     from contact_tracker.tracking.segmentation import Segmentation
 
 Append = Callable[[Iterable[Any]], None]
@@ -183,7 +183,7 @@ def open_text(suffix: str, file: TextIO, rows: "Rows", origin_ns: Callable[[], i
             case ".srt":
                 for segment in entries:
                     for part in segment.parts:
-                        file.write(f"{next(numbers)}\n{_subtitle(segment, part, origin_ns())}\n\n")
+                        file.write(f"{next(numbers)}\n{_subtitle(part, origin_ns())}\n\n")
 
     yield write
     if suffix == ".tex":
@@ -214,11 +214,11 @@ def _tex(text: str) -> str:
     return with_units.replace(" +/- ", r"~$\pm$~")
 
 
-def _subtitle(segment: "Segment", part: "SegmentPart", origin_ns: int) -> str:
+def _subtitle(segment: "Segment", origin_ns: int) -> str:
     from contact_tracker.outputs.text import alternatives, likely_others
 
-    start_ms = max(part.start_ns - origin_ns, 0) // 1_000_000
-    end_ms = max((part.end_ns - origin_ns) // 1_000_000, start_ms + 1)
+    start_ms = max(segment.start_ns - origin_ns, 0) // 1_000_000
+    end_ms = max((segment.end_ns - origin_ns) // 1_000_000, start_ms + 1)
     times = [
         f"{ms // 3_600_000:02d}:{ms // 60_000 % 60:02d}:{ms // 1000 % 60:02d},{ms % 1000:03d}"
         for ms in (start_ms, end_ms)
@@ -228,7 +228,7 @@ def _subtitle(segment: "Segment", part: "SegmentPart", origin_ns: int) -> str:
     lines = [" --> ".join(times), label]
     if any(segment.touching):
         lines.append(" on ".join(printable(name) if name else "?" for name in segment.touching))
-    lines += [f"+ {further.contact.value} ({further.probability:.2f})" for further in part.further]
+    lines += [f"+ {further.contact.value} ({further.probability:.2f})" for further in segment.further]
     if segment.joint is not None:
         lines.append(f"= {segment.joint.kind.value} ({segment.joint.probability:.2f})")
     return "\n".join(lines)

@@ -411,6 +411,7 @@ def weigh_births(
             log_odds[column], gain[column], kept, words = calls.weigh_births(
                 calls.model_of(model, scales.reach_m),
                 begins.rows.words,
+                begins.are_both_known,
                 *pairs,
                 ticks,
                 variance,
@@ -469,10 +470,8 @@ class ProximityEvidence(NamedTuple):
 
 
 class _KnownPairs(NamedTuple):
-    """The proposals of one contact whose elements are both known: m of n."""
+    """The m of n proposals of one contact whose elements are both known."""
 
-    is_known: NDArray[np.bool_]
-    """(n,) which proposals these are."""
     x: Array
     """(m, S) their elements."""
     deviation: Array
@@ -489,7 +488,7 @@ def proximity_evidence(
         return begins.prior_alone
     log_share = begins.log_share.copy()
     row_gain, log_ratio = _touching_evidence(model, pairs, newest, scales)
-    log_share[pairs.is_known] += log_ratio
+    log_share[begins.are_both_known] += log_ratio
     angle = row_gain[:, :-1].mean() if model.family.ROWS > 1 else 0.0
     return ProximityEvidence.of(begins, log_share, np.array([angle, row_gain[:, -1].mean()]))
 
@@ -519,15 +518,14 @@ def _spread(model: ContactModel, pairs: _KnownPairs, zeta: Array) -> Array:
 @lru_cache(maxsize=128)  # of six contacts in up to 16 filters, and of labels and places that recur
 def _known_pairs(model: ContactModel, begins: BirthProposals) -> _KnownPairs:
     """The known pairs, with the terms of their evidence that do not depend on the pose."""
-    is_known = begins.are_both_known
-    rows = begins.rows.pick(is_known.nonzero()[0])
+    rows = begins.rows.pick(begins.are_both_known.nonzero()[0])
     # known lines have anchors of their own, and other elements need none
     anchors = np.where(np.isnan(rows.line_anchor), 0.0, rows.line_anchor)
     tangent = model.family.tangent(rows.prior_mean, anchors)
     along = np.swapaxes(tangent, -1, -2)
     deviations = _deviations(along @ rows.prior_information @ tangent)
     by_tangent = along[:, None] @ model.family.rows_derivative(rows.prior_mean)
-    return _KnownPairs(is_known, rows.prior_mean, deviations[:, None] @ by_tangent)
+    return _KnownPairs(rows.prior_mean, deviations[:, None] @ by_tangent)
 
 
 def map_evidence(
@@ -551,7 +549,7 @@ def map_evidence(
     best = int(np.where(is_located, log_ratio, -np.inf).argmax())
     against = _against_contained(model, row_gain[best], float(log_ratio[best]))
     against[FREE] -= row_gain[best, :-1].sum()  # ... and so at this distance
-    return against, int(np.flatnonzero(pairs.is_known)[best])
+    return against, int(np.flatnonzero(begins.are_both_known)[best])
 
 
 def _against_contained(model: ContactModel, row_gain: Array, log_ratio: float) -> Array:

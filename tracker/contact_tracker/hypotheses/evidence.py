@@ -137,18 +137,14 @@ def _whitened(
 ) -> Measurement:
     """The measurement with its residuals whitened from tick to tick. Without a predecessor, or at the
     ``onset`` (B,), they are only scaled to the same noise."""
-    residual, correlation = measurement.residual, scales.correlation
-    alone = residual * scales.alone
-    innovation = alone.copy()
-    innovation[:, :, 1:] = residual[:, :, 1:] - correlation * residual[:, :, :-1]
+    residual, before = np.moveaxis(measurement.residual, -1, 0), None
     if window.before is not None and len(window):
-        innovation[:, :, 0] = (
-            residual[:, :, 0] - correlation * model.measure(x, window.before[None]).residual[:, :, 0]
-        )
+        before = model.measure(x, window.before[None]).residual[:, :, 0]
+    innovation = scales.innovations(residual, before)
     if onset is not None:
-        begins = (window.index == onset[:, None])[:, None]
-        innovation = np.where(begins, alone, innovation)
-    return measurement._replace(residual=innovation)
+        begins = (window.index[:, None] == onset)[..., None]
+        innovation = np.where(begins, residual * scales.alone, innovation)
+    return measurement._replace(residual=np.ascontiguousarray(np.moveaxis(innovation, 0, -1)))
 
 
 def residual_noise(measurement: Measurement, window: Window) -> Array:

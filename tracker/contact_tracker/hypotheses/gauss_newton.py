@@ -79,10 +79,6 @@ class Fit:
     at: Array
     converged: NDArray[np.bool_]
 
-    def pick(self, rows: Ints) -> "Fit":
-        """The fits in ``rows``."""
-        return Fit(self.x[rows], self.cost[rows], self.hessian[rows], self.at[rows], self.converged[rows])
-
 
 def minimise(
     family: Family,

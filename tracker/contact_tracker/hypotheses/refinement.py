@@ -67,17 +67,12 @@ def estimate_ar1(errors: Ar1Noise, rows: Array, prior_information: Array, index:
     return Ar1Noise(weight, correlation)
 
 
-def whiten_ar1(rows: Array, correlation: Array, index: Ints) -> Array:
-    """Innovations of rows (K, W, ...) given the tick before, scaled to the same variance."""
-    decay = correlation[:, None] ** np.diff(index)
-    decay = decay.reshape(*decay.shape, *(1,) * (rows.ndim - 2))
-    later = (rows[:, 1:] - decay * rows[:, :-1]) / np.sqrt(1.0 - decay**2)
-    return np.concatenate([rows[:, :1], later], axis=1)
-
-
 def _innovation_products(rows: Array, correlation: Array, index: Ints) -> Array:
-    """Sums (K, Z, Z) over ticks of products of the innovations of rows (K, W, Z)."""
-    new = whiten_ar1(rows, correlation, index)
+    """Sums (K, Z, Z) over ticks of products of the innovations of rows (K, W, Z), given the tick before and
+    scaled to the same variance."""
+    decay = (correlation[:, None] ** np.diff(index))[..., None]
+    later = (rows[:, 1:] - decay * rows[:, :-1]) / np.sqrt(1.0 - decay**2)
+    new = np.concatenate([rows[:, :1], later], axis=1)
     return _products(new, new)
 
 

@@ -210,6 +210,19 @@ EMPTY_WINDOW: Final = Window(
 )
 
 
+def window_of(ticks: Sequence[Tick], model: Model) -> Window:
+    """All ticks of a recording, at least one, with the noise estimate of its end."""
+    noise, count = ticks[-1].noise, np.array([float(tick.count) for tick in ticks])
+    return Window(
+        np.arange(len(ticks)),
+        np.array([tick.zeta for tick in ticks]),
+        tick_variances(noise, count, model),
+        np.array([tick.innovation_excess for tick in ticks]),
+        tick_anisotropy(noise, count, model),
+        frames=count,
+    )
+
+
 def advance_window(window: Window, number: int, tick: Tick, model: Model) -> Window:
     """Append a ``tick`` with this ``number``; the window keeps the length that the model prescribes."""
     assert window.frames is not None

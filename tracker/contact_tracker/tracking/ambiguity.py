@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contact_tracker.arrays import Array, Ints
-from contact_tracker.explanations.curved_contact import FaceNormals, fit_curved
+from contact_tracker.explanations.curved_contact import FaceNormals, curved_evidence
 from contact_tracker.geometry.elements import ContactGeometry, Line, Plane
 from contact_tracker.geometry.lifted_pose import R
 from contact_tracker.hypotheses import compiled
@@ -223,21 +223,20 @@ def tempered(probability: Array, exponent: float) -> Array:
 def at_most(
     probability: Array,
     label: Contact,
-    limit: float = OPEN_AT_MOST,
     possible: tuple[Contact, ...] = CONTACTS,
 ) -> Array:
-    """Posterior (7,) in which the label has at most ``limit``; the rest is distributed equally among the
-    other ``possible`` contacts, if there are any.
+    """Posterior (7,) in which the label has at most ``OPEN_AT_MOST``; the rest is distributed equally among
+    the other ``possible`` contacts, if there are any.
 
     For motion that keeps more constraints than the reported contacts (docs/theory.md, section 18).
     """
-    excess = float(probability[label.column]) - limit
+    excess = float(probability[label.column]) - OPEN_AT_MOST
     columns = [contact.column for contact in possible if contact is not label]
     if excess <= 0.0 or not columns:
         return probability
     adjusted = probability.copy()
     adjusted[columns] += excess / len(columns)
-    adjusted[label.column] = limit
+    adjusted[label.column] = OPEN_AT_MOST
     return adjusted
 
 
@@ -502,32 +501,18 @@ def update_curved_motion(
     span = window.cut(first, None)
     if not _is_testable(span, known_map):
         return CurvedMotion(since, age, 0.0)
-    return CurvedMotion(since, age, p_curved(fit_curved(span, scales, touched=touched).log_evidence))
+    return CurvedMotion(since, age, p_curved(curved_evidence(span, scales, touched)))
 
 
 def curved_probabilities(
     window: Window, scales: EvidenceParameters, known_map: Map, touched: Sequence[FaceNormals] = ()
 ) -> Array:
-    """Probability (n,) of curved contact in each tick of a segment of free motion, by parts of the segment.
-
-    The surface found in one part is tried in the others, as its elements are hard to find in some.
-    """
-    pieces = np.array_split(np.arange(len(window)), max(len(window) // SPAN_TICKS, 1))
-    windows = [window.cut(int(rows[0]), int(rows[-1]) + 1) for rows in pieces if len(rows)]
-    testable = [_is_testable(part, known_map) for part in windows]
-    tested = zip(windows, testable, strict=True)
-    fits = [
-        fit_curved(part, scales, touched=touched) if is_testable else None for part, is_testable in tested
-    ]
-    best = max((fit for fit in fits if fit is not None), key=lambda fit: fit.log_evidence, default=None)
+    """Probability (n,) of curved contact in each tick of a segment of free motion, by parts of it."""
     probability = np.zeros(len(window))
-    for rows, part, fit in zip(pieces, windows, fits, strict=False):
-        if fit is None or best is None:
-            continue
-        evidence = fit.log_evidence
-        if p_curved(evidence) <= 0.5 < p_curved(best.log_evidence):
-            evidence = max(evidence, fit_curved(part, scales, best).log_evidence)
-        probability[rows] = p_curved(evidence)
+    for rows in np.array_split(np.arange(len(window)), max(len(window) // SPAN_TICKS, 1)):
+        part = window.cut(int(rows[0]), int(rows[-1]) + 1)
+        if _is_testable(part, known_map):
+            probability[rows] = p_curved(curved_evidence(part, scales, touched))
     return probability
 
 

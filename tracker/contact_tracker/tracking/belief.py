@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
-from typing import Any, NamedTuple
+from typing import Any
 
 from contact_tracker.arrays import Array
 from contact_tracker.contacts.contact_motion import ContactMotion
@@ -172,16 +172,6 @@ def _label_json(result: "Belief | Segment") -> dict[str, Any]:
     }
 
 
-class SegmentPart(NamedTuple):
-    """A part of a segment, from ``start_ns`` to ``end_ns`` (both included), with constant ``further``
-    contacts. ``geometries`` are the known ones of all contacts."""
-
-    start_ns: int
-    end_ns: int
-    further: tuple[FurtherContact, ...]
-    geometries: tuple[ContactGeometry, ...]
-
-
 @dataclass(frozen=True, eq=False)
 class Segment:
     """One contact from ``start_ns`` to ``end_ns`` (both included), as found offline: a row of the result.
@@ -226,7 +216,12 @@ class Segment:
         return [first, *(contact.to_json() for contact in self.further)]
 
     @property
-    def parts(self) -> list["SegmentPart"]:
+    def geometries(self) -> tuple[ContactGeometry, ...]:
+        """The known geometries of all its contacts."""
+        return (*filter(None, [self.geometry]), *(contact.geometry for contact in self.further))
+
+    @property
+    def parts(self) -> list["Segment"]:
         """The parts of the segment between changes of its further contacts."""
         spans = [(c.start_ns, self.end_ns if c.end_ns is None else c.end_ns) for c in self.further]
         cuts = {self.start_ns, *(start_ns for start_ns, _ in spans), *(end_ns + 1 for _, end_ns in spans)}
@@ -238,8 +233,7 @@ class Segment:
                 for contact, (joins_ns, leaves_ns) in zip(self.further, spans, strict=True)
                 if joins_ns <= start_ns <= leaves_ns
             )
-            geometries = (*filter(None, [self.geometry]), *(contact.geometry for contact in holding))
-            parts.append(SegmentPart(start_ns, after_ns - 1, holding, geometries))
+            parts.append(replace(self, start_ns=start_ns, end_ns=after_ns - 1, further=holding))
         return parts
 
     @property

@@ -2,20 +2,20 @@
 
 tick -> window -> births and transitions -> hypotheses (fit, evidence) -> weights of the states -> belief
 
-Also the forward pass with it over the ticks of a recording.
+Also the ticks of a recording.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from operator import attrgetter
-from typing import Final, NamedTuple, Self
+from typing import Final, Self
 
 import numpy as np
 from scipy.special import expit
 
 import contact_tracker.hmm as hmm
-from contact_tracker.arrays import Array, Ints
+from contact_tracker.arrays import Array
 from contact_tracker.config.parameters import Model
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.explanations import online_contacts
@@ -575,19 +575,6 @@ def _reported(state: FilterState, belief: Belief, tick: Tick) -> tuple[FurtherCo
     )
 
 
-class FilteredTick(NamedTuple):
-    """One tick of the pass: the ``state`` after it, the ``tick``, and the ``belief``."""
-
-    state: FilterState
-    tick: Tick
-    belief: Belief
-
-    @property
-    def numbers(self) -> Ints:
-        """Numbers (A,) that identify the active hypotheses in the whole recording."""
-        return np.append(Bank.of_all(self.state.banks, "number"), self.state.next_hypothesis_id - 1)
-
-
 def ticks_of(
     parts: Iterable[Poses],
     model: Model,
@@ -609,12 +596,3 @@ def ticks_of(
         if progress is not None:
             progress(count)
     yield from grid.close()
-
-
-def forward(
-    ticks: Iterable[Tick], filter_: ContactFilter, detail: Detail = Detail.GEOMETRY
-) -> Iterator[FilteredTick]:
-    """Update a filter by ticks; the beliefs have this ``detail``."""
-    for tick in ticks:
-        belief = filter_.update(tick, detail)
-        yield FilteredTick(filter_.state, tick, belief)

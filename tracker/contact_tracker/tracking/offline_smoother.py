@@ -33,8 +33,6 @@ from contact_tracker.tracking import ambiguity
 from contact_tracker.tracking.belief import Belief, Detail, Segment
 from contact_tracker.tracking.contact_filter import (
     ContactFilter,
-    FilteredTick,
-    forward,
     pairs_touched_elsewhere,
     ticks_of,
 )
@@ -76,7 +74,6 @@ _TICK: Final = np.dtype(
         ("residual", np.float64, len(CONTACTS)),
     ]
 )
-_POSTERIOR: Final = np.dtype([("probability", np.float64, len(STATES))])
 
 
 def segment(
@@ -84,7 +81,6 @@ def segment(
     model: Model,
     progress: Callable[[int], None] | None = None,
     known_map: Map = EMPTY_MAP,
-    executor: Executor | None = None,
 ) -> Segmentation:
     """Segment a whole recording.
 
@@ -93,14 +89,13 @@ def segment(
     poses : validated poses in order of time.
     progress : called at intervals with the number of poses read so far.
     known_map : elements of the object and its surroundings that are known before.
-    executor : processes that fit elements to segments while reading goes on; by default this process does.
 
     Returns
     -------
     Segmentation with the Viterbi path, the smoothed posterior and the online beliefs.
     """
     start, ticks = ContactFilter.start(model, known_map=known_map), ticks_of(batches(poses), model, progress)
-    return Segmentation.join(list(pieces(ticks, start, Segmenter(executor), Detail.GEOMETRY)))
+    return Segmentation.join(list(pieces(ticks, start, Segmenter(), Detail.GEOMETRY)))
 
 
 def pieces(
@@ -115,8 +110,9 @@ def pieces(
     beliefs since then, which are ahead of the smoothed ones. The latter have the detail ``online``, and are
     left out with ``Detail.WEIGHTS``. The ``segmenter`` may use wrenches, or record the sightings for a map.
     """
-    for filtered in forward(ticks, filter_, online):
-        segmenter.note(filtered, online >= Detail.SHARED)
+    for tick in ticks:
+        belief = filter_.update(tick, online)
+        segmenter.note(filter_.state, tick, belief if online >= Detail.SHARED else None)
         if segmenter.due:
             yield segmenter.conclude()
     yield segmenter.finish()
@@ -151,15 +147,14 @@ MOST_TICKS: Final = 36_000
 
 
 class PassRecord:
-    """The ``ticks`` of a pass if it ``keeps_ticks`` for further passes, the ``state`` after it, the
-    ``contacts`` of its segments, their ``sightings`` of elements, ``on_map`` those of contacts that the map
-    decides, and what rests show of the recording (``at_rest``)."""
+    """The ``ticks`` of a pass if it ``keeps_ticks`` for further passes, the ``state`` after it, the number of
+    ``contacts`` among its segments, their ``sightings`` of elements, ``on_map`` those of contacts that the
+    map decides, and what rests show of the recording (``at_rest``)."""
 
     def __init__(self, keeps_ticks: bool = True) -> None:
         self.keeps_ticks = keeps_ticks
         self.ticks: list[Tick] = []
-        self._count = 0
-        self.contacts: list[Contact] = []
+        self.contacts = 0
         self.sightings: list[Sighting] = []
         self.on_map: list[Sighting] = []
         self.at_rest: Sequence[RestSighting] = ()
@@ -207,13 +202,12 @@ class PassRecord:
     def note(self, state: FilterState, tick: Tick) -> None:
         """Append a tick, after which the filter has this ``state``."""
         self.state = state
-        self.is_full = self._count == MOST_TICKS
+        self.is_full = len(self._exposure) == MOST_TICKS
         if self.is_full:
             self.ticks.clear()
             self.sightings.clear()
             self.on_map.clear()
             return
-        self._count += 1
         self._exposure.append(state.hazard_exposure)
         if self.keeps_ticks:
             self.ticks.append(tick)
@@ -223,7 +217,7 @@ class PassRecord:
         elements."""
         self._count_changes(finished)
         if fit.contact is not Contact.FREE:
-            self.contacts.append(fit.contact)
+            self.contacts += 1
         self.sightings += self._seen(finished, fit, parts)
 
     def note_on_map(self, finished: FinishedSegment, fit: SegmentFit, parts: Sequence[Segment]) -> None:
@@ -273,7 +267,8 @@ class Segmenter:
         self._state: FilterState
         self._newest: Tick
         self._outliers = NO_OUTLIERS  # reported so far
-        self._ticks, self._posterior = Columns(_TICK), Columns(_POSTERIOR)  # of the ticks not yet reported
+        # of the ticks not yet reported, in parts
+        self._ticks, self._posterior = [np.zeros(0, _TICK)], [np.zeros((0, len(STATES)))]
         self._first, self._before = 0, np.zeros(0, _TICK)  # number of the oldest of these, ticks before it
         self._path: deque[hmm.PathSegment] = deque()
         self._finished: deque[FinishedSegment] = deque()
@@ -281,9 +276,9 @@ class Segmenter:
         self._online: list[Belief] = []
         self._filtered: list[Beliefs] = []
 
-    def note(self, filtered: FilteredTick, is_reported: bool = True) -> None:
-        """Append the next tick, with its online belief if that ``is_reported``."""
-        state, tick, belief = filtered
+    def note(self, state: FilterState, tick: Tick, belief: Belief | None = None) -> None:
+        """Append the next ``tick``, after which the filter has this ``state``, with the online ``belief`` if
+        that is reported."""
         if self._record is not None:
             self._record.note(state, tick)
         if self._forward is None:
@@ -296,7 +291,7 @@ class Segmenter:
         self._pending.append((evidence, row))
         if len(self._pending) == _BATCH_TICKS:
             self._extended_trellis()
-        if is_reported:
+        if belief is not None:
             self._online.append(belief)
         if len(self._online) == _BELIEF_BATCH:  # objects are large
             self._filtered.append(Beliefs.of(self._online))
@@ -359,7 +354,7 @@ class Segmenter:
     def _extended_trellis(self) -> hmm.FilterFrontier:
         """The frontier after the last tick; the trellis is extended up to it."""
         assert self._forward is not None
-        for evidence, row in self._pending:
+        for evidence, _ in self._pending:
             if evidence is None:
                 for recursion in (self._forward, self._past, self._survivors):
                     recursion.skip()
@@ -368,7 +363,7 @@ class Segmenter:
                 step = self._forward.advance(*alive, change)
                 self._past.append(step)
                 self._survivors.append(step)
-            self._ticks.append(row)
+        self._ticks.append(np.array([row for _, row in self._pending], _TICK))
         self._pending.clear()
         return self._forward.frontier
 
@@ -378,8 +373,7 @@ class Segmenter:
             if first < number < first + len(posterior):
                 gap.interpolate(posterior[: number - first + 1])
         self._past.drop(len(posterior))
-        for row in ambiguity.tempered(posterior, self._state.model.certainty.posterior_power):
-            self._posterior.append((row,))
+        self._posterior.append(ambiguity.tempered(posterior, self._state.model.certainty.posterior_power))
 
     def _whole_gaps(self, certain: int) -> int:
         """At most ``certain`` of the oldest open ticks, so that the ticks of a gap are reported with those
@@ -407,31 +401,32 @@ class Segmenter:
         """Fit the segments whose posterior is decided, to some ticks after them, in which a rest may go on;
         free motion at the end may continue unless ``final``."""
         margin = 2 * rest_ticks(self._state.model.tick_s)
-        decided = len(self._posterior) - (0 if final else margin)
+        ticks, self._ticks = np.concatenate(self._ticks), []
+        posterior, self._posterior = np.concatenate(self._posterior), []
+        decided = len(posterior) - (0 if final else margin)
         while self._path and self._path[0][2] - self._first <= decided:
             state, _, end = self._path[0]
             if state == FREE and len(self._path) == 1 and not final:
-                return
+                break
             self._path.popleft()
             first, end = len(self._before), max(end - self._first, 0)
-            following = self._ticks.rows(0, min(end + margin, len(self._ticks)))
-            around = np.concatenate([self._before, following])
+            around = np.concatenate([self._before, ticks[: end + margin]])
             resting = self._rests(self._first - first, around)
             count = end_at_rest(resting, first + end, margin) - first
-            self._posterior.move_change(end, count)
+            _move_change(posterior, end, count)
             if count <= 0:  # the rest beside it is that of another segment
                 continue
-            rows = _continued(self._ticks.take(count))
-            is_last = not len(self._ticks)
-            end_ns = int(rows["stamp_ns"][-1] if is_last else self._ticks.rows(0, 1)["start_ns"][0] - 1)
-            posterior = self._posterior.take(count)["probability"]
-            ticks = self._segment_ticks(state, rows)
+            rows, ticks = _continued(ticks[:count].copy()), ticks[count:]
+            end_ns = int(ticks["start_ns"][0] - 1 if len(ticks) else rows["stamp_ns"][-1])
             rests = without_short_gaps(resting[first : first + count])
-            self._finished.append(FinishedSegment(state, rows, end_ns, posterior, ticks, rests))
+            fitted = self._segment_ticks(state, rows)
+            segment = FinishedSegment(state, rows, end_ns, posterior[:count].copy(), fitted, rests)
+            self._finished.append(segment)
             if self._executor is not None:
-                self._fits.append(self._executor.submit(fit_segment, ticks))
+                self._fits.append(self._executor.submit(fit_segment, fitted))
             self._first, self._before = self._first + count, around[: first + count][-margin:]
-            decided -= count
+            posterior, decided = posterior[count:], decided - count
+        self._ticks, self._posterior = [ticks.copy()], [posterior.copy()]
 
     def _rests(self, first: int, rows: NDArray[np.void]) -> NDArray[np.bool_]:
         """Which ticks, from number ``first`` on, belong to a rest; none if both sides are listed."""
@@ -552,63 +547,10 @@ def _continued(rows: NDArray[np.void]) -> NDArray[np.void]:
     return rows
 
 
-_BLOCK: Final = 1024
-
-
-class Columns:
-    """Rows of a structured ``dtype``, indexed from the oldest."""
-
-    def __init__(self, dtype: np.dtype[Any]) -> None:
-        self._dtype = dtype
-        self._blocks: list[NDArray[Any]] = []
-        self._start = self._end = 0  # within the blocks
-
-    def __len__(self) -> int:
-        return self._end - self._start
-
-    def append(self, row: tuple[Any, ...]) -> None:
-        block, place = divmod(self._end, _BLOCK)
-        if block == len(self._blocks):
-            self._blocks.append(np.empty(_BLOCK, self._dtype))
-        self._blocks[block][place] = row
-        self._end += 1
-
-    def rows(self, first: int, end: int) -> NDArray[Any]:
-        """A copy of the rows ``first`` to ``end``."""
-        copy = np.empty(end - first, self._dtype)
-        place = first + self._start
-        while first < end:
-            block, row = divmod(place, _BLOCK)
-            count = min(_BLOCK - row, end - first)
-            copy[len(copy) - (end - first) :][:count] = self._blocks[block][row : row + count]
-            first, place = first + count, place + count
-        return copy
-
-    def move_change(self, old: int, new: int) -> None:
-        """Move the change between rows ``old`` - 1 and ``old`` to before row ``new``: the rows between become
-        copies of the last row before the change, or of the first row after it."""
-        first, end = sorted((max(old, 0), max(new, 0)))
-        row = old - 1 if new > old else old
-        if first == end or not 0 <= row < len(self):
-            return
-        kept = self.rows(row, row + 1)[0]
-        for place in range(first + self._start, min(end, len(self)) + self._start):
-            block, index = divmod(place, _BLOCK)
-            self._blocks[block][index] = kept
-
-    def drop(self, count: int) -> None:
-        """Drop the oldest rows."""
-        self._start += count
-        blocks = self._start // _BLOCK
-        del self._blocks[:blocks]
-        self._start -= blocks * _BLOCK
-        self._end -= blocks * _BLOCK
-
-    def take(self, count: int) -> NDArray[Any]:
-        """Remove and return the oldest rows."""
-        taken = np.empty(count, self._dtype)
-        for first in range(0, count, _BLOCK):  # in blocks, so that memory never doubles
-            length = min(_BLOCK, count - first)
-            taken[first : first + length] = self.rows(0, length)
-            self.drop(length)
-        return taken
+def _move_change(posterior: Array, old: int, new: int) -> None:
+    """Move the change between rows ``old`` - 1 and ``old`` to before row ``new``: the rows between become
+    copies of the last row before the change, or of the first row after it."""
+    first, end = sorted((max(old, 0), max(new, 0)))
+    row = old - 1 if new > old else old
+    if 0 <= row < len(posterior):
+        posterior[first:end] = posterior[row].copy()

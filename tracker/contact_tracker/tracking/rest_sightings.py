@@ -22,8 +22,8 @@ from contact_tracker.hypotheses.evidence import DECISIVE, gain_and_misfit
 from contact_tracker.map.association import ElementEstimate, Sighting
 from contact_tracker.map.elements import LOOSE_M, LOOSE_RAD
 from contact_tracker.map.world_map import MOST_SIGHTINGS
-from contact_tracker.motion.tick_averaging import Tick, tick_variances
-from contact_tracker.motion.window import Window, at_rest
+from contact_tracker.motion.tick_averaging import Tick
+from contact_tracker.motion.window import Window, at_rest, window_of
 from contact_tracker.states import Contact
 
 SIGMAS: Final = 4.0
@@ -46,15 +46,7 @@ def sightings_at_rest(ticks: Sequence[Tick], model: Model, reach_m: float) -> li
     """The sightings of all pairs of faces on which the object has surely stood in several places."""
     if not ticks:
         return []
-    count = np.array([tick.count for tick in ticks], float)
-    window = Window(
-        np.arange(len(ticks)),
-        np.array([tick.zeta for tick in ticks]),
-        tick_variances(ticks[-1].noise, count, model),
-        np.array([tick.innovation_excess for tick in ticks]),
-        frames=count,
-    )
-    rests, found = _Rests.of(window, model.tick_s, reach_m), list[RestSighting]()
+    rests, found = _Rests.of(window_of(ticks, model), model.tick_s, reach_m), list[RestSighting]()
     for faces in _faces_of(rests):
         for k, information, evidence in zip(faces.members, faces.information, faces.by_member, strict=True):
             arguments = faces.x, faces.tangent, information, np.zeros(6), rests.rotation[k]

@@ -28,13 +28,12 @@ from contact_tracker.errors import extra
 from contact_tracker.hypotheses.bank_update import fit_window
 from contact_tracker.hypotheses.evidence import EvidenceParameters
 from contact_tracker.motion.poses import Poses, batches
-from contact_tracker.motion.window import Window
+from contact_tracker.motion.window import Window, window_of
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.contact_filter import ticks_of
 from contact_tracker.tracking.state import scales_of
 from contact_tracker_lab.benchmark.fixed_windows import FRAMES
 from contact_tracker_lab.benchmark.scores import OFFLINE, Answer, Method
-from contact_tracker_lab.calibration.transitions import window_of
 from contact_tracker_lab.evaluation.scoring import UNSCORED, Scoring, tick_in_force
 
 STEP: Final = 100

@@ -15,13 +15,14 @@ from contact_tracker.ground_truth import Truth
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.motion.poses import Poses, batches
 from contact_tracker.motion.tick_averaging import tick_variances
+from contact_tracker.motion.window import window_of
 from contact_tracker.recording import open_log, read_truth
 from contact_tracker.states import STATES
 from contact_tracker.tracking.contact_filter import ticks_of
 from contact_tracker.tracking.offline_smoother import segment
 from contact_tracker.tracking.transition_model import destinations, initial, leave_per_s
 from contact_tracker_lab.calibration.parameters import COUNTS, SIGMAS
-from contact_tracker_lab.calibration.transitions import Counts, count_transitions, window_of
+from contact_tracker_lab.calibration.transitions import Counts, count_transitions
 from contact_tracker_lab.evaluation.evaluate import Evaluation, evaluate
 from contact_tracker_lab.evaluation.metrics import ratio
 from contact_tracker_lab.evaluation.scoring import scoring

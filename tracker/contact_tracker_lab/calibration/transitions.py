@@ -1,34 +1,18 @@
-"""Counts of the transitions between true states, and the ticks of a whole recording."""
+"""Counts of the transitions between true states."""
 
-from collections.abc import Sequence
 from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from contact_tracker.arrays import Array, Ints
-from contact_tracker.config.parameters import Model, TransitionCounts
-from contact_tracker.motion.tick_averaging import Tick, tick_anisotropy, tick_variances
-from contact_tracker.motion.window import Window
+from contact_tracker.config.parameters import TransitionCounts
 from contact_tracker.states import STATES
 from contact_tracker.tracking.transition_model import REST_EXPOSURE
 from contact_tracker_lab.evaluation.scoring import UNSCORED
 
 LONGEST_UNKNOWN_S: Final = 1.0
 """Longer times without truth (s) separate the states before and after them."""
-
-
-def window_of(ticks: Sequence[Tick], model: Model) -> Window:
-    """All ticks of a recording, at least one, with the noise estimate of its end."""
-    noise, count = ticks[-1].noise, np.array([float(tick.count) for tick in ticks])
-    return Window(
-        np.arange(len(ticks)),
-        np.array([tick.zeta for tick in ticks]),
-        tick_variances(noise, count, model),
-        np.array([tick.innovation_excess for tick in ticks]),
-        tick_anisotropy(noise, count, model),
-        frames=count,
-    )
 
 
 class Counts(NamedTuple):

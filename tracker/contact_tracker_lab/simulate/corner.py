@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from contact_tracker.arrays import Array
 from contact_tracker.contacts import CONTACT_MODELS, ContactModel
 from contact_tracker.errors import UsageError
-from contact_tracker.explanations.conditional_contact import coefficients
+from contact_tracker.explanations.conditional_contact import KnownContact
 from contact_tracker.geometry.elements import ContactGeometry, Plane
 from contact_tracker.geometry.lifted_pose import lift, perturbations
 from contact_tracker.geometry.polyhedron import Feature, Polyhedron, unit
@@ -66,7 +66,7 @@ class Touch(NamedTuple):
     @property
     def c(self) -> Array:
         """Coefficients (K, 25) of the residuals on the whole lifted pose."""
-        return coefficients(self.model, self.x)
+        return KnownContact(self.contact, self.x).c
 
     def geometry(self, body: Rigid, world: Rigid) -> ContactGeometry:
         """The touching elements, transformed by ``body`` and ``world``."""
