@@ -191,6 +191,18 @@ def test_turns_within_a_tick_leave_no_mean_rotation_but_a_result() -> None:
     assert contact_tracker.segment(trajectory).segments[0].motion is not None
 
 
+def test_a_position_that_is_not_recorded_has_its_warning_alone() -> None:
+    """And none of a division, as where the search for further contacts has no direction to begin with."""
+    time_s = np.arange(0.0, 14.0, 0.01)
+    turns = np.column_stack([0.4 * np.sin(time_s), np.zeros(1400), 0.5 * np.sin(1.7 * time_s)])
+    trajectory = contact_tracker.Trajectory.from_arrays(
+        time_s, np.zeros((1400, 3)), Rotation.from_rotvec(turns)
+    )
+    with pytest.warns(contact_tracker.ContactTrackerWarning, match="position never changes") as shown:
+        contact_tracker.segment(trajectory)
+    assert not [one for one in shown if issubclass(one.category, RuntimeWarning)]
+
+
 def test_times_choose_poses_and_segments(result, poses) -> None:
     trajectory, first = result.trajectory, np.datetime64(int(poses.stamp_ns[0]), "ns")
     for begin, end in ((1, 2.5), (pandas.Timedelta("1s"), timedelta(seconds=2.5))):

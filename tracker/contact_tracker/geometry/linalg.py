@@ -30,8 +30,8 @@ def dot(a: Array, b: Array) -> Array:
 
 
 def unit(v: Array) -> Array:
-    """v scaled to length one along the last axis."""
-    return np.asarray(v / np.sqrt(dot(v, v))[..., None])
+    """v scaled to length one along the last axis; zero stays zero."""
+    return np.asarray(v / (np.sqrt(dot(v, v)) + TINY)[..., None])
 
 
 def cross(a: Array, b: Array) -> Array:
