@@ -41,6 +41,7 @@ FILES = {
     "spreadsheet": "Start (ms);End (ms);Label\n2500;10000;e-f\n0;2000;free\n",
     "ELAN": "Tier\tBegin Time - ss.msec\tEnd Time - ss.msec\tAnnotation\n"
     "x\t0.0\t2.0\tfree\nx\t2.500\t10.000\te-f\n",
+    "durations": "onset,duration,label\n0,2,free\n2.5,7.5,e-f\n",
     "clock": "begin,stop,label\n0:00.0,0:02,free\n0:00:02.5,0:10,e-f\n",
     "stamps": f"start_ns,end_ns,contact\n{FIRST_NS},{FIRST_NS + 2 * 10**9},free\n"
     f"{FIRST_NS + 25 * 10**8},{LAST_NS},e-f\n",
@@ -59,7 +60,7 @@ def test_files_of_labels(tmp_path: Path, kind: str) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("start,end\n0,1\n", "its columns are start, end: needed are start, end and contact"),
+        ("start,end\n0,1\n", "its columns are start, end: needed are start, end .or duration. and contact"),
         ("start,end,contact\n", "it has no label"),
         ("start,end,contact\n0,2,free\n1,3,e-f\n", "free and e-f overlap at 1 s"),
         ("start,end,contact\n3,2,free\n", "free ends at 2, before it starts at 3"),
@@ -68,6 +69,7 @@ def test_files_of_labels(tmp_path: Path, kind: str) -> None:
         ("start,end,contact\n100000,100001,free\n", "name their unit, as in start_ms"),
         ("[1", "it is no JSON"),
         ("0,1.5,f-f\n1.5,2,free\n", "as start,end,contact"),
+        ("0.000000\t1.500000\tf-f\n", "as start,end,contact"),
         (
             "MATLAB 5.0 MAT-file\0\1IM,",
             "labels.csv: it is no text: labels are a table in text, as CSV, or JSON",
@@ -85,6 +87,10 @@ def test_labels_that_mean_nothing_known_are_refused(tmp_path: Path) -> None:
     said = "the label 'touch' is no state: say which it is, as in meanings={'touch': 'any'}: "
     with pytest.raises(ChoiceError, match=said):
         read(tmp_path / "labels.csv", text)
+    several = "start,end,contact\n0,2,ff\n2,3,lift\n"
+    said = r"the labels 'ff', 'lift' are no states; did you mean f-f\?: .* meanings={'ff': 'any', 'lift': "
+    with pytest.raises(ChoiceError, match=said):
+        read(tmp_path / "labels.csv", several)
     with pytest.raises(ChoiceError, match="no label tuoch; did you mean touch"):
         read(tmp_path / "labels.csv", text, {"touch": "any", "tuoch": "any"})
     with pytest.raises(ChoiceError, match="a label means states as in touch=any, not 'touch'"):

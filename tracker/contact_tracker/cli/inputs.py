@@ -1,7 +1,7 @@
 """What the arguments of a command name: models, maps, poses, labels, wrenches and files."""
 
 import argparse
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -59,9 +59,13 @@ def load_labels(args: argparse.Namespace, log: str) -> Truth:
     if not poses.valid:
         raise poses.no_poses(log)
     stamps = poses.first_ns, poses.last_ns
-    truth, text = read_labels(args.labels, *stamps, meanings_of(args.meaning), "--meaning '{}=any'".format)
+    truth, text = read_labels(args.labels, *stamps, meanings_of(args.meaning), _options_of)
     say(text)
     return truth
+
+
+def _options_of(labels: Sequence[str]) -> str:
+    return " ".join(f"--meaning '{label}=any'" for label in labels)
 
 
 def load_wrenches(

@@ -4,6 +4,7 @@ import csv
 import json
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from itertools import pairwise
 from typing import Any, Final
 
@@ -19,8 +20,9 @@ from contact_tracker.recording.items import RawMessage
 from contact_tracker.recording.log import open_log
 from contact_tracker.recording.mcap_file import summary_of
 from contact_tracker.recording.reading import Reading, is_table_file, parts_of
+from contact_tracker.recording.table_layouts import are_numbers
 from contact_tracker.recording.table_times import exact_ns, stamp_of_date
-from contact_tracker.states import CONTACTS, Contact
+from contact_tracker.states import CONTACTS, STATES, Contact
 from contact_tracker.suggestions import near_file, suggestion
 
 TRUTH_ATTACHMENT: Final = "truth.json"
@@ -105,12 +107,15 @@ def _stored(path: str) -> list[Attachment | Metadata]:
 
 _START: Final = ("start", "begin", "begin_time", "start_time", "onset", "from", "tmin")
 _END: Final = ("end", "stop", "end_time", "offset", "to", "tmax")
+_DURATION: Final = ("duration", "dur", "length")
 _LABEL: Final = ("contact", "label", "state", "annotation", "value", "timeserieslabels", "text")
 _UNIT: Final = re.compile(r"(.+?)[\s_-]*(?:[\[(](\w+)[\])]|[_-](?:\s*)(s|sec|ss\.msec|ms|us|ns))")
 _CLOCK: Final = re.compile(r"(?:(\d+) days? )?(?:(\d+):)?(\d{1,2}):(\d{1,2}(?:[.,]\d+)?)")
 ANY: Final = "any"
 """Stands for all contact states: the object touches."""
 _BYTES: Final = 2**26
+_NAMED: Final = 8
+"""Most labels that are named in an error."""
 _SLACK_NS: Final = 60 * 10**9
 """Longest time (ns) by which labels may begin before, or end after, the poses."""
 
@@ -125,20 +130,20 @@ def read_labels(
     first_ns: int,
     last_ns: int,
     meanings: Mapping[str, str] | None = None,
-    stating: Callable[[str], str] = lambda label: f"meanings={ {label: ANY}!r}",
+    stating: Callable[[Sequence[str]], str] = lambda labels: f"meanings={dict.fromkeys(labels, ANY)}",
 ) -> tuple[Truth, str]:
     """The truth by the labels in a table, and one line on the origin of their times.
 
     Parameters
     ----------
-    labels : a table with the columns ``start``, ``end`` and ``contact`` (or ``label``): its cells, the names
-        first, or a file of them, separated by commas, semicolons or tabs; or JSON of Label Studio. Times
-        are in seconds, unless the names of their columns have another unit, or as ``0:01:02.5``; since the
-        first pose, or as the stamps of the recording.
+    labels : a table with the columns ``start``, ``end`` (or ``duration``) and ``contact`` (or ``label``): its
+        cells, the names first, or a file of them, separated by commas, semicolons or tabs; or JSON of Label
+        Studio. Times are in seconds, unless the names of their columns have another unit, or as
+        ``0:01:02.5``; since the first pose, or as the stamps of the recording.
     first_ns, last_ns : stamps of the first and last pose.
     meanings : states by label: ``e-f``, several as ``e-f|f-f``, ``any`` contact, or ``?`` if it is not
         scored. Labels that are names of states need none.
-    stating : what the user writes to state that a label means any contact, for messages.
+    stating : what the user writes to state that labels mean any contact, for messages.
 
     Raises
     ------
@@ -164,13 +169,15 @@ def read_labels(
         if start_ns < before_ns:
             raise NoTruth(f"{path}: {before} and {after} overlap at {start_ns * 1e-9:.9g} s")
     labelled = dict.fromkeys(name for _, _, name in rows)
-    states_by_name = {name: _meaning(path, name, meanings or {}, stating) for name in labelled}
+    states_by_name = {name: _meaning(name, meanings or {}) for name in labelled}
+    if unknown := [name for name, states in states_by_name.items() if states is None]:
+        raise ChoiceError(f"{path}: {_no_states(unknown, stating)}")
     unused = [name for name in meanings or {} if name not in states_by_name]
     if unused:
         raise ChoiceError(f"{path}: no label {printable(unused[0])}{suggestion(unused[0], states_by_name)}")
     intervals = list[TruthInterval]()
     for start_ns, end_ns, name in rows:
-        states = states_by_name[name]
+        states = states_by_name[name] or ()
         contact = states[0] if len(states) == 1 else None
         coarse = CoarseLabel(name, states) if len(states) > 1 else None
         span = start_ns + offset_ns, end_ns + offset_ns - 1
@@ -191,23 +198,29 @@ def meanings_of(texts: Sequence[str]) -> dict[str, str]:
     return meanings
 
 
-def _meaning(
-    path: str, name: str, meanings: Mapping[str, str], stating: Callable[[str], str]
-) -> tuple[Contact, ...]:
-    """The possible states of a label; empty if it is not scored."""
+def _meaning(name: str, meanings: Mapping[str, str]) -> tuple[Contact, ...] | None:
+    """The possible states of a label; empty if it is not scored, None if it is not known."""
     stated = meanings.get(name, name)
     if stated == UNSCORED:
         return ()
     if stated == ANY:
         return CONTACTS
-    try:
+    with suppress(ValueError):
         return tuple(dict.fromkeys(Contact(part.strip()) for part in stated.split("|")))
-    except ValueError:
-        label = printable(name)
-        raise ChoiceError(
-            f"{path}: the label {label!r} is no state: say which it is, as in {stating(label)}: "
-            f"{', '.join(Contact)}, several as f-f|e-f, {ANY} of the six, or {UNSCORED} if it is not scored"
-        ) from None
+    return None
+
+
+def _no_states(unknown: Sequence[str], stating: Callable[[Sequence[str]], str]) -> str:
+    """What to do about labels that are no states."""
+    labels = [*map(printable, unknown[:_NAMED])]
+    names, further = ", ".join(map(repr, labels)), ", ..." if len(unknown) > _NAMED else ""
+    are_none = "the labels {} are no states" if len(unknown) > 1 else "the label {} is no state"
+    which = "say which they are" if len(unknown) > 1 else "say which it is"
+    return (
+        f"{are_none.format(names + further)}{suggestion(unknown[0], STATES)}: {which}, as in "
+        f"{stating(labels)}: {', '.join(STATES)}, several as f-f|e-f, {ANY} of the six, or {UNSCORED} if it "
+        "is not scored"
+    )
 
 
 def _rows_of_file(path: str) -> Iterator[_Row]:
@@ -247,8 +260,9 @@ def _table_in(text: str) -> list[list[str]]:
 
 
 def _label_columns(names: Sequence[str]) -> list[tuple[int, int]]:
-    """The columns of start, end and label, as far as there are any."""
-    return list(filter(None, (_column(names, choices) for choices in (_START, _END, _LABEL))))
+    """The columns of start, end (or else duration) and label, as far as there are any."""
+    end = _column(names, _END) or _column(names, _DURATION)
+    return list(filter(None, (_column(names, _START), end, _column(names, _LABEL))))
 
 
 def _rows_of_table(path: str, table: Table) -> Iterator[_Row]:
@@ -257,15 +271,17 @@ def _rows_of_table(path: str, table: Table) -> Iterator[_Row]:
     if len(columns) < 3:
         if names[:1] and names[0].startswith("<"):
             raise NoTruth(f"{path}: it is XML: export it as tab-delimited text, as ELAN does")
-        needed = f"{path}: its columns are {', '.join(names[:12])}: needed are start, end and contact"
-        has_names = not any(name.strip(" .-").isdecimal() for name in names)
+        listed = ", ".join(names[:12])
+        needed = f"{path}: its columns are {listed}: needed are start, end (or duration) and contact"
+        has_names = not any(map(are_numbers, ([name] for name in names)))
         how = ": write the names of the columns above its rows, as start,end,contact"
         raise NoTruth(needed if has_names else needed + how)
     (start, start_ns), (end, end_ns), (label, _) = columns
+    is_duration = _column(names, _END) is None
     for number, row in enumerate(rows, 2):
         if len(row) <= max(start, end, label):
             raise NoTruth(f"{path}: row {number} has {len(row)} values")
-        yield _row(path, row[start], start_ns, row[end], end_ns, row[label])
+        yield _row(path, row[start], start_ns, row[end], end_ns, row[label], is_duration)
 
 
 def _column(names: Sequence[str], choices: Sequence[str]) -> tuple[int, int] | None:
@@ -298,8 +314,17 @@ def _rows_of_json(path: str, text: str) -> Iterator[_Row]:
                 waiting += value.values()
 
 
-def _row(path: str, start: Any, start_unit_ns: int, end: Any, end_unit_ns: int, name: str) -> _Row:
+def _row(
+    path: str,
+    start: Any,
+    start_unit_ns: int,
+    end: Any,
+    end_unit_ns: int,
+    name: str,
+    is_duration: bool = False,
+) -> _Row:
     start_ns, end_ns = _time_ns(path, start, start_unit_ns), _time_ns(path, end, end_unit_ns)
+    end_ns += start_ns if is_duration else 0
     if end_ns <= start_ns:
         raise NoTruth(f"{path}: {printable(name)} ends at {end}, before it starts at {start}")
     return start_ns, end_ns, name.strip()
