@@ -14,7 +14,7 @@ from contact_tracker.arrays import Array
 from contact_tracker.errors import UsageError, printable
 from contact_tracker.states import STATES
 from contact_tracker.trajectory.arguments import ModelLike, model_from, with_known_arguments
-from contact_tracker_lab.evaluation.evaluate import Evaluation, answers_to
+from contact_tracker_lab.evaluation.evaluate import Evaluation, answers_to, gated
 from contact_tracker_lab.evaluation.evaluate import evaluate as evaluate_segmentation
 from contact_tracker_lab.evaluation.geometry_errors import GeometryErrors
 from contact_tracker_lab.evaluation.metrics import Tally, quantile
@@ -135,7 +135,7 @@ def evaluate(
     if not isinstance(result, Result):
         raise UsageError(f"a result is what segment returns, not {type(result).__name__}")
     poses, truth = result.trajectory.poses, result.truth_by(labels, meanings)
-    answers = answers_to(poses, model_from(model)) if by_arrival else None
+    answers = answers_to(gated(poses), model_from(model)) if by_arrival else None
     name = Path(result.trajectory.name).name
     return Report({name: evaluate_segmentation(poses, truth, result.segmentation, answers)})
 
