@@ -78,7 +78,9 @@ class Report:
                 _mode_rows(entries, partial(_accuracy_cells, subsets)),
             ),
             ACCURACY_NOTE if len(subsets) == len(Subset) else LABELS_NOTE,
-            table(_BELIEF, _mode_rows(entries, _belief_cells)),
+            table(
+                _BELIEF, _mode_rows(entries, lambda t: [number(getattr(t, name)) for name in _BELIEF_FIGURES])
+            ),
             BELIEF_NOTE,
             table(_CHANGE, _mode_rows(entries, _change_cells)),
             CHANGE_NOTE,
@@ -166,10 +168,6 @@ def _mode_rows(entries: list[tuple[str, Evaluation]], cells: Callable[[Any], lis
 def _accuracy_cells(subsets: Iterable[Subset], tally: Tally) -> list[str]:
     accuracies = (number(tally.accuracy(subset)) for subset in subsets)
     return [number(tally.seconds(), 1), *accuracies, number(tally.macro_f1)]
-
-
-def _belief_cells(tally: Tally) -> list[str]:
-    return [number(getattr(tally, name)) for name in _BELIEF_FIGURES]
 
 
 def _median_and_most(values: Array) -> list[str]:
