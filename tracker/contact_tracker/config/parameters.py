@@ -167,8 +167,9 @@ class Model:
 
     def with_noise(self, sigma_position_m: float, sigma_rotation_rad: float) -> "Model":
         """A copy with known noise of the poses, which is not estimated."""
-        sigma = {"sigma_position_m": sigma_position_m, "sigma_rotation_rad": sigma_rotation_rad}
-        return replace(self, noise=replace(self.noise, **sigma, estimated=False))
+        sigma_m, sigma_rad = sigma_position_m, sigma_rotation_rad
+        noise = replace(self.noise, sigma_position_m=sigma_m, sigma_rotation_rad=sigma_rad, estimated=False)
+        return replace(self, noise=noise)
 
     @cached_property
     def correlation(self) -> float:

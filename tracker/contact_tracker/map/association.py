@@ -137,18 +137,22 @@ class Sighting:
 
     def gain(self, reach_m: float) -> float:
         """Information (nats) relative to about what is known before."""
-        information = self.estimate.information
-        return float(np.linalg.slogdet(np.eye(len(information)) + reach_m**2 * information)[1])
+        return float(np.linalg.slogdet(np.eye(len(self.information)) + reach_m**2 * self.information)[1])
 
     @property
     def kinds(self) -> tuple[str, str]:
         """Kinds of the object's and of the environment's element."""
         return kinds_of(self.estimate.model)
 
+    @property
+    def information(self) -> Array:
+        """(P, P)"""
+        return self.estimate.information
+
     @cached_property
     def root(self) -> Array:
         """A root (P, P) of the information: its product with its transpose."""
-        values, axes = np.linalg.eigh(self.estimate.information)
+        values, axes = np.linalg.eigh(self.information)
         return np.asarray(axes * np.sqrt(np.maximum(values, 0.0)))
 
     @property

@@ -332,7 +332,7 @@ class GrowingMap:
             body_key, world_key = used[sighting.first]
             residual, derivative = sighting.linearised((self.elements[body_key], self.elements[world_key]))
             rows = np.r_[slots[body_key], slots[world_key]]
-            weighted = derivative.T @ sighting.estimate.information
+            weighted = derivative.T @ sighting.information
             information[np.ix_(rows, rows)] += weighted @ derivative
             gradient[rows] += weighted @ residual
         return information, gradient
