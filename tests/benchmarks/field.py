@@ -28,7 +28,7 @@ from contact_tracker.recording import need_truth, open_log
 from contact_tracker.tracking import offline_smoother
 from contact_tracker.trajectory.arguments import model_from
 from contact_tracker_lab.benchmark.runner import Table, find_sets, measured, parser_of, report
-from contact_tracker_lab.evaluation.evaluate import Evaluation, answers_to, evaluate
+from contact_tracker_lab.evaluation.evaluate import Evaluation, answers_to, evaluate, gated
 from contact_tracker_lab.evaluation.tables import number
 from distortions import DISTORTIONS
 from shared_recordings import SHARED_RECORDINGS
@@ -50,7 +50,7 @@ def measure(path: str, distortion: str, model: Model) -> Measured:
     random = np.random.default_rng(zlib.crc32(f"{Path(path).stem} {distortion}".encode()))
     distorted = DISTORTIONS[distortion](clean, random)
     poses = gate(distorted)
-    found, answers = segmenting.segment(poses, model), answers_to(distorted, model)
+    found, answers = segmenting.segment(poses, model), answers_to(gated(distorted), model)
     other = offline_smoother.segment(poses, model)
     return Measured(evaluate(poses, truth, found, answers), evaluate(poses, truth, other))
 

@@ -24,7 +24,7 @@ from contact_tracker.recording import need_truth, open_log, read_metadata
 from contact_tracker.segmenting import segment
 from contact_tracker.states import STATES, Contact
 from contact_tracker_lab.benchmark.runner import Table, measured, parser_of, report
-from contact_tracker_lab.evaluation.evaluate import answers_to
+from contact_tracker_lab.evaluation.evaluate import answers_to, gated
 from contact_tracker_lab.evaluation.scoring import UNSCORED, scoring, tick_containing, tick_in_force
 from contact_tracker_lab.evaluation.tables import number, table
 from shared_recordings import SHARED_RECORDINGS
@@ -61,7 +61,8 @@ def measure(path: Path, model_name: str) -> dict[str, Ints]:
     results = {}
     for level in LEVELS:
         model, known_map = load_model(model_name), known(level, dict(metadata))
-        found, answers = segment(poses, model, known_map=known_map), answers_to(poses, model, known_map)
+        found = segment(poses, model, known_map=known_map)
+        answers = answers_to(gated(poses), model, known_map)
         rows = []
         for beliefs, time_ns, tick_of in (
             (found.beliefs, found.beliefs.stamp_ns, tick_containing),

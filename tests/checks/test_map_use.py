@@ -6,14 +6,15 @@ import numpy as np
 import pytest
 
 from checked_stream import stream_of
-from contact_tracker.api import Trajectory, segment
 from contact_tracker.api.learned_map import map_of
+from contact_tracker.api.offline import segment
 from contact_tracker.checks.map_use import MapUse, without_contradicted_names
 from contact_tracker.geometry.elements import ContactGeometry, Line, Plane, Point
 from contact_tracker.map.file import map_from
 from contact_tracker.states import STATES, Contact
 from contact_tracker.tracking.belief import FurtherContact, Segment
 from contact_tracker.tracking.segmentation import BELIEF, Beliefs, Segmentation
+from contact_tracker.trajectory import Trajectory
 from short_recordings import shipped
 
 TABLE = {"environment": {"plane": [{"normal": [0, 0, 1], "offset_m": 0.5}]}}

@@ -20,7 +20,7 @@ def follow(position, turn):
             state, r, p, VARIANCES, VARIANCES, i * tick_ns, TICK_S, MEMORY_S
         )
         states.append(state)
-        excess.append((surprise.position_m2, surprise.rotation_rad2))
+        excess.append(surprise)
     return states, np.array(excess)
 
 

@@ -210,7 +210,7 @@ def test_held_poses_are_counted_once_and_one_frame_per_tick_is_enough():
     assert [tick.count + tick.outliers.total for tick in held] == [5] * 20
     single = averaged(moving(np.random.default_rng(9), 20.0, 10.0, 3e-4, 2e-3))
     assert [tick.count for tick in single] == [1] * 200
-    assert any(tick.innovation_excess.position_m2 > 0 for tick in single)
+    assert any(tick.innovation_excess[0] > 0 for tick in single)
 
 
 @pytest.mark.parametrize("share", [0.3, 0.5])

@@ -10,7 +10,7 @@ import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-from contact_tracker.api import Result
+from contact_tracker.api.offline import Result
 from contact_tracker.explanations.joint_evidence import Joint
 from contact_tracker.explanations.joint_models import JointKind
 from contact_tracker.exports.formats import write_outcome

@@ -188,7 +188,7 @@ def test_a_port_in_use_is_reported(which, free_ports) -> None:
 def test_a_result_shows_itself_in_a_notebook_without_a_foreign_server() -> None:
     program = (
         "import contact_tracker, sys; sys.path.insert(0, sys.argv[1]);"
-        "from mcap_logs import smooth_poses; from contact_tracker.api import Trajectory;"
+        "from mcap_logs import smooth_poses; from contact_tracker import Trajectory;"
         "result = contact_tracker.segment(Trajectory(smooth_poses(30)));"
         "viewer = result.show(width=800, height=500);"
         "import rerun_notebook;"

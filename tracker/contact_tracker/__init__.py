@@ -8,9 +8,12 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from typing import Any
 
-    from contact_tracker.api import Comparison, Map, Plan, PlanFollower, Result, Tracker, compare, segment
+    from contact_tracker.api.learned_map import Map
+    from contact_tracker.api.offline import Comparison, Result, compare, segment
+    from contact_tracker.api.online import Tracker
     from contact_tracker.batch.lerobot import LeRobot
     from contact_tracker.errors import ContactTrackerError, ContactTrackerWarning
+    from contact_tracker.sequences.plan import Plan, PlanFollower
     from contact_tracker.states import Contact
     from contact_tracker.tracking.belief import Belief, Segment
     from contact_tracker.trajectory import Trajectory, read
@@ -39,11 +42,13 @@ __all__ = [
     "segment",
 ]
 
-_API = ("Comparison", "Map", "Plan", "PlanFollower", "Result", "Tracker", "compare", "segment")
 _NAMES = {
-    "contact_tracker.api": _API,
+    "contact_tracker.api.learned_map": ("Map",),
+    "contact_tracker.api.offline": ("Comparison", "Result", "compare", "segment"),
+    "contact_tracker.api.online": ("Tracker",),
     "contact_tracker.batch.lerobot": ("LeRobot",),
     "contact_tracker.errors": ("ContactTrackerError", "ContactTrackerWarning"),
+    "contact_tracker.sequences.plan": ("Plan", "PlanFollower"),
     "contact_tracker.states": ("Contact",),
     "contact_tracker.tracking.belief": ("Belief", "Segment"),
     "contact_tracker.trajectory": ("Trajectory", "read"),

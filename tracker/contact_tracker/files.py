@@ -37,7 +37,8 @@ def read_regular(path: Path, most_bytes: int) -> bytes:
     if (reason := why_not_regular(status.st_mode)) is not None:
         raise OSError(errno.EINVAL, reason)
     if status.st_size <= most_bytes:
-        with open(path, "rb", opener=_open_at_once) as file:  # it may have been replaced by a pipe
+        no_wait = getattr(os, "O_NONBLOCK", 0)  # for the other end of a pipe, by which it may be replaced
+        with open(path, "rb", opener=lambda name, flags: os.open(name, flags | no_wait)) as file:
             content = file.read(most_bytes + 1) or b""
     if max(status.st_size, len(content)) > most_bytes:  # some files have content but size 0
         raise OSError(errno.EFBIG, f"it is larger than {most_bytes / 1e6:g} MB")
@@ -163,8 +164,3 @@ def _finish(temporary: Path, descriptor: int, replaced: os.stat_result | None) -
     if os.fstat(descriptor).st_gid != replaced.st_gid:  # a different group gets the rights of everybody
         mode &= ~0o070 | mode << 3
     os.fchmod(descriptor, mode)
-
-
-def _open_at_once(path: str, flags: int) -> int:
-    """The descriptor of an opened file, without a wait for the other end of a pipe."""
-    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))

@@ -135,8 +135,10 @@ class OfflineTracker:
         """The chosen model."""
         assert self._tracker.best is not None
         model = self._tracker.best.model
-        may_begin_free = self._wrenches is None or not self._wrenches.shows_contact_at_start()
-        return _with_initial_autocorrelation(model) if may_begin_free else model
+        if self._wrenches is not None and self._wrenches.shows_contact_at_start():
+            return model
+        assumed = max(model.motion.initial_autocorrelation, INITIAL_AUTOCORRELATION)
+        return replace(model, motion=replace(model.motion, initial_autocorrelation=assumed))
 
     def _with_usual_period(self, stream: Iterator[Poses]) -> Iterator[Poses]:
         """The same stream; its first ``AHEAD_POSES`` decide the length of ticks and the tracked point."""
@@ -212,12 +214,6 @@ def _read_ahead(stream: Iterator[Poses]) -> list[Poses]:
 def _in_columns(beliefs: list[Belief], detail: Detail) -> Beliefs:
     """The beliefs in columns, to save memory, as the choice may take hours; none if ``detail`` is too low."""
     return Beliefs.of(beliefs if detail >= Detail.SHARED else ())
-
-
-def _with_initial_autocorrelation(model: Model) -> Model:
-    """The model with at least ``INITIAL_AUTOCORRELATION``."""
-    assumed = max(model.motion.initial_autocorrelation, INITIAL_AUTOCORRELATION)
-    return replace(model, motion=replace(model.motion, initial_autocorrelation=assumed))
 
 
 def _validated(stream: Iterator[Poses]) -> Iterator[Poses]:

@@ -10,7 +10,7 @@ from contact_tracker.config.parameters import Model
 from contact_tracker.inspection.stream_checks import NOTHING_INSPECTED, Finding, Inspection, inspect
 from contact_tracker.map.map import EMPTY_MAP, Map
 from contact_tracker.motion.free_motion import kalman_prediction
-from contact_tracker.motion.pose_validation import Arrival, is_valid, require_valid
+from contact_tracker.motion.pose_validation import Arrival, require_valid
 from contact_tracker.motion.poses import AS_GIVEN, Outliers, Pose, Poses, ReadAs
 from contact_tracker.tracking.belief import Belief, Detail, Segment
 from contact_tracker.tracking.filter_bank import FilterBank, Report, mixed_with_uniform, report_of
@@ -75,7 +75,7 @@ class Tracker:
             if grid is not None and grid.is_late(pose.stamp_ns):
                 self.late += 1
             else:
-                beliefs += self.add(pose, detail)
+                beliefs += self._add_valid(pose, detail)
         grid, next_ns = self.filters.grid, arrival.next_ns
         if next_ns is not None and (grid is None or not grid.goes_on(next_ns)):  # the tick is complete
             beliefs += self._update_filters(detail, next_ns)
@@ -105,16 +105,8 @@ class Tracker:
             Poses did not pass the gate, or are earlier than the last pose.
         """
         if isinstance(poses, Pose):
-            if not is_valid(poses, self.last_ns):
-                require_valid(Poses.collect([poses]), self.last_ns)
-            if self.many >= BATCH_POSES:
-                self.inspect_added()
-            self.last_ns = poses.stamp_ns
-            self.uninspected.append(poses)
-            self.many += 1
-            if self.many < BATCH_POSES and self.filters.waits(poses.stamp_ns):  # most poses
-                return []
-            return self._update_filters(detail)
+            require_valid(Poses.collect([poses]), self.last_ns)
+            return self._add_valid(poses, detail)
         beliefs = list[Belief]()
         if len(poses):
             require_valid(poses, self.last_ns)
@@ -128,6 +120,17 @@ class Tracker:
             self.many += len(part)
             beliefs += self._update_filters(detail)
         return beliefs
+
+    def _add_valid(self, pose: Pose, detail: Detail) -> list[Belief]:
+        """``add`` for one pose that has passed the gate."""
+        if self.many >= BATCH_POSES:
+            self.inspect_added()
+        self.last_ns = pose.stamp_ns
+        self.uninspected.append(pose)
+        self.many += 1
+        if self.many < BATCH_POSES and self.filters.waits(pose.stamp_ns):  # most poses
+            return []
+        return self._update_filters(detail)
 
     def _update_filters(self, detail: Detail, until_ns: int | None = None) -> list[Belief]:
         """Update the filters and the checks by the poses since their last update, and close the ticks that

@@ -1,8 +1,7 @@
 """Segmentation of a whole trajectory, and comparison of two takes of one task."""
 
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
@@ -345,30 +344,20 @@ def segment(
         notes += warnings
         if load:
             log_text(load)
-    with _progress_function(progress, len(poses)) as set_done:
+    from tqdm import tqdm
+
+    with tqdm(total=len(poses), unit=" poses", disable=progress is not True) as bar:
+
+        def show(done: int) -> None:
+            bar.update(done - bar.n)
+
+        set_done = show if progress is True else progress or None
         outcome = segmented(poses, parameters, known_map, evidence, progress=set_done, notes=notes)
     result = Result(**vars(outcome))
     warn_of(result.own_warnings)
     outliers = result.segmentation.outliers
     log_counts(poses.name, {"outlier": outliers.total}, outliers, result.origin_ns)
     return result
-
-
-@contextmanager
-def _progress_function(progress: Progress | bool | None, total: int) -> Iterator[Progress | None]:
-    """Give the function that is called with the number of processed poses; for True it shows a bar on
-    stderr."""
-    if progress is not True:
-        yield progress or None
-        return
-    from tqdm import tqdm
-
-    with tqdm(total=total, unit=" poses") as bar:
-
-        def set_done(done: int) -> None:
-            bar.update(done - bar.n)
-
-        yield set_done
 
 
 def _evidence_of(

@@ -2,19 +2,17 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from importlib import import_module
-from importlib.util import find_spec
-from typing import Final, cast
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from contact_tracker.contacts import face_face
+from contact_tracker.contacts import edge_edge, edge_face, face_face, vertex_face
 from contact_tracker.contacts.family import Array, Family, Frames, Measurement
 from contact_tracker.geometry import lifted_pose
 from contact_tracker.geometry.elements import ContactGeometry
 from contact_tracker.geometry.lifted_pose import lift_of_inverse
-from contact_tracker.states import CONTACTS, Contact
+from contact_tracker.states import Contact
 
 __all__ = ["CONTACT_MODELS", "ContactModel"]
 
@@ -97,16 +95,12 @@ class ContactModel:
         return ContactGeometry(element_2, element_1)
 
 
-def _model_of(contact: Contact) -> ContactModel:
-    """The model of a contact; its family is the module with the names of its elements, in either order."""
-    body, world = (_ELEMENTS[letter] for letter in contact.value.split("-"))
-    for name, body_in_1 in ((f"{body}_{world}", True), (f"{world}_{body}", False)):
-        if find_spec(f"{__name__}.{name}") is not None:
-            family = cast(Family, import_module(f"{__name__}.{name}"))
-            return ContactModel(contact, family, body_in_1)
-    raise ImportError(f"no family has the elements of {contact.value}")
-
-
-_ELEMENTS: Final = {"f": "face", "e": "edge", "v": "vertex"}
-CONTACT_MODELS: Final = tuple(map(_model_of, CONTACTS))
+CONTACT_MODELS: Final = (
+    ContactModel(Contact.FF, face_face),
+    ContactModel(Contact.EF, edge_face),
+    ContactModel(Contact.FE, edge_face, body_in_1=False),
+    ContactModel(Contact.VF, vertex_face),
+    ContactModel(Contact.FV, vertex_face, body_in_1=False),
+    ContactModel(Contact.EE, edge_edge),
+)
 """The models of all contacts in the order of ``CONTACTS``."""

@@ -60,17 +60,10 @@ def mean_lift(rotation: Array, position_m: Array) -> Array:
     return np.concatenate([r, t, t_r.ravel() @ _U_AND_TXR, [1.0]])
 
 
-def _u_and_txr() -> Array:
-    """(27, 12): what each t_k R_ij adds to u and to vec([t]x R)."""
-    u, txr = np.zeros((3, 3, 3, 3)), np.zeros((3, 3, 3, 9))
-    for k, j in np.ndindex(3, 3):
-        u[k, k, j, j] = 1.0
-        txr[k, (k + 1) % 3, j, 3 * ((k + 2) % 3) + j] = 1.0
-        txr[k, (k + 2) % 3, j, 3 * ((k + 1) % 3) + j] = -1.0
-    return np.concatenate([u, txr], axis=-1).reshape(27, 12)
-
-
-_U_AND_TXR: Final = _u_and_txr()
+_U_AND_TXR: Final = np.concatenate(
+    [lift(np.eye(9).reshape(9, 3, 3), np.tile(t, (9, 1)))[:, U[0] : ONE[0]] for t in np.eye(3)]
+)
+"""(27, 12): what each t_k R_ij adds to u and to vec([t]x R)."""
 
 
 def perturbations() -> Array:

@@ -134,20 +134,10 @@ def adapted(damping: NDArray[np.float64], is_better: ArrayLike) -> NDArray[np.fl
 _CONJUGATE: Final = np.array([-1.0, -1.0, -1.0, 1.0])
 TINY: Final = 1e-300
 """Number added to a divisor that may be zero, together with the dividend."""
-
-
-def _hamilton() -> Array:
-    """Table (4, 4, 4): element [i, j, k] is the coefficient of unit k in the product of the units i and j."""
-    table = np.zeros((4, 4, 4))
-    for i in range(3):
-        table[i, 3, i] = table[3, i, i] = 1.0
-        table[i, i, 3] = -1.0
-        table[i, (i + 1) % 3, (i + 2) % 3], table[(i + 1) % 3, i, (i + 2) % 3] = 1.0, -1.0
-    table[3, 3, 3] = 1.0
-    return table
-
-
-_PRODUCT: Final = _hamilton()
+_PRODUCT: Final = np.zeros((4, 4, 4))
+"""Element [i, j, k] is the coefficient of unit k in Hamilton's product of the units i and j."""
+_PRODUCT[:3, :3, :3], _PRODUCT[range(3), range(3), 3] = np.cross(EYE[:, None], EYE), -1.0
+_PRODUCT[3] = _PRODUCT[:, 3] = np.eye(4)
 # x_world = q x_body q*: element [i, j, a, b] is the coefficient of q_i q_j in the matrix element (a, b).
 _MATRIX: Final = np.einsum("ibm,mja,j->ijab", _PRODUCT[:, :3], _PRODUCT[:, :, :3], _CONJUGATE)
 _PRODUCT_ROWS: Final = _PRODUCT.reshape(16, 4)

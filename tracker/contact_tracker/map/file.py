@@ -19,7 +19,7 @@ from contact_tracker.config.keys import FARTHEST_M, SIZES_M, Keys, read_toml
 from contact_tracker.contacts import CONTACT_MODELS
 from contact_tracker.errors import KeyFault, KnowledgeError
 from contact_tracker.files import read_regular, whole_file
-from contact_tracker.geometry.elements import Array, Line, Plane, Point
+from contact_tracker.geometry.elements import Array, Element, Line, Plane, Point
 from contact_tracker.geometry.polyhedron import Polyhedron, TooManyFaces, convex
 from contact_tracker.map.elements import (
     ANYWHERE_M,
@@ -261,11 +261,11 @@ def _elements(
     found, complete, solids = list[NamedElement](), False, 0
     for kind in ("plane", "line", "point", "box", "mesh"):
         for number, row in enumerate(keys.tables(kind), start=1):
-            if kind in _SINGLE:
-                found.append(_SINGLE[kind](row, number))
+            if kind in ("box", "mesh"):
+                elements, complete = _solid(row, kind, solids, folder, note)
+                found, solids = [*found, *elements], solids + 1
             else:
-                solid = _box(row, solids) if kind == "box" else _mesh(row, solids, folder, note)
-                found, complete, solids = [*found, *solid[0]], solid[1], solids + 1
+                found.append(_listed(row, kind, number))
             if len(found) > MOST_ELEMENTS:
                 raise keys.wrong(kind, f"{len(found)} elements are too many; {MOST_ELEMENTS} are allowed")
     complete = keys.flag("complete", complete and solids == 1 and solid_is_all)
@@ -278,68 +278,46 @@ def _elements(
     return tuple(found), complete
 
 
-def _plane(keys: Keys, number: int) -> NamedElement:
-    name, accuracy, normal = keys.text("name", f"plane {number}"), _accuracy(keys), keys.direction("normal")
-    if ("offset_m" in keys) == ("point_m" in keys):
-        raise keys.wrong("offset_m", "give either this or point_m")
-    if "point_m" in keys:
-        place = keys.vector("point_m")
-        plane = known_to(Plane(normal, float(normal @ place)), accuracy, place)
+def _listed(keys: Keys, kind: str, number: int) -> NamedElement:
+    """A plane, line or point that is listed by itself."""
+    name, accuracy = keys.text("name", f"{kind} {number}"), _accuracy(keys)
+    element: Element
+    place: Array | None = None
+    if kind == "plane":
+        normal = keys.direction("normal")
+        if ("offset_m" in keys) == ("point_m" in keys):
+            raise keys.wrong("offset_m", "give either this or point_m")
+        if "point_m" in keys:
+            place = keys.vector("point_m")
+            element = Plane(normal, float(normal @ place))
+        else:
+            element = Plane(normal, keys.number("offset_m", None, -FARTHEST_M, FARTHEST_M))
+    elif kind == "line":
+        element = Line(keys.direction("direction"), keys.vector("point_m"))
     else:
-        offset_m = keys.number("offset_m", None, -FARTHEST_M, FARTHEST_M)
-        plane = known_to(Plane(normal, offset_m), accuracy)
+        element = Point(keys.vector("point_m"))
     keys.finish()
-    return NamedElement(name, plane)
+    return NamedElement(name, known_to(element, accuracy, place))
 
 
-def _line(keys: Keys, number: int) -> NamedElement:
-    name, accuracy = keys.text("name", f"line {number}"), _accuracy(keys)
-    line = Line(keys.direction("direction"), keys.vector("point_m"))
+def _solid(
+    keys: Keys, kind: str, solid: int, folder: Path, note: Note
+) -> tuple[tuple[NamedElement, ...], bool]:
+    """The elements of a box, or of a mesh's hull, and whether the body is convex."""
+    name, accuracy, is_convex = keys.text("name", ""), _accuracy(keys), True
+    if kind == "box":
+        body = convex(0.5 * keys.lengths("size_m") * np.array(list(product((-1.0, 1.0), repeat=3))))
+    else:
+        path, unit_m = folder / keys.text("path", None), keys.number("unit_m", 1.0, 1e-6, 1e3)
+    quat = keys.direction("quat_xyzw", 4, [0.0, 0.0, 0.0, 1.0])
+    rotation, position_m = Rotation.from_quat(quat).as_matrix(), keys.vector("position_m", 3, [0.0] * 3)
     keys.finish()
-    return NamedElement(name, known_to(line, accuracy))
-
-
-def _point(keys: Keys, number: int) -> NamedElement:
-    name, accuracy, point = keys.text("name", f"point {number}"), _accuracy(keys), keys.vector("point_m")
-    keys.finish()
-    return NamedElement(name, known_to(Point(point), accuracy))
-
-
-_SINGLE: Final = {"plane": _plane, "line": _line, "point": _point}
-
-
-def _box(keys: Keys, solid: int) -> tuple[tuple[NamedElement, ...], bool]:
-    """The elements of a box, which is convex."""
-    prefix, accuracy, size_m = _prefix(keys), _accuracy(keys), keys.lengths("size_m")
-    rotation, position_m = _pose(keys)
-    keys.finish()
-    body = convex(0.5 * size_m * np.array(list(product((-1.0, 1.0), repeat=3))))
-    return elements_of(body, axis_name, accuracy, rotation, position_m, prefix, solid), True
-
-
-def _mesh(keys: Keys, solid: int, folder: Path, note: Note) -> tuple[tuple[NamedElement, ...], bool]:
-    """The elements of a mesh's hull, and whether the mesh is convex."""
-    prefix, accuracy, path = _prefix(keys), _accuracy(keys), folder / keys.text("path", None)
-    unit_m = keys.number("unit_m", 1.0, 1e-6, 1e3)
-    rotation, position_m = _pose(keys)
-    keys.finish()
-    body, is_convex = read_mesh(path, unit_m, keys.wrong)
+    if kind == "mesh":
+        body, is_convex = read_mesh(path, unit_m, keys.wrong)
     if not is_convex:
         note(f"{path} is not convex: its hull's elements are known, and others are looked for as well")
-    placed = body, number_name, accuracy, rotation, position_m, prefix, solid, not is_convex
-    return elements_of(*placed), is_convex
-
-
-def _pose(keys: Keys) -> tuple[Array, Array]:
-    """Rotation (3, 3) and position (3,) of ``quat_xyzw`` and ``position_m``; none if absent."""
-    quat = keys.direction("quat_xyzw", 4, [0.0, 0.0, 0.0, 1.0])
-    rotation: Array = Rotation.from_quat(quat).as_matrix()
-    return rotation, keys.vector("position_m", 3, [0.0, 0.0, 0.0])
-
-
-def _prefix(keys: Keys) -> str:
-    name = keys.text("name", "")
-    return f"{name} " if name else ""
+    named, prefix = axis_name if kind == "box" else number_name, f"{name} " if name else ""
+    return elements_of(body, named, accuracy, rotation, position_m, prefix, solid, not is_convex), is_convex
 
 
 def _accuracy(keys: Keys) -> Accuracy:

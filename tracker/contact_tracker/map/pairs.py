@@ -119,16 +119,11 @@ def _part(kind: str, element: Element | None) -> Array:
         across = np.zeros((6, 6))
         across[:3, :3] = across[3:, 3:] = EYE - np.outer(element.direction, element.direction)
         onto = whitening(across @ covariance @ across, 3) @ across
-        point_m = element.point_m if _goes_through(element) else point_m
+        if element.direction.any() or not covariance[:3, :3].any():  # else it is known in part, as in a face
+            point_m = element.point_m
     else:
         onto = whitening(covariance, 3)
     return np.concatenate([numbers(element), onto.ravel(), variance, point_m])
-
-
-def _goes_through(line: Line) -> bool:
-    """Whether the line's point is known. It is not where the direction is known in part, as for lines in a
-    face."""
-    return bool(line.direction.any() or not covariance_of(line)[:3, :3].any())
 
 
 CELL_M: Final = 0.25

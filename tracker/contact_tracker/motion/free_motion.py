@@ -116,14 +116,9 @@ class FreeMotion(NamedTuple):
         return np.asarray(variance * (np.maximum(axes, 1.0) ** (fresh / 3.0) - 1.0))
 
 
-class InnovationExcess(NamedTuple):
-    """Unpredictable motion per axis in a tick beyond the noise: variances in m^2 and rad^2."""
-
-    position_m2: float
-    rotation_rad2: float
-
-
-NO_EXCESS: Final = InnovationExcess(0.0, 0.0)
+InnovationExcess = tuple[float, float]
+"""Unpredictable motion per axis in a tick beyond the noise: variances in m^2 and rad^2."""
+NO_EXCESS: Final[InnovationExcess] = (0.0, 0.0)
 
 
 def begin(rotation: Array, position_m: Array, stamp_ns: int, autocorrelation: float = 0.0) -> FreeMotion:
@@ -177,23 +172,15 @@ def moves_on(state: FreeMotion, stamp_ns: int, variance: Array) -> bool:
     return bool(((way * way).sum(axis=1) > 3.0 * REST_VARIANCE_RATIO * variance).any())
 
 
-class Transition(NamedTuple):
-    """Transition of the filter's states over some time."""
-
-    matrix: Array
-    """(6, 6)"""
-    jerk_covariance: Array
-    """(6, 6) process noise per unit of white jerk."""
-
-
 @lru_cache(maxsize=64)
-def transition(elapsed_s: float) -> Transition:
-    """The transition over ``elapsed_s``."""
+def transition(elapsed_s: float) -> tuple[Array, Array]:
+    """The matrix (6, 6) of the transition of the filter's states over ``elapsed_s``, and the process noise
+    (6, 6) per unit of white jerk."""
     rate = np.array([[1.0, elapsed_s, elapsed_s**2 / 2], [0.0, 1.0, elapsed_s], [0.0, 0.0, 1.0]])
     grown = np.array([elapsed_s**2 / 2, elapsed_s, 1.0])  # effect of a unit impulse of jerk on the states
     jerk = np.asarray(np.outer(grown, grown) * elapsed_s / _POWERS_OF_JERK, float)
     vectors = np.eye(2)
-    return Transition(np.kron(vectors, rate), np.kron(vectors, jerk))
+    return np.kron(vectors, rate), np.kron(vectors, jerk)
 
 
 def advance(
@@ -237,7 +224,7 @@ def advance(
     else:  # no prediction: only the displacement is known
         share = np.where(squares[:, 1] > 3.0 * REST_VARIANCE_RATIO * rest, prediction.share, 0.0)
     excess = state.excess(variance, rest, share)
-    return state, InnovationExcess(float(excess[0]), float(excess[1]))
+    return state, (float(excess[0]), float(excess[1]))
 
 
 def _with_errors(
@@ -274,19 +261,19 @@ class _Prediction(NamedTuple):
 
 
 def _predict(state: FreeMotion, variance: Array, elapsed_s: float, tick_s: float) -> _Prediction:
-    predict, tick = kalman_prediction(), transition(tick_s)
-    x, carried = predict(state.x.reshape(6, 3), state.covariance, F=tick.matrix)
+    predict, (matrix, by_jerk) = kalman_prediction(), transition(tick_s)
+    x, carried = predict(state.x.reshape(6, 3), state.covariance, F=matrix)
     # errors that the filter's own uncertainty explains are no jerk, else the estimate would feed back on
     # itself
     explained = carried.diagonal()[::3]
     unexplained = np.maximum(state.spread - variance - explained, 0.0) if state.weight else variance
-    jerk = unexplained * (JERK_SHARE / tick.jerk_covariance[0, 0])
-    covariance_of_tick = carried + tick.jerk_covariance * jerk.repeat(3)
+    jerk = unexplained * (JERK_SHARE / by_jerk[0, 0])
+    covariance_of_tick = carried + by_jerk * jerk.repeat(3)
     if elapsed_s == round(tick_s, 4):
         return _Prediction(x.reshape(2, 3, 3), covariance_of_tick, _WHOLE, _UNIT)
-    passed = transition(elapsed_s)
-    x, covariance = predict(state.x.reshape(6, 3), state.covariance, F=passed.matrix)
-    covariance = covariance + passed.jerk_covariance * jerk.repeat(3)
+    matrix, by_jerk = transition(elapsed_s)
+    x, covariance = predict(state.x.reshape(6, 3), state.covariance, F=matrix)
+    covariance = covariance + by_jerk * jerk.repeat(3)
     of_tick, of_time = covariance_of_tick.diagonal()[::3], covariance.diagonal()[::3]
     stays = min(tick_s / elapsed_s, 1.0) ** 2  # the error of "it stays" grows with the distance moved
     per_tick = np.array([(of_tick + variance) / (of_time + variance), [stays, stays]]).T

@@ -32,15 +32,11 @@ def remarks_on(counts: Mapping[str, int], total: int) -> tuple[str, ...]:
     see ``remark_on_loss``."""
     if remark_on_loss(counts, total) is not None:
         return ()
-    return tuple(filter(None, (_remark_on_times(counts, total), remark_on_excursions(counts))))
-
-
-def _remark_on_times(counts: Mapping[str, int], total: int) -> str | None:
-    """One line if many of ``total`` poses were dropped since they are not in order of time."""
     backward = counts.get("backward_stamp", 0) - RESET_RUN * counts.get("clock_reset", 0)
-    if backward <= MANY_BACKWARD * total:
-        return None
-    return f"{backward} of {total} poses are earlier than one before them and are left out: {_BACKWARD}"
+    text = f"{backward} of {total} poses are earlier than one before them and are left out: {_BACKWARD}"
+    return tuple(
+        filter(None, (text if backward > MANY_BACKWARD * total else None, remark_on_excursions(counts)))
+    )
 
 
 _CAUSES: Final[Mapping[str, str]] = MappingProxyType(

@@ -342,21 +342,6 @@ def gate(poses: Iterable[Pose], counts: Counter[str] | None = None) -> Poses:
     return Poses.join([*parts, Poses.collect(passed.finish())])
 
 
-def is_valid(pose: Pose, after_ns: int | None) -> bool:
-    """Whether a pose is valid after the stamp of the one before, by the rules of ``require_valid``."""
-    stamp_ns, (px, py, pz), (x, y, z, w) = pose
-    return (
-        isinstance(stamp_ns, int)
-        and (after_ns is None or after_ns < stamp_ns)
-        and abs(stamp_ns) <= RANGE_NS
-        and max(abs(px), abs(py), abs(pz)) <= RANGE_M
-        and px == px
-        and py == py
-        and pz == pz
-        and abs(sqrt(x * x + y * y + z * z + w * w) - 1.0) <= ROUNDING
-    )
-
-
 def require_valid(poses: Poses, after_ns: int | None) -> None:
     """Refuse columns of poses that did not pass the gate.
 

@@ -190,8 +190,9 @@ class Trajectory:
     def _passed(cls, stamps: ArrayLike, unit_ns: float | None, rows: Array, reading: TableReading) -> Self:
         """The trajectory of those ``rows`` (N, 7), positions (m) and quaternions, that pass the gate. Stamps
         without a unit are dates, durations or seconds."""
-        unit_ns = None if times(stamps).dtype.kind in "mM" else unit_ns or TIMES_NS["s"]
-        stamp_ns, is_time, in_range = nanoseconds(stamps, unit_ns or 1)
+        given = times(stamps)
+        unit_ns = None if given.dtype.kind in "mM" else unit_ns or TIMES_NS["s"]
+        stamp_ns, is_time, in_range = nanoseconds(given, unit_ns or 1)
         if len(stamp_ns) != len(rows):
             raise UsageError(f"{len(stamp_ns)} stamps, and {len(rows)} positions_m and quaternions")
         counts = Counter(nonfinite=int((~is_time).sum()), out_of_range=int((is_time & ~in_range).sum()))
@@ -205,7 +206,7 @@ class Trajectory:
             raise NoPoses(f"no pose that can be used of {len(rows)}{f' ({noted})' if noted else ''}{reason}")
         doubt = None
         if unit_ns is not None:  # by the stamps as given, as those in ns are whole
-            doubt = doubt_of_unit(np.asarray(times(stamps), float)[usable], unit_ns)
+            doubt = doubt_of_unit(np.asarray(given, float)[usable], unit_ns)
         notes = (*filter(None, (doubt,)), *remarks_on(counts, len(rows)))
         warn_of((*filter(None, (loss,)), *notes))
         log_counts("poses", counts)

@@ -44,6 +44,8 @@ NEAR_N: Final = 1.0
 """Weights (N) that differ by less belong to the same load."""
 BIAS_SD: Final = (1.0, 0.1)
 """Prior standard deviations of the sensor's bias per axis (N, N m)."""
+_FORCE_PRIOR: Final = np.diag([0.0] * 3 + [BIAS_SD[0] ** -2] * 3)
+"""Prior precision (6, 6) of weight and force bias (1/N^2)."""
 REACH_M: Final = 0.3
 """Prior standard deviation (m) of the centre of mass about the body's origin, scale of the radius of
 gyration, and prior standard deviation of touching elements from the origin of a window's frame."""
@@ -162,7 +164,7 @@ def _refine(free: TickWrenches, weight_n: Array) -> Load:
         down = weight_n / max(float(np.linalg.norm(weight_n)), 1e-9)
         # the mass follows from the weight: a mass of its own would add up the errors of all rounds
         design[..., :3] += inertial[..., None] * down / max(GRAVITY * mass, 1e-9)
-        force, by_force = _solve(design, free.force_n, weight / force_noise, _force_prior())
+        force, by_force = _solve(design, free.force_n, weight / force_noise, _FORCE_PRIOR)
         weight_n, bias = force[:3], force[3:]
         off_force = free.force_n - np.einsum("tij,j->ti", design, force)
         mass = float(np.linalg.norm(weight_n)) / GRAVITY
@@ -255,7 +257,7 @@ def _solve_with(ticks: TickWrenches, weight: Array, force_n: Array, columns: Arr
     """Solve the forces for weight, bias and coefficients of further ``columns`` (n, 3, k): the solution (6 +
     k,) and its covariance."""
     design = np.concatenate([_force_design(ticks), columns], axis=2)
-    return _solve(design, force_n, weight, np.pad(_force_prior(), (0, columns.shape[2])))
+    return _solve(design, force_n, weight, np.pad(_FORCE_PRIOR, (0, columns.shape[2])))
 
 
 def contact_wrenches(ticks: TickWrenches, load: Load) -> tuple[Array, Array, Array, Array]:
@@ -269,11 +271,6 @@ def contact_wrenches(ticks: TickWrenches, load: Load) -> tuple[Array, Array, Arr
     force_errors = np.pad(by_force @ _root(load.force_covariance), ((0, 0), (0, 0), (0, 12)))
     moment_errors = np.pad(by_moment @ _root(load.moment_covariance), ((0, 0), (0, 0), (6, 0)))
     return force, moment, force_errors, moment_errors
-
-
-def _force_prior() -> Array:
-    """Prior precision (6, 6) of weight and force bias (1/N^2)."""
-    return np.diag([0.0] * 3 + [BIAS_SD[0] ** -2] * 3)
 
 
 def _redescending(squares: Array) -> Array:

@@ -15,7 +15,7 @@ from contact_tracker.segmenting import segmented
 from contact_tracker.tracking.segmentation import Beliefs
 from contact_tracker.trajectory import Trajectory
 from contact_tracker_lab.benchmark.scores import OFFLINE, Answer, Labelling, Method
-from contact_tracker_lab.evaluation.evaluate import answers_to
+from contact_tracker_lab.evaluation.evaluate import answers_to, gated
 from contact_tracker_lab.evaluation.scoring import tick_containing, tick_in_force
 
 NAME: Final = "tracker"
@@ -49,13 +49,13 @@ def _with_map(poses: Poses, model: Model, earlier: Path) -> Answer:
 
 def _online(poses: Poses, model: Model) -> Answer:
     """The latest answer of ``live`` at each frame."""
-    answers = answers_to(poses, model)
+    answers = answers_to(gated(poses), model)
     return _answer(tick_in_force(poses.stamp_ns, answers.arrival_ns), answers.beliefs)
 
 
 def _with_lag(poses: Poses, model: Model) -> Answer:
     """The answer of ``live --lag`` for each frame, given ``LAG_S`` later."""
-    beliefs = answers_to(poses, model, lag_s=LAG_S).beliefs
+    beliefs = answers_to(gated(poses), model, lag_s=LAG_S).beliefs
     return _answer(tick_containing(poses.stamp_ns, beliefs.stamp_ns), beliefs)
 
 

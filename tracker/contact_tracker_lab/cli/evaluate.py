@@ -35,7 +35,7 @@ def run(args: argparse.Namespace) -> int:
     from contact_tracker.recording import need_truth
     from contact_tracker.segmenting import segmented
     from contact_tracker.trajectory import Trajectory
-    from contact_tracker_lab.evaluation.evaluate import Answering, evaluate
+    from contact_tracker_lab.evaluation.evaluate import answers_to, evaluate
     from contact_tracker_lab.evaluation.report import Report
 
     model, known_map = inputs.load_model(args), inputs.load_map(args)
@@ -55,8 +55,8 @@ def run(args: argparse.Namespace) -> int:
             truth = truth.without_geometry()
         wrenches = inputs.load_wrenches(name, args, model, known_map)
         log = inputs.open_poses(args, name)
-        answering = Answering(model, known_map, log.source.read_as)
-        poses = Poses.collect(answering.through(log.arrivals()))
+        arrivals = [*log.arrivals()]
+        poses = Poses.collect(pose for arrival in arrivals for pose in arrival.poses)
         if not len(poses):
             raise log.no_poses(name)
         trajectory = Trajectory.from_log(log, name, poses, True)
@@ -64,7 +64,8 @@ def run(args: argparse.Namespace) -> int:
             result = segmented(trajectory, model, known_map, wrenches, progress=set_done)
         for line in result.warnings:
             warn(f"{name}: {line}")
-        evaluations[name] = evaluate(poses, truth, result.segmentation, answering.finish())
+        answers = answers_to(arrivals, model, known_map, log.source.read_as)
+        evaluations[name] = evaluate(poses, truth, result.segmentation, answers)
         return DONE if log.damage is None else DAMAGED
 
     codes = list(inputs.run_each(partial(evaluate_recording, name) for name in names))

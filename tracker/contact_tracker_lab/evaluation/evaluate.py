@@ -30,51 +30,32 @@ class Answers(NamedTuple):
     arrival_ns: Ints
 
 
-class Answering:
-    """Tracks a stream online while it passes through.
-
-    Parameters
-    ----------
-    read_as : how poses were read, as the user asked.
-    """
-
-    def __init__(
-        self, model: Model, known_map: Map = EMPTY_MAP, read_as: ReadAs = AS_GIVEN, lag_s: float = 0.0
-    ) -> None:
-        self._tracker = Tracker.start(model, lag_s, known_map, read_as)
-        self._parts: list[Beliefs] = []
-        self._arrival_ns = array("q")
-
-    def through(self, arrivals: Iterable[Arrival]) -> Iterator[Pose]:
-        """The poses of the stream, after they were tracked."""
-        for arrival in arrivals:
-            self._note(self._tracker.update(arrival, Detail.SHARED), arrival.time_ns)
-            yield from arrival.poses
-
-    def finish(self) -> Answers:
-        """All answers, at the end of the stream."""
-        self._note(self._tracker.finish(), self._tracker.last_ns)
-        return Answers(Beliefs.join(self._parts), np.array(self._arrival_ns, np.int64))
-
-    def _note(self, beliefs: list[Belief], time_ns: int | None) -> None:
-        if beliefs:
-            self._parts.append(Beliefs.of(beliefs))
-            self._arrival_ns.extend([time_ns or beliefs[-1].stamp_ns] * len(beliefs))
-
-
 def answers_to(
-    poses: Iterable[Pose], model: Model, known_map: Map = EMPTY_MAP, lag_s: float = 0.0
+    arrivals: Iterable[Arrival],
+    model: Model,
+    known_map: Map = EMPTY_MAP,
+    read_as: ReadAs = AS_GIVEN,
+    lag_s: float = 0.0,
 ) -> Answers:
-    """The answers to ``poses`` as measured, passed through the gate one by one."""
-    gate, answering = PoseGate(), Answering(model, known_map, lag_s=lag_s)
+    """The answers to a stream, tracked online; ``read_as``: how its poses were read, as the user asked."""
+    tracker, parts, arrival_ns = Tracker.start(model, lag_s, known_map, read_as), list[Beliefs](), array("q")
 
-    def arrivals() -> Iterator[Arrival]:
-        yield from map(gate.arrive, poses)
-        yield gate.end()
+    def note(beliefs: list[Belief], time_ns: int | None) -> None:
+        if beliefs:
+            parts.append(Beliefs.of(beliefs))
+            arrival_ns.extend([time_ns or beliefs[-1].stamp_ns] * len(beliefs))
 
-    for _ in answering.through(arrivals()):
-        pass
-    return answering.finish()
+    for arrival in arrivals:
+        note(tracker.update(arrival, Detail.SHARED), arrival.time_ns)
+    note(tracker.finish(), tracker.last_ns)
+    return Answers(Beliefs.join(parts), np.array(arrival_ns, np.int64))
+
+
+def gated(poses: Iterable[Pose]) -> Iterator[Arrival]:
+    """The stream of ``poses`` as measured, passed through the gate one by one."""
+    gate = PoseGate()
+    yield from map(gate.arrive, poses)
+    yield gate.end()
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ from contact_tracker.arrays import Array
 from contact_tracker.errors import UsageError, printable
 from contact_tracker.states import STATES
 from contact_tracker.trajectory.arguments import ModelLike, model_from, with_known_arguments
-from contact_tracker_lab.evaluation.evaluate import Evaluation, answers_to
+from contact_tracker_lab.evaluation.evaluate import Evaluation, answers_to, gated
 from contact_tracker_lab.evaluation.evaluate import evaluate as evaluate_segmentation
 from contact_tracker_lab.evaluation.geometry_errors import GeometryErrors
 from contact_tracker_lab.evaluation.metrics import Tally, quantile
@@ -78,7 +78,9 @@ class Report:
                 _mode_rows(entries, partial(_accuracy_cells, subsets)),
             ),
             ACCURACY_NOTE if len(subsets) == len(Subset) else LABELS_NOTE,
-            table(_BELIEF, _mode_rows(entries, _belief_cells)),
+            table(
+                _BELIEF, _mode_rows(entries, lambda t: [number(getattr(t, name)) for name in _BELIEF_FIGURES])
+            ),
             BELIEF_NOTE,
             table(_CHANGE, _mode_rows(entries, _change_cells)),
             CHANGE_NOTE,
@@ -135,7 +137,7 @@ def evaluate(
     if not isinstance(result, Result):
         raise UsageError(f"a result is what segment returns, not {type(result).__name__}")
     poses, truth = result.trajectory.poses, result.truth_by(labels, meanings)
-    answers = answers_to(poses, model_from(model)) if by_arrival else None
+    answers = answers_to(gated(poses), model_from(model)) if by_arrival else None
     name = Path(result.trajectory.name).name
     return Report({name: evaluate_segmentation(poses, truth, result.segmentation, answers)})
 
@@ -166,10 +168,6 @@ def _mode_rows(entries: list[tuple[str, Evaluation]], cells: Callable[[Any], lis
 def _accuracy_cells(subsets: Iterable[Subset], tally: Tally) -> list[str]:
     accuracies = (number(tally.accuracy(subset)) for subset in subsets)
     return [number(tally.seconds(), 1), *accuracies, number(tally.macro_f1)]
-
-
-def _belief_cells(tally: Tally) -> list[str]:
-    return [number(getattr(tally, name)) for name in _BELIEF_FIGURES]
 
 
 def _median_and_most(values: Array) -> list[str]:
