@@ -41,7 +41,6 @@ def refusal(path: Path, columns: str, values: str, *words: str) -> str:
         ("info a.csv --unit mm -v", "info a.csv -v --unit mm"),
         ("view a.csv b.csv --save x.rrd", "view a.csv b.csv --save x.rrd"),
         ("compare a.csv b.csv --time-unit ms -o x.png", "compare a.csv b.csv -o x.png --time-unit ms"),
-        ("batch folder -o dataset", "segment {path}"),  # the command for one file
     ],
 )
 def test_a_proposed_command_is_the_users_own(tmp_path: Path, words: str, expected: str) -> None:
