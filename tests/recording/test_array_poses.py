@@ -115,6 +115,17 @@ def test_a_list_in_json(tmp_path: Path) -> None:
     assert log.counts == {"log_time_as_stamp": len(POSES), "undecodable": 2}
 
 
+def test_rows_of_a_matrix_in_json_after_empty_ones(tmp_path: Path) -> None:
+    def rows_of(pose: Pose) -> list[list[float]]:
+        turn = Rotation.from_quat(pose.quat_xyzw).as_matrix()
+        return np.column_stack([turn, pose.position_m]).tolist()
+
+    rows = [(int(POSES.stamp_ns[0]) - 1, b'{"pose": []}')]
+    rows += [(pose.stamp_ns, json.dumps({"pose": rows_of(pose)}).encode()) for pose in POSES]
+    path = write_raw(tmp_path / "a.mcap", "State", "json", "jsonschema", b"{}", rows)
+    assert_read(path, reading_of(field="pose", matrix="rows"))
+
+
 @pytest.mark.parametrize(
     ("columns", "how"),
     [("time=data[0],position=data[1:4],quaternion=data[4:8]", {}), (None, {"time_unit": "ms"})],

@@ -62,6 +62,9 @@ class ArrayPoses:
             reading = reading.with_(reading_of({"matrix": name}))
         names = [TIME, *(f"{name}[{i}]" for i in range(len(values)))]
         row = ["0", *map(str, values)]
-        layout = layout_of_names(names, reading, path, rows=lambda: [row])
+        try:
+            layout = layout_of_names(names, reading, path, rows=lambda: [row])
+        except UnreadableRecording as error:  # also a ProposedReading
+            raise UnreadableRecording(f"{path}: {error}") from error
         self.read_as = ReadAs(False, reading, path, layout.turn, layout.has_angles)
         return layout.bodies[0]

@@ -170,6 +170,8 @@ def array_at(path: str, message: Any) -> tuple[tuple[Any, ...], Sequence[float]]
     *steps, (name, index) = re.findall(r"(\w+)(?:\[(\d+)\])?", path) or [("", "")]
     for inside, _ in islice(_reached((message,), steps, ""), 1):
         values: Any = getattr(inside[-1], name, None) if inside and not index else None
+        if isinstance(values, list) and values and isinstance(values[0], list):  # rows of a matrix
+            values = [*chain.from_iterable(values)]
         is_list = hasattr(values, "__len__") and not isinstance(values, str | bytes)
         if is_list and 0 < len(values) <= _LONGEST_ARRAY and isinstance(values[0], int | float):
             return inside, values
@@ -428,7 +430,7 @@ class MessageDecoder:
                 observed = [self._array_pose(channel, *array)]
             else:
                 observed = list(filter(None, poses_at(path, decoded)))
-                if self._reading.is_of_table:
+                if observed and self._reading.is_of_table:
                     raise ChoiceError(f"{self._path}: {NO_TABLE}")
         except (AttributeError, IndexError, TypeError, ValueError, OverflowError, RuntimeError) as error:
             raise Undecodable(f"{channel.topic}: {error}") from error
