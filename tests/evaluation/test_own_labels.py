@@ -41,7 +41,7 @@ FILES = {
     "spreadsheet": "Start (ms);End (ms);Label\n2500;10000;e-f\n0;2000;free\n",
     "ELAN": "Tier\tBegin Time - ss.msec\tEnd Time - ss.msec\tAnnotation\n"
     "x\t0.0\t2.0\tfree\nx\t2.500\t10.000\te-f\n",
-    "durations": "onset,duration,label\n0,2,free\n2.5,7.5,e-f\n",
+    "durations": "onset,duration,trial_type\n0,2,free\n2.5,7.5,e-f\n",
     "clock": "begin,stop,label\n0:00.0,0:02,free\n0:00:02.5,0:10,e-f\n",
     "stamps": f"start_ns,end_ns,contact\n{FIRST_NS},{FIRST_NS + 2 * 10**9},free\n"
     f"{FIRST_NS + 25 * 10**8},{LAST_NS},e-f\n",
@@ -88,7 +88,7 @@ def test_labels_that_mean_nothing_known_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ChoiceError, match=said):
         read(tmp_path / "labels.csv", text)
     several = "start,end,contact\n0,2,ff\n2,3,lift\n"
-    said = r"the labels 'ff', 'lift' are no states; did you mean f-f\?: .* meanings={'ff': 'any', 'lift': "
+    said = r"the labels 'ff', 'lift' are no states: .*\{'ff': 'any', 'lift': 'any'\}.*; did you mean f-f\?"
     with pytest.raises(ChoiceError, match=said):
         read(tmp_path / "labels.csv", several)
     with pytest.raises(ChoiceError, match="no label tuoch; did you mean touch"):

@@ -126,6 +126,29 @@ def test_rows_of_a_matrix_in_json_after_empty_ones(tmp_path: Path) -> None:
     assert_read(path, reading_of(field="pose", matrix="rows"))
 
 
+def test_arrays_in_a_list_are_bodies_beside_messages_of_other_types(tmp_path: Path) -> None:
+    """One that is empty for a while is counted neither as a pose nor as a mistake."""
+    arms = [
+        {
+            "arms": [
+                {"name": name, "tcp": quaternion(pose) if name == "left" else []}
+                for name in ("left", "right")
+            ]
+        }
+        for pose in POSES
+    ]
+    arms[30]["arms"][0]["tcp"] = []
+    arms[40]["arms"][1]["tcp"] = quaternion([*POSES][40])
+    rows = [(pose.stamp_ns, json.dumps(arm).encode()) for pose, arm in zip(POSES, arms, strict=True)]
+    path = write_raw(tmp_path / "a.mcap", "State", "json", "jsonschema", b"{}", rows)
+    reading = reading_of("position=tcp[0:3],quaternion=tcp[3:7]", field="arms.tcp")
+    assert len(Poses.collect(open_log(str(path), frame="left", table=reading))) == len(POSES) - 1
+    assert {entry.source.child_frame_id for entry in summarise(str(path), reading).sources} == {
+        "left",
+        "right",
+    }
+
+
 @pytest.mark.parametrize(
     ("columns", "how"),
     [("time=data[0],position=data[1:4],quaternion=data[4:8]", {}), (None, {"time_unit": "ms"})],

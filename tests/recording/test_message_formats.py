@@ -188,8 +188,10 @@ def test_poses_in_a_field_of_messages_of_another_type(tmp_path: Path, field: str
     assert_read(path, POSES, table=reading)
     (source,) = (entry.source for entry in summarise(str(path), reading).sources)
     assert (source.frame_id, source.child_frame_id) == ("world", "cup")
-    with pytest.raises(ChoiceError, match="no table"):
-        open_log(str(path), table=TableReading(field=field, unit="mm"))
+    stamped = write_log(tmp_path / "b.mcap", [poses_topic(POSES)])
+    for log, name in (path, field), (stamped, "pose"):
+        with pytest.raises(ChoiceError, match="no table"):
+            open_log(str(log), table=TableReading(field=name, unit="mm"))
 
 
 @pytest.mark.parametrize("field", [None, "poze"])

@@ -247,8 +247,8 @@ def test_a_machine_may_be_programmed_to_keep_few_constraints_or_not_to_tilt_in_t
     """Poses without noise (but for the models' least) are those of a machine."""
     rotation, position = kinds_of_motion()["all"][1:]
     window = ticks(rotation, position, variance=(sigma_m**2, SIGMA_RAD**2))
-    evidence = {"ff": 50.0, "vf": 50.0, "ef": 50.0}
-    for label in Contact.FF, Contact.VF:
+    evidence = {"ff": 50.0, "vf": 50.0, "ee": 50.0, "ef": 50.0}
+    for label in Contact.FF, Contact.VF, Contact.EE:
         assert (Contact.FREE in indistinguishable(label, rivals(**evidence), window, older=False)) == is_open
     assert Contact.FREE not in indistinguishable(Contact.EF, rivals(**evidence), window, older=False)
 

@@ -108,7 +108,7 @@ def _stored(path: str) -> list[Attachment | Metadata]:
 _START: Final = ("start", "begin", "begin_time", "start_time", "onset", "from", "tmin")
 _END: Final = ("end", "stop", "end_time", "offset", "to", "tmax")
 _DURATION: Final = ("duration", "dur", "length")
-_LABEL: Final = ("contact", "label", "state", "annotation", "value", "timeserieslabels", "text")
+_LABEL: Final = ("contact", "label", "trial_type", "state", "annotation", "value", "timeserieslabels", "text")
 _UNIT: Final = re.compile(r"(.+?)[\s_-]*(?:[\[(](\w+)[\])]|[_-](?:\s*)(s|sec|ss\.msec|ms|us|ns))")
 _CLOCK: Final = re.compile(r"(?:(\d+) days? )?(?:(\d+):)?(\d{1,2}):(\d{1,2}(?:[.,]\d+)?)")
 ANY: Final = "any"
@@ -217,9 +217,8 @@ def _no_states(unknown: Sequence[str], stating: Callable[[Sequence[str]], str]) 
     are_none = "the labels {} are no states" if len(unknown) > 1 else "the label {} is no state"
     which = "say which they are" if len(unknown) > 1 else "say which it is"
     return (
-        f"{are_none.format(names + further)}{suggestion(unknown[0], STATES)}: {which}, as in "
-        f"{stating(labels)}: {', '.join(STATES)}, several as f-f|e-f, {ANY} of the six, or {UNSCORED} if it "
-        "is not scored"
+        f"{are_none.format(names + further)}: {which}, as in {stating(labels)}: {', '.join(STATES)}, several "
+        f"as f-f|e-f, {ANY} of the six, or {UNSCORED} if it is not scored{suggestion(unknown[0], STATES)}"
     )
 
 

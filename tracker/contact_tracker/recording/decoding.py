@@ -165,17 +165,17 @@ def poses_at(path: str, message: Any) -> Iterator[tuple[str, str, Pose] | None]:
         yield frame, child, Pose(stamp_ns, (px, py, pz), (x, y, z, w))
 
 
-def array_at(path: str, message: Any) -> tuple[tuple[Any, ...], Sequence[float]] | None:
-    """The array of numbers at a path in a decoded message, and the parts around it; None if that is none."""
+def arrays_at(path: str, message: Any) -> Iterator[tuple[tuple[Any, ...], str, Sequence[float]]]:
+    """The arrays of numbers at a path in a decoded message, with the parts around each, and its name or
+    number if there are several."""
     *steps, (name, index) = re.findall(r"(\w+)(?:\[(\d+)\])?", path) or [("", "")]
-    for inside, _ in islice(_reached((message,), steps, ""), 1):
+    for inside, number in _reached((message,), steps, ""):
         values: Any = getattr(inside[-1], name, None) if inside and not index else None
         if isinstance(values, list) and values and isinstance(values[0], list):  # rows of a matrix
             values = [*chain.from_iterable(values)]
         is_list = hasattr(values, "__len__") and not isinstance(values, str | bytes)
         if is_list and 0 < len(values) <= _LONGEST_ARRAY and isinstance(values[0], int | float):
-            return inside, values
-    return None
+            yield inside, number, values
 
 
 def _reached(
@@ -426,22 +426,23 @@ class MessageDecoder:
         """The poses at a path in a message, by the library's decoder."""
         decoded, (channel, log_time_ns, _) = self.decode(message), message
         try:
-            if path == self._field and (array := array_at(path, decoded)) is not None:
-                observed = [self._array_pose(channel, *array)]
-            else:
+            is_stated = path == self._field
+            arrays = list(arrays_at(path, decoded)) if is_stated else []
+            observed = [self._array_pose(channel, *array) for array in arrays]
+            if not arrays:
                 observed = list(filter(None, poses_at(path, decoded)))
-                if observed and self._reading.is_of_table:
+                if observed and is_stated and self._reading.is_of_table:
                     raise ChoiceError(f"{self._path}: {NO_TABLE}")
         except (AttributeError, IndexError, TypeError, ValueError, OverflowError, RuntimeError) as error:
             raise Undecodable(f"{channel.topic}: {error}") from error
         return [(self._source(channel, frame, child), pose, log_time_ns) for frame, child, pose in observed]
 
     def _array_pose(
-        self, channel: Channel, inside: tuple[Any, ...], values: Sequence[float]
+        self, channel: Channel, inside: tuple[Any, ...], number: str, values: Sequence[float]
     ) -> tuple[str, str, Pose]:
         if channel not in self._arrays:
             self._arrays[channel] = ArrayPoses(self._reading, self._path)
-        return _frame(inside), _child(inside, ""), self._arrays[channel].read(_stamp(inside), values)
+        return _frame(inside), _child(inside, number), self._arrays[channel].read(_stamp(inside), values)
 
     def _source(self, channel: Channel, frame: str, child: str) -> PoseSource:
         read_as = self._arrays[channel].read_as if channel in self._arrays else AS_GIVEN
@@ -454,6 +455,7 @@ class MessageDecoder:
         if not has_field and not may_have_poses(channel):
             return None, None
         has_layout = self._decoder(channel).is_known and canonical(channel.type) in _LAYOUTS
+        has_layout &= not (has_field and self._reading.is_of_table)  # which is refused
         path = pose_field(channel, self._field if has_field else None)
         return path, _KnownLayout(channel, partial(self._source, channel)) if has_layout else None
 

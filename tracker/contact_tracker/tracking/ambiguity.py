@@ -90,7 +90,8 @@ class CompetingEvidence(NamedTuple):
 class Freedom(NamedTuple):
     """Whether the motion does not use all freedom that its label leaves, whether it has only one degree of
     freedom at a time, and for how many ticks the object has moved; ``is_unknown`` of a contact whose motion
-    is older than the window. ``is_programmed``: a machine may be programmed to move so without a contact."""
+    is older than the window. ``is_programmed``: a machine may be programmed to move so without a contact: it
+    keeps one constraint in the air, and carries parts without tilting them."""
 
     underused: bool
     one_direction: bool
@@ -147,8 +148,6 @@ def motion_since(window: Window, onset: int) -> tuple[int, float]:
     return calls.motion_since(calls.ticks_of(window), onset)
 
 
-_PROGRAMMED: Final = (Contact.FF, Contact.VF, Contact.FV)
-"""Contacts whose constraints a machine may keep in the air: it carries parts without tilting them."""
 LEAST_NOISE_M: Final = 3e-5
 """Noise of a tick of poses without any, by the least floor of the models."""
 
@@ -175,7 +174,7 @@ def freedom_of(label: Contact, window: Window, onset: int) -> Freedom:
     one direction."""
     used, moved_ticks = motion_since(window, onset)
     is_short = moved_ticks < LEAST_MOTION_TICKS
-    is_programmed = label in _PROGRAMMED and are_exact(window)
+    is_programmed = (label is Contact.FF or label.codimension == 1) and are_exact(window)
     if is_short and onset < window.index[0]:
         return Freedom(False, False, moved_ticks, is_unknown=True, is_programmed=is_programmed)
     in_one_direction = used == 1 and not (label is Contact.FREE and is_short)
