@@ -233,10 +233,11 @@ def test_free_motion_is_not_open_to_all_if_contacts_agree_with_an_earlier_map() 
     assert carried.probability > 0.8
 
 
-def test_an_object_held_still_in_the_air_is_no_edge_on_an_edge() -> None:
+@pytest.mark.parametrize("seed", [2, 4])
+def test_an_object_held_still_in_the_air_is_no_edge_on_an_edge(seed: int) -> None:
     """It sways by half a millimetre, and the poses are low-passed: a constraint of velocities fits by chance,
-    and no direction of the edges is observed. It was surely e-e for up to 18 of 20 s."""
-    rng, time_s = np.random.default_rng(4), np.arange(2000) / 100.0
+    and no direction of the edges is observed. Both were surely e-e for up to 18 of 20 s."""
+    rng, time_s = np.random.default_rng(seed), np.arange(2000) / 100.0
 
     def low_passed(rows: np.ndarray, hz: float) -> np.ndarray:
         return np.asarray(filtfilt(*butter(2, hz / 50.0), rows, axis=0))
